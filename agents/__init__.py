@@ -1,1 +1,1 @@
-"""One robot as one process: the pure core ``coheft.agents.agent``, and ``coheft.agents.process`` with its links."""
+"""One robot, one process: the pure core is ``coheft.agents.agent``, its shell ``coheft.agents.process``."""

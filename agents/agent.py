@@ -1,6 +1,6 @@
-"""One robot's agent as a pure core: measurements and messages in, messages and references out.
+"""One robot's agent as a pure core: takes measurements and messages, returns messages and references.
 
-No clock, no socket, no thread. The same core runs in a process of its own over Zenoh and, with many others, on a
+It uses no clock, socket or thread. The same core runs in a process of its own over Zenoh, or with many others on a
 simulated network in one process; equal inputs give equal outputs, bit for bit.
 """
 
@@ -29,17 +29,17 @@ from coheft.wire.messages.size import LARGEST
 from coheft.wire.messages.structs import Estimate, NeighbourMessage, Reference
 
 ESTIMATORS: dict[str, EstimatorFactory] = {"efficient": EfficientEstimator, "fan2017": Fan2017Estimator}
-"""Those that come with coheft; others are found by their entry points, see ``coheft.wire.scenario.plugins``."""
+"""The estimators that come with coheft; others are found by entry points, see ``coheft.wire.scenario.plugins``."""
 
 _SILENT = 2
-"""A neighbour of which so many messages in a row are missing is silent."""
+"""Number of consecutive missing messages after which a neighbour is reported as silent."""
 
 
 @dataclass(frozen=True, eq=False)
 class Outbox:
-    """Messages of an agent after a block: to its neighbours, to the server, and sometimes to observers.
+    """An agent's messages after a block: to its neighbours, to the server, and sometimes to observers.
 
-    ``problems`` is what it refused in this step, in words.
+    ``problems`` describes what the agent refused in this step.
     """
 
     message: NeighbourMessage
@@ -49,15 +49,15 @@ class Outbox:
 
 
 def make_estimator(config: AgentConfig, gossip: Gossip, largest_arrays: int) -> Estimator:
-    """Make the estimator that an agent is configured to use.
+    """Make the estimator that the agent's configuration names.
 
     Args:
-        config: Of the agent.
-        gossip: What it learns of the team.
-        largest_arrays: What one of the user's own may send in one message [B].
+        config: The agent's configuration.
+        gossip: The agent's knowledge of the team.
+        largest_arrays: Size that a user's estimator may send in one message [B].
 
     Raises:
-        PluginError: It is one of the user's own, and cannot be used.
+        PluginError: A user's estimator cannot be used.
     """
     factory = ESTIMATORS.get(config.estimator)
     if factory is not None:
@@ -67,15 +67,15 @@ def make_estimator(config: AgentConfig, gossip: Gossip, largest_arrays: int) -> 
 
 
 class Agent:
-    """One robot.
+    """One robot's agent.
 
     Args:
-        config: All that it is told.
-        incarnation: Larger than that of any agent of the same name before.
-        largest_arrays: What an estimator of the user's own may send in one message [B].
+        config: All that the agent knows at the start.
+        incarnation: A number larger than that of any earlier agent of the same name.
+        largest_arrays: Size that a user's estimator may send in one message [B].
 
     Raises:
-        PluginError: An estimator or a motion of the user's own cannot be used.
+        PluginError: A user's estimator or motion cannot be used.
     """
 
     def __init__(self, config: AgentConfig, incarnation: int = 0, largest_arrays: int = LARGEST) -> None:
@@ -90,23 +90,23 @@ class Agent:
         self._status = StatusKeeper(config)
 
     def set_holding(self, holding: bool, from_block: int) -> None:
-        """Record that the robot grasps or releases the load, at a block that has not been stepped yet."""
+        """Record that the robot grasps or releases the load, from a block that has not been processed yet."""
         self._gossip.announce_holding(holding, from_block)
 
     def belief(self) -> Belief:
-        """The present estimate, whether or not it may be published."""
+        """Return the present estimate, whether or not it may be published."""
         return self._estimator.belief()
 
     def step(self, index: int, block: MeasurementBlock | None, inbox: Sequence[NeighbourMessage]) -> Outbox:
-        """One block.
+        """Process one block.
 
         Args:
-            index: Its number; grows from step to step, by one if nothing was missed. The first one may be any.
+            index: The block's number. It grows with every step, by one unless blocks were missed; the first may be any.
             block: The robot's measurements, None if there are none.
-            inbox: All that has come from neighbours since the last step, whatever it is.
+            inbox: All messages received from neighbours since the last step.
 
         Raises:
-            PluginError: An estimator or a motion of the user's own has failed.
+            PluginError: A user's estimator or motion has failed.
         """
         heard, gossip, problems = self._inbox.take(index, inbox, self._estimator.fits)
         self._gossip.hear(gossip)
@@ -136,13 +136,13 @@ class Agent:
         )
 
     def _reference(self, index: int, block: MeasurementBlock | None) -> tuple[Array, Array]:
-        """What the arm shall do ``lag`` blocks later: ``motion`` and ``wrench`` of a ``Reference``."""
+        """Return what the arm shall do ``lag`` blocks later: ``motion`` and ``wrench`` of a ``Reference``."""
         if self._carrier is None:
             return self._motion.reference(index + self.config.lag), np.zeros(6)
         return self._carrier.step(index, None if block is None else block.samples)
 
     def _estimate(self, index: int) -> Estimate | None:
-        """A report, if one is due."""
+        """Return a report for observers, if one is due."""
         doubts = list(self._doubts(index))
         if not self._status.is_due(index, doubts):
             return None
@@ -155,7 +155,7 @@ class Agent:
         return estimate
 
     def _silent(self, index: int) -> list[str]:
-        """Neighbours that are not heard."""
+        """Return the neighbours whose messages are missing."""
         return [name for name in self.config.neighbours if index - self._inbox.last_heard(name) >= _SILENT]
 
     def _doubts(self, index: int) -> Iterator[str]:

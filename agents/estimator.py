@@ -1,9 +1,8 @@
 """The interface of estimators, which turn an agent's measurements and messages into beliefs.
 
-To add one: write a class with the methods of ``Estimator``. In a package of your own it gets its name by an entry
-point, see docs/own.md, and ``coheft.agents.plugins.estimator`` checks what its methods return. In this one it gets it
-in ``coheft.agents.agent.ESTIMATORS``, ``coheft.wire.scenario.plugins.SECTIONS`` and
-``coheft.wire.messages.size.ARRAYS``.
+To add an estimator, write a class with the methods of ``Estimator``. In your own package, register it as an entry point
+(docs/own.md); ``coheft.agents.plugins.estimator`` checks what its methods return. In this package, add it to
+``coheft.agents.agent.ESTIMATORS``, ``coheft.wire.scenario.plugins.SECTIONS`` and ``coheft.wire.messages.size.ARRAYS``.
 """
 
 from __future__ import annotations
@@ -26,18 +25,19 @@ from coheft.wire.messages.structs import LoadChangeNotice, PayloadEstimate, Sens
 from coheft.wire.scenario.estimator_settings import Converged
 
 Channels = Mapping[str, npt.NDArray[Any]]
-"""Arrays by name; what an agent measured is in its own grasp frame, what the team sums in a frame of its choice."""
+"""Arrays by name. Measurements are in the sender's grasp frame; sums of the team are in a frame that the team
+selects."""
 
 
 @dataclass(frozen=True, eq=False)
 class Belief:
-    """An estimate; fields as in ``coheft.wire.messages.structs.Estimate``, and:
+    """An estimate. Fields as in ``coheft.wire.messages.structs.Estimate``, and:
 
     Attributes:
-        learned_block: The newest block that has been looked at, -1 if there is none.
-        grasps: Pose of every member's ``F_j`` in the frame that the team shares; none while it is not known well, or
-            where the method has no such frame.
-        shortfall: Why it has not converged, though there is a payload.
+        learned_block: The newest block that has been processed, -1 if there is none.
+        grasps: Pose of every member's ``F_j`` in the frame that the team shares; empty until it is known well, or if
+            the method has no such frame.
+        shortfall: Reasons why the estimate has not converged, although there is a payload.
     """
 
     phase: Literal["poses", "inertia"]
@@ -61,40 +61,40 @@ class Estimator(Protocol):
     def step(
         self, index: int, own: MeasurementBlock | None, inbox: Mapping[str, Channels]
     ) -> dict[str, npt.NDArray[Any]]:
-        """One block.
+        """Process one block.
 
         Args:
-            index: Its number.
+            index: The block's number.
             own: The robot's measurements, None if they are unusable.
-            inbox: What each neighbour sent after the previous block; neighbours whose message is missing are left out.
+            inbox: What each neighbour sent after the previous block; neighbours without a message are left out.
 
         Returns:
-            What to send to all neighbours.
+            Arrays to send to all neighbours.
         """
         ...
 
     def fits(self, channels: Channels) -> bool:
-        """Whether a neighbour's arrays have shapes that the next step can read."""
+        """Whether the next step can read a neighbour's arrays, judged by their shapes."""
         ...
 
     def belief(self) -> Belief:
-        """What is believed after the last step."""
+        """Return the estimate after the last step."""
         ...
 
     def doubts(self) -> tuple[str, ...]:
-        """Reasons why the belief may no longer hold; called after every step."""
+        """Return reasons why the estimate may no longer be valid; called after every step."""
         ...
 
 
 class EstimatorFactory(Protocol):
-    """Makes an estimator from the agent's settings and its knowledge of the team."""
+    """Makes an estimator from the agent's configuration and its knowledge of the team."""
 
     def __call__(self, config: AgentConfig, gossip: Gossip) -> Estimator:  # noqa: D102
         ...
 
 
 def is_converged(payload: PayloadEstimate, limits: Converged) -> bool:
-    """Whether all is known, and all standard deviations are within a scenario's limits."""
+    """Whether all parameters are known, with standard deviations within a scenario's limits."""
     if payload.com is None or payload.tensor is None:
         return False
     deviations = np.sqrt(payload.covariance.diagonal())
@@ -107,5 +107,7 @@ def is_converged(payload: PayloadEstimate, limits: Converged) -> bool:
 
 
 def inertia_std(covariance: Array) -> float:
-    """Root mean square of the inertia's error in the Frobenius norm, of a covariance of ``(m, h, J packed)``."""
+    """Return the root mean square error of the inertia in the Frobenius norm, from the covariance of ``(m, h, J
+    packed)``.
+    """
     return math.sqrt(max(0.0, float(TIMES_IN_MATRIX @ covariance.diagonal()[4:])))

@@ -1,7 +1,7 @@
-"""Selection of neighbours' messages: which are used, and when.
+"""Selection of neighbours' messages: which of them are used, and for which block.
 
-Messages may come late, twice, out of order, from an agent's former life, or be nonsense. Those of the block before the
-present one are used; those of the next few wait for their time. What cannot be right is refused, in words.
+Messages may be late, duplicated, out of order, from before the sender restarted, or invalid. Messages of the previous
+block are used now; those of the next few blocks are kept until their block. Invalid messages are refused with a reason.
 """
 
 from __future__ import annotations
@@ -16,52 +16,52 @@ from coheft.wire.messages.structs import LinkState, NeighbourMessage
 from coheft.wire.scenario.schema import MAX_ROBOTS
 
 AHEAD = 8
-"""A neighbour may be ahead by so many blocks: it got its measurements earlier."""
+"""Number of blocks that a neighbour may be ahead, because it received its measurements earlier."""
 _SILENT = 8
-"""When nothing with the number of a sender's newest life has been used for so many blocks, and something with a smaller
-one is of the present block, that number was an error."""
-_ALIKE = 4
-"""So many messages of the same sender and block are looked at."""
+"""After this number of blocks without a usable message of a sender's latest incarnation, a current message with a
+smaller incarnation is accepted: the larger number was an error."""
+_MAX_PER_BLOCK = 4
+"""Number of messages kept per sender and block."""
 LARGEST_NORM = 1e12
-"""No array that an estimator sends has a norm as large as this."""
+"""Limit of the norm of every array that an estimator sends."""
 _LARGEST_NUMBER = 2**62
-"""No number of a record is as large that grows: there have to be larger ones that a message can hold."""
+"""Limit of the counters in a record, so that larger ones can still be sent."""
 _LARGEST_CHECKSUM = 2**32
-"""Nor any that is a checksum."""
+"""Limit of the checksums in a record."""
 _LONGEST_NAME = 32
 
 
 class NeighbourInbox:
-    """Messages of one agent's neighbours.
+    """Received messages of one agent's neighbours.
 
     Args:
-        neighbours: Their names.
+        neighbours: The neighbours' names.
     """
 
     def __init__(self, neighbours: Iterable[str]) -> None:
         self._incarnations = dict.fromkeys(sorted(neighbours), 0)
         self._waiting: dict[tuple[str, int, int], list[NeighbourMessage]] = {}
         self._last: dict[str, int] = {}
-        self._strange: set[str] = set()
-        self._possible: dict[str, LinkState] = {}
+        self._misfits: set[str] = set()
+        self._checked: dict[str, LinkState] = {}
 
     def take(
         self, index: int, messages: Sequence[NeighbourMessage], fits: Callable[[Channels], bool] = lambda _: True
     ) -> tuple[dict[str, NeighbourMessage], list[LinkState], list[str]]:
-        """What to use for a block.
+        """Return the messages to use for a block.
 
         Args:
-            index: Its number; grows from call to call.
-            messages: All that came since the last call.
-            fits: Whether a message's channels have the shapes that are read; of several with the same sender and block
-                the first one that does is used.
+            index: The block's number; grows from call to call.
+            messages: All messages received since the last call.
+            fits: Whether the estimator can read a message's channels. Of several messages of the same sender and block,
+                the first one that fits is used.
 
         Returns:
-            The neighbours' messages of the block before, in the order of names; what they hand on about robots, from
-            all messages that are right; what was refused and why.
+            The neighbours' messages of the previous block, in the order of names; the gossip records of all valid
+            messages; descriptions of refused messages.
         """
         if not self._last:
-            self._last = dict.fromkeys(self._incarnations, index)  # no robot can have been heard before the first block
+            self._last = dict.fromkeys(self._incarnations, index)  # silence is counted from the first block on
         gossip: list[LinkState] = []
         problems: list[str] = []
         for message in sorted(messages, key=lambda message: (message.sender, message.incarnation, message.block)):
@@ -73,7 +73,7 @@ class NeighbourInbox:
             gossip += message.gossip
             if message.block >= index - 1:
                 waiting = self._waiting.setdefault((message.sender, message.incarnation, message.block), [])
-                if len(waiting) < _ALIKE:
+                if len(waiting) < _MAX_PER_BLOCK:
                     waiting.append(message)
         used = {}
         for name, incarnation in self._incarnations.items():
@@ -81,50 +81,52 @@ class NeighbourInbox:
             fitting = next((message for message in found or () if fits(message.channels)), None)
             if fitting is not None:
                 used[name], self._last[name] = fitting, index
-                self._strange.discard(name)
-            elif found and name not in self._strange:
-                self._strange.add(name)  # told once, until something of it fits
+                self._misfits.discard(name)
+            elif found and name not in self._misfits:
+                self._misfits.add(name)  # reported once, until one of its messages fits
                 problems.append(
-                    f"refused from {name}, block {index - 1}: its arrays are none that this robot's estimator reads; "
-                    f"run the same release of coheft, and the same estimator, everywhere"
+                    f"refused from {name}, block {index - 1}: this robot's estimator cannot read its arrays; "
+                    f"run the same release of coheft, and the same estimator, on all robots"
                 )
         self._waiting = {key: waiting for key, waiting in self._waiting.items() if key[2] >= index}
         return used, gossip, problems
 
     def last_heard(self, name: str) -> int:
-        """The last block for which a message of this neighbour was used, or the first one at all."""
+        """Return the last block for which a message of this neighbour was used, or the first block if there was
+        none.
+        """
         return self._last[name]
 
     def _problem(self, index: int, message: NeighbourMessage) -> str | None:
-        """Why a message cannot be right, None if it can."""
+        """Return why a message is invalid, None if it is valid."""
         known = self._incarnations.get(message.sender)
         if known is None:
-            return f"no neighbour; neighbours are {', '.join(self._incarnations)}"
+            return f"it is not a neighbour; neighbours are {', '.join(self._incarnations)}"
         is_error = index - self._last[message.sender] >= _SILENT and message.block >= index - 1
         if message.incarnation < (0 if is_error else known):
-            return "it is from before its sender started again"
+            return "it was sent before its sender restarted"
         if message.block > index - 1 + AHEAD:
-            return f"it is {message.block - index + 1} blocks ahead, of {AHEAD} that are allowed"
+            return f"it is {message.block - index + 1} blocks ahead, expected at most {AHEAD}"
         for name, array in message.channels.items():
             if not can_be_used(array):
-                return f"channels[{name!r}] holds numbers that are not finite, or not below {LARGEST_NORM:g}"
+                return f"channels[{name!r}] contains numbers that are not finite or not below {LARGEST_NORM:g}"
         for record in message.gossip:
-            if record == self._possible.get(record.robot):
-                continue  # the same one comes again and again
+            if record == self._checked.get(record.robot):
+                continue  # most records are repeated
             if not is_possible(record):
-                return f"what it says about {record.robot!r} is impossible"
-            if record.robot in self._possible or len(self._possible) < MAX_ROBOTS:
-                self._possible[record.robot] = record
+                return f"its record of {record.robot!r} is impossible"
+            if record.robot in self._checked or len(self._checked) < MAX_ROBOTS:
+                self._checked[record.robot] = record
         return None
 
 
 def can_be_used(array: Array) -> bool:
-    """Whether all numbers of an array are finite, and so small that sums of them are, too."""
-    return bool(np.vdot(array, array) < LARGEST_NORM**2)  # false for what is not a number, too
+    """Whether all numbers of an array are finite, and small enough that their sums are finite."""
+    return bool(np.vdot(array, array) < LARGEST_NORM**2)  # also false for NaN
 
 
 def is_possible(record: LinkState) -> bool:
-    """Whether a robot's record makes sense on its own."""
+    """Whether a robot's record is consistent in itself."""
     if record.robot in record.neighbours:
         return False
     if not all(0 <= number < _LARGEST_NUMBER for number in (record.incarnation, record.sequence, record.since)):

@@ -1,4 +1,4 @@
-"""Agents of a team in one process, with a simulated network."""
+"""Agents of a team in one process, linked by a simulated network."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from coheft.wire.messages.structs import NeighbourMessage
 
 
 class LinkedAgents:
-    """Agents that hear, before each block, what their neighbours said after the block before.
+    """Agents that receive, before each block, the messages that their neighbours sent after the previous block.
 
     Args:
-        configs: Of all agents.
-        incarnation: Larger than that of any agents of the same names before.
-        largest_arrays: What an estimator of the user's own may send in one message [B].
+        configs: Configurations of all agents.
+        incarnation: A number larger than that of any earlier agents of the same names.
+        largest_arrays: Size that a user's estimator may send in one message [B].
 
     Attributes:
-        agents: By robot.
-        outboxes: What each agent sent after the last block.
+        agents: The agents, by robot.
+        outboxes: What each agent sent after the last block, by robot.
     """
 
     def __init__(self, configs: Iterable[AgentConfig], incarnation: int = 0, largest_arrays: int = LARGEST) -> None:
@@ -29,7 +29,7 @@ class LinkedAgents:
         self.outboxes: dict[str, Outbox] = {}
 
     def heard(self) -> dict[str, list[NeighbourMessage]]:
-        """What every robot's neighbours said after the last block."""
+        """Return the messages that each robot's neighbours sent after the last block, by receiving robot."""
         return {
             name: [self.outboxes[other].message for other in agent.config.neighbours if other in self.outboxes]
             for name, agent in self.agents.items()
@@ -41,6 +41,6 @@ class LinkedAgents:
         blocks: Mapping[str, MeasurementBlock | None],
         heard: Mapping[str, Sequence[NeighbourMessage]],
     ) -> dict[str, Outbox]:
-        """Let all agents step, each with its own measurements and what it has heard; what they send."""
+        """Step all agents, each with its own measurements and received messages; return what they send."""
         self.outboxes = {name: agent.step(index, blocks[name], heard[name]) for name, agent in self.agents.items()}
         return self.outboxes

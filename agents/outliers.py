@@ -8,26 +8,26 @@ import numpy.typing as npt
 from coheft.estimation.geometry.spatial import Array
 
 _OUTLIER = 12.0
-"""A sample that differs by more standard deviations from both its neighbours, on the same side, is an outlier."""
+"""A sample is an outlier if it differs from both its neighbours, on the same side, by more standard deviations."""
 _UNUSUAL = 3.0
-"""The last sample of a block has one neighbour: it is an outlier if it is as far from where the two before it point,
-and so many times as far as any other of the block."""
-_BACK = 0.3
-"""After an outlier at least so much of the step is taken back: what really changes suddenly may overshoot, but
-stays."""
+"""The last sample of a block has only one neighbour. It is an outlier if it deviates as much from the extrapolation of
+the two samples before it, and this number of times as much as any other sample of the block."""
+_REVERSED = 0.3
+"""At least this share of the step into an outlier is reversed by the next one: a real sudden change may overshoot, but
+it persists."""
 _LARGEST = 1e100
-"""Products of larger steps are no numbers."""
+"""Larger steps are clipped, because their products would overflow."""
 
 
 def outliers(steps: Array) -> npt.NDArray[np.bool_] | None:
-    """Which signals have one.
+    """Return which signals contain an outlier.
 
     Args:
-        steps: From each sample to the next, in units of the noise, shape (n, c): into the first sample of a block that
-            is looked at, to its last.
+        steps: Differences of consecutive samples in units of the noise, shape (n, c): from the one into the first
+            sample of the block to the one into its last.
 
     Returns:
-        Shape (c,); None if none has.
+        Shape (c,); None if no signal contains one.
     """
     sizes = np.abs(steps)
     largest = sizes.max(initial=0.0)
@@ -37,7 +37,7 @@ def outliers(steps: Array) -> npt.NDArray[np.bool_] | None:
         steps = np.clip(steps, -_LARGEST, _LARGEST)
         sizes = np.abs(steps)
     least, most = np.minimum(sizes[:-1], sizes[1:]), np.maximum(sizes[:-1], sizes[1:])
-    are_peaks = (steps[:-1] * steps[1:] < 0.0) & (least > np.maximum(_OUTLIER, _BACK * most))
+    are_peaks = (steps[:-1] * steps[1:] < 0.0) & (least > np.maximum(_OUTLIER, _REVERSED * most))
     far: npt.NDArray[np.bool_] = np.any(are_peaks, axis=0)
     bends = np.abs(steps[1:] - steps[:-1])
     if len(bends):

@@ -1,4 +1,4 @@
-"""Detection of samples that no working sensor gives, which the robot then does not use."""
+"""Detection of samples that no working sensor would give; the robot does not use them."""
 
 from __future__ import annotations
 
@@ -13,17 +13,18 @@ from coheft.estimation.measurement import SensorNoise
 
 _SENSORS = ("gyro", "velocity", "accelerometer", "force", "torque")
 _LARGEST = 1e6
-"""No sensor of an arm reads more, whatever its unit [rad/s, m/s, m/s², N, N·m]; squares of it are still harmless."""
+"""Larger readings are refused, whatever the unit [rad/s, m/s, m/s², N, N·m]; squares of smaller ones cannot
+overflow."""
 
 
 class SensorCheck:
-    """Looks at one robot's samples.
+    """Checks one robot's samples.
 
     Args:
-        noise: Of its sensors.
+        noise: Noise of its sensors.
 
     Attributes:
-        fault: What has been wrong with the last two blocks, None if one of them was right.
+        fault: The fault found in both of the last two blocks, None if one of them was good.
     """
 
     def __init__(self, noise: SensorNoise) -> None:
@@ -34,18 +35,20 @@ class SensorCheck:
         self.fault: str | None = None
 
     def is_usable(self, samples: Array) -> bool:
-        """Whether a block of samples (B, 15) can be used."""
+        """Whether a block of samples (B, 15) can be used; updates ``fault``."""
         found = self._find(np.concatenate([self._last, samples]))
         self.fault = None if self._was_right else found
         self._was_right = found is None
-        is_spoiling = found is not None and not np.abs(samples[-1]).max() <= _LARGEST  # the next block, too
+        is_spoiling = found is not None and not np.abs(samples[-1]).max() <= _LARGEST  # affects the next block, too
         self._last = samples[:0] if is_spoiling else samples[-1:]
         return found is None
 
     def _find(self, samples: Array) -> str | None:
-        """What is wrong with samples (n, 15), the last one of the block before first."""
+        """Describe the fault in samples (n, 15), of which the first is the last one of the previous block; None if
+        there is none.
+        """
         frozen, self._frozen = self._frozen, np.zeros_like(self._frozen)
-        if not np.abs(samples).max() <= _LARGEST:  # false for what is not a number, too
+        if not np.abs(samples).max() <= _LARGEST:  # also true for NaN
             if not np.isfinite(samples).all():
                 return _in_words("is not a finite number", ~np.isfinite(samples).all(axis=0))
             return _in_words("is out of range", np.abs(samples).max(axis=0) > _LARGEST)
@@ -63,9 +66,9 @@ class SensorCheck:
 
 
 def _frozen(samples: Array, steps: Array, before: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-    """Which sensors do not measure, shape (5,): as noise does not repeat, nothing stays as it is for half of a block.
+    """Return which sensors are frozen, shape (5,): half of a block has no changes, which noise excludes.
 
-    Nor does a sensor measure yet that was frozen ``before``, in the last block, and begins with the same numbers.
+    A sensor that was frozen in the last block (``before``) and starts with the same numbers is still frozen.
     """
     still = (steps.reshape(len(steps), -1, 3) == 0.0).all(axis=2)
     is_frozen: npt.NDArray[np.bool_] = (2 * still.sum(axis=0) >= len(steps)) | (before & still[0])
@@ -73,5 +76,5 @@ def _frozen(samples: Array, steps: Array, before: npt.NDArray[np.bool_]) -> npt.
 
 
 def _in_words(what: str, columns: Any) -> str:
-    """Names the first sensor of which a column (15,) is marked."""
+    """Describe a fault of the first sensor of which a column (15,) is marked."""
     return f"the {_SENSORS[int(np.argmax(columns)) // 3]} {what}"

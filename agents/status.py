@@ -1,4 +1,4 @@
-"""Reports of an agent to observers: its estimate, whether that still holds, and if not, why not."""
+"""An agent's reports to observers: its estimate, whether that is still valid, and if not, why."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from coheft.wire.config import AgentConfig
 from coheft.wire.messages.structs import Estimate, PoseEstimate
 
 _REPORT_INTERVAL = 0.1
-"""Time between reports to observers [s]; that doubts have come or gone is told at once."""
+"""Time between reports to observers [s]; a change between valid and doubted is reported at once."""
 
 
 class StatusKeeper:
-    """Turns beliefs and doubts into reports, and remembers the last belief that was beyond doubt.
+    """Turns estimates and doubts into reports, and keeps the last valid estimate.
 
     Args:
         config: The agent's settings.
@@ -29,21 +29,23 @@ class StatusKeeper:
         self.problems = 0
 
     def is_due(self, index: int, doubts: Sequence[str]) -> bool:
-        """Whether to report after this block: at times that are the same for all agents, and when doubts come or go."""
-        is_time = self._reports.is_due(index + 1)  # its end, so that reports are of round times
+        """Whether a report is due after this block: at times that are the same for all agents, and when doubts begin or
+        end.
+        """
+        is_time = self._reports.is_due(index + 1)  # the block's end, so that reports are at round times
         return is_time or bool(doubts) != self._doubted
 
     def report(
         self, index: int, belief: Belief, doubts: Sequence[str], members: int, silent: Sequence[str] = ()
     ) -> Estimate:
-        """A report.
+        """Make a report.
 
         Args:
-            index: The last block that the agent has seen.
-            belief: What its estimator believes.
-            doubts: All that speaks against its being true now.
-            members: Size of the team, 0 while unknown.
-            silent: Neighbours that are not heard.
+            index: The last block that the agent has processed.
+            belief: The estimator's present estimate.
+            doubts: Reasons why the estimate may not be valid now.
+            members: Size of the team, 0 if unknown.
+            silent: Neighbours whose messages are missing.
         """
         self._doubted = bool(doubts)
         reasons = list(doubts)

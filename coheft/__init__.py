@@ -90,7 +90,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Load what is asked for."""
+    """Load a public name when it is used."""
     if name in _MODULES:
         return getattr(import_module(_MODULES[name]), name)
     if name == "estimators":

@@ -8,15 +8,16 @@ import sys
 from types import FrameType
 
 _STATUS = 130
-"""Of a command that was stopped, as ``coheft.app.cli.base`` has it, which is not loaded yet."""
+"""Exit status after Ctrl-C, equal to that in ``coheft.app.cli.base``, which is not loaded yet."""
 
 
 def main() -> None:
     """Run the command line and leave with its exit status."""
-    # A polite request to end, or a terminal that goes, is as good as Ctrl-C: what a command has started ends with it.
+    # SIGTERM, and the end of the terminal, have the same effect as Ctrl-C: processes that a command has started end
+    # with it.
     names = [name for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
     heard = [number for number in map(signal.Signals.__getitem__, names) if signal.getsignal(number) != signal.SIG_IGN]
-    for number in heard:  # nohup ignores hang-ups, a shell Ctrl-C for what is in the background
+    for number in heard:  # not signals that are ignored: nohup ignores SIGHUP, shells SIGINT in background jobs
         signal.signal(number, _leave)
     from coheft.app.terminal.standard_output import guard_standard_streams
 
@@ -27,14 +28,14 @@ def main() -> None:
         for number in heard:
             signal.signal(number, signal.default_int_handler)
         status = run_command_line(sys.argv[1:])
-    except KeyboardInterrupt:  # a moment before the command listens to it, or after
+    except KeyboardInterrupt:  # just before or after the command handles it
         print("stopped", file=sys.stderr)
         status = _STATUS
     sys.exit(status)
 
 
 def _leave(number: int, frame: FrameType | None) -> None:
-    """End while all that has happened is that modules were loaded."""
+    """Exit at once, while modules are being loaded."""
     try:
         os.write(2, b"stopped\n")
     finally:

@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import NoReturn
 
 _QUOTED = 400
-"""Longest text from elsewhere that is shown, in characters."""
+"""Largest length of quoted text, in characters."""
 
 
 def one_line(text: str) -> str:
-    """Text from elsewhere, made fit for logs and terminals: one line, no control characters, cut short."""
+    """Prepare text from elsewhere for logs and terminals: one line, no control characters, limited length."""
     text = text if len(text) <= _QUOTED else f"{text[:_QUOTED]}..."
     return "".join(char if char.isprintable() else repr(char)[1:-1] for char in text)
 
@@ -46,19 +46,19 @@ class MessageError(CoheftError):
 
 
 class LoadError(CoheftError):
-    """A load change was asked for that the payload cannot take."""
+    """A load change that the payload cannot take was requested."""
 
 
 class LinkError(CoheftError):
-    """A process could not reach, or lost, another one that it needs."""
+    """A process could not reach another one that it needs, or lost it."""
 
 
 class SimulationError(CoheftError):
-    """The simulated payload left the range in which the simulation means anything."""
+    """The simulated payload has left the valid range of the simulation."""
 
 
 class MissingPackageError(CoheftError):
-    """Something was asked for that takes a package which is not installed."""
+    """A request needs a package that is not installed."""
 
     def __init__(self, package: str, extra: str) -> None:
         super().__init__(
@@ -67,8 +67,8 @@ class MissingPackageError(CoheftError):
 
 
 class PluginError(CoheftError):
-    """An estimator or a motion of the user's own cannot be used."""
+    """A user's estimator or motion cannot be used."""
 
 
 class RecordingError(CoheftError):
-    """A recording does not hold what is asked of it."""
+    """A recording does not contain what is required."""

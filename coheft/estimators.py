@@ -37,14 +37,14 @@ class Team:
             instance ``{"rate": 500, "noise": {"force": 0.5}, "tolerance": {}}``.
         graph: Links between the robots; any graph works in one process.
         estimator: ``efficient``, ``fan2017``, or one of your own.
-        converged: When an estimate counts as converged.
+        converged: Standard deviations below which an estimate has converged.
 
     Attributes:
         estimates: The latest estimate of each robot, by name; robots without one are left out.
 
     Raises:
-        UsageError: An argument cannot be used.
-        PluginError: An estimator of your own cannot be used.
+        UsageError: An argument is invalid.
+        PluginError: Your own estimator cannot be used.
     """
 
     def __init__(
@@ -58,7 +58,7 @@ class Team:
     ) -> None:
         names = tuple(robots)
         if isinstance(robots, str) or len(set(names)) != len(names) or len(names) < 2:
-            raise UsageError(f"robots: found {robots!r}, expected at least two names, each once")
+            raise UsageError(f"robots: found {robots!r}, expected at least two different names")
         told = _checked(sensors)
         self.estimates: dict[str, Estimate] = {}
         self._block_size = told.block
@@ -79,7 +79,7 @@ class Team:
                 lag=1,
                 seed=0,
                 motion=motion,
-                waves=draw_waves(motion.frequency, 0),  # no one asks where the arms should go
+                waves=draw_waves(motion.frequency, 0),  # not used, as there are no arms to move
                 estimator=estimator,
                 fan2017=Fan2017Settings(),
                 efficient=EfficientSettings(),
@@ -92,7 +92,7 @@ class Team:
 
     @property
     def robots(self) -> tuple[str, ...]:
-        """Their names."""
+        """The robots' names."""
         return tuple(self._waiting)
 
     def add(self, samples: Mapping[str, npt.ArrayLike]) -> None:
@@ -105,16 +105,16 @@ class Team:
                 measurements: their block is left out for this robot.
 
         Raises:
-            UsageError: A robot is missing, or is none of the team, or shapes do not fit.
+            UsageError: A robot is missing or not in the team, or shapes do not match.
         """
         arrays = {name: np.atleast_2d(np.asarray(values, dtype=np.float64)) for name, values in samples.items()}
         if set(arrays) != set(self._waiting):
-            raise UsageError(f"samples: found those of {', '.join(arrays)}, expected {', '.join(self._waiting)}")
+            raise UsageError(f"samples: found robots {', '.join(arrays)}, expected {', '.join(self._waiting)}")
         shapes = {name: array.shape for name, array in arrays.items()}
         count = max(shape[0] for shape in shapes.values())
         wrong = [f"{name} {shape}" for name, shape in shapes.items() if shape != (count, SAMPLE_SIZE)]
         if wrong:
-            raise UsageError(f"samples: found shape of {', '.join(wrong)}, expected {(count, SAMPLE_SIZE)} of each")
+            raise UsageError(f"samples: found shape of {', '.join(wrong)}, expected {(count, SAMPLE_SIZE)} for each")
         for name, array in arrays.items():
             self._waiting[name] = np.concatenate([self._waiting[name], array])
         whole = len(next(iter(self._waiting.values()))) // self._block_size
@@ -131,10 +131,10 @@ class Team:
 
 
 def _checked(sensors: Sensors | Mapping[str, Any] | None) -> Sensors:
-    """The sensors, with the types and ranges that a scenario's have.
+    """Check the sensors for the types and ranges of a scenario's section.
 
     Raises:
-        UsageError: A key or value is none that a scenario may have.
+        UsageError: A key or value is not allowed.
     """
     table = msgspec.to_builtins(sensors) if isinstance(sensors, Sensors) else dict(sensors or {})
     try:

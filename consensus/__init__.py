@@ -1,8 +1,8 @@
-"""Consensus: sums over a network with one-hop messages, among agents that know only their neighbours.
+"""Consensus: sums over a network with one-hop messages, where each agent knows only its neighbours.
 
-What is named here needs arrays, a graph, and transports between coordinates, and neither robots nor a network: see
-docs/consensus.md. How agents that are told of nothing but their neighbours learn the graph is in
-``coheft.consensus.gossip``.
+The functions and classes exported here work on arrays, a graph, and transports between coordinates; they need neither
+robots nor a network, see docs/consensus.md. With ``coheft.consensus.gossip``, agents that know only their neighbours
+learn the graph.
 """
 
 from coheft.consensus.dynamic import DynamicConsensus, lag_bound

@@ -4,11 +4,11 @@
 Metropolis weights. The sum of all ``x``, carried to any one frame, always equals the sum of all inputs; the K rounds
 shrink what the agents disagree on by the K-th power of the second largest eigenvalue of ``metropolis_matrix``.
 
-The rounds are pipelined (``coheft.consensus.pipeline``), so the increment is taken over the K blocks that a value is
-under way: each value starts from where the consensus on the block K before it ended.
+The rounds are pipelined (``coheft.consensus.pipeline``), so the increment is the change of the input over K blocks:
+each value starts from the result of the consensus on the block K before it.
 
-A value that is lost on the way takes along what the sum should have conserved. Nothing that builds upon it is used; the
-agents have to start anew, all at the same block.
+If a value is lost, the sum is no longer conserved. Results that depend on it are not used; the agents have to restart,
+all at the same block.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from coheft.estimation.geometry.spatial import Array
 
 
 def lag_bound(rate: float, rounds: int, moved: float) -> float:
-    """Bound of the agents' lag behind the average of changing inputs, after the start.
+    """Return a bound on the agents' lag behind the average of changing inputs, after the initial transient.
 
-    With ``W`` the matrix of a round, ``e`` the deviations from the average obey ``e' = W^K (e + d)``, where ``d`` is
-    what inputs have moved by in K blocks, less the mean of that; ``|e|`` stays below ``r^K / (1 - r^K) |d|``.
+    With ``W`` the matrix of a round, the deviations ``e`` from the average obey ``e' = W^K (e + d)``, where ``d`` is
+    the change of the inputs in K blocks, less its mean over the agents; ``|e|`` stays below ``r^K / (1 - r^K) |d|``.
 
     Args:
         rate: ``r``, see ``coheft.consensus.graph.convergence_rate``.
-        rounds: ``K``, rounds per block, and blocks that a value is under way.
+        rounds: ``K``, the rounds per block; also the number of blocks that a value takes.
         moved: Largest ``|d|``: the norm over all agents, in one frame, of any of the channels.
 
     Returns:
@@ -58,15 +58,15 @@ class DynamicConsensus:
         """Whether a value was lost, so that this agent no longer takes part."""
 
     def step(self, inputs: Array, neighbours: Sequence[NeighbourStages]) -> Array | None:
-        """One block.
+        """Process one block.
 
         Args:
-            inputs: ``u_i`` of the block that enters, in the agent's own frame, shape (B, C).
-            neighbours: Their messages, sent after the previous block, and how to read them.
+            inputs: ``u_i`` of the new block, in the agent's own frame, shape (B, C).
+            neighbours: The messages that they sent after the previous block, with transports and gains.
 
         Returns:
-            The agent's value of the network's average for the block that entered K blocks before, in its own frame,
-            shape (B, C), or None while there is none, or if it was lost.
+            This agent's estimate of the network's average for the block entered K blocks before, in its own frame,
+            shape (B, C). None during the first K blocks, or if a value was lost.
         """
         own_gains = 1.0 - sum((neighbour.gains for neighbour in neighbours), np.zeros(self.pipeline.rounds))
         finished = self.pipeline.advance(neighbours, own_gains)

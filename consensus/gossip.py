@@ -1,15 +1,15 @@
-"""Gossip about the team, forwarded between neighbours: who is in it, who is linked with whom, and who is ready.
+"""Gossip about the team, forwarded between neighbours: its members, their links, and whether they are ready.
 
-No robot is told the team's size or the graph. Each robot tells its neighbours its own link state; all hand on what
-is new. A message carries what changed since the last one, the first heard first, and one older record in turn, so that
-a lost message is made up for. What does not fit into ``PER_MESSAGE`` records follows with the next: the size of
-messages does not grow with the team. Should somebody have a record wrong, it wins over the right one everywhere, or
-nowhere; when the robot hears it, it tells its own anew, as if it had started again, for others have believed it.
-Records are kept and handed on of robots only that someone known names as a neighbour, beginning with this robot: who
-makes up robots fills no table with them, and keeps no room from true ones.
+No robot is given the team's size or the graph. Each robot sends its neighbours its own link state, and all forward new
+records. A message holds the records that changed since the last one, in order of arrival, and one older record in
+rotation, which makes up for lost messages. Records beyond ``PER_MESSAGE`` follow in the next messages, so that the size
+of messages does not grow with the team. If a robot receives a wrong record about itself that would replace its own, it
+sends its own with a larger incarnation, as after a restart, because others have accepted the wrong one. A robot keeps
+and forwards records only of robots that are named as neighbours, directly or through others, starting from itself:
+records of invented robots cannot fill its table.
 
-The **team** is all robots that hold the load. Whenever one of them starts again with an empty memory, lets go or takes
-hold, it is another team, and all of its robots have to be ready for that one.
+The **team** is the set of robots that hold the load. When one of them restarts, releases the load or grasps it, the
+team is a new one, and all of its robots have to announce again that they are ready.
 """
 
 from __future__ import annotations
@@ -26,31 +26,31 @@ from coheft.wire.messages.size import PER_MESSAGE
 from coheft.wire.messages.structs import LinkState
 from coheft.wire.scenario.schema import MAX_ROBOTS
 
-_WAITING = 64
-"""Records of so many robots wait for being named: they may have overtaken the record that does so."""
+_MAX_DEFERRED = 64
+"""Number of records kept of robots that are not named yet: they may arrive before the record that names them."""
 
 
 class Gossip:
     """One agent's knowledge of the team.
 
     Args:
-        name: Its own name.
+        name: This agent's name.
         neighbours: Its neighbours' names.
-        incarnation: Larger than that of any agent of the same name before.
+        incarnation: A number larger than that of any earlier agent of the same name.
     """
 
     def __init__(self, name: str, neighbours: Iterable[str], incarnation: int = 0) -> None:
         self.name = name
         self.records = {name: LinkState(name, 0, tuple(sorted(neighbours)), incarnation=incarnation)}
-        self._waiting: dict[str, LinkState] = {}
-        self._news = dict.fromkeys([name])
+        self._deferred: dict[str, LinkState] = {}
+        self._unsent = dict.fromkeys([name])
         self._turn = 0
-        self._look_at_members()
+        self._update_members()
 
     def hear(self, records: Iterable[LinkState]) -> None:
         """Process forwarded records; the newest record of each robot wins.
 
-        No robot is told about itself: what is wrong, and would win, is answered.
+        A record about this robot itself is never used: if it would win, this robot publishes a newer one.
         """
         heard, are_members_same = False, True
         for record in records:
@@ -58,76 +58,78 @@ class Gossip:
             if known is not None and not is_newer(record, known):
                 continue
             if record.robot == self.name:
-                self._tell(replace(self.own, incarnation=record.incarnation + 1, sequence=0))
+                self._publish(replace(self.own, incarnation=record.incarnation + 1, sequence=0))
                 continue
             if record.robot not in self._named or (known is None and len(self.records) >= MAX_ROBOTS):
-                self._let_wait(record)
+                self._defer(record)
                 continue
             self.records[record.robot] = record
-            self._news[record.robot] = None
+            self._unsent[record.robot] = None
             if record.robot in self.own.neighbours and (known is None or record.incarnation > known.incarnation):
-                self._news = dict.fromkeys(self.records)  # it knows nothing yet
+                self._unsent = dict.fromkeys(self.records)  # the neighbour has restarted and knows nothing yet
             heard = True
             are_members_same &= known is not None and _membership(known) == _membership(record)
         if not are_members_same:
-            self._look_at_members()
+            self._update_members()
         elif heard:
-            self._look_at_readiness()
+            self._update_start_block()
 
-    def _let_wait(self, record: LinkState) -> None:
-        """Keep what no one known has named so far; of too many, the first ones give way."""
-        waiting = self._waiting.pop(record.robot, None)
-        self._waiting[record.robot] = record if waiting is None or is_newer(record, waiting) else waiting
-        if len(self._waiting) > _WAITING:
-            del self._waiting[next(iter(self._waiting))]
+    def _defer(self, record: LinkState) -> None:
+        """Keep a record of a robot that is not named yet; if there are too many, drop the oldest."""
+        waiting = self._deferred.pop(record.robot, None)
+        self._deferred[record.robot] = record if waiting is None or is_newer(record, waiting) else waiting
+        if len(self._deferred) > _MAX_DEFERRED:
+            del self._deferred[next(iter(self._deferred))]
 
     @property
     def own(self) -> LinkState:
-        """What it tells about itself."""
+        """The link state that this robot sends about itself."""
         return self.records[self.name]
 
     @property
     def is_ready(self) -> bool:
-        """Whether this robot has told the present team that it is ready."""
+        """Whether this robot has announced to the present team that it is ready."""
         return self.own.ready_block >= 0 and self.own.team == self.membership
 
     def announce_ready(self, block: int) -> None:
-        """Tell all robots that this one can take part in the present team's sums from ``block`` on."""
-        self._tell(replace(self.own, ready_block=block, team=self.membership))
+        """Announce that this robot can take part in the present team's sums from ``block`` on."""
+        self._publish(replace(self.own, ready_block=block, team=self.membership))
 
     def announce_holding(self, holding: bool, since: int) -> None:
-        """Tell every robot that this robot takes hold of the load, or lets go of it, at block ``since``."""
-        self._tell(replace(self.own, holding=holding, since=since, ready_block=-1))
+        """Announce that this robot grasps the load, or releases it, at block ``since``."""
+        self._publish(replace(self.own, holding=holding, since=since, ready_block=-1))
 
-    def _tell(self, record: LinkState) -> None:
+    def _publish(self, record: LinkState) -> None:
         is_member_same = _membership(record) == _membership(self.own)
         self.records[self.name] = replace(record, sequence=record.sequence + 1)
-        self._news[self.name] = None
+        self._unsent[self.name] = None
         if is_member_same:
-            self._look_at_readiness()
+            self._update_start_block()
         else:
-            self._look_at_members()
+            self._update_members()
 
     def news(self) -> list[LinkState]:
-        """Records for the next message to the neighbours."""
+        """Return the records for the next message to the neighbours."""
         self._turn = (self._turn + 1) % len(self._names)
-        told = {self._names[self._turn], *islice(self._news, PER_MESSAGE - 1)}
-        for name in told:
-            self._news.pop(name, None)
-        return [self.records[name] for name in sorted(told)]
+        sent = {self._names[self._turn], *islice(self._unsent, PER_MESSAGE - 1)}
+        for name in sent:
+            self._unsent.pop(name, None)
+        return [self.records[name] for name in sorted(sent)]
 
     @property
     def changed_at(self) -> int:
-        """The newest block at which somebody has taken hold or let go."""
+        """The newest block at which a robot has grasped or released the load."""
         return max(self.records[name].since for name in self._named & self.records.keys())
 
     def unknown(self) -> list[str]:
-        """Robots that were named as neighbours, but from which no record has arrived."""
+        """Return robots that are named as neighbours, but from which no record has arrived."""
         return sorted(self._named - self.records.keys())
 
-    def _look_who_is_named(self) -> None:
-        """This robot, whom it names as a neighbour, whom these do, and so on, nearest first: others have to wait."""
-        heard = {**self._waiting, **self.records}
+    def _find_named(self) -> None:
+        """Find the robots that are named: this one, its neighbours, their neighbours, and so on; defer records of
+        others.
+        """
+        heard = {**self._deferred, **self.records}
         self._named, left = {self.name}, deque([self.name])
         records: dict[str, LinkState] = {}
         while left and len(records) < MAX_ROBOTS:
@@ -137,15 +139,15 @@ class Gossip:
                 new = [other for other in records[name].neighbours if other not in self._named]
                 self._named.update(new)
                 left += new
-        news = [*self._news, *(name for name in records if name not in self.records)]
-        self._news = dict.fromkeys(name for name in news if name in records)
+        news = [*self._unsent, *(name for name in records if name not in self.records)]
+        self._unsent = dict.fromkeys(name for name in news if name in records)
         self.records, self._names = records, sorted(records)
-        self._waiting = dict(list(heard.items())[-_WAITING:])
+        self._deferred = dict(list(heard.items())[-_MAX_DEFERRED:])
 
-    def _look_at_members(self) -> None:
-        """Who is there and who talks with whom may have changed."""
+    def _update_members(self) -> None:
+        """Update members and graph, after records of members have changed."""
         self.graph, self.membership = None, 0
-        self._look_who_is_named()
+        self._find_named()
         if not self.unknown():
             members = {name: self.records[name] for name in sorted(self._named) if self.records[name].holding}
             graph = {
@@ -155,9 +157,9 @@ class Gossip:
             if len(graph) > 1 and len(distances(graph, min(graph))) == len(graph):
                 self.graph = graph
                 self.membership = zlib.crc32(repr(self._identity()).encode())
-        self._look_at_readiness()
+        self._update_start_block()
 
-    def _look_at_readiness(self) -> None:
+    def _update_start_block(self) -> None:
         self.start_block = None
         members = [self.records[name] for name in self.graph or ()]
         if members and all(r.ready_block >= 0 and r.team == self.membership for r in members):
@@ -168,20 +170,20 @@ class Gossip:
         return [(member.robot, member.incarnation, member.since) for member in members]
 
     graph: dict[str, tuple[str, ...]] | None
-    """The team's graph; None while somebody named as a neighbour has not been heard of, if it is not connected, or if
-    only one robot holds the load."""
+    """The team's graph. None while a record of a named robot is missing, if the graph is not connected, or if only one
+    robot holds the load."""
     membership: int
-    """Number of the present members; 0 while the graph is unknown."""
+    """Checksum that identifies the present members; 0 while the graph is unknown."""
     start_block: int | None
-    """The block at which every robot is ready, the same for all agents; None while somebody is not."""
+    """The block at which every robot is ready, the same for all agents; None while a robot is not ready."""
 
 
 def is_newer(record: LinkState, known: LinkState) -> bool:
-    """Whether one record of a robot replaces another; of two that should be the same, every robot takes the same."""
+    """Whether one record of a robot replaces another; of two with equal numbers, all robots select the same one."""
     age, known_age = (record.incarnation, record.sequence), (known.incarnation, known.sequence)
     return age > known_age or (age == known_age and record != known and repr(record) > repr(known))
 
 
 def _membership(record: LinkState) -> tuple[object, ...]:
-    """What of a record says who is in the team, and where."""
+    """Return the fields of a record that determine the members and the graph."""
     return record.incarnation, record.holding, record.since, record.neighbours

@@ -1,4 +1,4 @@
-"""Undirected communication graphs: neighbours, and the convergence of consensus on them.
+"""Undirected communication graphs, and how fast consensus converges on them.
 
 A graph is a mapping from each name to the sorted tuple of its neighbours' names.
 """
@@ -18,8 +18,8 @@ from coheft.wire.messages.size import MANY, PER_MESSAGE
 from coheft.wire.scenario.schema import Graph
 
 Neighbours = Mapping[str, tuple[str, ...]]
-_TRIED = 8
-"""In a network of more than ``MANY`` names no robot looks at all pairs of them: so many are tried as its centre."""
+_CENTRE_CANDIDATES = 8
+"""In a graph of more than ``MANY`` names, ``centre`` evaluates at most this many candidates."""
 
 
 class GraphError(CoheftError):
@@ -27,14 +27,14 @@ class GraphError(CoheftError):
 
 
 def build_graph(graph: Graph, names: Sequence[str]) -> dict[str, tuple[str, ...]]:
-    """Neighbours of every name, for the kind of graph that a scenario asks for.
+    """Return the neighbours of every name, for the kind of graph that a scenario specifies.
 
     Raises:
         GraphError: Fewer than two names.
     """
     n = len(names)
     if n < 2:
-        raise GraphError(f"{n} robot{'s' * (n != 1)} given, but a network takes at least 2")
+        raise GraphError(f"{n} robot{'s' * (n != 1)} given, but a network needs at least 2")
     edges: set[tuple[int, int]]
     match graph.kind:
         case "ring":
@@ -61,7 +61,7 @@ def build_graph(graph: Graph, names: Sequence[str]) -> dict[str, tuple[str, ...]
 
 
 def _random_connected(n: int, probability: float, rng: np.random.Generator) -> set[tuple[int, int]]:
-    """A random recursive tree, and every further edge with the given probability."""
+    """Return the edges of a random recursive tree, plus every other edge with the given probability."""
     order = rng.permutation(n)
     edges = {(int(order[rng.integers(k)]), int(order[k])) for k in range(1, n)}
     present = {frozenset(edge) for edge in edges}
@@ -72,7 +72,7 @@ def _random_connected(n: int, probability: float, rng: np.random.Generator) -> s
 
 
 def distances(neighbours: Neighbours, source: str) -> dict[str, int]:
-    """Hops from ``source`` to every name that it reaches."""
+    """Return the number of hops from ``source`` to every name that it reaches."""
     hops = {source: 0}
     queue = deque([source])
     while queue:
@@ -85,7 +85,8 @@ def distances(neighbours: Neighbours, source: str) -> dict[str, int]:
 
 
 def diameter(neighbours: Neighbours) -> int:
-    """Largest number of hops between two names; for more than ``MANY`` names a bound, at most twice as large.
+    """Return the largest number of hops between two names; for more than ``MANY`` names a bound, at most twice as
+    large.
 
     Raises:
         GraphError: The graph is not connected.
@@ -102,19 +103,19 @@ def diameter(neighbours: Neighbours) -> int:
 
 
 def hearing(neighbours: Neighbours) -> int:
-    """Number of blocks until every robot has received what all sent at one time.
+    """Return the number of blocks after which every robot has received what all robots sent at one time.
 
-    Whoever is farthest has heard a diameter later; one block more, so that a lost message does no harm, and as many as
-    it takes a table with a row for each robot beyond the first message.
+    This is the diameter, plus one block so that a lost message does no harm, plus the further messages that a table
+    with one row per robot takes.
     """
     return diameter(neighbours) + 1 + len(neighbours) // PER_MESSAGE
 
 
 def centre(neighbours: Neighbours) -> str:
-    """The name from which the farthest is nearest, the first of several; among more than ``MANY`` one close to it.
+    """Return the centre: the name with the smallest largest distance, the first one of several.
 
-    Of many names, it is the best of some in the middle of shortest ways between two that are far apart: where the graph
-    is a tree, that is exact. Looking at all would take every robot's distances to all.
+    For more than ``MANY`` names the result is approximate (exact on trees): the best candidate in the middle of the
+    shortest paths between two distant names. The exact result would need the distances between all pairs.
     """
     candidates: Iterable[str] = neighbours
     if len(neighbours) > MANY:
@@ -122,10 +123,10 @@ def centre(neighbours: Neighbours) -> str:
         from_end = distances(neighbours, end)
         far = _farthest(from_end)
         from_far = distances(neighbours, far)
-        way = from_end[far]
-        halves = (way // 2, way - way // 2)
-        middle = [name for name, hops in from_end.items() if hops in halves and hops + from_far[name] == way]
-        candidates = sorted(middle)[:: -(-len(middle) // _TRIED)]
+        length = from_end[far]
+        halves = (length // 2, length - length // 2)
+        middle = [name for name, hops in from_end.items() if hops in halves and hops + from_far[name] == length]
+        candidates = sorted(middle)[:: -(-len(middle) // _CENTRE_CANDIDATES)]
     return min(candidates, key=lambda name: (max(distances(neighbours, name).values()), name))
 
 
@@ -134,7 +135,7 @@ def _farthest(hops: Mapping[str, int]) -> str:
 
 
 def laplacian(neighbours: Neighbours) -> Array:
-    """Graph Laplacian, degrees minus adjacency, shape (N, N), in the order of the mapping."""
+    """Return the graph Laplacian, degrees minus adjacency, shape (N, N), in the order of the mapping."""
     index = {name: i for i, name in enumerate(neighbours)}
     matrix = np.zeros((len(index), len(index)))
     for name, others in neighbours.items():
@@ -145,22 +146,28 @@ def laplacian(neighbours: Neighbours) -> Array:
 
 
 def metropolis_weight(degree_i: int, degree_j: int) -> float:
-    """Weight of an edge such that consensus converges on every connected graph (Xiao, Boyd, Lall 2005)."""
+    """Return the Metropolis weight of an edge; consensus then converges on every connected graph (Xiao, Boyd, Lall
+    2005).
+    """
     return 1.0 / (1.0 + max(degree_i, degree_j))
 
 
 def uniform_weight(neighbours: Neighbours) -> float:
-    """One weight for all edges, such that consensus converges: the step of ``x_i' = sum_j (x_j - x_i)``."""
+    """Return one weight for all edges with which ``x_i' = sum_j (x_j - x_i)`` converges."""
     return 1.0 / (1.0 + max(map(len, neighbours.values())))
 
 
 def metropolis_matrix(neighbours: Neighbours) -> Array:
-    """One round of consensus with Metropolis weights as a matrix, shape (N, N), in the order of the mapping."""
+    """Return the matrix of one round of consensus with Metropolis weights, shape (N, N), in the order of the
+    mapping.
+    """
     return weight_matrix(neighbours, lambda i, j: metropolis_weight(len(neighbours[i]), len(neighbours[j])))
 
 
 def weight_matrix(neighbours: Neighbours, weight: Callable[[str, str], float]) -> Array:
-    """One round of consensus with any weights of the edges as a matrix, shape (N, N), in the order of the mapping."""
+    """Return the matrix of one round of consensus with given edge weights, shape (N, N), in the order of the
+    mapping.
+    """
     index = {name: i for i, name in enumerate(neighbours)}
     matrix = np.eye(len(index))
     for name, others in neighbours.items():
@@ -171,30 +178,30 @@ def weight_matrix(neighbours: Neighbours, weight: Callable[[str, str], float]) -
 
 
 def place_variances(matrix: Array) -> Array:
-    """Effect of errors in transports, as variances of each agent's position for independent errors of variance one.
+    """Return the effect of errors in transports, as variances of each agent's position for unit errors.
 
-    Transports ``X_ij (I + E_ij)``, with ``E_ij = -E_ji`` in common coordinates, do not close around cycles. To first
-    order consensus then does what it would do with ``X_ij (I + P_i - P_j)``, where ``P`` solves
-    ``sum_j W_ij (P_i - P_j - E_ij) = 0`` and has the mean zero: the weighted least squares of all edges.
+    Transports ``X_ij (I + E_ij)``, with ``E_ij = -E_ji`` in common coordinates, are not consistent around cycles. To
+    first order, consensus behaves as with ``X_ij (I + P_i - P_j)``, where ``P`` solves ``sum_j W_ij (P_i - P_j - E_ij)
+    = 0`` and has zero mean: the weighted least-squares solution over all edges.
 
     Args:
         matrix: One round of consensus, ``W``, symmetric, shape (N, N).
 
     Returns:
-        Variance of each ``P_i`` if those of all ``E_ij`` are 1, shape (N,).
+        Variance of each ``P_i`` if all ``E_ij`` are independent with variance 1, shape (N,).
     """
     weights = matrix - np.diag(matrix.diagonal())
     squares = weights**2
     inverse = np.linalg.pinv(np.diag(weights.sum(axis=1)) - weights, hermitian=True)
-    of_edges = np.diag(squares.sum(axis=1)) - squares
-    return np.asarray(np.diag(inverse @ of_edges @ inverse))
+    edge_variances = np.diag(squares.sum(axis=1)) - squares
+    return np.asarray(np.diag(inverse @ edge_variances @ inverse))
 
 
 def convergence_rate(matrix: Array) -> float:
-    """Factor by which every round reduces the disagreement, once only the slowest part is left.
+    """Return the asymptotic factor by which each round reduces the disagreement.
 
     Args:
-        matrix: One round, symmetric, with rows that add up to 1, shape (N, N), such as ``metropolis_matrix``.
+        matrix: One round, symmetric, with rows that sum to 1, shape (N, N), such as ``metropolis_matrix``.
 
     Returns:
         The second largest eigenvalue in magnitude.

@@ -1,12 +1,12 @@
 """Rounds of consensus in different coordinates, one round per block for every block of samples in progress.
 
-A sample's value goes through ``K`` rounds ``x_i <- g_i x_i + sum_j g_ij X_ij x_j``. Waiting for the neighbours in each
-round would cost ``K`` messages per block. Instead, one message per block carries the ``K`` blocks under way, each
-one round further than the one that came after it: ``stages[s]`` is the block that entered ``s`` blocks ago, after ``s``
-rounds. Every block leaves exactly ``K`` blocks late, with its own number, to be paired with its own kinematics.
+A sample's value goes through ``K`` rounds ``x_i <- g_i x_i + sum_j g_ij X_ij x_j``. If all rounds of a block were done
+before the next block, each block would take ``K`` messages. Instead, one message per block carries the ``K`` blocks in
+progress: ``stages[s]`` is the block that entered ``s`` blocks ago, after ``s`` rounds. Every block leaves exactly ``K``
+blocks later, with its own number, so that it can be paired with its own kinematics.
 
-A value whose rounds cannot be completed, because a neighbour's message is missing, of another shape, or was itself
-incomplete, is marked invalid and never used.
+If a round cannot be completed because a neighbour's message is missing, has another shape or is itself incomplete, the
+value is marked invalid and never used.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from coheft.estimation.geometry.spatial import Array
 
 @dataclass(frozen=True, eq=False)
 class NeighbourStages:
-    """Message of one neighbour, with its transport and gains.
+    """Message of one neighbour, with the transport and the gains to apply to it.
 
     Attributes:
-        transport: ``X_ij``, shape (C, C): carries C channels from ``F_j`` to ``F_i``; None if both use one frame.
+        transport: ``X_ij``, shape (C, C): transforms C channels from ``F_j`` to ``F_i``; None if both use one frame.
         gains: ``g_ij`` of each round, shape (K,).
         stages: The neighbour's ``Pipeline.stages``; None if its message is missing.
         valid: The neighbour's ``Pipeline.valid``.
@@ -41,8 +41,8 @@ class Pipeline:
     """One agent's values in progress.
 
     Attributes:
-        stages: Shape (K, B, C): values to send, in the frame that the agent works in.
-        valid: Shape (K,): which of them are complete so far.
+        stages: Shape (K, B, C): values to send, in the agent's frame.
+        valid: Shape (K,): whether each of them is complete so far.
     """
 
     def __init__(self, rounds: int, samples: int, channels: int) -> None:
@@ -51,21 +51,21 @@ class Pipeline:
 
     @property
     def rounds(self) -> int:
-        """``K``: rounds per value, and blocks that it is under way."""
+        """``K``: rounds per value, and blocks that a value takes."""
         return len(self.stages)
 
     def advance(self, neighbours: Sequence[NeighbourStages], own_gains: Array) -> Array | None:
-        """Do one round for every stage, with the neighbours' stages of the same moment.
+        """Do one round for every stage, with the neighbours' stages of the same block.
 
         Args:
-            neighbours: What they sent.
+            neighbours: Their messages.
             own_gains: ``g_i`` of each round, shape (K,).
 
         Returns:
-            The values (B, C) of the block that has now gone through all rounds, or None if it is incomplete. Then
-            ``enter`` the next block.
+            The values (B, C) of the block that has completed all rounds, or None if it is incomplete. Call ``enter``
+            with the next block afterwards.
         """
-        # One place more than there are stages: every round moves a value on by one, and the last one leaves.
+        # One place more than there are stages: a round moves every value to the next place, and the last one leaves.
         places = np.empty((self.rounds + 1, *self.stages.shape[1:]))
         moved = np.multiply(own_gains[:, None, None], self.stages, out=places[1:])
         valid = self.valid.copy()
@@ -82,17 +82,17 @@ class Pipeline:
         return places[-1] if valid[-1] else None
 
     def sent(self) -> tuple[Array, npt.NDArray[np.bool_]]:
-        """What to send to every neighbour after ``enter``: copies of ``stages`` and ``valid``."""
+        """Return copies of ``stages`` and ``valid``, to send to every neighbour after ``enter``."""
         return self.stages.copy(), self.valid.copy()
 
     def clear(self) -> None:
-        """A block was missed, so nothing in progress can be completed."""
+        """Mark all values in progress as invalid, because a block was missed."""
         self.valid[:] = False
 
     def _fits(self, stages: Array, valid: npt.NDArray[np.bool_]) -> bool:
         return stages.shape == self.stages.shape and valid.shape == self.valid.shape
 
     def enter(self, values: Array | None) -> None:
-        """Enter the values (B, C) of the next block; None if the agent has none for it."""
+        """Enter the values (B, C) of the next block; None if the agent has none."""
         self.valid[0] = values is not None
         self.stages[0] = 0.0 if values is None else values

@@ -1,7 +1,7 @@
-"""One agent's values on their way through a schedule's rounds, each with a number that all of its summands must share.
+"""One agent's values in the rounds of a schedule. Each value has a version number, which all its summands must share.
 
-Whoever wants a sum lets a block of values ``enter`` after each ``advance``, tells its neighbours ``channels``, and gets
-the network's result K blocks later, or None where anything was missing on the way.
+To compute sums, call ``advance`` and then ``enter`` for each block, and send ``channels`` to the neighbours.
+``advance`` returns the network's result of the block entered K blocks before, or None if a value was missing.
 """
 
 from __future__ import annotations
@@ -20,22 +20,22 @@ Inbox = Mapping[str, Mapping[str, Array]]
 
 
 class Rounds(Protocol):
-    """Values (B, C) under way, for any kind of schedule."""
+    """Values (B, C) in progress, for any kind of schedule."""
 
     def advance(self, inbox: Inbox) -> Array | None:
-        """Do one round with the neighbours' messages; returns the result for the block that entered K blocks before."""
+        """Do one round with the neighbours' messages; return the result of the block entered K blocks before."""
 
     def enter(self, values: Array | None, version: int = 0) -> None:
-        """Enter the next block, with its number of at least 0; None if there is none."""
+        """Enter the next block, with its version number (at least 0); None if there is no block."""
 
     def clear(self) -> None:
-        """A block was missed: nothing that is under way can be completed."""
+        """Mark all values in progress as invalid, because a block was missed."""
 
     def fit(self, channels: Mapping[str, Array]) -> bool:
-        """Whether a neighbour's message about these values, if any, has the right shapes."""
+        """Whether a neighbour's arrays for these values, if any, have the right shapes."""
 
     def channels(self) -> dict[str, Array]:
-        """What to tell all neighbours."""
+        """Return the arrays to send to all neighbours."""
 
 
 def make_rounds(
@@ -47,20 +47,21 @@ def make_rounds(
     width: int,
     transports: Mapping[str, Array] | None = None,
 ) -> Rounds:
-    """One agent's share of a schedule.
+    """Make one agent's share of a schedule's rounds.
 
     Args:
-        schedule: The team's.
-        channel: Name under which neighbours hear of the values.
-        name: Of this agent.
-        neighbours: Its neighbours.
+        schedule: The team's schedule.
+        channel: Name of the values in messages.
+        name: This agent's name.
+        neighbours: Its neighbours' names.
         samples: ``B``, samples per block.
         width: ``C``, numbers per sample.
-        transports: ``X_ij`` by neighbour, shape (C, C) each: what carries its values from its frame to the agent's,
-            with ``X_ij X_jk = X_ik``. None if all agents use one frame.
+        transports: ``X_ij`` by neighbour, shape (C, C) each: transforms values from the neighbour's frame to this
+            agent's, with ``X_ij X_jk = X_ik``. None if all agents use one frame.
 
     Returns:
-        Results are in the agent's own frame; those times ``schedule.scale`` are the sums of all agents' values.
+        Rounds whose results are in the agent's own frame; multiplied by ``schedule.scale``, they are the sums of all
+        agents' values.
     """
     if isinstance(schedule, TreeSchedule):
         return TreeRounds(schedule, channel, name, neighbours, samples, width, transports)
@@ -68,7 +69,7 @@ def make_rounds(
 
 
 class StageRounds:
-    """Rounds of the Laplacian: neighbours tell each other all K blocks under way. See ``Rounds``."""
+    """Rounds with the graph Laplacian, in which neighbours exchange all K blocks in progress. See ``Rounds``."""
 
     def __init__(
         self,

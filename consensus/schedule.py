@@ -1,4 +1,4 @@
-"""Exact sums in a finite number of rounds: which gains to use in which round, chosen by cost.
+"""Schedules of rounds that give exact sums: the gains of each round, selected by cost.
 
 All schedules are rounds ``x_i <- g_i x_i + sum_j g_ij x_j`` with gains that depend on the round:
 
@@ -8,8 +8,8 @@ All schedules are rounds ``x_i <- g_i x_i + sum_j g_ij x_j`` with gains that dep
   eigenvalues: the fewest rounds that bring all disagreement below a tolerance.
 - *tree*: sums flow up a breadth-first tree to its root, and the total flows down: twice the depth in rounds.
 
-Every robot computes the same schedule from the graph that gossip has told. Large teams take the tree in any case: each
-agent has only two values under way on an edge then, however many rounds there are, and no robot needs eigenvalues.
+Every robot computes the same schedule from the graph that it learned by gossip. Large teams always use the tree: each
+edge then carries only two values per block, however many rounds there are, and no robot computes eigenvalues.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ from coheft.estimation.geometry.spatial import Array
 from coheft.wire.messages.size import MANY
 
 TOLERANCE = 1e-10
-"""Largest share of the inputs that a schedule may leave as disagreement."""
+"""Largest disagreement that a schedule may leave, as a share of the inputs."""
 _SAME_EIGENVALUE = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
 class LaplacianSchedule:
-    """Rounds ``x <- x - L x / root``.
+    """Rounds ``x <- x - L x / root`` with the graph Laplacian ``L``.
 
     Attributes:
-        kind: Where the roots are from.
+        kind: The method that gives the roots.
         neighbours: The graph.
         roots: One per round, shape (K,).
     """
@@ -45,22 +45,22 @@ class LaplacianSchedule:
 
     @property
     def rounds(self) -> int:
-        """``K``."""
+        """``K``, the number of rounds."""
         return len(self.roots)
 
     @property
     def scale(self) -> float:
-        """Factor that turns the result into the sum of all inputs."""
+        """Factor that turns the result, an average, into the sum of all inputs."""
         return float(len(self.neighbours))
 
     def gains(self, name: str, other: str) -> Array:
-        """``g_ij`` of each round, of agent ``name`` for ``other`` (or itself), shape (K,)."""
+        """Return ``g_ij`` of each round, the gains of agent ``name`` for ``other`` (or itself), shape (K,)."""
         if name == other:
             return 1.0 - len(self.neighbours[name]) / self.roots
         return float(other in self.neighbours[name]) / self.roots
 
     def error(self) -> float:
-        """Largest deviation of any agent's result from the sum of unit inputs; also from rounding on the way."""
+        """Return the largest deviation of any agent's result from the sum of unit inputs, rounding errors included."""
         matrix = laplacian(self.neighbours)
         product = np.eye(len(matrix))
         for root in self.roots:
@@ -70,11 +70,11 @@ class LaplacianSchedule:
 
 @dataclass(frozen=True, eq=False)
 class TreeSchedule:
-    """Rounds up a tree and down again.
+    """Rounds up a breadth-first tree and down again.
 
     Attributes:
-        parent: Of every name but the root's.
-        depth: Of every name, 0 for the root.
+        parent: Parent of every name except the root.
+        depth: Depth of every name, 0 for the root.
         height: The largest depth.
     """
 
@@ -83,15 +83,15 @@ class TreeSchedule:
     height: int
     kind: Literal["tree"] = "tree"
     scale: float = 1.0
-    """The result is the sum of all inputs."""
+    """Factor that turns the result into the sum of all inputs: it is that sum."""
 
     @property
     def rounds(self) -> int:
-        """``K``."""
+        """``K``, the number of rounds."""
         return 2 * self.height
 
     def gains(self, name: str, other: str) -> Array:
-        """``g_ij`` of each round, of agent ``name`` for ``other`` (or itself), shape (K,)."""
+        """Return ``g_ij`` of each round, the gains of agent ``name`` for ``other`` (or itself), shape (K,)."""
         above = self.parent.get(name)
         gains = np.full(self.rounds, float(name == other))
         if above is not None and other in (name, above):
@@ -101,7 +101,7 @@ class TreeSchedule:
         return gains
 
     def error(self) -> float:
-        """Zero: a tree only adds."""
+        """Return zero: a tree only adds."""
         return 0.0
 
 
@@ -109,7 +109,7 @@ Schedule = LaplacianSchedule | TreeSchedule
 
 
 def choose_schedule(neighbours: Neighbours, tolerance: float = TOLERANCE) -> Schedule:
-    """The schedule with the fewest rounds among those that are exact to the tolerance; of large teams the tree."""
+    """Return the schedule with the fewest rounds that is exact to the tolerance; for large teams the tree."""
     by_tree = tree(neighbours)
     if len(neighbours) > MANY:
         return by_tree
@@ -120,14 +120,16 @@ def choose_schedule(neighbours: Neighbours, tolerance: float = TOLERANCE) -> Sch
 
 
 def finite_time(neighbours: Neighbours) -> Schedule:
-    """Rounds with the Laplacian's eigenvalues."""
+    """Return the schedule whose roots are the Laplacian's distinct non-zero eigenvalues."""
     eigenvalues = np.linalg.eigvalsh(laplacian(neighbours))[1:]
     distinct = eigenvalues[np.append(True, np.diff(eigenvalues) > _SAME_EIGENVALUE * eigenvalues[-1])]
     return LaplacianSchedule("finite time", neighbours, _in_leja_order(distinct))
 
 
 def chebyshev(neighbours: Neighbours, tolerance: float) -> Schedule:
-    """Rounds with the roots of the Chebyshev polynomial that is just small enough on the spectrum."""
+    """Return the schedule whose roots are those of the Chebyshev polynomial that is within tolerance on the
+    spectrum.
+    """
     eigenvalues = np.linalg.eigvalsh(laplacian(neighbours))
     low, high = eigenvalues[1], eigenvalues[-1]
     middle, half = 0.5 * (high + low), 0.5 * (high - low)
@@ -140,7 +142,7 @@ def chebyshev(neighbours: Neighbours, tolerance: float) -> Schedule:
 
 
 def tree(neighbours: Neighbours) -> TreeSchedule:
-    """Up a breadth-first tree and down again; its root is the graph's centre."""
+    """Return the schedule of a breadth-first tree whose root is the graph's centre."""
     root = centre(neighbours)
     depth = distances(neighbours, root)
     parent = {
@@ -152,7 +154,7 @@ def tree(neighbours: Neighbours) -> TreeSchedule:
 
 
 def _in_leja_order(points: Array) -> Array:
-    """Each next point has the largest product of distances to those before: partial products stay small."""
+    """Return points in Leja's order: each next one maximizes the product of distances to those before it."""
     return np.array(list(_leja(points)))
 
 

@@ -1,7 +1,7 @@
-"""Sums up a tree and down again: of all blocks under way, an edge carries one subtotal up and one total down.
+"""Sums up a tree and down again: in each block, an edge carries one subtotal up and one total down.
 
-An agent's own value of a block waits until its children's subtotals of that block come; the total waits until all
-have it, so that it leaves everywhere in the same block. Nothing grows with the number of agents but the waiting.
+An agent keeps its own value of a block until its children's subtotals of that block arrive. It delays the total so that
+all agents output it in the same block. With the number of agents only these delays grow, not the messages.
 """
 
 from __future__ import annotations
@@ -20,14 +20,16 @@ _NO_VERSION = -1
 
 @dataclass(frozen=True, eq=False)
 class _Value:
-    """Values (B, C) of a block, and the number that all their summands share."""
+    """Values (B, C) of a block, and the version number that all their summands share."""
 
     values: Array
     version: int
 
 
 class TreeRounds:
-    """One agent's share. See ``coheft.consensus.rounds.Rounds``, and ``make_rounds`` for the arguments."""
+    """One agent's share of the sums over a tree. See ``coheft.consensus.rounds.Rounds``; arguments as of
+    ``make_rounds``.
+    """
 
     def __init__(
         self,
@@ -48,7 +50,8 @@ class TreeRounds:
         self._children = tuple(other for other in neighbours if schedule.parent.get(other) == name)
         depth, height = schedule.depth[name], schedule.height
         self._wait = height - depth
-        # Own values until the children's subtotals come, the numbers of those whose total has not come, and totals.
+        # Own values without the children's subtotals, versions of blocks whose total has not arrived, and delayed
+        # totals.
         self._waiting: deque[_Value | None] = deque([None] * self._wait, maxlen=self._wait)
         self._expected = deque([_NO_VERSION] * (height + depth), maxlen=height + depth)
         self._totals: deque[_Value | None] = deque([None] * self._wait, maxlen=self._wait)
@@ -63,7 +66,7 @@ class TreeRounds:
         if self._parent is None:
             self._down = self._up
         else:
-            self._down = self._heard(inbox, self._parent, self._down_channel, 1, expected)
+            self._down = self._received(inbox, self._parent, self._down_channel, 1, expected)
         total = self._down
         if self._wait:
             total = self._totals.pop()
@@ -71,15 +74,15 @@ class TreeRounds:
         return None if total is None else total.values
 
     def _with_children(self, value: _Value | None, inbox: Mapping[str, Mapping[str, Array]]) -> _Value | None:
-        """An own value and the children's subtotals of the same block; None if one of them is missing."""
+        """Return an own value plus the children's subtotals of the same block; None if one is missing."""
         for child in self._children:
             if value is None:
                 return None
-            subtotal = self._heard(inbox, child, self._up_channel, 0, value.version)
+            subtotal = self._received(inbox, child, self._up_channel, 0, value.version)
             value = None if subtotal is None else _Value(value.values + subtotal.values, value.version)
         return value
 
-    def _heard(
+    def _received(
         self, inbox: Mapping[str, Mapping[str, Array]], sender: str, name: str, place: int, version: int
     ) -> _Value | None:
         channels, transport = inbox.get(sender, {}), self._transports.get(sender)

@@ -1,6 +1,6 @@
-"""The physics server: the payload, the robots' low-level impedance, sensors and loads.
+"""The physics server: the payload, the robots' arms with impedance control, sensors and loads.
 
-It knows nothing of agents; what it sends them and hears from them is defined in ``coheft.wire``.
+It does not depend on the agents; ``coheft.wire`` defines the messages that it exchanges with them.
 """
 
 from __future__ import annotations

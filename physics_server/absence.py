@@ -1,4 +1,4 @@
-"""Robots whose link was lost while the run goes on, and how long their return is waited for."""
+"""Robots whose link is lost during a run, and how long to wait for their return."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import time
 
 
 class Absences:
-    """Who is away.
+    """Keeps track of robots whose link is lost.
 
     Args:
-        limit: How long a return is waited for [s].
+        limit: Time to wait for a robot's return [s].
     """
 
     def __init__(self, limit: float) -> None:
@@ -18,27 +18,27 @@ class Absences:
         self._given_up: set[str] = set()
 
     def begin(self, name: str) -> None:
-        """A robot has gone; it may come and go until it is back."""
+        """Note that a robot's link is lost; the deadline for its return counts from the first loss."""
         if name not in self._given_up:
             self._waited_for.setdefault(name, time.monotonic() + self._limit)
 
     def end(self, name: str) -> None:
-        """It is back."""
+        """Note that a robot is back."""
         self._waited_for.pop(name, None)
         self._given_up.discard(name)
 
     @property
     def waited_for(self) -> list[str]:
-        """Robots that may still come back in time."""
+        """Robots that are away and may still return in time."""
         return list(self._waited_for)
 
     @property
     def given_up(self) -> set[str]:
-        """Robots that did not."""
+        """Robots that did not return in time."""
         return self._given_up
 
     def give_up(self) -> list[str]:
-        """Give up those that have been away for too long, and name them."""
+        """Give up robots that have been away for too long; return their names."""
         now = time.monotonic()
         names = [name for name, deadline in self._waited_for.items() if deadline <= now]
         for name in names:

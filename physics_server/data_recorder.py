@@ -1,4 +1,4 @@
-"""Keeps what all robots measured, for a data file: what an experimenter has on disk after an experiment."""
+"""Recording of all robots' measurements for a data file, as an experiment with real robots would produce it."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from coheft.wire.scenario.schema import Scenario
 
 
 class DataRecorder:
-    """Collects blocks. Robots with encoders record poses and forces; others gyro, velocity, acceleration and wrench.
+    """Collects blocks. Robots with encoders record poses and forces; others twist, acceleration and wrench.
 
-    The torque of robots with encoders is zero, as their gimbals transmit none, and gravity is (0, 0, -9.81) in their
+    The torque of robots with encoders is zero, because their gimbals transmit none. Gravity is (0, 0, -9.81) in their
     home frames, which are level: ``check_encoders`` refuses other scenarios.
     """
 
@@ -28,7 +28,7 @@ class DataRecorder:
         self._loads: list[tuple[float, PayloadTruth]] = []
 
     def add(self, result: BlockResult) -> None:
-        """Keep one block, the next of the run."""
+        """Add the next block of the run."""
         if result.wrists is not None:
             self._samples.append(result.wrists.numbers())
         else:
@@ -39,7 +39,7 @@ class DataRecorder:
             self._loads.append((result.truth.time - self._scenario.block_duration, payload))
 
     def recording(self) -> Recording:
-        """All blocks so far."""
+        """Return a recording of all blocks so far."""
         samples = np.concatenate(self._samples)
         time = np.arange(len(samples)) / self._scenario.sensors.rate
         grasps = [Pose(r, p) for r, p in zip(self._scene.rotations, self._scene.translations, strict=True)]

@@ -1,4 +1,4 @@
-"""Which estimator all robots of a run use."""
+"""The estimator that all robots of a run use."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from coheft.wire.scenario.schema import Scenario
 
 
 class EstimatorChoice:
-    """The scenario's own estimator, until the operator chooses another one.
+    """The scenario's estimator, until the operator selects another one.
 
     Args:
-        scenario: What is run.
+        scenario: The scenario of the run.
 
     Attributes:
-        chosen: The one to use from the next block on.
-        available: Those that may be chosen.
+        chosen: Name of the estimator to use from the next block on.
+        available: Names of the estimators that may be chosen.
     """
 
     def __init__(self, scenario: Scenario) -> None:
@@ -28,19 +28,19 @@ class EstimatorChoice:
         self.available = usable_in_run(scenario.estimator)
 
     def choose(self, estimator: str) -> None:
-        """Choose another one.
+        """Select another estimator.
 
         Raises:
-            ScenarioError: It cannot do what the scenario asks of the robots.
-            CoheftError: The robots of this run do not have it, or use it already.
+            ScenarioError: The estimator does not support the scenario.
+            CoheftError: It is not available in this run, or in use already.
         """
         if estimator not in self.available:
             raise CoheftError(
-                f"this run has no estimator {estimator!r}; there are: {', '.join(self.available)}."
-                f"{did_you_mean(estimator, self.available)} One of your own has to be the one that the run begins with"
+                f"this run has no estimator {estimator!r}; available: {', '.join(self.available)}."
+                f"{did_you_mean(estimator, self.available)} A user's estimator has to be the one used from the start"
             )
         if estimator == self.chosen:
-            raise CoheftError(f"the robots use the estimator '{estimator}' already")
+            raise CoheftError(f"the robots already use the estimator '{estimator}'")
         scenario = structs.replace(self._scenario, estimator=estimator)
         check_scenario(scenario, f"scenario '{scenario.name}'")
         self.chosen = estimator

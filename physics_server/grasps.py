@@ -1,4 +1,4 @@
-"""Where the robots hold the payload, which changes when a grasp slips."""
+"""The robots' grasps on the payload, which change when one slips."""
 
 from __future__ import annotations
 
@@ -15,15 +15,16 @@ class Grasps:
     """The grasp frames of N robots in the payload's frame.
 
     Args:
-        robots: Their names.
-        poses: Of their grasp frames.
-        model: In which each robot's sites, the grasp's and its sensors', lie on the payload and begin with its name.
+        robots: The robots' names.
+        poses: Poses of their grasp frames.
+        model: The engine's model. Sites of a robot on the payload (grasp and sensors) have names that begin with its
+            own.
 
     Attributes:
-        poses: As they are now.
-        rotations: Of these, shape (N, 3, 3).
-        adjoints: Of these, shape (N, 6, 6).
-        slipped: Of robots whose grasps have slipped.
+        poses: The present poses.
+        rotations: Their rotations, shape (N, 3, 3).
+        adjoints: Their adjoints, shape (N, 6, 6).
+        slipped: Present grasps of robots whose grasp has slipped.
     """
 
     def __init__(self, robots: Sequence[str], poses: Sequence[Pose], model: mujoco.MjModel) -> None:
@@ -34,7 +35,7 @@ class Grasps:
         self.slipped: dict[str, SlippedGrasp] = {}
 
     def slip(self, robot: str, slip: Pose) -> None:
-        """Let a grasp slip; ``slip`` is the pose of its frame after it in the one before."""
+        """Move a robot's grasp; ``slip`` is the pose of the new grasp frame in the previous one."""
         number, model = self._robots.index(robot), self._model
         before = self.poses[number]
         after = before @ slip

@@ -1,4 +1,4 @@
-"""What ends a simulation: controls that the engine cannot use, and a payload that the robots have lost."""
+"""Checks that end a simulation: controls that the engine cannot use, and a payload that the robots have lost."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from coheft.wire.scenario.strength import MAX_ANGLE, MAX_DISTANCE
 
 
 def check_controls(controls: Array, pushed: Array, names: Sequence[str], time: float) -> None:
-    """Check what the engine would answer, in silence, by letting all arms go: one bad number.
+    """Check that controls are finite and below the engine's limit; the engine itself would release all arms silently.
 
     Args:
-        controls: Of the springs of N arms, shape (steps, 6 N).
-        pushed: What arms push with besides, shape (N, 6).
-        names: Of the robots.
-        time: When the block begins [s].
+        controls: Controls of the springs of N arms, shape (steps, 6 N).
+        pushed: Feed-forward wrenches of the arms, shape (N, 6).
+        names: The robots' names.
+        time: Start of the block [s].
 
     Raises:
-        SimulationError: There is one.
+        SimulationError: They are not.
     """
     if max(np.abs(controls).max(), np.abs(pushed).max()) < mujoco.mjMAXVAL:
         return
@@ -34,7 +34,7 @@ def check_controls(controls: Array, pushed: Array, names: Sequence[str], time: f
     largest = np.maximum(springs, np.abs(pushed).max(axis=1))
     bad = [name for name, value in zip(names, largest, strict=True) if not value < mujoco.mjMAXVAL]
     raise SimulationError(
-        f"at {time:.3f} s references of {', '.join(bad)} hold numbers that are not finite, or not below "
+        f"at {time:.3f} s references of {', '.join(bad)} contain numbers that are not finite or not below "
         f"{mujoco.mjMAXVAL:g}"
     )
 
@@ -43,23 +43,23 @@ def check_held(position: Array, others: Iterable[Array], time: float) -> None:
     """Check that the robots still hold the payload.
 
     Args:
-        position: Of the payload: position [m], quaternion, shape (7,).
-        others: What else has to be finite.
-        time: When the block ends [s].
+        position: Position [m] and quaternion of the payload, shape (7,).
+        others: Other arrays that have to be finite.
+        time: End of the block [s].
 
     Raises:
-        SimulationError: They do not.
+        SimulationError: They have lost it.
     """
     distance = math.dist(position[:3], PAYLOAD_HOME.translation)
     angle = 2.0 * math.atan2(math.hypot(*position[4:]), abs(position[3]))
     if not all(map(is_finite, (position, *others))):
         found = "its motion is no longer finite"
     elif distance > MAX_DISTANCE or angle > MAX_ANGLE:
-        found = f"it is {distance:.1f} m away from its home and turned by {math.degrees(angle):.0f} degrees"
+        found = f"it is {distance:.1f} m from its home and rotated by {math.degrees(angle):.0f} degrees"
     else:
         return
     raise SimulationError(
-        f"at {time:.3f} s the robots have lost the payload: {found}. Likely causes: references too large or too "
-        f"unlike each other, a load too heavy or too far out, or damping too strong for so light a payload at "
-        f"{PHYSICS_RATE} steps a second"
+        f"at {time:.3f} s the robots have lost the payload: {found}. Likely causes: references that are too large or "
+        f"contradict each other, a load too heavy or too far out, or too much damping for so light a payload at "
+        f"{PHYSICS_RATE} steps per second"
     )

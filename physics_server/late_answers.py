@@ -1,4 +1,4 @@
-"""Answers that come too late: counted, and told now and then."""
+"""Counting and occasional reporting of answers that arrive too late."""
 
 from __future__ import annotations
 
@@ -6,42 +6,42 @@ from collections import Counter
 from collections.abc import Sequence
 
 TELL_EVERY = 5.0
-"""Time between two lines about them [s]; they come in real time only."""
+"""Time between two reports [s]; answers are late only in real time."""
 
 
 class LateAnswers:
-    """References that were not there when their block was simulated.
+    """Counts references that had not arrived when their block was simulated.
 
     Attributes:
-        count: How many, of all robots together.
+        count: Number of late references, over all robots.
     """
 
     def __init__(self) -> None:
         self.count = 0
-        self._untold: Counter[str] = Counter()
-        self._told_at: float | None = None
+        self._unreported: Counter[str] = Counter()
+        self._reported_at: float | None = None
 
     def add(self, names: Sequence[str], time: float) -> str | None:
-        """Count the robots that were too late for a block.
+        """Count the robots whose references are late for a block.
 
         Args:
-            names: Of them; often none.
-            time: When the block begins [s].
+            names: Their names; usually none.
+            time: Start of the block [s].
 
         Returns:
-            What is to be told now: the first one, then how many there have been.
+            The text to report now, None if there is none: the first late answer at once, later ones as a number.
         """
         self.count += len(names)
-        self._untold.update(names)
-        if not self._untold:
+        self._unreported.update(names)
+        if not self._unreported:
             return None
-        if self._told_at is None:
-            text = f"{', '.join(names)} answered too late at {time:.2f} s; from here on this is counted"
-        elif time >= self._told_at + TELL_EVERY:
-            most, _ = self._untold.most_common(1)[0]
-            text = f"{self.count} answers have come too late in the first {time:.1f} s; of the newest, most from {most}"
+        if self._reported_at is None:
+            text = f"{', '.join(names)} answered too late at {time:.2f} s; further late answers are counted"
+        elif time >= self._reported_at + TELL_EVERY:
+            most, _ = self._unreported.most_common(1)[0]
+            text = f"{self.count} answers were late in the first {time:.1f} s; of the newest, most came from {most}"
         else:
             return None
-        self._untold.clear()
-        self._told_at = time
+        self._unreported.clear()
+        self._reported_at = time
         return text

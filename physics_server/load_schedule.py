@@ -1,4 +1,4 @@
-"""Which changes of the load and of grasps a scenario brings, and at which block."""
+"""The scenario's changes of the load and slips of grasps, by block."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from coheft.wire.scenario.schema import LoadChange, Scenario, Slip
 
 
 class LoadSchedule:
-    """The load changes of a scenario, in order of time.
+    """The load changes and slips of a scenario, in order of time.
 
     Raises:
-        ScenarioError: They cannot all be made.
+        ScenarioError: Some of them cannot be made.
     """
 
     def __init__(self, scenario: Scenario) -> None:
@@ -21,13 +21,13 @@ class LoadSchedule:
         self._slips = sorted(scenario.slips, key=lambda slip: slip.at)
 
     def due(self, block: int) -> list[LoadChange]:
-        """Hand out the changes whose first block border not before their time is the start of this block."""
+        """Remove and return the load changes that are due at the start of this block."""
         due = [change for change in self._pending if first_border(change.at, self._block_duration) <= block]
         self._pending = self._pending[len(due) :]
         return due
 
     def slips(self, block: int) -> list[Slip]:
-        """Hand out the slips that are due likewise."""
+        """Remove and return the slips that are due at the start of this block."""
         due = [slip for slip in self._slips if first_border(slip.at, self._block_duration) <= block]
         self._slips = self._slips[len(due) :]
         return due

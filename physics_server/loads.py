@@ -1,4 +1,4 @@
-"""Loads that are put onto the payload and taken away while it moves."""
+"""Loads that are added to the payload and removed while it moves."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ def _slot_name(slot: int) -> str:
 def add_slots(payload: mujoco.MjsBody, count: int) -> None:
     """Add massless, invisible bodies fixed to the payload, each of which can become a load later.
 
-    Editing a slot's mass, place and inertia is exact: the engine derives nothing from them when it compiles, while
-    an edit of the payload's own body would need its inertia frame to be derived anew.
+    Editing mass, position and inertia of such a slot is exact. Editing the payload's own body would require the engine
+    to derive its inertia frame again.
     """
     for slot in range(count):
         body = payload.add_body(name=_slot_name(slot))
@@ -45,12 +45,13 @@ def add_slots(payload: mujoco.MjsBody, count: int) -> None:
 
 
 class Loads:
-    """The loads on the payload; edits the running simulation.
+    """The loads on the payload. Changes edit the running simulation.
 
-    Loads are homogeneous boxes in the axes of the payload's frame, numbered from 1 as they come.
+    Loads are homogeneous boxes with the axes of the payload's frame, numbered from 1 in the order in which they are
+    added.
 
     Attributes:
-        inertia: Mass properties of payload and loads together, in the payload's frame.
+        inertia: Mass properties of the payload with its loads, in the payload's frame.
     """
 
     inertia: Inertia
@@ -67,32 +68,32 @@ class Loads:
 
     @property
     def states(self) -> list[LoadState]:
-        """Loads that lie on the payload, oldest first."""
+        """The loads on the payload, oldest first."""
         return sorted((load for load in self._slots if load is not None), key=lambda load: load.id)
 
     @property
     def slots_free(self) -> int:
-        """How many more loads the payload can take."""
+        """Number of loads that can still be added."""
         return self._slots.count(None)
 
     def put(
         self, mass: float, position: Vector, size: Vector, leak: float = 0.0, strength: Strength | None = None
     ) -> LoadState:
-        """Fix a load, at rest in the world until then, to the moving payload.
+        """Attach a load that was at rest in the world to the moving payload.
 
-        The impact keeps the momentum of all that moves, but for the impulses ``z`` with which welds (Jacobian ``J``)
-        keep hands on the payload: ``M_new v_new = M_old v_old + J^T z`` and ``J v_new = 0``, with the generalised
-        velocity ``v`` and inertia ``M``.
+        The impact conserves the generalized momentum, apart from the impulses ``z`` of the welds (Jacobian ``J``) that
+        keep the hands on the payload: ``M_new v_new = M_old v_old + J^T z`` and ``J v_new = 0``, with the generalized
+        velocity ``v`` and the mass matrix ``M``.
 
         Args:
-            mass: [kg].
-            position: Of its centre in the payload's frame [m].
+            mass: Mass [kg].
+            position: Position of its centre in the payload's frame [m].
             size: Its edge lengths [m].
-            leak: What it loses [kg/s], see ``leak``.
-            strength: Of the arms that hold the payload; None: they hold everything.
+            leak: Rate at which it loses mass [kg/s], see ``leak``.
+            strength: Strength of the arms that hold the payload; None if it is unlimited.
 
         Raises:
-            LoadError: There can be no such load, or no slot is free, or the arms cannot hold it up.
+            LoadError: The load is invalid, no slot is free, or the arms cannot hold it.
         """
         _check(mass, position, size, leak)
         complaint = self._extent.complaint(position)
@@ -103,14 +104,14 @@ class Loads:
             raise LoadError(f"size of a load is {tuple(size)} m, which {complaint}")
         if not self.slots_free:
             raise LoadError(
-                f"all {len(self._slots)} load slots of the payload are taken: remove one of the loads "
-                f"{_ids(self.states)}, or give the scenario more 'payload.load_slots'"
+                f"all {len(self._slots)} load slots of the payload are in use: remove one of the loads "
+                f"{_ids(self.states)}, or increase the scenario's 'payload.load_slots'"
             )
         load = LoadState(self._next_id, float(mass), _vector(position), _vector(size), float(leak))
         with np.errstate(over="ignore", invalid="ignore"):
             together = combined([self.inertia, _inertia_of(load)]).spatial()
         if not np.isfinite(together).all():
-            raise LoadError(f"inertia of a load of {mass} kg at {tuple(position)} m overflows: give smaller numbers")
+            raise LoadError(f"inertia of a load of {mass} kg at {tuple(position)} m overflows: use smaller numbers")
         complaint = strength.complaint(_inertia_of(load), self.inertia) if strength is not None else ""
         if complaint:
             raise LoadError(f"mass of a load is {mass:g} kg at {tuple(position)} m, which is {complaint}")
@@ -121,44 +122,44 @@ class Loads:
         return load
 
     def take(self, load_id: int) -> LoadState:
-        """Let a load go. The twist of the payload stays: the load leaves with the velocity that it has.
+        """Remove a load. The payload keeps its twist: the load leaves with the velocity that it has.
 
         Raises:
-            LoadError: There is no such load.
+            LoadError: There is no load with this number.
         """
         for slot, load in enumerate(self._slots):
             if load is not None and load.id == load_id:
                 self._fill(slot, None)
                 return load
-        there = f"the loads are {_ids(self.states)}" if self.states else "there are no loads"
-        raise LoadError(f"there is no load {load_id}: {there}")
+        available = f"the loads are {_ids(self.states)}" if self.states else "there are no loads"
+        raise LoadError(f"there is no load {load_id}: {available}")
 
     def leak(self, duration: float) -> None:
-        """Let all loads lose what leaks out of them in that time [s], down to nothing.
+        """Reduce all loads by what leaks out of them in ``duration`` [s], down to zero.
 
-        As in ``take``, the twist of the payload stays: what leaves keeps the velocity that it has. The rest is a
-        homogeneous box of the same size. An empty load keeps its slot until it is taken away.
+        As in ``take``, the payload keeps its twist. The rest of a load is a homogeneous box of the same size. An empty
+        load keeps its slot until it is removed.
         """
         for slot, load in enumerate(self._slots):
             if load is not None and load.leak > 0.0 and load.mass > 0.0:
                 self._fill(slot, msgspec.structs.replace(load, mass=max(0.0, load.mass - load.leak * duration)))
 
     def _momentum(self) -> Array:
-        """Generalised momentum, shape (nv,)."""
+        """Return the generalized momentum, shape (nv,)."""
         model, data = self._model, self._data
-        mujoco.mj_fwdPosition(model, data)  # until then the engine knows the state before its last step
+        mujoco.mj_fwdPosition(model, data)  # the engine's derived quantities are from before its last step
         momentum = np.empty(model.nv)
         mujoco.mj_mulM(model, data, momentum, data.qvel)
         return momentum
 
     def _set_momentum(self, momentum: Array) -> None:
-        """Set the velocities that a generalised momentum (nv,) and the impulses of welds lead to."""
+        """Set the velocities that result from a generalized momentum (nv,) and the impulses of the welds."""
         model, data = self._model, self._data
         mujoco.mj_fwdPosition(model, data)
         jacobian = np.empty((data.nefc, model.nv))
         for row, unit in zip(jacobian, np.eye(data.nefc), strict=True):
             mujoco.mj_mulJacTVec(model, data, row, unit)
-        # Rows: how velocities follow from the momentum, then from each weld's impulse.
+        # First row: velocities due to the momentum; then one row per weld impulse.
         velocities = np.empty((1 + data.nefc, model.nv))
         mujoco.mj_solveM(model, data, velocities, np.vstack([momentum, jacobian]))
         free, by_impulse = velocities[0], velocities[1:]
@@ -188,12 +189,14 @@ class Loads:
 
 
 def _inertia_of(load: LoadState) -> Inertia:
-    """Mass properties of a load in the payload's frame."""
+    """Return a load's mass properties in the payload's frame."""
     return Inertia.of_box(load.mass, load.size, Pose(np.eye(3), np.array(load.position)))
 
 
 def _extent(model: mujoco.MjModel, body: int, payload: Inertia) -> Extent:
-    """Of the boxes that a payload is made of, or else of a box with its mass properties, as scenarios are checked."""
+    """Return the extent of a payload's boxes or, without boxes, of a box with its mass properties, as in scenario
+    checks.
+    """
     geoms = np.flatnonzero(model.geom_bodyid == body)
     if not geoms.size:
         return Extent.like(MassProperties.of(payload))

@@ -1,4 +1,4 @@
-"""What somebody asked of the server, for its log and for people."""
+"""Descriptions of requests to the server, for the log and for messages."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from coheft.wire.messages.structs import Message
 
 
 def in_words(request: Message) -> str:
-    """The request in a few words."""
+    """Describe a request in a few words."""
     match request:
         case InjectRequest(mass=mass, position=(x, y, z)):
-            return f"put {mass:g} kg onto the payload at ({x:g}, {y:g}, {z:g}) m"
+            return f"add a load of {mass:g} kg at ({x:g}, {y:g}, {z:g}) m"
         case RemoveRequest(load=load):
-            return f"take load {load} away"
+            return f"remove load {load}"
         case HoldRequest(robot=robot, holding=holding):
-            return f"let {robot} {'take hold again' if holding else 'let go'}"
+            return f"let {robot} {'grasp the payload again' if holding else 'release the payload'}"
         case EstimatorRequest(estimator=estimator):
             return f"use the estimator {estimator!r}"
         case PauseRequest(paused=paused):
-            return "pause the run" if paused else "let the run go on"
+            return "pause the run" if paused else "resume the run"
         case StopRequest():
             return "stop the run"
     return f"a request of kind {type(request).__name__}"

@@ -1,4 +1,4 @@
-"""All robots of a run as the server sees them: who takes part, who is late, who is silent, who is away."""
+"""All robots of a run as the server sees them: which take part, and which are late, silent or away."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from coheft.wire.process.problem_log import ProblemLog
 from coheft.wire.transport.robot_link import RobotLink
 
 ANSWER_LIMIT = 10.0
-"""A robot that has not answered for so long is reported [s]."""
+"""Time without an answer after which a robot is reported [s]."""
 
 
 class Robots:
     """The links of all robots.
 
     Args:
-        links: One per robot.
-        problems: Where it is told what is wrong with them.
-        return_limit: How long the return of one that is lost is waited for [s].
+        links: One link per robot.
+        problems: Log for problems with the robots.
+        return_limit: Time to wait for the return of a lost robot [s].
     """
 
     def __init__(self, links: Iterable[RobotLink], problems: ProblemLog, return_limit: float) -> None:
@@ -31,27 +31,27 @@ class Robots:
         self._problems = problems
         self._return_limit = return_limit
         self._absences = Absences(return_limit)
-        self._is_under_way = False
-        self._over: str | None = None
+        self._is_running = False
+        self._stop_reason: str | None = None
         self._next = 0
         self._silent_since = math.inf
         self._late = LateAnswers()
 
     def go_on(self) -> None:
-        """Time runs from now on, for the first time or after a pause."""
-        self._is_under_way = True
+        """Note that time runs from now on, at first or after a pause."""
+        self._is_running = True
         self._silent_since = time.monotonic()
 
     def send_stop(self, reason: str) -> None:
-        """Tell all that the run is over, and those that come back later."""
-        self._is_under_way, self._over = False, reason
+        """Tell all robots that the run is over; robots that come back later are told on arrival."""
+        self._is_running, self._stop_reason = False, reason
         for link in self._links.values():
             link.send_stop(reason)
 
-    # --- what they say ---
+    # --- their messages ---
 
     def take(self, name: str, message: Message) -> None:
-        """Take in what a robot said; it may be back."""
+        """Process a robot's message; if the robot has returned, it takes part again."""
         link = self._links[name]
         was_ready = link.is_ready
         try:
@@ -60,19 +60,19 @@ class Robots:
             self._problems.tell(f"refused from {name}: {error}")
         if was_ready or not link.is_ready:
             return
-        if self._over is not None:
-            link.send_stop(self._over)
-        elif self._is_under_way:
+        if self._stop_reason is not None:
+            link.send_stop(self._stop_reason)
+        elif self._is_running:
             self._absences.end(name)
             link.join(self._next)
             self._problems.tell(f"{name} is back before block {self._next}")
 
     def note_links(self, name: str, count: int) -> None:
-        """Note how many processes are at the other end of a robot's link."""
+        """Note the number of processes at the other end of a robot's link."""
         link = self._links[name]
         answered = link.answered
         link.note_links(count)
-        if count == 0 and self._is_under_way:
+        if count == 0 and self._is_running:
             self._absences.begin(name)
             self._problems.tell(f"lost the link with {name}, which had answered block {answered}")
 
@@ -80,11 +80,11 @@ class Robots:
 
     @property
     def late_references(self) -> int:
-        """References that came too late, over all robots: several in a block for which several robots were late."""
+        """Number of references that were late, summed over all robots."""
         return self._late.count
 
     def take_references(self, block: int, moment: float) -> dict[str, Reference]:
-        """What their arms shall do during a block, which begins at that moment [s], as far as it has come."""
+        """Return the references of a block that have arrived, by robot; ``moment`` is the start of the block [s]."""
         references, late = {}, []
         for name, link in self._links.items():
             reference = link.take_reference(block)
@@ -97,49 +97,49 @@ class Robots:
         return references
 
     def send_measurements(self, measurements: Mapping[str, Measurements], block: int, estimator: str) -> None:
-        """Send each that takes part its own measurements of a block, and the estimator to use."""
+        """Send each participating robot its own measurements of a block, and the estimator to use."""
         for name, link in self._links.items():
             if link.is_ready:
                 link.send_measurements(measurements[name], estimator)
         self._next = block + 1
         self._silent_since = time.monotonic()
 
-    # --- who is missing ---
+    # --- missing robots ---
 
     @property
     def answered(self) -> int | None:
-        """The newest block that all who take part have answered; None if no robot does."""
+        """The newest block that all participating robots have answered; None if no robot takes part."""
         return min((link.answered for link in self._links.values() if link.is_ready), default=None)
 
     @property
     def not_ready(self) -> list[str]:
-        """Robots without which the run does not begin."""
+        """Robots that the start of the run still waits for."""
         return [name for name, link in self._links.items() if not link.is_settled]
 
     @property
     def in_debt(self) -> list[str]:
-        """Robots that are there, but have not answered the latest block."""
+        """Robots that are linked but have not answered the latest block."""
         return [name for name, link in self._links.items() if link.is_linked and link.owes_answer]
 
     @property
     def away(self) -> list[str]:
-        """Robots that are lost, and may still come back in time."""
+        """Robots that are lost and may still return in time."""
         return self._absences.waited_for
 
     def check(self) -> None:
-        """Report robots that have not answered for long, and go on without those that are away for too long.
+        """Report robots that have not answered for long, and continue without those that have been away for too long.
 
         Raises:
-            LinkError: All are.
+            LinkError: All robots have been away for too long.
         """
         self._report_silence()
         for name in self._absences.give_up():
-            self._problems.tell(f"{name} did not come back within {self._return_limit:g} s: the run goes on without it")
+            self._problems.tell(f"{name} did not return within {self._return_limit:g} s: the run continues without it")
         if len(self._absences.given_up) == len(self._links):
-            raise LinkError(f"all robots are gone, and none came back within {self._return_limit:g} s")
+            raise LinkError(f"all robots are lost, and none returned within {self._return_limit:g} s")
 
     def _report_silence(self) -> None:
-        """Tell observers, once, of robots that have not answered for long."""
+        """Report robots that have not answered for long, once."""
         if time.monotonic() - self._silent_since < ANSWER_LIMIT:
             return
         self._silent_since = math.inf

@@ -1,4 +1,4 @@
-"""The scene: a free payload, the robots' grasps on it, and what the engine needs to simulate both."""
+"""The scene: a free payload, the robots' grasps on it, and what the engine needs to simulate them."""
 
 from __future__ import annotations
 
@@ -17,34 +17,35 @@ from coheft.wire.scenario.payload import Payload
 from coheft.wire.scenario.schema import PHYSICS_RATE, Scenario
 
 PAYLOAD_HOME = Pose(np.eye(3), np.array([0.0, 0.0, 1.0]))
-"""Pose of the payload's frame in the world at the start; the robots' home frames lie where their grasps are then."""
+"""Initial pose of the payload's frame in the world. The robots' home frames are the initial poses of their grasps."""
 
 PAYLOAD = "payload"
 
 
 def home_name(robot: str) -> str:
-    """Name of the site that is the robot's home frame; the grasp site has the robot's own name."""
+    """Return the name of the site of the robot's home frame; the grasp site has the robot's own name."""
     return f"{robot}_home"
 
 
 def build_model(scenario: Scenario, grasps: Sequence[Pose], errors: SensorErrors) -> mujoco.MjModel:
-    """Compile the scene. Nothing in it collides, and nothing but welds is constrained.
+    """Compile the scene. Nothing collides, and welds are the only constraints.
 
     Args:
-        scenario: What to simulate.
+        scenario: The scenario to simulate.
         grasps: Pose of each robot's grasp in the payload's frame.
-        errors: Of sensors: they say where sensors are.
+        errors: Sensor errors, which include the positions of sensors.
     """
     spec = mujoco.MjSpec()
     spec.modelname = scenario.name
     spec.option.timestep = 1.0 / PHYSICS_RATE
     disable = mujoco.mjtDisableBit
-    # Without the automatic reset a payload that runs away is seen, instead of starting anew in silence.
+    # Without the automatic reset, a payload that diverges is noticed; the engine would silently restart.
     spec.option.disableflags = disable.mjDSBL_CONTACT | disable.mjDSBL_AUTORESET
     has_joints = scenario.robots.arms == "seven-joint"
     if has_joints:
-        # With Euler's method hands drift off the payload by some h² each step, which welds make up for by a motion that
-        # the payload does not have; and joints' damping makes arms move otherwise than accelerometers read.
+        # With Euler's method, hands drift off the payload by about h² per step. Welds correct this by a motion that the
+        # payload does not have. Joint damping would also make the arms' motion differ from the accelerometers'
+        # readings.
         spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
     else:
         spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER

@@ -1,4 +1,4 @@
-"""The true errors of all robots' sensors, which no robot is told."""
+"""The true errors of all robots' sensors, which the robots do not know."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from coheft.wire.scenario.schema import Scenario
 
 @dataclass(frozen=True, eq=False)
 class SensorErrors:
-    """What the sensors of N robots make of what there is.
+    """Errors of the sensors of N robots.
 
     Attributes:
-        offsets: Of each column of a sample, shape (N, 15).
-        matrices: What each sensor makes of what it should read, shape (N, 5, 3, 3).
-        velocity_places, acceleration_places: Where these sensors are in the grasp frame, shape (N, 3) [m].
-        delays: Of motion sensors and of wrenches, shape (N, 2) [s], none of them negative.
+        offsets: Offset of each column of a sample, shape (N, 15).
+        matrices: Factor from the true to the read vector of each sensor, shape (N, 5, 3, 3).
+        velocity_places, acceleration_places: Positions of these sensors in the grasp frame, shape (N, 3) [m].
+        delays: Delays of motion sensors and of wrenches, shape (N, 2) [s], not negative.
     """
 
     offsets: Array
@@ -31,33 +31,33 @@ class SensorErrors:
 
     @staticmethod
     def drawn(scenario: Scenario, count: int) -> SensorErrors:
-        """Draw them, each robot from a random stream of its own: its errors do not depend on how many others there are.
+        """Draw errors, each robot's from its own random stream, so that they do not depend on the number of robots.
 
-        Only differences of delays between sensors matter to a team: the earliest of them all is not late.
+        Only differences between the sensors' delays matter to a team, so the smallest delay is zero.
         """
-        told = scenario.sensor_errors
+        scale = scenario.sensor_errors
         streams = [
             np.random.default_rng(seed.spawn(1)[0]) for seed in np.random.SeedSequence(scenario.seed).spawn(count)
         ]
-        offsets = told.offsets() * np.array([stream.standard_normal(SAMPLE_SIZE) for stream in streams])
-        matrices = np.array([_drawn_matrices(told, stream) for stream in streams])
+        offsets = scale.offsets() * np.array([stream.standard_normal(SAMPLE_SIZE) for stream in streams])
+        matrices = np.array([_drawn_matrices(scale, stream) for stream in streams])
         places = np.array([stream.standard_normal((2, 3)) for stream in streams])
-        late = np.array([stream.standard_normal(2) for stream in streams]) * [told.clock, told.wrench_delay]
+        late = np.array([stream.standard_normal(2) for stream in streams]) * [scale.clock, scale.wrench_delay]
         late[:, 1] += late[:, 0]
         return SensorErrors(
             offsets,
             matrices,
-            told.velocity_place * places[:, 0],
-            told.acceleration_place * places[:, 1],
+            scale.velocity_place * places[:, 0],
+            scale.acceleration_place * places[:, 1],
             late - late.min(),
         )
 
 
-def _drawn_matrices(told: SensorTolerance, stream: np.random.Generator) -> Array:
-    """One robot's true matrices, shape (5, 3, 3), sensors in the order of ``SENSORS``."""
+def _drawn_matrices(scale: SensorTolerance, stream: np.random.Generator) -> Array:
+    """Draw one robot's matrices, shape (5, 3, 3), sensors in the order of ``SENSORS``."""
     result = []
     for sensor in SENSORS:
-        drawn = {shape: told.of(sensor, shape) * stream.standard_normal(len(each)) for shape, each in SHAPES.items()}
+        drawn = {shape: scale.of(sensor, shape) * stream.standard_normal(len(each)) for shape, each in SHAPES.items()}
         mounting = rotation_exp(drawn.pop("mounting"))
         own = sum(np.tensordot(values, SHAPES[shape], axes=1) for shape, values in drawn.items())
         result.append((np.eye(3) + own) @ mounting)

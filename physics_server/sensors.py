@@ -1,4 +1,4 @@
-"""The robots' sensors: exact readings of the engine, late, turned or scaled, plus wandering errors and white noise."""
+"""The robots' sensors: exact readings of the engine with delay, rotation, scale, drift and white noise."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from coheft.estimation.measurement import KINEMATICS, SAMPLE_SIZE, WRENCH
 from coheft.physics_server.sensor_errors import SensorErrors
 from coheft.wire.scenario.schema import Scenario
 
-# Exactly w, v and the proper acceleration a of the grasp frame in its own axes; the order of a sample's columns.
+# The engine's exact w, v and proper acceleration a of the grasp frame in its own axes, in the order of columns.
 _KINDS = {
     "gyro": mujoco.mjtSensor.mjSENS_GYRO,
     "velocity": mujoco.mjtSensor.mjSENS_VELOCIMETER,
     "acceleration": mujoco.mjtSensor.mjSENS_ACCELEROMETER,
 }
 READINGS = 3 * len(_KINDS)
-"""Numbers that the engine's sensors read per robot."""
+"""Number of readings of the engine's sensors per robot."""
 
 
 def add_sensors(spec: mujoco.MjSpec, site: str, places: Mapping[str, Array]) -> None:
-    """Add one robot's gyro, velocity sensor and accelerometer at its grasp site, or at places (3,) [m] in its frame."""
+    """Add a robot's gyro, velocity sensor and accelerometer at its grasp site, or at places (3,) [m] in its frame."""
     at_grasp = spec.site(site)
     for name, kind in _KINDS.items():
         where, place = site, places.get(name, np.zeros(3))
@@ -35,13 +35,13 @@ def add_sensors(spec: mujoco.MjSpec, site: str, places: Mapping[str, Array]) -> 
 
 
 class Sensors:
-    """Turns exact readings into what the robots' sensors say.
+    """Turns exact readings into the robots' measurements.
 
-    Each robot draws from a random stream of its own, so what it reads does not depend on how many others there are
-    nor on how many samples travel in a block.
+    Each robot draws from its own random stream, so its readings depend neither on the number of robots nor on the
+    number of samples per block.
 
     Args:
-        scenario: With the noise and the rate of samples.
+        scenario: The scenario, with noise and sample rate.
         errors: True errors of the robots' sensors.
     """
 
@@ -49,7 +49,7 @@ class Sensors:
         seeds = np.random.SeedSequence(scenario.seed).spawn(len(errors.offsets))
         self._streams = [np.random.default_rng(seed) for seed in seeds]
         for stream in self._streams:
-            stream.random(SAMPLE_SIZE)  # former releases drew errors here: so a seed still has the noise that it had
+            stream.random(SAMPLE_SIZE)  # earlier releases drew errors here; this keeps the noise of a seed the same
         self._errors, self._deviation = errors, scenario.noise.per_column()
         self._wander = scenario.sensor_drift.per_column() / np.sqrt(60.0 * scenario.sensors.rate)
         self._wanders = [np.random.default_rng(seed.spawn(2)[1]) for seed in seeds] if self._wander.any() else []
@@ -58,10 +58,10 @@ class Sensors:
         self._alike = np.exp(-1.0 / (correlation * scenario.sensors.rate)) if correlation else 0.0
         self._noise_before: Array | None = None
         self._late = errors.delays * scenario.sensors.rate  # in samples
-        self._past: Array | None = None  # so many of the newest exact samples as readings may be late
+        self._past: Array | None = None  # the newest exact samples, as many as the largest delay needs
 
     def measure(self, kinematics: Array, wrenches: Array) -> Array:
-        """One block of measurements; draws the noise of the robots' next B samples.
+        """Return one block of measurements; draws the noise of the robots' next B samples.
 
         Args:
             kinematics: Exact ``(w, v, a)``, shape (B, N, 9).
@@ -88,7 +88,9 @@ class Sensors:
         return measured
 
     def _correlate(self, white: Array) -> None:
-        """Make white noise of variance 1, shape (N, B, 15), the same with a memory: a first-order process."""
+        """Turn white noise of variance 1, shape (N, B, 15), into first-order Gauss-Markov noise of variance 1, in
+        place.
+        """
         first = self._noise_before is None
         before = white[:, 0] if self._noise_before is None else self._noise_before
         fresh = np.sqrt(1.0 - self._alike**2)
@@ -97,7 +99,7 @@ class Sensors:
         self._noise_before = before
 
     def _delayed(self, exact: Array) -> Array:
-        """What there was when late sensors read, shape (N, B, 15), on straight lines between samples."""
+        """Return exact values at the delayed times, shape (N, B, 15), linearly interpolated between samples."""
         if not self._late.any():
             return exact
         kept = int(np.ceil(self._late.max()))

@@ -1,4 +1,4 @@
-"""The physics server in a process of its own: the simulation with its links.
+"""The physics server's process: the simulation with its network links.
 
 ``python -m coheft.physics_server.server`` reads a ``ServerConfig`` from stdin.
 """
@@ -44,22 +44,22 @@ from coheft.wire.transport.robot_link import RobotLink
 from coheft.wire.transport.sessions import ROLES, Keys, Role, Sender, open_session
 
 GRACE = 5.0
-"""Time for which the server goes on answering requests after the end of the run [s]."""
+"""Time for which the server still answers requests after the end of the run [s]."""
 _TICK = 0.5
-_AT_ONCE = 256
-"""So much is read before a block that is due at most: somebody may speak faster than can be read."""
+_MAX_EVENTS = 256
+"""Number of events read before a block that is due at most, because a sender may be faster than the server."""
 _OVER = "the run is over"
 
 
 class Server:
     """The simulation and its links: one session per robot, one for observers, one inbox for all of them.
 
-    One thread owns everything. Requests wait in the inbox, like references, until a block is done: load changes take
-    effect at the border between two blocks.
+    One thread owns everything. Requests wait in the inbox, like references, until a block is complete: load changes
+    take effect between two blocks.
 
-    A robot that is lost while the run goes on keeps hold of the payload where it last was. Time stands
-    still until it is back, or for ``return_limit`` seconds; with the clock ``realtime`` it goes on at once. Without any
-    robot for that long the run is over.
+    A robot whose link is lost during the run keeps holding the payload at its last reference. Time stands still until
+    it is back, or for ``return_limit`` seconds; with the clock ``realtime`` the run continues at once. Without any
+    robot for that long, the run ends.
     """
 
     def __init__(self, config: ServerConfig, robots: dict[str, zenoh.Session], observers: zenoh.Session) -> None:
@@ -75,7 +75,7 @@ class Server:
         self._unsaved = ""
         self._failure = ""
         self._recorder = DataRecorder(scenario, self._simulation.scene) if config.save_data is not None else None
-        self._stop_asked = self._is_kept = False
+        self._stop_asked = self._is_suspended = False
         self._inbox = Inbox()
         self._inbox.serve(observers, {keys.request(role): role for role in ROLES})
         self._truth = Sender(observers, keys.observe_server("truth"), may_drop=True)
@@ -103,11 +103,11 @@ class Server:
         self._inbox.watch_strangers(observers, guard_server_for_observers(config.security, keys))
 
     def run(self) -> None:
-        """Wait for all robots, simulate until the end of the run or a request to stop, then tell the robots.
+        """Wait for all robots, simulate until the end of the run or a request to stop, then stop the robots.
 
         Raises:
             LinkError: All robots are lost.
-            SimulationError: The simulation cannot go on.
+            SimulationError: The simulation cannot continue.
         """
         try:
             self._wait_for_robots()
@@ -117,7 +117,7 @@ class Server:
             self._failure = str(error)
             self._problems.tell_end(self._failure)
             raise
-        except BaseException as error:  # told to end, or not foreseen
+        except BaseException as error:  # a request to end the process, or unexpected
             self._failure = repr(error)
             raise
         finally:
@@ -130,19 +130,19 @@ class Server:
                 self._failure = repr(error)
                 raise
             finally:
-                self._end.send(self._status())  # whoever hears it may end this process
+                self._end.send(self._status())  # its receiver may end this process
 
     def _write_data(self) -> None:
         if self._recorder is None or self._save_data is None or self._simulation.block == 0:
             return
         try:
             write_recording(self._recorder.recording(), Path(self._save_data))
-        except CoheftError as error:  # all else that the run has found is not to be lost with it
+        except CoheftError as error:  # the other results of the run are still valid
             self._unsaved = str(error)
             self._problems.tell(self._unsaved)
 
     def linger(self, seconds: float) -> None:
-        """Go on answering requests."""
+        """Answer requests for some time."""
         deadline = time.monotonic() + seconds
         while (left := deadline - time.monotonic()) > 0.0:
             self._handle(self._inbox.receive(left))
@@ -159,9 +159,9 @@ class Server:
         self._go_on()
         read = 0
         while self._simulation.block < self._scenario.blocks and not self._stop_asked:
-            self._keep_to_supervisor()
-            # All that has come is taken in before it is asked what is due, because that looks at every robot.
-            event = self._inbox.receive(0.0) if read < _AT_ONCE else None
+            self._follow_supervisor()
+            # All events are read before the delay is computed, because that looks at every robot.
+            event = self._inbox.receive(0.0) if read < _MAX_EVENTS else None
             if event is None:
                 read, delay = 0, self._delay()
                 if delay == 0.0:
@@ -174,19 +174,19 @@ class Server:
                 self._handle(event)
                 read += 1
 
-    def _keep_to_supervisor(self) -> None:
-        """Let time stand still while whoever supervises the run is stopped: the rest of it would be lost on him."""
+    def _follow_supervisor(self) -> None:
+        """Pause while the supervising process is stopped, because it would miss the rest of the run."""
         is_stopped = is_supervisor_stopped()
         if is_stopped and self._state == "running":
-            self._state, self._is_kept = "paused", True
+            self._state, self._is_suspended = "paused", True
             self._stopwatch.stop()
             LOG.info("time stands still at block %d: the run's supervisor is stopped", self._simulation.block)
-        elif self._is_kept and not is_stopped:
-            self._is_kept = False
+        elif self._is_suspended and not is_stopped:
+            self._is_suspended = False
             self._go_on()
 
     def _delay(self) -> float:
-        """Time until the next block may be simulated [s]; infinite if that depends on others."""
+        """Return the time until the next block may be simulated [s]; infinite if that depends on others."""
         if self._state != "running" or (self._waits_for_robots and self._robots.away):
             return math.inf
         block = self._simulation.block
@@ -194,7 +194,7 @@ class Server:
         return self._clock.delay(block, block if answered is None else answered)
 
     def _wait_for_last_answers(self) -> None:
-        """Let the robots finish the blocks that they have been given."""
+        """Let the robots finish the blocks that they have received."""
         deadline = time.monotonic() + ANSWER_LIMIT
         while debtors := self._robots.in_debt:
             left = deadline - time.monotonic()
@@ -204,7 +204,7 @@ class Server:
             self._handle(self._inbox.receive(left))
 
     def _advance(self) -> None:
-        """Simulate one block and send what each of the others may know of it."""
+        """Simulate one block, and send each party the results that it may know."""
         block = self._simulation.block
         result = self._simulation.advance(self._robots.take_references(block, block * self._scenario.block_duration))
         if self._recorder is not None:
@@ -215,14 +215,14 @@ class Server:
             self._problems.tell(problem)
 
     def _go_on(self) -> None:
-        """Let time run."""
+        """Start or resume the run."""
         self._state = "running"
         self._stopwatch.start()
         self._clock.start(self._simulation.block)
         self._robots.go_on()
 
     def _handle(self, event: Event | None) -> None:
-        """Take in whatever came."""
+        """Process an event."""
         match event:
             case Received(name, message):
                 self._robots.take(name, message)
@@ -234,7 +234,7 @@ class Server:
                 event.answer(self._answer(role, request))
 
     def _answer(self, role: Role, request: Message) -> Status | Refusal:
-        """Do what was asked, if it can be done and whoever asks may have it done; the log tells what was done."""
+        """Carry out a request, if the role is allowed to make it, and log that."""
         try:
             if not isinstance(request, StatusRequest):
                 self._check_role(role)
@@ -251,12 +251,12 @@ class Server:
             raise CoheftError(f"only the operator may change a run, not the {role}")
 
     def _carry_out(self, request: Message) -> None:
-        """Do what was asked.
+        """Carry out a request.
 
         Raises:
-            LoadError: The payload cannot take it.
-            ScenarioError: The scenario cannot do without its estimator.
-            CoheftError: It is too early, or too late.
+            LoadError: The payload cannot take the load.
+            ScenarioError: The estimator does not support the scenario.
+            CoheftError: The request is not possible in the present state.
         """
         if self._state == "finished":
             raise CoheftError(_OVER)
@@ -266,16 +266,16 @@ class Server:
             case RemoveRequest():
                 self._simulation.remove(request.load)
             case HoldRequest(robot=robot, holding=True) if robot in self._simulation.holders:
-                raise CoheftError(f"{robot} holds the payload already")
+                raise CoheftError(f"{robot} already holds the payload")
             case HoldRequest(robot=robot, holding=False) if robot in self._simulation.idle:
-                raise CoheftError(f"{robot} has let go of the payload already")
+                raise CoheftError(f"{robot} has already released the payload")
             case HoldRequest(robot=robot, holding=True):
                 self._simulation.grasp(robot)
             case HoldRequest(robot=robot):
                 if self._recorder is not None:
-                    raise CoheftError("this run writes a data file, in which all robots hold the payload all the time")
+                    raise CoheftError("this run writes a data file, which requires that all robots hold the payload")
                 if self._simulation.holders == [robot]:
-                    raise CoheftError(f"{robot} is the only one that holds the payload, which would fall")
+                    raise CoheftError(f"{robot} is the only robot that holds the payload, which would fall")
                 self._simulation.release(robot)
             case EstimatorRequest():
                 self._estimators.choose(request.estimator)
@@ -283,7 +283,7 @@ class Server:
                 if self._state == "waiting":
                     raise CoheftError(f"the run has not begun: waiting for {', '.join(self._robots.not_ready)}")
                 if request.paused:
-                    self._state, self._is_kept = "paused", False
+                    self._state, self._is_suspended = "paused", False
                     self._stopwatch.stop()
                 elif self._state == "paused":
                     self._go_on()
@@ -313,16 +313,16 @@ class Server:
 
 
 def run_server(config: ServerConfig) -> None:
-    """Run the server to the end of the run, and a little longer for those who ask how it was.
+    """Run the server to the end of the run, then answer requests for ``GRACE`` seconds.
 
     Raises:
-        LinkError: Somebody listens at one of its endpoints already, or all robots are lost.
+        LinkError: Another process listens at one of its endpoints, or all robots are lost.
         ScenarioError: The scenario cannot be simulated.
-        SimulationError: The simulation cannot go on.
+        SimulationError: The simulation cannot continue.
     """
     with ExitStack() as stack:
         keys = Keys(config.run)
-        # Observers can dial in first, so as to miss nothing.
+        # Observers can connect before the robots, so that they miss nothing.
         observers = stack.enter_context(
             open_session(listen=[config.observe], guard=guard_server_for_observers(config.security, keys))
         )
@@ -338,7 +338,7 @@ def run_server(config: ServerConfig) -> None:
 
 
 def main() -> NoReturn:
-    """Run the server whose configuration comes on stdin."""
+    """Run the server whose configuration is read from stdin."""
     supervised_main(ServerConfig, run_server)
 
 

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from coheft.physics_server.arms.encoders import Encoders, WristSamples
 
 _FREE_JOINT = 7
-"""Numbers of a free body's position; the payload's come first."""
+"""Length of a free body's position; the payload's comes first."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,10 +45,10 @@ class BlockResult:
     """One simulated block.
 
     Attributes:
-        measurements: Of each robot, by name.
-        truth: What no robot knows.
-        problems: Load changes of the scenario that could not be made at the start of this block, and why.
-        wrists: What the robots' encoders and drives say, for recordings only; None if the scenario has no encoders.
+        measurements: Measurements of each robot, by name.
+        truth: The true state, which no robot knows.
+        problems: Load changes of the scenario that could not be made at the start of this block, with reasons.
+        wrists: Readings of encoders and drives, for recordings only; None if the scenario has no encoders.
     """
 
     measurements: dict[str, Measurements]
@@ -59,13 +59,13 @@ class BlockResult:
 
 @dataclass(frozen=True, eq=False)
 class _Readings:
-    """What the engine knew at the B samples of a block.
+    """Exact readings of the engine at the B samples of a block.
 
     Attributes:
-        positions: Generalised position of the payload, shape (B, 7): position, quaternion.
+        positions: Position and quaternion of the payload, shape (B, 7).
         kinematics: ``(w, v, a)`` of each grasp frame, shape (B, N, 9).
-        forces: What the arms exert, see ``Arms.readings``, shape (B, read_size).
-        rotations: Of the grasp frames in the world, shape (B, N, 3, 3).
+        forces: Forces that the arms exert, see ``Arms.readings``, shape (B, read_size).
+        rotations: Rotations of the grasp frames in the world, shape (B, N, 3, 3).
     """
 
     positions: Array
@@ -77,10 +77,10 @@ class _Readings:
 class Simulation:
     """A payload held by N robots.
 
-    The same scenario, the same references and the same calls between blocks give the same numbers, bit for bit.
+    The same scenario, references and calls between blocks give the same numbers, bit for bit.
 
     Attributes:
-        scene: Who holds the payload, and where.
+        scene: The robots, their grasps and the payload's shape.
         block: Index of the next block.
         model: The engine's model, for views.
         data: The engine's state, for views.
@@ -95,7 +95,7 @@ class Simulation:
         """Build the scene, with the payload at rest where the robots hold it.
 
         Args:
-            scenario: What to simulate.
+            scenario: The scenario to simulate.
             neighbours: The graph, for ``scene`` only.
 
         Raises:
@@ -116,7 +116,7 @@ class Simulation:
             home=_vector(PAYLOAD_HOME.translation),
         )
         self.block = 0
-        if mujoco.get_mju_user_warning() is None:  # it would write a file into the folder where the user happens to be
+        if mujoco.get_mju_user_warning() is None:  # by default MuJoCo writes a file into the current folder
             mujoco.set_mju_user_warning(_warn)
         errors = SensorErrors.drawn(scenario, len(names))
         self.model = build_model(scenario, grasps, errors)
@@ -129,7 +129,7 @@ class Simulation:
         self._home_rotations = self.data.site_xmat[homes].reshape(-1, 3, 3)
         self._home_positions = self.data.site_xpos[homes].copy()
         self._is_holding = np.ones(len(names), dtype=np.bool_)
-        # What the sensors of an arm read that waits at its home, (w, v, a) of each robot.
+        # Readings (w, v, a) of the sensors of an arm that rests at its home, per robot.
         self._at_rest = np.zeros((len(names), READINGS))
         self._at_rest[:, ACCELERATION] = -self.model.opt.gravity @ self._home_rotations
         self._sensors = Sensors(scenario, errors)
@@ -142,24 +142,24 @@ class Simulation:
         self._schedule = LoadSchedule(scenario)
 
     def _settle(self) -> None:
-        """Let the robots take up the weight, then stop: the run starts at rest, with no drop that excites anything."""
+        """Let the arms take up the weight, then set velocities to zero, so that the run starts at rest."""
         self._arms.settle(int(SETTLING_TIME * PHYSICS_RATE))
         self.data.qvel[:] = 0.0
         self.data.time = 0.0
 
     @property
     def _now(self) -> float:
-        """When the next block begins [s]."""
+        """Start of the next block [s]."""
         return self.block * self._scenario.block_duration
 
     @property
     def loads(self) -> list[LoadState]:
-        """Loads that lie on the payload, oldest first."""
+        """The loads on the payload, oldest first."""
         return self._loads.states
 
     @property
     def slots_free(self) -> int:
-        """How many more loads the payload can take."""
+        """Number of loads that can still be added."""
         return self._loads.slots_free
 
     @property
@@ -169,14 +169,14 @@ class Simulation:
 
     @property
     def idle(self) -> list[str]:
-        """Robots that do not."""
+        """Robots that do not hold the payload."""
         return [name for name, is_holding in zip(self._names, self._is_holding, strict=True) if not is_holding]
 
     def inject(self, mass: float, position: Vector, size: Vector = (0.1, 0.1, 0.1), leak: float = 0.0) -> LoadState:
-        """Put a load onto the payload, before the next block; see ``Loads.put``.
+        """Add a load to the payload before the next block, see ``Loads.put``.
 
         Raises:
-            LoadError: There can be no such load, or no slot is free, or the robots cannot hold it up.
+            LoadError: The load is invalid, no slot is free, or the robots cannot hold it.
         """
         holding = list(compress(self._grasps.poses, self._is_holding))
         load = self._loads.put(mass, position, size, leak, Strength.of(holding, self._scenario.robots))
@@ -184,19 +184,19 @@ class Simulation:
         return load
 
     def remove(self, load_id: int) -> LoadState:
-        """Take a load away, before the next block; see ``Loads.take``.
+        """Remove a load before the next block, see ``Loads.take``.
 
         Raises:
-            LoadError: There is no such load.
+            LoadError: There is no load with this number.
         """
         load = self._loads.take(load_id)
         self._loads_since = self._now
         return load
 
     def release(self, robot: str) -> None:
-        """Let a robot take its hand off the payload, before the next block.
+        """Let a robot release the payload before the next block.
 
-        From then on it exerts nothing, and its sensors read an arm that rests at its home.
+        From then on it exerts no wrench, and its sensors read an arm at rest at its home.
 
         Raises:
             SimulationError: There is no such robot.
@@ -204,7 +204,7 @@ class Simulation:
         self._set_holding(robot, False)
 
     def grasp(self, robot: str) -> None:
-        """Let a robot take hold of the payload again, at its own place there, before the next block.
+        """Let a robot grasp the payload again, at its own grasp, before the next block.
 
         Raises:
             SimulationError: There is no such robot.
@@ -220,15 +220,15 @@ class Simulation:
     def advance(self, references: Mapping[str, Reference]) -> BlockResult:
         """Simulate one block.
 
-        Sample b of block k was taken at ``(k B + b) / rate`` seconds: the engine senses the state before a step. The
-        payload is the same during the block; what leaks from loads meanwhile leaves them at its end.
+        Sample b of block k is the state at ``(k B + b) / rate`` seconds, because the engine's sensors read the state
+        before a step. The payload is constant during a block; leaks take effect at its end.
 
         Args:
-            references: What the robots' arms shall do during the block, by robot. A robot that is missing holds its
-                last displacement.
+            references: Motion and wrench of the robots' arms during the block, by robot. A robot without a reference
+                holds its last displacement.
 
         Raises:
-            SimulationError: A reference cannot be followed, or the payload ran away: the simulation is over.
+            SimulationError: A reference is unusable, or the robots have lost the payload: the simulation is over.
         """
         problems = self._change_loads()
         self._let_grasps_slip()
@@ -264,7 +264,7 @@ class Simulation:
         )
 
     def _change_loads(self) -> tuple[str, ...]:
-        """Make the scenario's load changes that are due; what cannot be made is told, and skipped."""
+        """Make the scenario's load changes that are due; return descriptions of those that had to be skipped."""
         problems = []
         for change in self._schedule.due(self.block):
             try:
@@ -282,7 +282,7 @@ class Simulation:
             self._arms.move_grasp(slip.robot, self._grasps.poses[self._names.index(slip.robot)])
 
     def _step(self, controls: Array) -> _Readings:
-        """Step the engine through one block, controls of shape (steps, 6 N)."""
+        """Step the engine through one block, with controls of shape (steps, 6 N)."""
         model, data, drive, step = self.model, self.data, self._arms.drive, mujoco.mj_step
         data.qfrc_applied[:] = 0.0
         count, samples = len(self._names), self._scenario.sensors.block
@@ -290,7 +290,7 @@ class Simulation:
         rotations = np.empty((samples, 9))
         kinematics = np.empty((samples, count * READINGS))
         forces = np.empty((samples, self._arms.read_size))
-        # Views: the engine makes a new one whenever it is asked.
+        # Views, made once: the engine makes a new one at every access.
         position, quaternion = data.qpos[:_FREE_JOINT], data.qpos[3:_FREE_JOINT]
         readings, exerted = data.sensordata[: count * READINGS], self._arms.readings()
         for sample, (first, *others) in enumerate(controls.reshape(samples, -1, controls.shape[-1])):
@@ -298,7 +298,7 @@ class Simulation:
             positions[sample] = position
             mujoco.mju_quat2Mat(rotations[sample], quaternion)
             step(model, data)
-            # Sensors, and with Euler's method all that the engine derives, belong to the state before the step.
+            # Sensor readings, and with Euler's method all derived quantities, are of the state before the step.
             kinematics[sample] = readings
             forces[sample] = exerted
             for control in others:
@@ -312,7 +312,9 @@ class Simulation:
         )
 
     def _truth(self, position: Array, samples: Array) -> Truth:
-        """Truth at the block's last sample, from the payload's position (7,) and what was measured (N, 15)."""
+        """Return the truth at the block's last sample, from the payload's position (7,) and the measurements (N,
+        15).
+        """
         payload = self._loads.inertia
         holding = self._is_holding
         return Truth(
@@ -338,7 +340,7 @@ def _encoders_of(scenario: Scenario, robots: Sequence[str]) -> Encoders | None:
     errors = scenario.sensors.encoders
     if errors is None:
         return None
-    from coheft.physics_server.arms.encoders import Encoders  # takes longer to load than all the rest of a server
+    from coheft.physics_server.arms.encoders import Encoders  # slow to import: it loads scipy
 
     return Encoders(errors, scenario, robots)
 

@@ -301,7 +301,7 @@ def test_configs_of_another_run_are_not_overwritten(
     assert run_command_line(["run", "ring6", "--write-configs", str(tmp_path)]) == EXIT_CONVERGED
     before = {path: path.read_bytes() for path in tmp_path.iterdir()}
     assert run_command_line(["run", "ring3", "--write-configs", str(tmp_path), *more]) == EXIT_ERROR
-    complaint = "run.json is there already: configurations are never overwritten; name another folder"
+    complaint = "run.json exists already: configurations are never overwritten; name another folder"
     assert complaint in " ".join(capfd.readouterr().err.split())
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
 
@@ -311,8 +311,8 @@ def test_configs_of_another_run_are_not_overwritten(
     [
         ("agent", "server", "server.json is a server's configuration: start it with 'coheft server'"),
         ("server", "r1", "r1.json is an agent's configuration: start it with 'coheft agent'"),
-        ("agent", "run", "run.json is no configuration, but tells other commands where the run is: start the parts"),
-        ("server", "run", "run.json is no configuration, but tells other commands where the run is: start the parts"),
+        ("agent", "run", "run.json is not a configuration; it tells other commands the run's addresses"),
+        ("server", "run", "run.json is not a configuration; it tells other commands the run's addresses"),
     ],
 )
 def test_a_part_that_is_started_with_the_file_of_another_one_is_told_so(

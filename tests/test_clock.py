@@ -120,7 +120,7 @@ def test_answers_that_are_not_there_when_their_block_begins_are_late(capfd: pyte
                 if (name, block + LAG) != ("r2", 7):
                     robots.take(name, _answer(name, block))
     assert robots.late_references == 1
-    assert capfd.readouterr().err == "r2 answered too late at 0.14 s; from here on this is counted\n"
+    assert capfd.readouterr().err == "r2 answered too late at 0.14 s; further late answers are counted\n"
 
 
 def _answer(name: str, block: int) -> Reference:

@@ -22,9 +22,9 @@ def test_the_built_in_ones_and_the_one_of_the_scenario_may_be_chosen() -> None:
 @pytest.mark.parametrize(
     ("estimator", "said"),
     [
-        ("best", r"no estimator 'best'; there are: efficient, fan2017\. One of your own has"),
-        ("eficient", r"there are: efficient, fan2017\. Did you mean 'efficient'\?"),
-        ("efficient", "use the estimator 'efficient' already"),
+        ("best", r"no estimator 'best'; available: efficient, fan2017\. A user's estimator has"),
+        ("eficient", r"available: efficient, fan2017\. Did you mean 'efficient'\?"),
+        ("efficient", "already use the estimator 'efficient'"),
     ],
 )
 def test_others_are_refused(estimator: str, said: str) -> None:

@@ -31,7 +31,7 @@ def test_the_paper_s_method_is_read_by_its_former_name_and_its_settings_are() ->
 
 def test_a_setting_under_both_names_is_an_error() -> None:
     both = f"{RING3}\n[fan2017]\nrounds = 8\n[seed_method]\nrounds = 9\n"
-    with pytest.raises(ScenarioError, match=r"key 'seed_method\.rounds': found it beside 'fan2017\.rounds'"):
+    with pytest.raises(ScenarioError, match=r"key 'seed_method\.rounds': found both this key and 'fan2017\.rounds'"):
         parse_scenario(both, "both.toml")
     with pytest.raises(ScenarioError, match=r"key 'fan2017': expected a section, written \[fan2017\]; found 3"):
         parse_scenario(f"seed_method = 3\n{RING3}", "three.toml")

@@ -119,7 +119,7 @@ def test_one_weight_for_all_edges_converges(kind: GraphKind) -> None:
 
 @pytest.mark.parametrize("count", [0, 1])
 def test_one_robot_is_no_network(count: int) -> None:
-    with pytest.raises(GraphError, match=f"{count} robots? given, but a network takes at least 2"):
+    with pytest.raises(GraphError, match=f"{count} robots? given, but a network needs at least 2"):
         build_graph(Graph(), names(count))
 
 

@@ -101,7 +101,7 @@ def test_what_a_former_agent_said_is_void_as_soon_as_its_successor_has_spoken() 
     used, gossip, problems = inbox.take(11, [message("b", 10, incarnation=0)])
     assert used == {}
     assert gossip == []
-    assert "before its sender started again" in problems[0]
+    assert "before its sender restarted" in problems[0]
 
 
 @pytest.mark.parametrize("together", [True, False])
@@ -120,7 +120,7 @@ def with_record(**changes: object) -> NeighbourMessage:
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
-        (message("z"), "no neighbour; neighbours are b, c"),
+        (message("z"), "it is not a neighbour; neighbours are b, c"),
         (message("b", 10 + AHEAD), "9 blocks ahead"),
         (replace(message(), channels={"x": np.array([1.0, np.nan])}), "channels['x']"),
         (replace(message(), channels={"y": np.array([[-np.inf]])}), "channels['y']"),

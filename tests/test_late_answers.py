@@ -22,7 +22,7 @@ def test_nothing_is_told_as_long_as_nobody_is_late() -> None:
 def test_the_first_one_is_told_at_once_and_only_once() -> None:
     answers, lines = told({91: ["r1", "r2"]}, 1000)
     assert answers.count == 2
-    assert lines == ["r1, r2 answered too late at 1.82 s; from here on this is counted"]
+    assert lines == ["r1, r2 answered too late at 1.82 s; further late answers are counted"]
 
 
 def test_a_machine_that_is_too_slow_is_told_of_every_few_seconds_with_a_count() -> None:
@@ -30,10 +30,10 @@ def test_a_machine_that_is_too_slow_is_told_of_every_few_seconds_with_a_count() 
     answers, lines = told(late, 1000)
     assert answers.count == 1500
     assert len(lines) == 20.0 / TELL_EVERY
-    assert lines[1] == "376 answers have come too late in the first 5.0 s; of the newest, most from r2"
+    assert lines[1] == "376 answers were late in the first 5.0 s; of the newest, most came from r2"
 
 
 def test_what_came_before_a_silence_is_told_when_it_is_time() -> None:
     answers, lines = told({10: ["r1"], 11: ["r3"]}, 1000)
     assert answers.count == 2
-    assert lines[1:] == ["2 answers have come too late in the first 5.2 s; of the newest, most from r3"]
+    assert lines[1:] == ["2 answers were late in the first 5.2 s; of the newest, most came from r3"]

@@ -46,7 +46,7 @@ def test_damaged_bytes_are_refused(kind: type[Message], data: st.DataObject) -> 
     for bit in data.draw(st.sets(st.integers(0, 8 * len(sound) - 1), min_size=1, max_size=3)):
         flipped[bit // 8] ^= 1 << bit % 8
     for damaged in (sound[:length], sound + more, bytes(flipped)):
-        with pytest.raises(MessageError, match="its checksum does not fit"):
+        with pytest.raises(MessageError, match="its checksum is wrong"):
             decode(damaged, kind, KEY)
 
 
@@ -55,7 +55,7 @@ def test_what_was_said_under_another_key_is_refused(key: str) -> None:
     """In an older run, by another agent, under another topic."""
     data = encode(Hello(sender="r1", heard=["r2"]), key)
     assert decode(data, Hello, key).heard == ["r2"]
-    with pytest.raises(MessageError, match="of another run, sender or topic"):
+    with pytest.raises(MessageError, match="from another run, sender or topic"):
         decode(data, Hello, KEY)
 
 
@@ -156,7 +156,7 @@ def test_a_list_that_changes_after_it_was_sent_is_sent_as_it_is() -> None:
 
 def test_what_is_in_a_header_has_to_be_for_its_kind() -> None:
     frame = SEAL.unwrapped(encode(Stop(reason="over"), KEY), "message")
-    with pytest.raises(MessageError, match="not a Stop: its header has 3 where this kind has nothing"):
+    with pytest.raises(MessageError, match="not a Stop: its header has 3 for a field that this kind does not have"):
         decode(SEAL.wrapped(frame.code, 3, 0, frame.fields, b"", []), Stop, KEY)
     with pytest.raises(MessageError, match="not a Hello: it is a Stop"):
         decode(encode(Stop(reason="over"), KEY), Hello, KEY)
@@ -164,7 +164,7 @@ def test_what_is_in_a_header_has_to_be_for_its_kind() -> None:
         decode(SEAL.wrapped(99, 0, 0, frame.fields, b"", []), Stop, KEY)
     other = Seal("run-2/agent/r1/block")
     other.seed = SEAL.seed
-    with pytest.raises(MessageError, match="its header says run"):
+    with pytest.raises(MessageError, match="its header has run"):
         decode(other.wrapped(frame.code, 0, 0, frame.fields, b"", []), Stop, KEY)
 
 
@@ -174,7 +174,7 @@ def test_no_two_kinds_have_the_same_code() -> None:
 
 
 def test_other_versions_are_told() -> None:
-    words = f"version {PROTOCOL_VERSION + 1}.*speaks version {PROTOCOL_VERSION}"
+    words = f"version {PROTOCOL_VERSION + 1}.*uses version {PROTOCOL_VERSION}"
     with pytest.raises(MessageError, match=words):
         decode(of_version(PROTOCOL_VERSION + 1, Stop(reason="over"), KEY), Stop, KEY)
     with pytest.raises(MessageError, match=words):
@@ -184,7 +184,7 @@ def test_other_versions_are_told() -> None:
 def test_versions_before_there_were_headers_are_told() -> None:
     """Their messages were a map in MessagePack behind the same checksum."""
     body = msgspec.msgpack.encode({"version": 5, "reason": "over"})
-    with pytest.raises(MessageError, match="version 5 or older, but this process speaks version 6"):
+    with pytest.raises(MessageError, match="version 5 or older, but this process uses version 6"):
         decode(SEAL.close(body), Stop, KEY)
 
 

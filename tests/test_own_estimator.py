@@ -66,7 +66,7 @@ def refusal(scenario: Scenario) -> str:
 @pytest.mark.parametrize(
     ("returned", "said"),
     [
-        ("None", "it is None, expected a dict of arrays by name, {} if there is nothing to say"),
+        ("None", "it is None, expected a dict of arrays by name; to send nothing, return {}"),
         ("[np.zeros(3)]", "it is a list, expected a dict of arrays by name"),
         ('{"a": [1.0]}', "the array 'a' is a list, expected an array: np.array(…) makes one"),
         ('{"a": np.sum(np.zeros(2))}', "the array 'a' is a float64, expected an array"),
@@ -74,13 +74,13 @@ def refusal(scenario: Scenario) -> str:
         ('{"a": np.array(["x"])}', "the array 'a' is an array of <U1, expected one of real numbers"),
         ('{"a": np.zeros(2, complex)}', "the array 'a' is an array of complex128, expected one of real numbers"),
         ('{"a": np.zeros(5 * (1,))}', "the array 'a' has 5 dimensions, expected at most 4: reshape it"),
-        ('{"a": np.array([np.nan, 1, np.inf])}', "the array 'a' holds 2 numbers that are not finite"),
+        ('{"a": np.array([np.nan, 1, np.inf])}', "the array 'a' contains 2 numbers that are not finite"),
         ('{"a": np.array([1e12])}', "the array 'a' has a norm of at least 1e+12, expected a smaller one: use other"),
         ('{"a": np.zeros(40000)}', "its arrays take 320.0 kB, expected at most 184.0 kB, because neighbours drop"),
     ],
 )
 def test_what_neighbours_could_not_use_is_not_sent(returned: str, said: str, write: Write, tmp_path: Path) -> None:
-    place = f"step ({tmp_path / 'own_mine.py'}, line 11) returned what cannot be used: "
+    place = f"step ({tmp_path / 'own_mine.py'}, line 11) returned an unusable value: "
     text = refusal(write(step=f"return {returned}"))
     assert text.startswith(f"the estimator 'mine' of r1 at block 0 (0.00 s): {place}{said}")
     assert text.endswith(". See docs/own.md")
@@ -90,14 +90,18 @@ def test_what_neighbours_could_not_use_is_not_sent(returned: str, said: str, wri
     ("method", "returned", "said"),
     [
         ("fits", "None", "it is None, expected True or False"),
-        ("doubts", '"the sums have not begun"', "it is a str, expected a tuple: (one,) of one, () of none"),
-        ("doubts", "(1,)", "it holds a int, expected texts"),
+        (
+            "doubts",
+            '"the sums have not begun"',
+            "it is a str, expected a tuple, such as (one,), or ()",
+        ),
+        ("doubts", "(1,)", "it contains a int, expected texts"),
         ("belief", "None", "it is None, expected a Belief, see agents/estimator.py"),
         ("belief", 'Belief("weighing", False, None, {})', "phase is 'weighing' but expected one of 'poses', 'inertia'"),
         ("belief", 'Belief("poses", "no", None, {})', "converged is a str, expected True or False"),
         ("belief", 'Belief("poses", False, 3.0, {})', "payload is a float, expected a PayloadEstimate or None"),
         ("belief", 'Belief("poses", False, None, [])', "poses are a list, expected a dict by neighbours' names"),
-        ("belief", 'Belief("poses", False, None, {"r9": 1})', "poses are told of 'r9', expected neighbours only: r2"),
+        ("belief", 'Belief("poses", False, None, {"r9": 1})', "poses contain 'r9', expected neighbours only: r2"),
         ("belief", 'Belief("poses", False, None, {"r2": np.eye(4)})', "pose of 'r2' is a ndarray of the shape (4, 4)"),
         ("belief", 'Belief("poses", False, None, {}, total_block=999)', "total_block is 999, expected -1 for none"),
         (
@@ -111,7 +115,11 @@ def test_what_neighbours_could_not_use_is_not_sent(returned: str, said: str, wri
             'Belief("poses", False, None, {}, not_observable="mass")',
             "not_observable is a str, expected a tup",
         ),
-        ("belief", 'Belief("poses", False, None, {}, load_changes=(3.0,))', "load_changes hold a float, expected a Lo"),
+        (
+            "belief",
+            'Belief("poses", False, None, {}, load_changes=(3.0,))',
+            "load_changes contains a float, expected a",
+        ),
         (
             "belief",
             'Belief("poses", False, None, {}, load_changes=(LoadChangeNotice("now", 0.0),))',
@@ -122,7 +130,7 @@ def test_what_neighbours_could_not_use_is_not_sent(returned: str, said: str, wri
 def test_other_answers_are_checked_as_well(method: str, returned: str, said: str, write: Write) -> None:
     text = refusal(write(**{method: f"return {returned}"}))
     assert re.match(rf"the estimator 'mine' of r\d at block \d \(0\.\d\d s\): {method} \(.*own_mine\.py, line", text)
-    assert f"returned what cannot be used: {said}" in text
+    assert f"returned an unusable value: {said}" in text
 
 
 @pytest.mark.parametrize(
@@ -135,31 +143,34 @@ def test_other_answers_are_checked_as_well(method: str, returned: str, said: str
         ("9.0, None, None, -np.eye(1)", "covariance of payload has a negative variance"),
         ("9.0, np.zeros((3, 1)), None, np.eye(4)", "com.shape is (3, 1) but expected (3,)"),
         ("9.0, None, np.eye(3), np.eye(10)", "com is missing but expected, because there is a tensor"),
-        ("9.0, np.zeros(3), np.full((3, 3), np.inf), np.eye(10)", "tensor holds 9 numbers that are not finite"),
+        ("9.0, np.zeros(3), np.full((3, 3), np.inf), np.eye(10)", "tensor contains 9 numbers that are not finite"),
     ],
 )
 def test_what_is_believed_of_the_payload_can_be_computed_with(payload: str, said: str, write: Write) -> None:
     text = refusal(write(belief=f'return Belief("inertia", False, PayloadEstimate({payload}), {{}})'))
-    assert f"returned what cannot be used: {said}" in text
+    assert f"returned an unusable value: {said}" in text
 
 
 @pytest.mark.parametrize(
     ("pose", "said"),
     [
-        ("UncertainPose(Pose(np.ones((3, 3)), np.zeros(3)), np.eye(6))", "rotation of 'r2' is none: expected an ortho"),
+        (
+            "UncertainPose(Pose(np.ones((3, 3)), np.zeros(3)), np.eye(6))",
+            "rotation of 'r2' is not valid: expected an",
+        ),
         ("UncertainPose(Pose(np.eye(3), np.zeros(2)), np.eye(6))", "translation of 'r2'.shape is (2,) but expected (3"),
         ("UncertainPose(Pose(np.eye(3), np.zeros(3)), np.eye(3))", "covariance of pose of 'r2'.shape is (3, 3) but ex"),
     ],
 )
 def test_what_is_believed_of_neighbours_can_be_computed_with(pose: str, said: str, write: Write) -> None:
     body = f'return Belief("poses", False, None, {{"r2": {pose}}} if self.name != "r2" else {{}})'
-    assert f"returned what cannot be used: {said}" in refusal(write(belief=body))
+    assert f"returned an unusable value: {said}" in refusal(write(belief=body))
 
 
 @pytest.mark.parametrize("announced", ["np.int64(3)", "-2"])
 def test_what_it_has_gossip_announce_is_checked(announced: str, write: Write) -> None:
     text = refusal(write(step=f"self.gossip.announce_ready({announced}); return {{}}"))
-    assert "returned what cannot be used: what it has had Gossip announce is impossible, expected what Link" in text
+    assert "returned an unusable value: it made Gossip announce an impossible record, expected what Link" in text
 
 
 def test_an_exception_is_told_with_its_place_in_the_authors_file(write: Write, tmp_path: Path) -> None:

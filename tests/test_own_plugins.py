@@ -112,7 +112,7 @@ def test_estimators_that_do_not_fit(
     ("code", "expected"),
     [
         (MOTION.replace("12)", "6)"), r"its reference for block 0 has the shape \(10, 6\), expected"),
-        (MOTION.replace("np.full", "np.fill"), "knows no reference for block 0: AttributeError"),
+        (MOTION.replace("np.full", "np.fill"), "returned no reference for block 0: AttributeError"),
         (MOTION.replace("reference", "refer"), r"has no method reference\(block\)"),
     ],
 )
@@ -132,7 +132,7 @@ def test_a_motion_that_fails_in_mid_run_is_told_with_its_place(tmp_path: Path, m
     moved = agent(msgspec.structs.replace(load_scenario("ring3"), motion=Motion(own="mine")))
     moved.step(0, None, [])
     moved.step(1, None, [])
-    said = r"the motion 'mine' of r1 knows no reference for block 6: ValueError: .*broadcast.* \(.*bad.py, line 7\)"
+    said = r"the motion 'mine' of r1 returned no reference for block 6: ValueError: .*broadcast.* \(.*bad.py, line 7\)"
     with pytest.raises(PluginError, match=said):
         moved.step(2, None, [])
 

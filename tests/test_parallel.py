@@ -40,7 +40,7 @@ def kill_this_process(number: int) -> int:
 
 
 def test_a_killed_worker_is_an_error_in_words() -> None:
-    with pytest.raises(CoheftError, match="was killed, maybe because memory ran out: fewer processes"), workers(2):
+    with pytest.raises(CoheftError, match="was killed, possibly because memory ran out: use fewer"), workers(2):
         list(side_by_side(kill_this_process, ((number,) for number in range(4))))
 
 

@@ -78,7 +78,7 @@ def test_estimators_change_once_though_what_was_said_before_comes_later() -> Non
     assert record.estimators == [EstimatorUse(4 * BLOCK, "fan2017"), EstimatorUse(7 * BLOCK, "efficient")]
     report = build_report(INFO, record)
     assert report.estimator_changes == record.estimators[1:]
-    assert "At 0.14 s all robots started again with the estimator efficient." in sentences(report)
+    assert "At 0.14 s all robots restarted with the estimator efficient." in sentences(report)
 
 
 def test_who_falls_silent_is_stale() -> None:
@@ -91,7 +91,7 @@ def test_who_falls_silent_is_stale() -> None:
         is_silent = block > 150 + SILENT
         assert [name for name, belief in record.beliefs.items() if belief.status == "stale"] == ["r2"] * is_silent
     report = build_report(INFO, record)
-    assert report.robots["r2"].reasons == ["r2 has said nothing since 3.02 s"]
+    assert report.robots["r2"].reasons == ["no estimate of r2 since 3.02 s"]
     assert report.robots["r2"].converged
     assert report.verdict is Verdict.NOT_CONVERGED
 

@@ -20,13 +20,13 @@ from coheft.wire.messages.structs import Message
 @pytest.mark.parametrize(
     ("request_made", "words"),
     [
-        (InjectRequest(mass=3.0, position=(0.4, 0.3, -0.1)), "put 3 kg onto the payload at (0.4, 0.3, -0.1) m"),
-        (RemoveRequest(load=7), "take load 7 away"),
-        (HoldRequest(robot="r2", holding=False), "let r2 let go"),
-        (HoldRequest(robot="r2", holding=True), "let r2 take hold again"),
+        (InjectRequest(mass=3.0, position=(0.4, 0.3, -0.1)), "add a load of 3 kg at (0.4, 0.3, -0.1) m"),
+        (RemoveRequest(load=7), "remove load 7"),
+        (HoldRequest(robot="r2", holding=False), "let r2 release the payload"),
+        (HoldRequest(robot="r2", holding=True), "let r2 grasp the payload again"),
         (EstimatorRequest(estimator="fan2017"), "use the estimator 'fan2017'"),
         (PauseRequest(paused=True), "pause the run"),
-        (PauseRequest(paused=False), "let the run go on"),
+        (PauseRequest(paused=False), "resume the run"),
         (StopRequest(), "stop the run"),
         (StatusRequest(), "a request of kind StatusRequest"),
     ],

@@ -47,7 +47,7 @@ def test_what_is_in_a_folder_is_not_overwritten(name: str, tmp_path: Path) -> No
     (tmp_path / "report.json").write_text("no log")
     assert make_run_folder("coheft-new", tmp_path) == tmp_path.resolve()
     (tmp_path / name).write_text("mine")
-    with pytest.raises(CoheftError, match=f"{name} is there already: .* name another folder: --logs DIR"):
+    with pytest.raises(CoheftError, match=f"{name} exists already: .* name another folder: --logs DIR"):
         make_run_folder("coheft-new", tmp_path)
     assert (tmp_path / name).read_text() == "mine"
 

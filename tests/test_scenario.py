@@ -243,7 +243,7 @@ def test_a_file_may_begin_with_a_byte_order_mark(tmp_path: Path) -> None:
     [
         ("[hosts]\nr1 = 7", "key 'hosts': expected a text under each name; found { r1 = 7 }"),
         ("port = 99999\n[hosts]", "key 'port': expected .*; found 99999"),
-        ("[hosts]\nr9 = 'a'", r"no such part; there are: server, r1, r2"),
+        ("[hosts]\nr9 = 'a'", r"no such part; available: server, r1, r2"),
         ("[hosts]\nr1 = ''", r'key .hosts\.r1.: found "", expected an address'),
         ("[hosts]\nr1 = '10.0.0.1/24'", r'key .hosts\.r1.: found "10\.0\.0\.1/24"'),
         ("[hosts]\nr1 = '10.0.0.300'", r'key .hosts\.r1.: found "10\.0\.0\.300"'),

@@ -215,7 +215,7 @@ def test_only_the_first_change_is_recovered_from() -> None:
 
 
 def test_accuracy_after_the_load_s_change_is_refused() -> None:
-    with pytest.raises(ScenarioError, match="the load changes at 6 s, but accuracy is to be judged at 7 s"):
+    with pytest.raises(ScenarioError, match="the load changes at 6 s, but accuracy is evaluated at 7 s"):
         plan(at=[2.0, 7.0])
 
 
@@ -312,4 +312,4 @@ def test_what_does_not_vary_is_refused(text: str, capfd: pytest.CaptureFixture[s
 def test_several_studies_are_not_drawn(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     arguments = ["study", "ring3", "--vary", "sensors.rate=100,200", "--report", str(tmp_path / "report")]
     assert run_command_line(arguments) == EXIT_USAGE
-    assert "--json holds them all" in capfd.readouterr().err
+    assert "--json contains all" in capfd.readouterr().err

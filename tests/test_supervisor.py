@@ -69,7 +69,7 @@ def test_a_process_that_fails_last_but_with_a_traceback_is_the_cause(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(
-        "coheft.app.run.processes._OTHERS_FAIL", 30.0
+        "coheft.app.run.processes._FURTHER_FAILURES", 30.0
     )  # a busy machine may need more than half a second
     (folder / "follows.py").write_text(FOLLOWS)
     (folder / "cause.py").write_text(CAUSE)
@@ -143,7 +143,7 @@ def test_who_cannot_use_what_it_was_told_is_the_cause(folder: Path) -> None:
             processes.start(name, name, StatusRequest()).process.wait()
         with pytest.raises(ProcessError, match=r"^unusable ended with status 2(?s:.)*After it, lost ended") as caught:
             processes.check()
-    assert str(caught.value).endswith("because unusable ended with status 2: to start it again would not help.")
+    assert str(caught.value).endswith("because unusable ended with status 2; restarting it would not help.")
 
 
 @pytest.mark.parametrize(

@@ -87,7 +87,7 @@ def test_equal_runs_are_equal_bit_for_bit() -> None:
 
 
 def test_welds_hold_for_good() -> None:
-    with pytest.raises(SimulationError, match="hand of r2 is welded to the payload, it cannot let go of it"):
+    with pytest.raises(SimulationError, match="hand of r2 is welded to the payload, it cannot release it"):
         Simulation(ARMS).release("r2")
 
 

@@ -1,8 +1,8 @@
-"""One pusher of a cart as a pure core: its own sample and its neighbours' messages in, messages and a push out.
+"""One pusher of a cart as a pure core: takes its own sample and its neighbours' messages, returns messages and a push.
 
-Every pusher knows its own hand's wrench only. What the cart does depends on all of them, so they add up, exactly and a
-few samples late, what each did and saw; then each filters the same numbers, comes to the same cart and the same push,
-and does its share of it.
+Every pusher measures the wrench of its own hand only, but the cart's motion depends on all of them. So the pushers sum
+their wrenches and measurements, exactly and a few samples late. Then each filters the same numbers, obtains the same
+cart and the same total push, and exerts its share of it.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ from coheft.wire.cart.scenario import CartGuess
 _REPORT_INTERVAL = 0.1
 """Time between reports to observers [s]."""
 _SLIDING = 0.1
-"""How fast a hand slides along the handle [m/s]."""
+"""Speed at which a hand slides along the handle [m/s]."""
 _MEMORY = 2.0
-"""Over how long a hand looks for its best place [s]."""
+"""Time over which pushes are averaged to find a hand's best position [s]."""
 _UNKNOWN_WRENCH = 10.0
-"""Standard deviation of a total that was lost on its way, from what was planned [N, N·m]."""
+"""Standard deviation of a lost total from the planned one [N, N·m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,10 +46,10 @@ class CartOutbox:
 
 
 class CartAgent:
-    """One pusher.
+    """One pusher of a cart.
 
     Args:
-        config: All that it is told.
+        config: All that the pusher knows at the start.
     """
 
     def __init__(self, config: CartAgentConfig) -> None:
@@ -75,9 +75,9 @@ class CartAgent:
         lever = leverage(measurement.hand, self.config.arm)
         match self._sums.step(index, wrench_b, lever, measurement.motion, inbox):
             case Totals() as totals:
-                self._take_in(totals)
+                self._update(totals)
             case Lost(block):
-                self._make_do(block)
+                self._predict(block)
         push = self._push(index)
         report_every = max(1, round(_REPORT_INTERVAL * self.config.rate))
         return CartOutbox(
@@ -92,8 +92,8 @@ class CartAgent:
             estimate=self._estimate(index) if index % report_every == 0 else None,
         )
 
-    def _take_in(self, totals: Totals) -> None:
-        """Learn from what all did and saw."""
+    def _update(self, totals: Totals) -> None:
+        """Update the knowledge of the cart with the sums over all pushers."""
         config = self.config
         sighting = Sighting(totals.motion, config.noise**2 / totals.members * np.eye(MOTION_SIZE))
         planned = self._planned.get(totals.block, totals.wrench_b)
@@ -105,15 +105,15 @@ class CartAgent:
         self._newest = totals
         self._reached = totals.block + 1
 
-    def _make_do(self, block: int) -> None:
-        """Totals were lost: all will have done about what was planned."""
+    def _predict(self, block: int) -> None:
+        """Predict over a sample whose totals were lost, assuming the planned push."""
         if self._knowledge is not None:
             planned = self._planned.get(block, np.zeros(3))
             self._knowledge.coast(Push(planned, _UNKNOWN_WRENCH**2 * np.eye(3), self._period, planned))
             self._reached = block + 1
 
     def _push(self, index: int) -> CartPush:
-        """What the own hand shall do ``lag`` samples later."""
+        """Return what the pusher's own hand shall do ``lag`` samples later."""
         config, block = self.config, index + self.config.lag
         wrench = np.zeros(3)
         if self._knowledge is not None and self._newest is not None:
@@ -129,7 +129,7 @@ class CartAgent:
         return CartPush(robot=config.name, block=block, answers=index, wrench=wrench, hand=self._hand.copy())
 
     def _slide(self, total: Array) -> None:
-        """Move the hand toward where this push takes the least effort."""
+        """Move the hand towards the position at which this push takes the least effort."""
         best = self._best_contact.after(total)
         if self.config.slides and best is not None:
             low, high = self.config.reach

@@ -1,4 +1,4 @@
-"""The process of one cart pusher: the pure core with its links.
+"""The process of one cart pusher: the pure core with its network links.
 
 ``python -m coheft.agents.cart.process`` reads a ``CartAgentProcessConfig`` from stdin.
 """
@@ -26,13 +26,13 @@ from coheft.wire.process.supervised import supervised_main
 from coheft.wire.transport.inbox import Event, LinkChange
 
 _LARGEST = 1e12
-"""No number of a sum that is under way is as large as this."""
+"""Limit of the numbers in sums in progress."""
 
 
 class CartAgentProcess:
-    """A pusher and its links.
+    """A pusher and its network links.
 
-    At sample k the pusher steps with its measurement k and its neighbours' messages k - 1.
+    At sample k the pusher uses its measurement k and its neighbours' messages k - 1.
     """
 
     def __init__(self, config: CartAgentConfig, links: AgentLinks) -> None:
@@ -44,35 +44,35 @@ class CartAgentProcess:
         self._measurements: deque[CartMeasurement] = deque()
         self._next_measurement = 0
         self._messages: dict[int, dict[str, CartMessage]] = {}
-        self._heard: set[str] = set()
-        self._heard_by: set[str] = set()
+        self._received_from: set[str] = set()
+        self._received_by: set[str] = set()
 
     def run(self) -> None:
         """Connect to the neighbours, then answer each sample.
 
         Raises:
             LinkError: The link with the server is lost.
-            Stopped: The server said so.
+            Stopped: The server has ended the run.
         """
-        self._meet()
+        self._connect()
         while True:
             self._answer()
 
-    def _meet(self) -> None:
-        """Say hello until all neighbours hear us, then ready, both until the first sample comes."""
+    def _connect(self) -> None:
+        """Say hello until all neighbours receive this pusher's messages, then ready, until the first sample arrives."""
         next_hello = time.monotonic()
         while not self._measurements:
             wait = next_hello - time.monotonic()
             if wait > 0.0:
                 self._handle(self._links.receive(wait))
                 continue
-            self._links.hello.send(Hello(sender=self._config.name, heard=sorted(self._heard)))
-            if self._heard_by.issuperset(self._config.neighbours):
+            self._links.hello.send(Hello(sender=self._config.name, heard=sorted(self._received_from)))
+            if self._received_by.issuperset(self._config.neighbours):
                 self._links.ready.send(Ready(robot=self._config.name))
             next_hello = time.monotonic() + HELLO_PERIOD
 
     def _answer(self) -> None:
-        """Wait for all that belongs to one sample, step, and say what came of it."""
+        """Wait for the measurement and the messages of one sample, step, and send the results."""
         expected = set(self._config.neighbours) if self._block > 0 else set()
         while not self._measurements or expected - self._messages.get(self._block - 1, {}).keys():
             self._handle(self._links.receive())
@@ -85,21 +85,21 @@ class CartAgentProcess:
             self._links.estimate.send(structs.replace(outbox.estimate, problems=self._links.problems.count))
 
     def _handle(self, event: Event | None) -> None:
-        """Take in whatever came.
+        """Process an event.
 
         Raises:
             LinkError: The link with the server is lost.
-            Stopped: The server said so.
+            Stopped: The server has ended the run.
         """
         match self._links.sort(event, self._take):
             case LinkChange(source, links=0):
                 raise LinkError(f"{self._config.name} lost its link with {source} at sample {self._block}")
 
     def _take(self, source: str, message: Message) -> None:
-        """Put a message where it is waited for.
+        """Process a message.
 
         Raises:
-            MessageError: No robot waits for it.
+            MessageError: The message is not valid here and now.
         """
         match message:
             case CartMeasurement():
@@ -117,13 +117,14 @@ class CartAgentProcess:
                 self._messages.setdefault(message.block, {})[source] = structs.replace(message, gossip=gossip)
             case Hello():
                 check_field("sender", message.sender, source)
-                self._heard.add(source)
+                self._received_from.add(source)
                 if self._config.name in message.heard:
-                    self._heard_by.add(source)
+                    self._received_by.add(source)
 
     def _check_message(self, source: str, message: CartMessage) -> None:
         check_field("sender", message.sender, source)
-        # A neighbour needs our message of a sample to get past the next one, so it is at most one ahead.
+        # A neighbour needs this pusher's message of a sample to complete the next one, so it is at most one sample
+        # ahead.
         expected = [b for b in (self._block - 1, self._block) if b >= 0 and source not in self._messages.get(b, {})]
         if message.block not in expected:
             raise MessageError(f"block is {message.block} but expected one of {expected}")
@@ -131,33 +132,33 @@ class CartAgentProcess:
 
 
 def check_content(message: CartMessage) -> None:
-    """Check what a pusher says of sums and of others.
+    """Check the sums and the records in a neighbour's message.
 
     Raises:
-        MessageError: It cannot be used.
+        MessageError: They cannot be used.
     """
     rounds = message.valid.size
     check_array(message.valid, (rounds,), "valid")
     check_array(message.stages, (rounds, 1, CHANNELS), "stages")
-    if not np.abs(message.stages).max(initial=0.0) < _LARGEST:  # false for what is not a number, too
-        raise MessageError(f"stages hold numbers that are not finite, or not below {_LARGEST:g}")
+    if not np.abs(message.stages).max(initial=0.0) < _LARGEST:  # also true for NaN
+        raise MessageError(f"stages contain numbers that are not finite or not below {_LARGEST:g}")
     impossible = [record.robot for record in message.gossip if not is_possible(record)]
     if impossible:
-        raise MessageError(f"what it says about {impossible[0]!r} is impossible")
+        raise MessageError(f"its record of {impossible[0]!r} is impossible")
 
 
 def run_agent(config: CartAgentProcessConfig) -> None:
-    """Run a pusher until the server says stop.
+    """Run a pusher until the server ends the run.
 
     Raises:
-        LinkError: Somebody listens at one of its endpoints already, or the link with the server is lost.
+        LinkError: Another process listens at one of its endpoints, or the link with the server is lost.
     """
     with open_links(config, CartMeasurement, CartMessage) as links:
         CartAgentProcess(config.agent, links).run()
 
 
 def main() -> NoReturn:
-    """Run the pusher whose configuration comes on stdin."""
+    """Run the pusher whose configuration is read from stdin."""
     supervised_main(CartAgentProcessConfig, run_agent)
 
 

@@ -1,6 +1,6 @@
-"""Sums of the pushes and measurements of all cart pushers over the network: one pusher's part.
+"""One pusher's part in the sums of all pushers' wrenches and measurements over the network.
 
-All values are in frames that every robot knows, the cart's and the floor's, so nothing has to be transformed.
+All values are in the frames of the cart and the floor, which every robot knows, so no transforms are needed.
 """
 
 from __future__ import annotations
@@ -20,20 +20,20 @@ from coheft.wire.cart.messages import CartMessage
 _WRENCH, _LEVERAGE, _MOTION = slice(0, 3), slice(3, 12), slice(12, 18)
 CHANNELS = 18
 _LARGEST = 1e6
-"""No total is as large as this, in its unit."""
+"""Limit of every total, in its unit."""
 _LEAST_LEVERAGE = 1e-6
-"""Nor do all hands together have as little leverage as this in any direction."""
+"""Smallest possible leverage of all hands together, in any direction."""
 
 
 @dataclass(frozen=True, eq=False)
 class Totals:
-    """Of all pushers, at one sample.
+    """Sums over all pushers at one sample.
 
     Attributes:
         block: The sample.
-        members: How many pushers there are.
-        wrench_b: Of all hands from this sample to the next, as measured, shape (3,).
-        leverage: Of all hands, see ``coheft.estimation.cart.contact``, shape (3, 3).
+        members: Number of pushers.
+        wrench_b: Total wrench of the hands from this sample to the next, as measured, shape (3,).
+        leverage: Total leverage of the hands, see ``coheft.estimation.cart.contact``, shape (3, 3).
         motion: Mean of all measurements of ``(q, qd)``, shape (6,).
     """
 
@@ -59,8 +59,8 @@ class CartSums:
     """One pusher's part in the sums.
 
     Args:
-        name: Its name.
-        gossip: Learns who there is.
+        name: The pusher's name.
+        gossip: The pusher's knowledge of the team.
     """
 
     def __init__(self, name: str, gossip: Gossip) -> None:
@@ -77,14 +77,15 @@ class CartSums:
     def step(
         self, index: int, wrench_b: Array, leverage: Array, motion: Array, inbox: Sequence[CartMessage]
     ) -> Totals | Lost | None:
-        """One sample enters; one that entered earlier leaves, or was lost; None before the first one leaves.
+        """Enter one sample, and return the totals of an earlier one, or that they are lost; None before the first
+        result.
 
         Args:
             index: The sample.
-            wrench_b: What the own hand does from then on, shape (3,).
-            leverage: Of the own hand, shape (3, 3).
-            motion: As the pusher measures it, shape (6,).
-            inbox: What the neighbours sent after the sample before.
+            wrench_b: Wrench of this pusher's hand from this sample on, shape (3,).
+            leverage: Leverage of this pusher's hand, shape (3, 3).
+            motion: The pusher's measurement of ``(q, qd)``, shape (6,).
+            inbox: The neighbours' messages of the previous sample.
         """
         values = np.concatenate([wrench_b, leverage.ravel(), motion])
         if not self._gossip.own.neighbours:
@@ -102,21 +103,21 @@ class CartSums:
 
     @property
     def stages(self) -> Array:
-        """What to send to the neighbours, shape (K, 1, C)."""
+        """Values to send to the neighbours, shape (K, 1, C)."""
         return np.zeros((0, 1, CHANNELS)) if self._pipeline is None else self._pipeline.stages.copy()
 
     @property
     def valid(self) -> Array:
-        """Which of it is complete, shape (K,)."""
+        """Whether each of the values to send is complete, shape (K,)."""
         return np.zeros(0) if self._pipeline is None else self._pipeline.valid.astype(np.float64)
 
     def _prepare(self, index: int) -> None:
-        """Once the graph is known, agree on the sample at which the sums begin, and get ready for it."""
+        """Once the graph is known, agree on the sample at which the sums begin, and prepare for it."""
         graph = self._gossip.graph
         if graph is None or self._pipeline is not None:
             return
         if not self._announced:
-            # Until then the farthest has heard that this one is ready, too.
+            # At that block the most distant robot has received this announcement.
             self._gossip.announce_ready(index + hearing(graph))
             self._announced = True
         start = self._gossip.start_block
@@ -145,6 +146,6 @@ def _totals(block: int, members: int, sums: Array) -> Totals:
 
 
 def _are_possible(totals: Totals) -> bool:
-    """Whether no message has made nonsense of them."""
+    """Whether the totals are plausible; a faulty message may have corrupted them."""
     size = max(np.abs(each).max() for each in (totals.wrench_b, totals.leverage, totals.motion))
     return bool(size < _LARGEST and np.linalg.eigvalsh(totals.leverage)[0] > _LEAST_LEVERAGE)

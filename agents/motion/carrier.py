@@ -1,8 +1,8 @@
 """One robot's part in carrying the load along a common path, with its estimate of the load.
 
-The robot knows its own pose in the grasp frame of the first robot, so it knows how its own grasp has to move. It knows
-mass, centre of mass and inertia in its own frame, so it knows what total wrench moves the load like that; and it knows
-where every robot holds it, so it knows its own share. Its accelerometer says where up is. No robot has to be asked.
+The robot knows its own pose in the grasp frame of the first robot, hence how its own grasp has to move. It knows mass,
+centre of mass and inertia in its own frame, hence the total wrench for that motion. It knows where every robot holds
+the load, hence its own share. Its accelerometer gives the direction of gravity. No further messages are needed.
 """
 
 from __future__ import annotations
@@ -24,26 +24,26 @@ from coheft.wire.messages.structs import Estimate
 from coheft.wire.scenario.carry import Carry
 
 _STEP = 1e-3
-"""Between times of which the rates are compared, to find accelerations [s]."""
+"""Time step of the finite differences that give accelerations [s]."""
 _WELL_KNOWN = 0.03
-"""An estimate is used when the standard deviations of the force and the torque that hold the load are less than this
-share of its weight, and of its weight at a lever as long as the team is large."""
+"""An estimate is used if the standard deviations of the force and the torque that hold the load are below this share of
+its weight, and of its weight times the size of the team."""
 _CHANGE_TIME = 0.1
-"""In about this time a new estimate takes the place of the one before [s]."""
+"""Time constant with which a new estimate replaces the one before [s]."""
 _LEVEL_TIME = 1.0
 """Time over which the accelerometer is averaged [s]."""
 
 
 class Carrier:
-    """References for one robot's arm.
+    """Computes references for one robot's arm.
 
-    An estimate that is doubted, or not known well, is not used: the last good one stays. So do the poses of a team that
-    is no more, until there is another one.
+    An estimate that is doubted, or not known well, is not used: the last good one stays in use. The poses of a former
+    team also stay in use until there are new ones.
 
     Args:
         config: The agent's settings.
         carry: The path.
-        alone: How the robot moves before the common path begins.
+        alone: The robot's motion before the common path begins.
     """
 
     def __init__(self, config: AgentConfig, carry: Carry, alone: ReferenceMotion) -> None:
@@ -54,18 +54,18 @@ class Carrier:
         self._pose_in_ref = Pose.identity()
         self._share = np.zeros((6, 6))
         self._size = 0.0
-        # Proper acceleration of a frame at rest, in the axes of the home frame, and its number of blocks.
+        # Proper acceleration of a frame at rest, in the axes of the home frame, and the number of blocks averaged.
         self._lift = np.zeros(3)
         self._lift_blocks = 0
         self._load: Inertia | None = None
         self._used = np.zeros(10)
 
     def learn(self, index: int, estimate: Estimate, grasps: Mapping[str, Pose]) -> None:
-        """Take in what is known after a block.
+        """Use the estimate after a block.
 
         Args:
-            index: Its number.
-            estimate: What the robot says of it.
+            index: The block's number.
+            estimate: The robot's estimate after it.
             grasps: ``pose_j_in_ref`` of all robots that hold the load.
         """
         own = self._config.name
@@ -78,14 +78,14 @@ class Carrier:
         if self._path is None:
             start = max(self._carry.start, self._config.start_of(index + 1 + self._config.lag))
             self._path = CommonPath(self._carry, start)
-        self._weigh(self._path, index, estimate)
+        self._update_load(self._path, index, estimate)
 
-    def _weigh(self, path: CommonPath, index: int, estimate: Estimate) -> None:
-        """Use the load of an estimate, if it is known well enough at the attitude at which it would be used first."""
+    def _update_load(self, path: CommonPath, index: int, estimate: Estimate) -> None:
+        """Use the estimated load, if it is known well enough at the attitude at which it would first be used."""
         payload = estimate.payload
         if payload is None or payload.com is None:
             return
-        rotation, _, _, _ = self._middle(path, index + self._config.lag)
+        rotation, _, _, _ = self._mid_block_motion(path, index + self._config.lag)
         weight = payload.mass * float(np.linalg.norm(self._lift))
         force, torque = weight_deviations(payload.mass, payload.covariance, rotation.T @ self._lift)
         if weight == 0.0 or max(force, torque / self._size) > _WELL_KNOWN * weight:
@@ -94,7 +94,7 @@ class Carrier:
         self._load = Inertia(payload.mass, payload.com, before if payload.tensor is None else payload.tensor)
 
     def step(self, index: int, samples: Array | None) -> tuple[Array, Array]:
-        """What the arm shall do ``lag`` blocks after this one: ``motion`` and ``wrench`` of a ``Reference``.
+        """Return what the arm shall do ``lag`` blocks after this one: ``motion`` and ``wrench`` of a ``Reference``.
 
         Args:
             index: The block's number.
@@ -105,7 +105,7 @@ class Carrier:
         if self._path is None:
             return alone, np.zeros(6)
         if samples is not None and self._config.start_of(index) >= self._path.full_from:
-            self._find_up(index, samples)
+            self._update_gravity(index, samples)
         time = self._times(ahead)
         common = self._motion(self._path, time)
         share, share_rate = self._path.share(time)
@@ -115,16 +115,20 @@ class Carrier:
         together = np.hstack([common.rotation, common.position, common.rotation_rate, common.velocity])
         return fading + together, self._wrench(self._path, ahead)
 
-    def _find_up(self, index: int, samples: Array) -> None:
-        """While the load goes where it should, what the accelerometer reads beyond that is what holds it up."""
+    def _update_gravity(self, index: int, samples: Array) -> None:
+        """Update the mean of the accelerometer's reading minus the acceleration of the path: the opposite of
+        gravity.
+        """
         assert self._path is not None
-        rotation, acceleration, _, _ = self._middle(self._path, index)
+        rotation, acceleration, _, _ = self._mid_block_motion(self._path, index)
         read = rotation @ samples[:, ACCELERATION].mean(axis=0) - acceleration
         self._lift_blocks += 1
         self._lift += (read - self._lift) / min(self._lift_blocks, self._config.blocks(_LEVEL_TIME))
 
     def _wrench(self, path: CommonPath, block: int) -> Array:
-        """The robot's share of what moves the load in the middle of a block, ``(f, t)`` in ``F_i``, shape (6,)."""
+        """Return this robot's share of the wrench that moves the load, in the middle of a block: ``(f, t)`` in ``F_i``,
+        (6,).
+        """
         carry = self._carry
         is_on = carry.feedforward and self._config.start_of(block) >= carry.feedforward_at
         is_level = self._lift_blocks >= self._config.blocks(_LEVEL_TIME)
@@ -132,18 +136,18 @@ class Carrier:
             return np.zeros(6)
         faster = self._config.blocks(_CHANGE_TIME)
         self._used += (self._load.barycentric() - self._used) / faster
-        rotation, acceleration, w, alpha = self._middle(path, block)
+        rotation, acceleration, w, alpha = self._mid_block_motion(path, block)
         load = Inertia.from_barycentric(self._used)
         total = load.wrench(rotation.T @ w, rotation.T @ (acceleration + self._lift), rotation.T @ alpha)
         return self._limited(self._share @ total)
 
     def _limited(self, wrench: Array) -> Array:
-        """The wrench, made smaller as a whole until the arm can exert it."""
+        """Return the wrench, scaled down as a whole to what the arm can exert."""
         force, torque = float(np.linalg.norm(wrench[:3])), float(np.linalg.norm(wrench[3:]))
         return wrench / max(1.0, force / self._carry.force_limit, torque / self._carry.torque_limit)
 
-    def _middle(self, path: CommonPath, block: int) -> tuple[Array, Array, Array, Array]:
-        """Of ``F_i`` in the middle of a block, in the axes of its home frame.
+    def _mid_block_motion(self, path: CommonPath, block: int) -> tuple[Array, Array, Array, Array]:
+        """Return the motion of ``F_i`` in the middle of a block, in the axes of its home frame.
 
         Returns:
             Orientation (3, 3), acceleration of the origin, angular velocity and acceleration, each (3,).

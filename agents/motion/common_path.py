@@ -1,4 +1,4 @@
-"""The path along which all robots carry the load together, as one agent follows it."""
+"""The path along which all robots carry the load together, as one agent computes it."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from coheft.wire.scenario.carry import Carry
 class CommonPath:
     """A sinusoid per coordinate, with a smooth start.
 
-    Where the path is at a time is the same for all who have started, whenever they did.
+    At a given time the path is the same for all robots whose start is over, whenever each started.
 
     Args:
         carry: Amplitudes, periods, ramp.
-        start: When the start begins [s].
+        start: Time at which this robot's smooth start begins [s].
     """
 
     def __init__(self, carry: Carry, start: float) -> None:
@@ -28,17 +28,17 @@ class CommonPath:
 
     @property
     def full_from(self) -> float:
-        """When the start is over [s]."""
+        """Time at which the smooth start is over [s]."""
         return self._start + self._ramp
 
     def displacement(self, time: Array) -> tuple[Array, Array]:
-        """Of the first robot's grasp frame in its home frame: rotation vector [rad], position [m]; and its rate.
+        """Return the displacement of the first robot's grasp frame in its home frame, and its rate.
 
         Args:
-            time: Shape (n,) [s].
+            time: Times [s], shape (n,).
 
         Returns:
-            Two arrays, shape (n, 6).
+            Two arrays, shape (n, 6): rotation vector [rad] and position [m], and their rates.
         """
         phases = self._omegas * (time[:, None] - self._begin)
         wave = self._amplitudes * np.sin(phases)
@@ -47,7 +47,7 @@ class CommonPath:
         return share * wave, share * wave_rate + share_rate * wave
 
     def share(self, time: Array) -> tuple[Array, Array]:
-        """Smooth step from 0 to 1 during the start, and its rate, each (n, 1)."""
+        """Return a smooth step from 0 to 1 during the start, and its rate, each (n, 1)."""
         s = np.clip((time - self._start) / self._ramp, 0.0, 1.0)[:, None]
-        share, rate = least_jerk_step(s)  # no acceleration comes suddenly
+        share, rate = least_jerk_step(s)  # the acceleration is continuous
         return share, rate / self._ramp

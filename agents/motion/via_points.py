@@ -1,4 +1,4 @@
-"""Reference motion along straight lines between random points, then points that are held still."""
+"""Reference motion along straight lines between random points, followed by points at which the robot rests."""
 
 from __future__ import annotations
 
@@ -13,14 +13,13 @@ from coheft.wire.scenario.via_points import ViaPoints
 class ViaPointMotion:
     """Moves to random points at random times, drawn by this robot alone (Zhang et al., sec. IV-C).
 
-    At the end come points that are held still: in these all robots rest at the same times, so that gravity is all there
-    is to feel, in a different direction each time. Their heights are spread over the whole range, in random order. Then
-    all starts anew.
+    The last points are held still: all robots rest at the same times, so that gravity is the only load, in a different
+    direction each time. Their heights are spread over the whole range, in random order. Then the motion starts again.
 
     Args:
         motion: Range, times.
-        via: Its via points.
-        seed: Of this robot's choice.
+        via: Via points and holds.
+        seed: This robot's seed.
         rate: Samples per second.
         block: Samples per block.
     """
@@ -32,7 +31,7 @@ class ViaPointMotion:
         moves = np.column_stack([rng.uniform(*via.transit, size=via.count), rng.uniform(*via.dwell, size=via.count)])
         holds = rng.uniform(-reach, reach, size=(via.holds, 3))
         holds[:, 2] = reach[2] * rng.permutation(np.linspace(-1.0, 1.0, via.holds))
-        # All robots have been everywhere at the same time, when the holds begin.
+        # All robots finish their moves at the same time, when the holds begin.
         moves *= via.count * (np.mean(via.transit) + np.mean(via.dwell)) / moves.sum()
         stops = [[via.hold_transit, via.hold_time]] * via.holds + [[via.hold_transit, 0.0]]
         home = np.zeros((1, 3))
@@ -42,7 +41,9 @@ class ViaPointMotion:
         self._block = block
 
     def reference(self, block: int) -> Array:
-        """Displacement from the home pose during a block, and its rate, see ``ReferenceMotion.reference``."""
+        """Return the displacement from the home pose during a block, and its rate, see
+        ``ReferenceMotion.reference``.
+        """
         time = (block * self._block + np.arange(self._block)) / self._rate
         time %= self._times[-1]
         k = np.searchsorted(self._times, time, side="right") - 1

@@ -1,1 +1,1 @@
-"""The user's own estimators and motions: found by their entry points, and checked."""
+"""Users' estimators and motions, found by their entry points and checked."""

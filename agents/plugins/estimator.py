@@ -1,7 +1,7 @@
-"""Wrapper of a user's estimator: either its return values are correct, or the agent ends and says what is wrong.
+"""Wrapper of a user's estimator: either its return values are correct, or the agent ends with an error.
 
-Somebody who writes an estimator learns of a mistake where it was made, with the place, and not from neighbours that
-refuse messages. It is the program that is wrong, so a new start would not help.
+The author of an estimator learns of a mistake where it was made, and not from neighbours that refuse messages.
+Restarting the agent would not help.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ T = TypeVar("T")
 
 
 class OwnEstimator:
-    """See ``coheft.agents.estimator.Estimator``; every method raises ``PluginError`` if the own one's fails.
+    """A user's estimator. See ``coheft.agents.estimator.Estimator``; methods raise ``PluginError`` if the user's fail.
 
     Args:
-        own: The user's.
-        config: It was made with.
-        gossip: It was made with.
-        largest_arrays: What it may send in one message [B].
+        own: The user's estimator.
+        config: The configuration that it was made with.
+        gossip: The gossip that it was made with.
+        largest_arrays: Size that it may send in one message [B].
     """
 
     def __init__(self, own: Estimator, config: AgentConfig, gossip: Gossip, largest_arrays: int) -> None:
@@ -44,26 +44,26 @@ class OwnEstimator:
         self._index = -1
 
     def step(self, index: int, own: MeasurementBlock | None, inbox: Mapping[str, Channels]) -> dict[str, Array]:
-        """One block."""
+        """See ``Estimator.step``."""
         self._index = index
-        return self._call("step", self._told, index, own, inbox)
+        return self._call("step", self._checked_step, index, own, inbox)
 
     def fits(self, channels: Channels) -> bool:
-        """Whether what a neighbour sent can be read."""
+        """See ``Estimator.fits``."""
         return self._call("fits", plain_answer, channels)
 
     def belief(self) -> Belief:
-        """What is believed after the last step."""
+        """See ``Estimator.belief``."""
         return self._call("belief", lambda found: plain_belief(found, self._index, self._config.neighbours))
 
     def doubts(self) -> tuple[str, ...]:
-        """Why that may not be true any more."""
+        """See ``Estimator.doubts``."""
         return self._call("doubts", plain_texts)
 
-    def _told(self, returned: object) -> dict[str, Array]:
-        """What a step has told neighbours: by what it returned, and by ``Gossip``."""
+    def _checked_step(self, returned: object) -> dict[str, Array]:
+        """Check what a step sends to neighbours: the returned arrays, and this robot's record in ``Gossip``."""
         channels = plain_channels(returned, self._largest_arrays)
-        # Whatever others may have said of this robot is in these two, and not the estimator's fault.
+        # Other robots can influence these two numbers, so they are not checked.
         record = replace(self._gossip.own, incarnation=0, sequence=0)
         try:
             can_be_told = is_possible(msgspec.convert(msgspec.to_builtins(record), LinkState))
@@ -71,37 +71,37 @@ class OwnEstimator:
             can_be_told = False
         if not can_be_told:
             raise MessageError(
-                f"what it has had Gossip announce is impossible, expected what LinkState allows: {record}"
+                f"it made Gossip announce an impossible record, expected what LinkState allows: {record}"
             )
         return channels
 
     def _call(self, method: str, check: Callable[[object], T], *arguments: object) -> T:
-        """What a method returns, checked.
+        """Call a method and return its checked result.
 
         Raises:
-            PluginError: It raises something, or returns what cannot be used.
+            PluginError: The method raises an exception, or returns a value that cannot be used.
         """
         bound = getattr(self._own, method)
         try:
             returned = bound(*arguments)
-        except Exception as error:  # whatever somebody else's code raises
+        except Exception as error:  # a user's code may raise anything
             raise PluginError(f"{self._what}: {method} raised {told(error, type(self._own).__module__)}") from error
         try:
             return check(returned)
         except MessageError as error:
             raise PluginError(
-                f"{self._what}: {method}{_place(bound)} returned what cannot be used: {error}. See docs/own.md"
+                f"{self._what}: {method}{_place(bound)} returned an unusable value: {error}. See docs/own.md"
             ) from error
 
     @property
     def _what(self) -> str:
-        """Which one, and when."""
+        """Name of the estimator and the robot, with the present block."""
         config, index = self._config, self._index
         when = f" at block {index} ({config.start_of(index):.2f} s)" if index >= 0 else ""
         return f"the estimator {config.estimator!r} of {config.name}{when}"
 
 
 def _place(bound: object) -> str:
-    """Where a method is written, if it is a usual one."""
+    """Return the file and line of a method, if it is written in Python."""
     code = getattr(bound, "__code__", None)
     return "" if code is None else f" ({code.co_filename}, line {code.co_firstlineno})"

@@ -1,4 +1,4 @@
-"""Creates the user's estimators and motions, and checks that an agent can use them."""
+"""Creation of users' estimators and motions, with checks that an agent can use them."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from coheft.wire.scenario.plugins import Kind, load_plugin, told
 
 
 def make_own(kind: Kind, name: str, protocol: type, *arguments: object) -> Any:
-    """Make what an installed package offers under a name.
+    """Make the object that an installed package registers under a name.
 
     Args:
-        kind: Which kind of thing.
-        name: Of its entry point, and of the table of its settings.
-        protocol: Whose methods it must have.
-        arguments: What it is made from.
+        kind: The kind of plugin.
+        name: Name of its entry point, and of the table of its settings.
+        protocol: Protocol whose methods it must have.
+        arguments: Arguments of its factory.
 
     Raises:
         PluginError: It cannot be imported or made, or lacks a method.
@@ -26,7 +26,7 @@ def make_own(kind: Kind, name: str, protocol: type, *arguments: object) -> Any:
         made = factory(*arguments)
     except CoheftError:
         raise
-    except Exception as error:  # whatever somebody else's code raises
+    except Exception as error:  # a user's code may raise anything
         raise PluginError(
             f"the {kind} {name!r} cannot be made from {', '.join(type(a).__name__ for a in arguments)}, or not with "
             f"the settings in [settings.{name}]: {told(error, getattr(factory, '__module__', ''))}"
@@ -38,10 +38,10 @@ def make_own(kind: Kind, name: str, protocol: type, *arguments: object) -> Any:
 
 
 def _check_method(made: object, method: str, expected: Any, what: str) -> None:
-    """Check that a method is there and takes the arguments that it will get.
+    """Check that a method exists and takes the arguments of the protocol.
 
     Raises:
-        PluginError: It is not, or does not.
+        PluginError: It does not.
     """
     wanted = [*inspect.signature(expected).parameters][1:]
     call = f"{method}({', '.join(wanted)})"

@@ -1,7 +1,7 @@
-"""Checks of a user's estimator's return values, and conversion to plain types.
+"""Checks of the values that a user's estimator returns, and their conversion to plain types.
 
-Plain is what other processes would get of it: copies, so that nothing that the estimator goes on working with changes
-what it has said, and numbers that messages can hold. So in one process it is the same as between many.
+The results are what other processes would receive: copies, so that later changes by the estimator have no effect, of
+numbers that messages can hold. So a team in one process behaves like one in many processes.
 """
 
 from __future__ import annotations
@@ -23,31 +23,29 @@ from coheft.wire.messages.estimate_checks import check_number, check_numbers, ch
 from coheft.wire.messages.structs import LoadChangeNotice, PayloadEstimate, PoseEstimate
 
 _PER_ARRAY = 32
-"""What a message says of an array besides its name and its numbers, at most [B]."""
+"""Upper bound of the bytes per array in a message, besides its name and its numbers."""
 
 T = TypeVar("T")
 
 
 def plain_channels(returned: object, largest: int) -> dict[str, Array]:
-    """What ``Estimator.step`` has returned, as arrays of float64.
+    """Convert the return value of ``Estimator.step`` to arrays of float64.
 
     Args:
-        returned: That.
-        largest: So much may go into one message [B].
+        returned: The return value.
+        largest: Size allowed in one message [B].
 
     Raises:
         MessageError: Neighbours could not use it; the text says what to do.
     """
     if not isinstance(returned, Mapping):
-        raise MessageError(
-            f"it is {_kind(returned)}, expected a dict of arrays by name, {{}} if there is nothing to say"
-        )
+        raise MessageError(f"it is {_kind(returned)}, expected a dict of arrays by name; to send nothing, return {{}}")
     channels = {name: _plain_channel(name, value) for name, value in returned.items()}
     size = sum(len(name.encode()) + _PER_ARRAY + array.nbytes for name, array in channels.items())
     if size > largest:
         raise MessageError(
-            f"its arrays take {_kilobytes(size)}, expected at most {_kilobytes(largest)}, because neighbours drop what "
-            f"is larger: send a part after each block"
+            f"its arrays take {_kilobytes(size)}, expected at most {_kilobytes(largest)}, because neighbours drop "
+            f"larger messages: send a part after each block"
         )
     return channels
 
@@ -62,8 +60,8 @@ def _plain_channel(name: object, value: object) -> Array:
     unusable = array.size - np.count_nonzero(np.isfinite(array))
     if unusable:
         raise MessageError(
-            f"{place} holds {unusable} numbers that are not finite, expected finite ones only: leave out what is not "
-            f"known"
+            f"{place} contains {unusable} numbers that are not finite, expected finite ones only: leave out "
+            f"unknown values"
         )
     if not can_be_used(array):
         raise MessageError(f"{place} has a norm of at least {LARGEST_NORM:g}, expected a smaller one: use other units")
@@ -71,7 +69,7 @@ def _plain_channel(name: object, value: object) -> Array:
 
 
 def plain_answer(returned: object) -> bool:
-    """What ``Estimator.fits`` has returned.
+    """Convert the return value of ``Estimator.fits``.
 
     Raises:
         MessageError: It is neither True nor False.
@@ -82,24 +80,24 @@ def plain_answer(returned: object) -> bool:
 
 
 def plain_texts(returned: object) -> tuple[str, ...]:
-    """What ``Estimator.doubts`` has returned, each in one line.
+    """Convert the return value of ``Estimator.doubts``; line breaks in texts are removed.
 
     Raises:
-        MessageError: It is no tuple of texts.
+        MessageError: It is not a tuple of texts.
     """
     return _texts(returned, "it")
 
 
 def plain_belief(returned: object, index: int, neighbours: Collection[str]) -> Belief:
-    """What ``Estimator.belief`` has returned.
+    """Check and convert the return value of ``Estimator.belief``.
 
     Args:
-        returned: That.
-        index: The last block that it has seen.
-        neighbours: Names of those whose poses it may tell.
+        returned: The return value.
+        index: The last block that the estimator has processed.
+        neighbours: Names of the robots whose poses it may contain.
 
     Raises:
-        MessageError: No robot could compute with it; the text says what to do.
+        MessageError: Other robots could not use it; the text says what to do.
     """
     if not isinstance(returned, Belief):
         raise MessageError(f"it is {_kind(returned)}, expected a Belief, see agents/estimator.py")
@@ -124,10 +122,10 @@ def plain_belief(returned: object, index: int, neighbours: Collection[str]) -> B
 
 
 def plain_array(value: object, place: str) -> Array:
-    """A copy as float64, row by row: sums over other layouts may differ in their last digit.
+    """Return a copy as float64 in row-major order, as sums over other layouts may differ in the last digit.
 
     Raises:
-        MessageError: It is no array of real numbers.
+        MessageError: The value is not an array of real numbers.
     """
     if not isinstance(value, np.ndarray):
         raise MessageError(f"{place} is {_kind(value)}, expected an array: np.array(…) makes one")
@@ -155,7 +153,7 @@ def _plain_poses(poses: object, neighbours: Collection[str]) -> dict[str, Uncert
     plain = {}
     for name, pose in poses.items():
         if name not in neighbours:
-            raise MessageError(f"poses are told of {name!r}, expected neighbours only: {', '.join(neighbours)}")
+            raise MessageError(f"poses contain {name!r}, expected neighbours only: {', '.join(neighbours)}")
         if not isinstance(pose, UncertainPose) or not isinstance(pose.pose, Pose):
             raise MessageError(f"pose of {name!r} is {_kind(pose)}, expected an UncertainPose of a Pose")
         rotation = plain_array(pose.pose.rotation, f"rotation of {name!r}")
@@ -170,7 +168,7 @@ def _plain_changes(changes: object) -> tuple[LoadChangeNotice, ...]:
     plain = []
     for change in _sequence(changes, "load_changes"):
         if not isinstance(change, LoadChangeNotice):
-            raise MessageError(f"load_changes hold {_kind(change)}, expected a LoadChangeNotice for each change")
+            raise MessageError(f"load_changes contains {_kind(change)}, expected a LoadChangeNotice for each change")
         noticed, changed = _number(change.noticed_at, "noticed_at"), _number(change.changed_at, "changed_at")
         check_number(noticed, "noticed_at")
         check_number(changed, "changed_at")
@@ -182,14 +180,14 @@ def _texts(texts: object, place: str) -> tuple[str, ...]:
     found = _sequence(texts, place)
     for text in found:
         if not isinstance(text, str):
-            raise MessageError(f"{place} holds {_kind(text)}, expected texts")
+            raise MessageError(f"{place} contains {_kind(text)}, expected texts")
     return tuple(map(one_line, found))
 
 
 def _sequence(value: object, place: str) -> tuple[Any, ...]:
-    """A tuple, or a list. A single text is neither, though it can be taken for one of letters."""
+    """Return the items of a tuple or list; a single text is refused, though it is a sequence of letters."""
     if not isinstance(value, tuple | list):
-        raise MessageError(f"{place} is {_kind(value)}, expected a tuple: (one,) of one, () of none")
+        raise MessageError(f"{place} is {_kind(value)}, expected a tuple, such as (one,), or () if there is none")
     return tuple(value)
 
 
@@ -214,7 +212,7 @@ def _converted(convert: Callable[[Any], T], value: object, place: str, expected:
 
 
 def _kind(value: object) -> str:
-    """What somebody who looks for the error needs to know of a value."""
+    """Describe a value by its type, and an array also by its shape."""
     if value is None:
         return "None"
     shape = f" of the shape {value.shape}" if isinstance(value, np.ndarray) else ""

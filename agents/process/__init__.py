@@ -1,1 +1,1 @@
-"""The shell of an agent: its process and its links."""
+"""The shell of an agent: its process and its network links."""

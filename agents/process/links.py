@@ -1,4 +1,4 @@
-"""The links of an agent's process on its three planes, with outgoing and incoming messages."""
+"""The network links of an agent's process on its three planes, with outgoing and incoming messages."""
 
 from __future__ import annotations
 
@@ -20,29 +20,29 @@ from coheft.wire.transport.planes import guard_agent_for_observers, guard_neighb
 from coheft.wire.transport.security import Credentials
 from coheft.wire.transport.sessions import Keys, Sender, open_session, session_id
 
-if TYPE_CHECKING:  # robots without a cart need not load it
+if TYPE_CHECKING:  # not loaded by robots without a cart
     from coheft.wire.cart.config import CartAgentProcessConfig
 
 SERVER = "the server"
-"""What the server is called in events."""
+"""Name of the server in events."""
 HELLO_PERIOD = 0.05
-"""Time after which a robot that waits for measurements says hello again [s]."""
+"""Time after which a robot that waits for measurements repeats its hello [s]."""
 
 
 class Stopped(Exception):  # noqa: N818
-    """The server has said that the run is over."""
+    """Raised when the server has ended the run."""
 
 
 class AgentLinks:
-    """An agent's links: a session for each party that it connects to, and one on each plane for incoming connections.
+    """An agent's links: one session for each party that it dials, and one per plane for incoming connections.
 
     Attributes:
-        ready: To the server, like ``reference``.
-        reference: To the server.
-        hello: To all neighbours, like ``message``.
-        message: To all neighbours.
-        estimate: To observers.
-        problems: To observers and the log.
+        ready: Sends to the server.
+        reference: Sends to the server.
+        hello: Sends to all neighbours.
+        message: Sends to all neighbours.
+        estimate: Sends to observers.
+        problems: Sends to observers and to the log.
     """
 
     def __init__(
@@ -113,18 +113,18 @@ class AgentLinks:
         self.problems = ProblemLog(name, Sender(observers, keys.observe_agent(name, "problem"), may_drop=True))
 
     def receive(self, timeout: float | None = None) -> Event | None:
-        """The next thing that comes, or None if nothing does within ``timeout`` [s] (None: wait without limit)."""
+        """Return the next event, or None if there is none within ``timeout`` [s] (None: wait without limit)."""
         return self._inbox.receive(timeout)
 
     def sort(self, event: Event | None, take: Callable[[str, Message], None]) -> LinkChange | Presence | None:
-        """Hand a message on, tell of what is refused, and give back what is news of a link.
+        """Process an event: pass on its message, report what is refused, return a change of a link.
 
         Args:
-            event: What came.
-            take: Takes a message, with its source; what it does not accept is told.
+            event: The event.
+            take: Called with the source and the message; a ``MessageError`` that it raises is reported.
 
         Raises:
-            Stopped: The server said so.
+            Stopped: The server has ended the run.
         """
         match event:
             case Received(_, Stop()):
@@ -145,11 +145,13 @@ class AgentLinks:
         return None
 
     def _answer(self, question: Question, request: LinkRequest) -> Presence | None:
-        """Cut a link, or mend it; one that is cut looks as if the neighbour had gone."""
+        """Cut or restore a link as the operator requests; a cut link looks as if the neighbour had left."""
         other = request.neighbour
         if other not in self._neighbours:
-            dialled = ", ".join(self._neighbours) or "no one"
-            question.answer(Refusal(reason=f"{self._name} dials {dialled}: only who dials {other} can cut that link"))
+            dialled = ", ".join(self._neighbours) or "no neighbour"
+            question.answer(
+                Refusal(reason=f"{self._name} dials {dialled}: only the robot that dials {other} can cut that link")
+            )
             return None
         has_changed = request.cut != (other in self._cut)
         if has_changed and request.cut:
@@ -170,11 +172,11 @@ class AgentLinks:
 
     @property
     def dialled(self) -> frozenset[str]:
-        """Neighbours that this agent connects to, unless the operator has cut the link."""
+        """Neighbours that this agent dials, except those whose link the operator has cut."""
         return frozenset(self._neighbours) - self._cut
 
     def redial(self, party: str) -> None:
-        """Renew the link to the server, or to a neighbour that this agent connects to."""
+        """Renew the link to the server, or to a neighbour that this agent dials."""
         (self._server if party == SERVER else self._neighbours[party]).renew()
 
 
@@ -186,17 +188,17 @@ def open_links(
     security: Credentials | None = None,
     largest: int = LEAST_LIMIT,
 ) -> Iterator[AgentLinks]:
-    """An agent's links, until the server says stop.
+    """Open an agent's links, until the server ends the run.
 
     Args:
-        config: Where to dial and listen.
-        measurements: What the server sends.
-        said: What neighbours say, besides hello.
-        security: Credentials; None: the open profile.
-        largest: What neighbours may say in one message [B].
+        config: Endpoints to dial and to listen at.
+        measurements: Type of the server's measurement messages.
+        said: Type of the neighbours' messages, apart from hello.
+        security: Credentials; None for the open profile.
+        largest: Size of the largest message of a neighbour [B].
 
     Raises:
-        LinkError: Somebody listens at one of its endpoints already.
+        LinkError: Another process listens at one of the agent's endpoints.
     """
     with ExitStack() as stack:
         links = AgentLinks(stack, config, measurements, said, security, largest)

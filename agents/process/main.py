@@ -1,4 +1,4 @@
-"""The process of one agent: the pure core with its links.
+"""The process of one agent: the pure core with its network links.
 
 ``python -m coheft.agents.process.main`` reads an ``AgentProcessConfig`` from stdin.
 """
@@ -28,45 +28,46 @@ from coheft.wire.scenario.plugins import usable_in_run
 from coheft.wire.transport.inbox import Event, LinkChange, Presence
 
 _BACKLOG = 64
-"""Blocks of measurements that may wait; an agent that is slower for longer than that skips the oldest."""
+"""Number of measurement blocks that may wait; an agent that falls further behind skips the oldest."""
 _ASK_AGAIN = 1.0
-"""After so long without measurements it asks again [s]: the server may have noticed a lost link that we have not."""
-_AT_ONCE = 256
-"""So much is read between two steps at most: somebody may speak faster than can be read."""
+"""Time without measurements after which the agent asks again [s]: only the server may have noticed a lost link."""
+_MAX_EVENTS = 256
+"""Number of events read between two steps at most, because a sender may be faster than this agent."""
 
 
 class AgentProcess:
     """An agent and its links.
 
-    The agent steps when it has measurements of a block k, and of every neighbour that keeps pace the message of block
-    k - 1; a neighbour whose link is gone does not, nor one for whose message it once waited longer than its patience,
-    until it is heard in time again. So no robot can hold it up, and while nothing fails, equal runs take equal steps.
+    The agent steps when it has measurements of a block k, and the message of block k - 1 of every neighbour that keeps
+    pace. A neighbour does not keep pace if its link is down, or once its message took longer than the agent's patience,
+    until one arrives in time again. So no robot can block it, and without faults equal runs take equal steps.
 
-    A link with a neighbour that it dials is begun anew when it is gone, or does not carry both ways although it stands.
+    A link to a neighbour that the agent dials is renewed if it is down, or if it is up but does not work in both
+    directions.
 
-    It asks for measurements when it starts, and again whenever it has lost the server. If it is a new server that
-    comes, with a new world, the agent forgets everything and starts again; and so it does, as all robots do at the same
-    block, when measurements ask for another estimator.
+    The agent asks for measurements when it starts, and again whenever it has lost the server. If the server has
+    restarted, with a new world, the agent restarts with an empty memory. It also restarts when measurements name
+    another estimator, as all robots do at the same block.
     """
 
     def __init__(self, config: AgentProcessConfig, links: AgentLinks) -> None:
         self._config = config
         self._outside = links
-        self._tend_at = now = time.monotonic()
+        self._next_check = now = time.monotonic()
         self._links = {name: NeighbourLink(name, now) for name in config.agent.neighbours}
         self._records = open_record_check(config.agent.name, config.run, config.security)
         self._measurements: deque[tuple[float, Measurements]] = deque(maxlen=_BACKLOG)
         self._world: int | None = None
         self._attempt = time.time_ns()
-        self._is_fed = False
+        self._is_receiving = False
         self._server_lost_at: float | None = None
         self._comment_at = now + COMMENT_AFTER
-        self._said_hello_at = -math.inf
+        self._last_hello = -math.inf
         self._block = -1
         self._start_agent(config.agent.estimator)
 
     def _start_agent(self, estimator: str) -> None:
-        """An agent that knows nothing yet, in the place of the one before."""
+        """Replace the agent by a new one with an empty memory."""
         self._incarnation = time.time_ns()
         self._estimator = estimator
         config = structs.replace(self._config.agent, estimator=estimator)
@@ -75,11 +76,11 @@ class AgentProcess:
         self._last_estimate: Estimate | None = None
 
     def run(self) -> None:
-        """Answer block after block.
+        """Process block after block.
 
         Raises:
-            LinkError: The server is gone and does not come back.
-            Stopped: The server said so.
+            LinkError: The link with the server is lost and not restored in time.
+            Stopped: The server has ended the run.
         """
         with Heartbeat(self._say_hello):
             while True:
@@ -89,28 +90,29 @@ class AgentProcess:
                     self._step(self._measurements.popleft()[1])
 
     def _wait_for_measurements(self) -> None:
-        """Take in what has come, and wait for measurements; while no robot sends any, ask for them.
+        """Process received events and wait for measurements; ask for them while none arrive.
 
         Raises:
-            LinkError: The server is gone for too long.
+            LinkError: The link with the server has been lost for too long.
         """
-        for _ in range(_AT_ONCE):
-            if not self._take_in(0.0):
+        for _ in range(_MAX_EVENTS):
+            if not self._receive(0.0):
                 break
-        asked = time.monotonic() if self._is_fed else -math.inf
+        asked = time.monotonic() if self._is_receiving else -math.inf
         while not self._measurements:
-            wait = asked + (_ASK_AGAIN if self._is_fed else HELLO_PERIOD) - time.monotonic()
+            wait = asked + (_ASK_AGAIN if self._is_receiving else HELLO_PERIOD) - time.monotonic()
             if wait > 0.0:
-                self._take_in(min(wait, PERIOD))
+                self._receive(min(wait, PERIOD))
             else:
                 self._ask_for_measurements()
                 asked = time.monotonic()
 
     def _ask_for_measurements(self) -> None:
-        """Say hello, so that neighbours know that we hear them, and ask the server.
+        """Say hello, so that neighbours know that this agent receives their messages, and ask the server for
+        measurements.
 
         Raises:
-            LinkError: The server is gone for too long.
+            LinkError: The link with the server has been lost for too long.
         """
         if self._server_lost_at is not None and time.monotonic() - self._server_lost_at > self._config.server_limit:
             raise LinkError(
@@ -125,17 +127,17 @@ class AgentProcess:
         self._outside.ready.send(Ready(robot=self._name, missing=missing, attempt=self._attempt))
 
     def _answer_hello(self) -> None:
-        """Tell neighbours whom we hear, unless we have just done so."""
-        if time.monotonic() - self._said_hello_at > HELLO_PERIOD / 2:
+        """Say hello to the neighbours, unless this agent has just done so."""
+        if time.monotonic() - self._last_hello > HELLO_PERIOD / 2:
             self._say_hello()
 
     def _say_hello(self) -> None:
-        self._said_hello_at = time.monotonic()
+        self._last_hello = time.monotonic()
         heard = [name for name, link in self._links.items() if link.is_heard]
         self._outside.hello.send(Hello(sender=self._name, heard=heard, incarnation=self._incarnation))
 
     def _wait_for_neighbours(self) -> None:
-        """Wait until none is missing for the step, or there is no step to take, or patience ends."""
+        """Wait until no message is missing for the next step, there is no step to take, or patience ends."""
         while self._measurements:
             arrival, measurements = self._measurements[0]
             missing = [link for link in self._links.values() if link.is_missing(measurements.block)]
@@ -143,14 +145,14 @@ class AgentProcess:
             if not missing:
                 return
             if left > 0.0:
-                self._take_in(left)
+                self._receive(left)
                 continue
             for link in missing:
                 link.keeps_pace = False
 
     def _step(self, measurements: Measurements) -> None:
-        """Step with all that is there, and say what came of it."""
-        self._tell_of_links()
+        """Step with the messages that have arrived, and send the results."""
+        self._report_links()
         is_first, self._block = self._block < 0, measurements.block
         if (estimator := self._estimator_for(measurements)) != self._estimator:
             self._change_estimator(estimator)
@@ -170,12 +172,12 @@ class AgentProcess:
         self._outside.reference.send(outbox.reference)
         for problem in outbox.problems:
             self._outside.problems.tell(problem)
-        if is_first:  # those whom it has met begin with the same block
+        if is_first:  # neighbours that are connected start with the same block
             for link in self._links.values():
                 link.keeps_pace = link.is_heard
 
     def _change_estimator(self, estimator: str) -> None:
-        """Begin anew with another one, as the neighbours do at this block: what they have said is of the one before."""
+        """Restart with another estimator, as the neighbours do at this block, and drop messages for the one before."""
         since = self._config.agent.start_of(self._block)
         self._outside.problems.tell(f"uses the estimator '{estimator}' from {since:.2f} s on, and starts again")
         self._start_agent(estimator)
@@ -185,48 +187,49 @@ class AgentProcess:
     def _estimator_for(self, measurements: Measurements) -> str:
         return measurements.estimator or self._config.agent.estimator
 
-    def _take_in(self, wait: float) -> bool:
-        """Take in what comes next, within ``wait`` [s], and whether anything did; tend the links in between.
+    def _receive(self, wait: float) -> bool:
+        """Wait up to ``wait`` [s] for an event and process it; check the links in between. Return whether there was
+        one.
 
         Raises:
-            Stopped: The server said so.
+            Stopped: The server has ended the run.
         """
-        event = self._outside.receive(max(0.0, min(wait, self._tend_at - time.monotonic())))
+        event = self._outside.receive(max(0.0, min(wait, self._next_check - time.monotonic())))
         if event is None:
-            if time.monotonic() >= self._tend_at:
-                self._tend_links()
+            if time.monotonic() >= self._next_check:
+                self._check_links()
             return False
         self._handle(event)
         return True
 
     def _handle(self, event: Event) -> None:
-        """Take in whatever came.
+        """Process an event.
 
         Raises:
-            Stopped: The server said so.
+            Stopped: The server has ended the run.
         """
         match self._outside.sort(event, self._take):
             case LinkChange(links=count):
-                self._note_server_links(count)
+                self._handle_server_links(count)
             case Presence(source, is_here):
                 self._links[source].note_presence(is_here)
-                if is_here and self._is_fed:
+                if is_here and self._is_receiving:
                     self._answer_hello()
 
-    def _tend_links(self) -> None:
-        """Begin those anew that we dial and that do not carry; all that has come is taken in."""
+    def _check_links(self) -> None:
+        """Renew the dialled links that do not work; called when all received events have been processed."""
         now = time.monotonic()
-        self._tend_at = now + PERIOD
+        self._next_check = now + PERIOD
         for name, link in self._links.items():
             link.notice_silence(now)
             if name in self._outside.dialled and link.begin_anew(now):
                 self._outside.redial(name)
 
     def _take(self, source: str, message: Message) -> None:
-        """Put a message where it is waited for.
+        """Process a message.
 
         Raises:
-            MessageError: It does not fit here and now.
+            MessageError: The message is not valid here and now.
         """
         match message:
             case Measurements():
@@ -240,17 +243,17 @@ class AgentProcess:
             case Hello():
                 check_field("sender", message.sender, source)
                 self._links[source].take_hello(message, self._name, time.monotonic())
-                if self._is_fed and not self._links[source].hears_us:
+                if self._is_receiving and not self._links[source].hears_us:
                     self._answer_hello()
 
     def _refuse(self, source: str, why: str) -> None:
         self._outside.problems.tell(f"refused from {source}: {why}")
 
     def _take_measurements(self, message: Measurements) -> None:
-        """Keep measurements for their step; those of a new world are for a new agent.
+        """Keep measurements for their step; restart the agent if they are of a new world.
 
         Raises:
-            MessageError: They are not ours, or of an old block, or of the wrong shape, or for an unknown estimator.
+            MessageError: They are for another robot or an unknown estimator, of an old block, or of the wrong shape.
         """
         check_field("robot", message.robot, self._name)
         check_field("samples.shape", message.samples.shape, (self._config.agent.block, SAMPLE_SIZE))
@@ -258,25 +261,25 @@ class AgentProcess:
             raise MessageError(f"estimator is {estimator!r} but expected one of {', '.join(usable)}")
         if message.world != self._world:
             if self._world is not None:
-                self._outside.problems.tell("the server has started again: so does this agent")
+                self._outside.problems.tell("the server has restarted, so this agent restarts, too")
                 self._block = -1
                 self._start_agent(self._estimator)
             self._world = message.world
         newest = self._measurements[-1][1].block if self._measurements else self._block
         if message.block <= newest:
             raise MessageError(f"block is {message.block} but expected one after {newest}")
-        self._is_fed = True
+        self._is_receiving = True
         self._measurements.append((time.monotonic(), message))
 
-    def _note_server_links(self, count: int) -> None:
-        """A lost server is told to observers, and asked again as soon as it is back."""
+    def _handle_server_links(self, count: int) -> None:
+        """Note the number of links with the server; report a loss to observers, and dial again."""
         if count > 0:
             self._comment_at = math.inf
             self._server_lost_at = None
         elif self._server_lost_at is None:
             self._server_lost_at = time.monotonic()
             self._attempt = time.time_ns()
-            self._is_fed = False
+            self._is_receiving = False
             self._measurements.clear()
             self._outside.redial(SERVER)
             for link in self._links.values():
@@ -286,10 +289,10 @@ class AgentProcess:
             if self._last_estimate is not None and self._last_estimate.status == "valid":
                 self._outside.estimate.send(structs.replace(self._last_estimate, status="stale", reasons=[text]))
 
-    def _tell_of_links(self) -> None:
-        """Tell observers of neighbours that have fallen silent, or are back.
+    def _report_links(self) -> None:
+        """Report neighbours that have become silent, or are back, to observers.
 
-        Only between steps: neighbours that go when the run is over have not fallen silent.
+        Called only between steps, so that neighbours that leave at the end of a run are not reported.
         """
         for link in self._links.values():
             if link.take_change() and self._block >= 0:
@@ -307,17 +310,18 @@ class AgentProcess:
 
 
 def run_agent(config: AgentProcessConfig) -> None:
-    """Run an agent until the server says stop.
+    """Run an agent until the server ends the run.
 
     Raises:
-        LinkError: Somebody listens at one of its endpoints already, or the server is gone and does not come back.
+        LinkError: Another process listens at one of its endpoints, or the link with the server is lost and not
+            restored.
     """
     with open_links(config, Measurements, NeighbourMessage, config.security, config.largest_message) as links:
         AgentProcess(config, links).run()
 
 
 def main() -> NoReturn:
-    """Run the agent whose configuration comes on stdin."""
+    """Run the agent whose configuration is read from stdin."""
     supervised_main(AgentProcessConfig, run_agent)
 
 

@@ -1,4 +1,4 @@
-"""A neighbour of an agent's process: the state of its link, its messages, and whether to wait for it."""
+"""State of the link with one neighbour, its messages, and whether to wait for it."""
 
 from __future__ import annotations
 
@@ -8,26 +8,27 @@ from collections import deque
 from coheft.wire.messages.structs import Hello, NeighbourMessage
 
 SILENCE = 2.0
-"""A neighbour whose process runs is heard more often, however long its steps take [s]; longer than Zenoh's lease."""
+"""Time after which a neighbour is silent [s]. A running process sends more often, however long its steps take; it is
+longer than Zenoh's lease."""
 LONGEST_PAUSE = 64.0
-"""Between two attempts to begin the link with a neighbour anew, when they are in vain [s]; the first is ``SILENCE``."""
+"""Longest time between two attempts to renew a link [s]; the first one is ``SILENCE``."""
 KEPT = 64
-"""Messages that may wait for their step; a neighbour that is further ahead is not one to keep pace with."""
+"""Number of messages that are kept for later steps; a neighbour that is further ahead does not keep pace."""
 
 
 class NeighbourLink:
-    """One neighbour.
+    """The link with one neighbour.
 
     Args:
-        name: Its name.
-        now: Time at which its link is begun [s].
+        name: The neighbour's name.
+        now: Time at which the link is dialled [s].
 
     Attributes:
-        name: Its name.
-        is_linked: Its link stands.
-        is_heard: It has said something since.
-        hears_us: It has said that it hears us.
-        keeps_pace: Its message of the next block can be expected in time.
+        name: The neighbour's name.
+        is_linked: Whether the link is up.
+        is_heard: Whether a message has arrived since it is up.
+        hears_us: Whether the neighbour has confirmed that it receives this robot's messages.
+        keeps_pace: Whether its message of the next block can be expected in time.
     """
 
     def __init__(self, name: str, now: float) -> None:
@@ -45,25 +46,25 @@ class NeighbourLink:
         self._messages: deque[NeighbourMessage] = deque(maxlen=KEPT)
 
     def note_presence(self, is_here: bool) -> None:
-        """Its link is up now, or lost."""
+        """Note that the link is up, or lost."""
         self.is_linked = is_here
         if not is_here:
             self.is_heard = self.hears_us = self.keeps_pace = False
 
     @property
     def is_whole(self) -> bool:
-        """Its link is up, and works in both directions."""
+        """Whether the link is up and works in both directions."""
         return self.is_linked and self.is_heard and self.hears_us
 
     def notice_silence(self, now: float) -> None:
-        """It has not been heard of late: what it said before says nothing of its link. ``now`` in [s]."""
+        """Discard what is known about the link if the neighbour has been silent for too long; ``now`` in [s]."""
         if now - self._heard_at > SILENCE:
             self.is_heard = self.hears_us = self.keeps_pace = False
 
     def begin_anew(self, now: float) -> bool:
-        """Whether to begin its link anew, which then counts as begun; in vain, each pause is twice the one before.
+        """Whether to renew the link; if so, the link counts as renewed. The pause doubles with every attempt in vain.
 
-        A link that is gone is left at once: one that comes back by itself may stay mute.
+        A lost link is not left to recover by itself: it may come back without carrying messages.
 
         Args:
             now: Time [s].
@@ -79,7 +80,7 @@ class NeighbourLink:
         return True
 
     def take_change(self) -> bool:
-        """Whether its link has gone, or come back, since this was asked; that it comes at first is no change."""
+        """Whether the link was lost or restored since the last call; the first time that it is up is no change."""
         if self._known is None:
             self._known = True if self.is_linked else None
             return False
@@ -88,8 +89,8 @@ class NeighbourLink:
         return has_changed
 
     def take_hello(self, hello: Hello, own_name: str, now: float) -> None:
-        """It is there, and may have started again; ``now`` in [s]."""
-        self._incarnation = hello.incarnation  # a larger one that it has not was an error
+        """Process the neighbour's hello; ``now`` in [s]."""
+        self._incarnation = hello.incarnation  # replaces a larger one, which was an error
         self.is_heard, self._heard_at = True, now
         self.hears_us = own_name in hello.heard
 
@@ -97,7 +98,7 @@ class NeighbourLink:
         """Keep a message for its step.
 
         Args:
-            message: It.
+            message: The message.
             next_block: The block of the next step.
             now: Time [s].
         """
@@ -107,18 +108,18 @@ class NeighbourLink:
         self.keeps_pace = self.keeps_pace or self._can_be_of_use(message, next_block)
 
     def forget(self) -> None:
-        """Forget what it has said: there are no steps for it now."""
+        """Discard the neighbour's messages, because no steps will use them."""
         self._messages.clear()
         self.keeps_pace = False
 
     def is_missing(self, block: int) -> bool:
-        """Whether the step of a block should wait for it."""
+        """Whether the step of a block should wait for this neighbour."""
         if not (self.is_linked and self.keeps_pace):
             return False
         return not any(self._can_be_of_use(message, block) for message in self._messages)
 
     def take_messages(self, block: int) -> list[NeighbourMessage]:
-        """What it has said for the step of a block, or before; what is for later steps stays, however soon it came."""
+        """Return the messages for the step of a block, or before; messages for later steps are kept."""
         now: list[NeighbourMessage] = []
         later: list[NeighbourMessage] = []
         for message in self._messages:
@@ -129,7 +130,7 @@ class NeighbourLink:
     def _can_be_of_use(self, message: NeighbourMessage, block: int) -> bool:
         """Whether a message is the one that the step of a block needs, or of one of the next steps.
 
-        A neighbour may skip blocks: when a later message is here, those before it will not come. What it said before it
-        started again is of no use.
+        A neighbour may skip blocks: once a later message has arrived, earlier ones will not. Messages from before the
+        neighbour restarted are not used.
         """
         return message.incarnation == self._incarnation and block - 1 <= message.block < block - 1 + KEPT

@@ -1,7 +1,8 @@
 """Verification of forwarded records about robots.
 
-In the secure profile only what a robot has signed itself. In both profiles none that claims to begin in the far future:
-a robot that is lied about outbids the lie by one, and must always be able to.
+In the secure profile only records that the robot has signed itself are accepted. In both profiles records whose
+incarnation is far in the future are refused: a robot replaces a wrong record about itself by one with a larger
+incarnation, which must always be possible.
 """
 
 from __future__ import annotations
@@ -17,22 +18,22 @@ from coheft.wire.messages.size import PER_MESSAGE
 from coheft.wire.messages.structs import LinkState
 from coheft.wire.transport.security import Credentials
 
-if TYPE_CHECKING:  # it takes an optional package
+if TYPE_CHECKING:  # needs an optional package
     from coheft.wire.transport.signatures import Signatures
 
 _YEAR = 365 * 86_400 * 10**9
 CLOCKS = 60 * _YEAR
-"""A robot's number is the time of its start: no other host's clock is further ahead [ns]. A host without a clock of its
-own begins in 1970. What a liar claims at most, the robot has outbid as soon as the clock has gone on."""
+"""An incarnation is the time of a robot's start. No host's clock is further ahead of another's than this [ns]; a host
+without a clock starts in 1970. A robot can replace any accepted incarnation, because its clock advances."""
 
 
 class RecordCheck:
-    """What one agent believes of the records in its neighbours' messages; each is looked at once.
+    """Checks the records in the messages of one agent's neighbours; each record is checked once.
 
     Args:
-        name: The agent's own.
-        signatures: In the secure profile, how records are signed and checked; None: the open profile.
-        clock: Tells the time [ns since 1970].
+        name: The agent's name.
+        signatures: Signs and checks records in the secure profile; None for the open profile.
+        clock: Returns the time [ns since 1970].
     """
 
     def __init__(
@@ -45,32 +46,32 @@ class RecordCheck:
         self._own, self._own_signed = LinkState("", 0, ()), LinkState("", 0, ())
 
     def believed(self, records: Sequence[LinkState], tell: Callable[[str], None]) -> list[LinkState]:
-        """The records of a message that can be trusted.
+        """Return the records of a message that can be trusted.
 
-        The first one that cannot is told, and nothing after it is looked at: no message costs more than one check in
-        vain. What is said of this robot itself comes without its signature, as it compares it with what it knows.
+        The first record that cannot be trusted is reported, and the rest is ignored, so that no message costs more than
+        one failed check. Records of this robot itself are returned without signature, to be compared with its own.
 
         Args:
-            records: As they came.
-            tell: Takes what is wrong, in words.
+            records: The records of one message.
+            tell: Called with a description of the problem.
         """
         believed: list[LinkState] = []
         for record in records[:PER_MESSAGE]:
             known = self._signed.get(record.robot)
             if record != known:
                 if known is not None and not is_newer(record, known):
-                    continue  # it comes late: no robot needs it
+                    continue  # an old record
                 problem = self._problem(record)
                 if problem is not None:
-                    tell(f"what it hands on about {record.robot!r} cannot be believed: {problem}")
+                    tell(f"its record of {record.robot!r} cannot be trusted: {problem}")
                     break
-            believed.append(_bare(record) if record.robot == self._name else record)
+            believed.append(_unsigned(record) if record.robot == self._name else record)
         return believed
 
     def _problem(self, record: LinkState) -> str | None:
         ahead = record.incarnation - self._clock()
         if ahead > CLOCKS:
-            return f"it would have started in {ahead / _YEAR:.3g} years; if a host's clock is wrong, set it"
+            return f"it claims a start {ahead / _YEAR:.3g} years in the future; if a host's clock is wrong, set it"
         if self._signatures is None:
             return None
         problem = self._signatures.problem(record)
@@ -79,7 +80,7 @@ class RecordCheck:
         return problem
 
     def signed(self, records: list[LinkState]) -> list[LinkState]:
-        """What this robot tells, with its own record signed in the secure profile."""
+        """Return records to send; in the secure profile this robot's own one is signed."""
         if self._signatures is None:
             return records
         return [self._with_signature(record) if record.robot == self._name else record for record in records]
@@ -92,15 +93,15 @@ class RecordCheck:
 
 
 def open_record_check(name: str, run: str, credentials: Credentials | None) -> RecordCheck:
-    """For an agent's own credentials, or for the open profile if there are none.
+    """Make the record check for an agent's credentials, or for the open profile if there are none.
 
     Args:
-        name: The agent's own.
+        name: The agent's name.
         run: Prefix of all keys of the run.
-        credentials: The robot's own.
+        credentials: The robot's own credentials.
 
     Raises:
-        CoheftError: They cannot be used.
+        CoheftError: The credentials cannot be used.
         MissingPackageError: The secure profile's package is not installed.
     """
     if credentials is None:
@@ -110,5 +111,5 @@ def open_record_check(name: str, run: str, credentials: Credentials | None) -> R
     return RecordCheck(name, Signatures(run, credentials))
 
 
-def _bare(record: LinkState) -> LinkState:
+def _unsigned(record: LinkState) -> LinkState:
     return structs.replace(record, signature=b"", certificate=b"")

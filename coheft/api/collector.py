@@ -15,19 +15,19 @@ from coheft.wire.messages.truth import Truth
 
 
 class Collector(Follower):
-    """Follows a run. Its memory grows with the run."""
+    """Collects the estimates of a run with the truth. Its memory grows with the run."""
 
     def begin(self, status: Status) -> None:
-        """All links stand and the clock runs."""
+        """See ``Follower.begin``."""
         self.look_at(status.scene)
 
     def look_at(self, scene: Scene) -> None:
-        """Who holds the payload where."""
+        """Use the robots and grasps of a scene."""
         self._pairing = Pairing(scene)
         self._kept: dict[str, list[tuple[Estimate, Inertia]]] = {name: [] for name in scene.robots}
 
     def hear(self, news: News) -> None:
-        """Take in what an observer has heard."""
+        """See ``Follower.hear``."""
         ready: list[Estimate] = []
         if isinstance(news, Truth):
             ready = self._pairing.add_truth(news)
@@ -42,7 +42,7 @@ class Collector(Follower):
         return self._pairing.judge
 
     def robots(self) -> dict[str, RobotResult]:
-        """What each robot said so far."""
+        """Return each robot's estimates so far."""
         return {
             name: robot_result(self._judge, name, [e for e, _ in kept], [truth for _, truth in kept])
             for name, kept in self._kept.items()

@@ -35,8 +35,8 @@ def export(
         max_inertia: Largest allowed moment of inertia at the centre of mass [kg·m²].
 
     Raises:
-        CoheftError: What was found is not valid or not complete; says why.
-        UsageError: There are limits, but no verdict is asked for.
+        CoheftError: The load is not valid or not complete; the message says why.
+        UsageError: There are limits, but ``as_`` is not ``verdict``.
     """
     if isinstance(found, Result):
         load = of_run(found.report, robot, f"a run of {found.scenario.name}")

@@ -48,7 +48,7 @@ def load(path: str | Path) -> Result:
     """Read a result that ``Result.save`` has written.
 
     Raises:
-        CoheftError: It cannot be read, or holds something else.
+        CoheftError: The file cannot be read, or contains something else.
     """
     try:
         with np.load(path, allow_pickle=False) as file:

@@ -42,11 +42,12 @@ def identify(
         assume: Correct the recording for this fault first, named as in the report's verdict.
 
     Returns:
-        What ``coheft identify --json`` writes; ``doubts`` and ``not_observable`` say what is not to be trusted.
+        The report that ``coheft identify --json`` writes; ``doubts`` and ``not_observable`` describe what to distrust.
 
     Raises:
-        RecordingError: The recording cannot be read, or cannot be of one load; says why.
-        UsageError: Arguments contradict each other; names the options of the command, which have the same names.
+        RecordingError: The recording cannot be read, or cannot be of one load; the message says why.
+        UsageError: Arguments contradict each other; the message names the options of the command, which have the same
+            names.
     """
     options = Options(
         method=method,

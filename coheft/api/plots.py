@@ -13,7 +13,7 @@ from coheft.estimation.geometry.spatial import Array
 
 _SIZE = (8.0, 7.0)
 _BAND = 3.0
-"""Own standard deviations that are shown."""
+"""Own standard deviations of the bands."""
 
 
 def plot_result(result: Result) -> Any:
@@ -22,7 +22,7 @@ def plot_result(result: Result) -> Any:
         from matplotlib import pyplot, rc_context
     except ImportError as error:
         raise MissingPackageError("matplotlib", "study") from error
-    # Made outside of the context, which would take back what a notebook's backend sets when it is loaded.
+    # Made outside of the context, which would undo settings of a notebook's backend when that is loaded.
     figure = pyplot.figure(figsize=_SIZE, layout="constrained", facecolor=LIGHT.paper)
     with rc_context(settings_of(LIGHT)):
         axes = figure.subplots(3, 1, sharex=True)
@@ -38,7 +38,7 @@ def plot_result(result: Result) -> Any:
                 panel.plot(robot.time, unit * _length(track.error), color=colour)
                 panel.plot(robot.time, _BAND * unit * _length(track.std), color=colour, linewidth=0.8, linestyle="--")
         masses = np.concatenate([robot.mass.truth for robot in result.robots.values()])
-        if len(masses):  # first guesses may be far off, and would flatten all that follows
+        if len(masses):  # the first estimates may be far off, and would determine the scale
             axes[0].set_ylim(0.8 * masses.min(), 1.2 * masses.max())
         axes[0].set_ylabel("mass [kg]")
         axes[1].set_ylabel("error of centre\nof mass [mm]")

@@ -1,4 +1,4 @@
-"""What came out of a run."""
+"""The result of a run."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """What came out of a run.
+    """The result of a run.
 
     Attributes:
         scenario: The scenario that was run.
@@ -53,7 +53,8 @@ class Result:
         return plot_result(self)
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """A row for each estimate of each robot: ``robot``, ``time_s``, ``state``, ``valid``, then numbers.
+        """Return a table with a row for each estimate of each robot: ``robot``, ``time_s``, ``state``, ``valid``, then
+        numbers.
 
         Columns of numbers are ``mass_kg``, ``com_x_m``, …, ``inertia_xx_kgm2``, …; with the prefix ``true_`` the truth,
         with ``std_`` the robot's own standard deviation.

@@ -1,4 +1,4 @@
-"""Runs in Python: to the end, or block by block."""
+"""Runs in Python: complete, or block by block."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def run(
         scenario: Name of a shipped scenario, path of a ``.toml`` file, dictionary with its keys, or a ``Scenario``.
         duration: Simulated time [s], instead of the scenario's.
         seed: Seed of the sensors' noise and the robots' motions, instead of the scenario's.
-        estimator: The robots' method: ``efficient``, ``fan2017``, or one of your own.
+        estimator: The robots' estimator: ``efficient``, ``fan2017``, or one of your own.
         set: Other values by key, as in ``load_scenario``; the arguments above take precedence.
         processes: Start the physics server and a process for each robot, as ``coheft run`` does, instead of computing
             all in this process. The numbers are the same.
@@ -46,7 +46,7 @@ def run(
 
         return run_processes(chosen, restarts=3 if restarts is None else restarts)
     if restarts is not None:
-        raise UsageError("restarts= is for runs in processes of their own: add processes=True, or leave it out")
+        raise UsageError("restarts= is only for runs with processes: add processes=True, or leave it out")
     simulation = Simulation(chosen)
     simulation.step(chosen.blocks)
     return simulation.result()

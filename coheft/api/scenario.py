@@ -15,7 +15,7 @@ from coheft.wire.scenario.schema import Scenario
 from coheft.wire.scenario.set_values import put_value
 
 Source = str | Path | Mapping[str, Any] | Scenario
-"""What a scenario can come from: a shipped one's name, the path of a TOML file, a dictionary of the same keys, or one
+"""Sources of a scenario: a shipped one's name, the path of a TOML file, a dictionary with the same keys, or an object
 that was built in Python."""
 
 
@@ -29,8 +29,8 @@ def load_scenario(source: Source, *, set: Mapping[str, Any] | None = None) -> Sc
         set: Values by key, applied before the checks: ``{"sensors.rate": 1000, "load_changes[0].at": 8}``.
 
     Raises:
-        ScenarioError: There is no such scenario, or it cannot be used; says which key, what was found and what was
-            expected.
+        ScenarioError: There is no such scenario, or it is invalid; the message says which key, what was found and what
+            was expected.
     """
     table, origin, folder = _table_of(source)
     for key, value in (set or {}).items():
@@ -41,7 +41,7 @@ def load_scenario(source: Source, *, set: Mapping[str, Any] | None = None) -> Sc
 
 
 def _table_of(source: Source) -> tuple[dict[str, Any], str, Path]:
-    """Nested dictionaries that are the caller's own, what errors call them, and the folder that paths start from."""
+    """Return nested dictionaries that may be modified, their name in errors, and the folder of relative paths."""
     if isinstance(source, Scenario):
         origin = f"scenario '{source.name}'"
         try:
@@ -58,7 +58,7 @@ def _table_of(source: Source) -> tuple[dict[str, Any], str, Path]:
 
 
 def _as_in_files(value: Any) -> Any:
-    """A copy that has dictionaries and lists where the value has mappings and tuples."""
+    """Copy a value, with dictionaries and lists in place of mappings and tuples."""
     if isinstance(value, Mapping):
         return {key: _as_in_files(each) for key, each in value.items()}
     return [_as_in_files(each) for each in value] if isinstance(value, list | tuple) else value

@@ -27,10 +27,10 @@ class Simulation:
     Without interventions, the numbers are those of ``coheft run`` in lockstep, bit for bit.
 
     Args:
-        scenario: What to run, checked as ``coheft.load_scenario`` does.
+        scenario: The scenario to run, checked as ``coheft.load_scenario`` does.
 
     Attributes:
-        scenario: What is run.
+        scenario: The scenario.
         truth: The truth after the last block; None before the first.
     """
 
@@ -51,7 +51,7 @@ class Simulation:
 
     @property
     def robots(self) -> tuple[str, ...]:
-        """Their names."""
+        """The robots' names."""
         return self.scenario.robot_names
 
     @property
@@ -61,7 +61,7 @@ class Simulation:
 
     @property
     def is_over(self) -> bool:
-        """Whether the scenario's duration is over; the simulation can still continue."""
+        """Whether the scenario's duration is over; the simulation can still be continued."""
         return self._team.simulation.block >= self.scenario.blocks
 
     @property
@@ -93,10 +93,10 @@ class Simulation:
             self.step()
 
     def inject(self, mass: float, at: Vector, size: Vector = (0.1, 0.1, 0.1), leak: float = 0.0) -> int:
-        """Put a load onto the payload, as ``coheft inject`` does; return its number.
+        """Add a load to the payload, as ``coheft inject`` does; return its number.
 
         Args:
-            mass: Of the load [kg].
+            mass: Mass of the load [kg].
             at: Position of its centre, in the payload's frame [m].
             size: Its edge lengths [m].
             leak: Mass that it loses from then on [kg/s].
@@ -107,7 +107,7 @@ class Simulation:
         return self._team.simulation.inject(mass, at, size, leak).id
 
     def remove(self, load: int) -> None:
-        """Take a load away, by its number.
+        """Remove a load by its number.
 
         Raises:
             LoadError: There is no such load.
@@ -115,7 +115,7 @@ class Simulation:
         self._team.simulation.remove(load)
 
     def release(self, robot: str) -> None:
-        """Let a robot let go of the payload.
+        """Let a robot release the payload.
 
         Raises:
             SimulationError: There is no such robot.
@@ -134,28 +134,28 @@ class Simulation:
         """Cut the link between two neighbours: neither receives the other's messages any more.
 
         Raises:
-            CoheftError: They are no neighbours.
+            CoheftError: They are not neighbours.
         """
         self._check_link(one, other)
         self._cut.add(frozenset((one, other)))
 
     def mend(self, one: str, other: str) -> None:
-        """Mend a link that was cut.
+        """Restore a link that was cut.
 
         Raises:
-            CoheftError: They are no neighbours.
+            CoheftError: They are not neighbours.
         """
         self._check_link(one, other)
         self._cut.discard(frozenset((one, other)))
 
     def result(self) -> Result:
-        """The result so far.
+        """Return the result so far.
 
         Raises:
-            CoheftError: A robot has said nothing yet.
+            CoheftError: A robot has not published an estimate yet.
         """
         if self.truth is None or self._record.silent:
-            raise CoheftError("there is no result before robots have spoken: let time go on with step()")
+            raise CoheftError("there is no result before all robots have published estimates: call step() first")
         info = RunInfo(
             scenario=self.scenario.name,
             seed=self.scenario.seed,

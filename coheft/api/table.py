@@ -37,7 +37,7 @@ def _of_robot(name: str, robot: RobotResult) -> pandas.DataFrame:
 
 
 def _packed(robot: RobotResult, part: str) -> Array:
-    """``(m, h, J packed)`` over time, shape (n, 10)."""
+    """Return ``(m, h, J packed)`` over time, shape (n, 10)."""
     mass, com, inertia = (getattr(track, part) for track in (robot.mass, robot.com, robot.inertia))
     packed: Array = np.column_stack([mass, com, pack_symmetric(inertia)])
     return packed

@@ -64,7 +64,7 @@ class RobotResult:
         converged: Whether it had also converged, shape (n,).
         mass: Mass, shape (n,) [kg].
         com: Centre of mass, shape (n, 3) [m].
-        inertia: Inertia at the centre of mass, shape (n, 3, 3) [kg·m²].
+        inertia: Inertia about the centre of mass, shape (n, 3, 3) [kg·m²].
         poses: Poses of the neighbours' grasp frames, by name.
         noticed: Times at which it noticed changes of the load, shape (k,) [s].
     """
@@ -84,10 +84,10 @@ def robot_result(judge: Judge, robot: str, estimates: Sequence[Estimate], truths
     """Collect the estimates of a robot in arrays.
 
     Args:
-        judge: Knows the true poses.
-        robot: Its name.
-        estimates: In the order of their times.
-        truths: What the payload was at each of them, in the robot's frame.
+        judge: Provides the true poses.
+        robot: The robot's name.
+        estimates: Its estimates in order of time.
+        truths: The true payload for each of them, in the robot's frame.
     """
     payloads = [estimate.payload for estimate in estimates]
     true = np.array([truth.central() for truth in truths]).reshape(-1, 10)
@@ -111,7 +111,7 @@ def robot_result(judge: Judge, robot: str, estimates: Sequence[Estimate], truths
 
 
 def _central(payload: PayloadEstimate | None) -> Array:
-    """What is claimed of ``(m, h, J packed)``, shape (10,)."""
+    """Return the known part of ``(m, h, J packed)``, shape (10,), otherwise NaN."""
     values = np.full(10, np.nan)
     if payload is not None:
         com = np.zeros(3) if payload.com is None else payload.com
@@ -122,7 +122,7 @@ def _central(payload: PayloadEstimate | None) -> Array:
 
 
 def _std(payload: PayloadEstimate | None) -> Array:
-    """Its standard deviations, shape (10,)."""
+    """Return the standard deviations of the known part of ``(m, h, J packed)``, shape (10,), otherwise NaN."""
     values = np.full(10, np.nan)
     if payload is not None:
         values[: len(payload.covariance)] = np.sqrt(np.diagonal(payload.covariance))
@@ -142,7 +142,7 @@ def _pose_track(judge: Judge, robot: str, neighbour: str, estimates: Sequence[Es
 
 
 def _matrix(pose: Pose) -> Array:
-    """Homogeneous matrix, shape (4, 4)."""
+    """Return the homogeneous matrix, shape (4, 4)."""
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = pose.rotation, pose.translation
     return matrix

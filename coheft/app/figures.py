@@ -1,4 +1,4 @@
-"""How all pictures look, and how they are written."""
+"""Style and files of all pictures."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ class Theme:
     """Colours of a picture.
 
     Attributes:
-        paper: Of the background.
-        ink: Of text and of what is true.
-        muted: Of what is less important.
-        grid: Of lines behind.
-        accent: Of what is looked at.
-        warning: Of what should be looked at.
-        series: Of curves side by side.
+        paper: Background.
+        ink: Text and true values.
+        muted: Less important parts.
+        grid: Grid lines.
+        accent: Main curve.
+        warning: Curve that deserves attention.
+        series: Several curves.
     """
 
     paper: str
@@ -37,7 +37,7 @@ class Theme:
     series: tuple[str, ...]
 
     def of_curve(self, index: int) -> str:
-        """Colour of one of several curves; they repeat."""
+        """Return the colour of one of several curves; colours repeat."""
         return self.series[index % len(self.series)]
 
 
@@ -62,11 +62,11 @@ DARK = Theme(
 
 
 def make_folder(folder: Path) -> None:
-    """Make the folder for pictures, with all above it, before anything that takes long.
+    """Make the folder for pictures, with its parents, before anything that takes long.
 
     Raises:
         CoheftError: It cannot be made.
-        MissingPackageError: The package that draws is not installed.
+        MissingPackageError: The plotting package is not installed.
     """
     if find_spec("matplotlib") is None:
         raise MissingPackageError("matplotlib", "study")
@@ -78,10 +78,10 @@ def make_folder(folder: Path) -> None:
 
 @contextmanager
 def figure_to(target: Path | IO[bytes], width: float, height: float, theme: Theme = LIGHT) -> Iterator[Any]:
-    """A figure of that size [inches] to draw into; when the context ends it is written as PNG.
+    """Yield a figure of a size [inches] to draw into; at the end of the context it is written as PNG.
 
     Raises:
-        MissingPackageError: The package that draws is not installed.
+        MissingPackageError: The plotting package is not installed.
     """
     try:
         from matplotlib import rc_context
@@ -95,7 +95,7 @@ def figure_to(target: Path | IO[bytes], width: float, height: float, theme: Them
 
 
 def settings_of(theme: Theme) -> dict[str, Any]:
-    """What matplotlib is to be told for pictures of a theme."""
+    """Return matplotlib's settings for pictures of a theme."""
     from matplotlib.rcsetup import cycler
 
     return {

@@ -1,4 +1,4 @@
-"""What made a result: so that it can be made again."""
+"""Versions of the software that made a result, for reproducing it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _PACKAGES = ("mujoco", "eclipse-zenoh", "numpy", "scipy", "msgspec")
 
 
 def versions() -> dict[str, str]:
-    """Versions of the programs that decide on a run's numbers, by name."""
+    """Return the versions of the packages that determine a run's numbers, by name."""
     packages = {name: version(name) for name in _PACKAGES}
     system = f"{platform.system()} {platform.machine()}"
     return {"coheft": coheft.__version__, "python": platform.python_version(), **packages, "system": system}

@@ -1,6 +1,6 @@
 """Estimation: pure functions and filters on arrays. No sockets, no clock, no threads.
 
-Papers that are cited by their authors alone:
+Papers that are cited by authors only:
 
 - Fan et al.: "Decentralized and Recursive Identification for Cooperative Manipulation of Unknown Rigid Body with Local
   Measurements", CDC 2017.

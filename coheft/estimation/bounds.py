@@ -1,22 +1,23 @@
-"""How good any unbiased estimator can be: the joint Cramér-Rao bound of all poses and of the load's inertia.
+"""The joint Cramér-Rao bound of all poses and of the load's inertia, for any unbiased estimator.
 
-Model. Unknown are the poses of all robots but the first, the ten inertial parameters, and for every sample the motion
-of the body (12 numbers) and the true wrench of every robot (6 numbers each). Measured with white noise are every
-robot's gyro, velocity, accelerometer, force and torque. Physics ties the true wrenches together: carried to the body
-frame with the poses, they add up to what Newton and Euler ask for. Eliminating the individual wrenches leaves one
-measurement per sample of ``sum_i Ad(g_i) u_i - W(motion, inertia) = 0`` with covariance
-``sum_i Ad(g_i) Sigma Ad(g_i)^T`` (noise with lever arms). It **does depend on the poses**, through the wrenches that
-they carry: a pose that is off spoils the total. Conversely wrenches tell about poses, the more the harder the robots
-push against each other: the **full** bound. Estimators that take poses from kinematics alone, and carry wrenches with
-them, forgo that: theirs is the **two-step** bound. The body motion is eliminated by a Schur complement per sample.
+Model. The unknowns are the poses of all robots but the first, the ten inertial parameters, and for every sample the
+motion of the body (12 numbers) and the true wrench of every robot (6 numbers each). Every robot's gyro, velocity,
+accelerometer, force and torque are measured with white noise. Physics constrains the true wrenches: transformed to the
+body frame with the poses, their sum satisfies the Newton-Euler equations. Eliminating the individual wrenches leaves
+one measurement per sample of ``sum_i Ad(g_i) u_i - W(motion, inertia) = 0`` with covariance ``sum_i Ad(g_i) Sigma
+Ad(g_i)^T`` (noise with lever arms). It **does depend on the poses**, through the transformed wrenches: a wrong pose
+gives a wrong total. Conversely, wrenches contain information about poses, the more the harder the robots push against
+each other: the **full** bound. Estimators that determine poses from kinematics alone, and transform wrenches with
+these, do not use that information: theirs is the **two-step** bound. The body motion is eliminated by a Schur
+complement per sample.
 
-Constant errors of sensors that may be off (``SensorTolerance``) are unknown as well, with the tolerances as priors.
+Constant sensor errors with a tolerance (``SensorTolerance``) are unknown as well, with the tolerances as priors.
 
-Not used, so the bound is that of estimators that do not use it either: that consecutive samples belong to one smooth
-motion (the gyro's change tells about alpha, the velocity's about a).
+The bound does not use that consecutive samples belong to one smooth motion (the gyro's change contains information
+about alpha, the velocity's about a), so it applies to estimators that do not use it either.
 
-All derivatives are worked out here sample by sample, not from the features of the estimators: each is a check on the
-other.
+All derivatives are computed here sample by sample, independently of the estimators' features, so that each can check
+the other.
 """
 
 from __future__ import annotations
@@ -44,22 +45,22 @@ from coheft.estimation.sensor_effects import Readings, SensorError, sensor_error
 from coheft.estimation.tolerance import SensorTolerance
 
 _CHUNK = 256
-_NO_PRIOR = 1e-6
-"""Added to the information on each body motion, whose unit is SI: nothing, but two robots alone do not see all of
+_NEGLIGIBLE = 1e-6
+"""Information that is added to each body motion, in SI units: negligible, but two robots alone do not observe all of
 alpha."""
 _UNSEEN = 1e-13
-"""Eigenvalues of the scaled information below this share of the largest are rounding: nothing is known there."""
+"""Eigenvalues of the scaled information below this share of the largest are due to rounding."""
 
 
 @dataclass(frozen=True, eq=False)
 class JointBound:
-    """Smallest covariance that an unbiased estimator can have; enormous (not infinite) where nothing is observable.
+    """Smallest covariance that an unbiased estimator can have; huge (not infinite) where nothing is observable.
 
     Attributes:
-        poses: Of the robots in the body frame, N of them.
-        inertia: Of the body, in the body frame.
-        covariance: Of the stacked errors, shape (6 N + 10, 6 N + 10): each pose's perturbation (zero for the first,
-            which defines the body frame), then ``(m, h, J)`` with ``J`` packed, at the centre of mass.
+        poses: Poses of the N robots in the body frame.
+        inertia: Inertia of the body, in the body frame.
+        covariance: Covariance of the stacked errors, shape (6 N + 10, 6 N + 10): each pose's perturbation (zero for the
+            first, which defines the body frame), then ``(m, h, J)`` with ``J`` about the centre of mass, packed.
     """
 
     poses: tuple[Pose, ...]
@@ -67,14 +68,18 @@ class JointBound:
     covariance: Array
 
     def relative_pose(self, i: int, j: int) -> Array:
-        """Covariance (6, 6) of ``pose_j_in_i``: rotation vector [rad], translation [m], in the axes of ``F_i``."""
+        """Return the covariance (6, 6) of ``pose_j_in_i``: rotation vector [rad], translation [m], in the axes of
+        ``F_i``.
+        """
         derivative = relative_pose_derivative(self.poses[i], self.poses[j])
         rows = np.r_[6 * i : 6 * i + 6, 6 * j : 6 * j + 6]
         result: Array = derivative @ self.covariance[np.ix_(rows, rows)] @ derivative.T
         return result
 
     def inertia_seen_from(self, i: int) -> Array:
-        """Covariance (10, 10) of ``(m, h_i, J_i)`` [kg, m, kg·m²], ``J_i`` packed, in the frame of robot i."""
+        """Return the covariance (10, 10) of ``(m, h_i, J_i)`` [kg, m, kg·m²], ``J_i`` packed, in the frame of robot
+        i.
+        """
         derivative = seen_inertia_derivative(self.poses[i], self.inertia)
         rows = np.r_[6 * i : 6 * i + 6, 6 * len(self.poses) : len(self.covariance)]
         result: Array = derivative @ self.covariance[np.ix_(rows, rows)] @ derivative.T
@@ -83,17 +88,17 @@ class JointBound:
 
 @dataclass(frozen=True, eq=False)
 class JointInformation:
-    """What samples tell of all poses and of the load; that of several stretches of samples may be added.
+    """Fisher information of samples on all poses and the load; information of several parts of a run can be added.
 
-    The unknowns are the poses, q errors of sensors (of kinematics first, then of wrenches), and the inertia.
+    The unknowns are the poses, q sensor errors (of kinematics first, then of wrenches), and the inertia.
 
     Attributes:
-        poses: Of the robots in the body frame, N of them.
-        inertia: Of the body, in the body frame.
+        poses: Poses of the N robots in the body frame.
+        inertia: Inertia of the body, in the body frame.
         all_sensors: Fisher information of the unknowns, shape (6 N + q + 10, 6 N + q + 10).
-        kinematics: The same from gyros, velocities and accelerometers alone.
-        errors: Standard deviations of the sensors' errors, shape (q,).
-        of_wrenches: So many of the errors are of wrenches.
+        kinematics: Fisher information from gyros, velocities and accelerometers alone, of the same shape.
+        errors: Standard deviations of the sensor errors, shape (q,).
+        of_wrenches: Number of errors that concern wrenches.
     """
 
     poses: tuple[Pose, ...]
@@ -113,19 +118,19 @@ class JointInformation:
         tolerance: SensorTolerance | None = None,
         rates: tuple[Array, Array] | None = None,
     ) -> JointInformation:
-        """Information of samples, at the truth.
+        """Compute the information of samples, at the true parameters.
 
         Args:
             poses_in_reference: Pose of every ``F_i`` in the body frame; the first is taken as known, usually identity.
-            inertia_in_reference: Of the body, in the body frame.
+            inertia_in_reference: Inertia of the body, in the body frame.
             motion: True body motion ``(w, v, a, alpha)``, shape (n, 12).
             wrenches: True wrench of every robot, each in its own frame, shape (n, N, 6).
-            noise: Of every robot's sensors.
-            tolerance: How far they may be off; None: not at all.
-            rates: How fast motion and wrenches change, of their shapes, if clocks or wrenches may be late.
+            noise: Noise of every robot's sensors.
+            tolerance: Tolerances of every robot's sensors; None if they have no constant errors.
+            rates: Rates of motion and wrenches, of the same shapes; required if clocks or wrenches may be late.
 
         Raises:
-            ValueError: Shapes do not fit each other, or rates are needed and missing.
+            ValueError: Shapes do not match, or rates are required and missing.
         """
         poses = tuple(poses_in_reference)
         if motion.shape[1:] != (MOTION_SIZE,) or wrenches.shape != (len(motion), len(poses), 6):
@@ -134,7 +139,7 @@ class JointInformation:
         if rates is None:
             if tolerance.clock or tolerance.wrench_delay:
                 raise ValueError(
-                    "what delays do depends on how fast motion and wrenches change: expected rates, found None"
+                    "the effect of delays depends on how fast motion and wrenches change: expected rates, found None"
                 )
             rates = np.zeros_like(motion), np.zeros_like(wrenches)
         errors = sensor_errors(len(poses), tolerance)
@@ -160,23 +165,24 @@ class JointInformation:
         )
 
     def with_another_load(self) -> JointInformation:
-        """What is left of it when the load becomes another one: what poses it has shown, whatever the load was."""
+        """Return the information on poses that remains when the load is replaced by an unknown one."""
         f, g = slice(-INERTIA_SIZE, None), slice(0, -INERTIA_SIZE)
         of_poses, by_load = np.zeros_like(self.all_sensors), self.all_sensors[g, f]
         of_poses[g, g] = self.all_sensors[g, g] - by_load @ _inverse(self.all_sensors[f, f]) @ by_load.T
         return replace(self, all_sensors=of_poses)
 
     def full_bound(self) -> JointBound:
-        """Joint bound of poses and inertia from all sensors."""
+        """Return the joint bound of poses and inertia from all sensors."""
         return self._bound(_inverse(self._with_prior(self.all_sensors)[6:, 6:]))
 
     def two_step_bound(self) -> JointBound:
-        """Poses from all kinematics, ``cov_g``, then the inertia from all sensors given those poses.
+        """Return the bound of poses from all kinematics, ``cov_g``, then the inertia from all sensors given those
+        poses.
 
-        Errors of kinematics go with the poses, those of wrenches with the inertia.
+        Errors of kinematics are estimated with the poses, those of wrenches with the inertia.
 
-        It is ``I_ff^-1 + I_ff^-1 I_fg cov_g I_gf I_ff^-1`` with the blocks of the joint information: the errors of the
-        two steps are independent, because the second one's score is orthogonal to the residuals of the first.
+        The result is ``I_ff^-1 + I_ff^-1 I_fg cov_g I_gf I_ff^-1`` with the blocks of the joint information: the errors
+        of the two steps are independent, because the score of the second is orthogonal to the residuals of the first.
         """
         information = self._with_prior(self.all_sensors)[6:, 6:]
         second = INERTIA_SIZE + self.of_wrenches
@@ -190,7 +196,7 @@ class JointInformation:
         return self._bound(covariance)
 
     def _with_prior(self, information: Array) -> Array:
-        """Together with what is known of the sensors' errors beforehand."""
+        """Return the information including the priors of the sensor errors."""
         first = 6 * len(self.poses)
         places = np.arange(first, first + len(self.errors))
         result = information.copy()
@@ -198,7 +204,7 @@ class JointInformation:
         return result
 
     def _bound(self, covariance: Array) -> JointBound:
-        """Of poses and inertia, for a covariance of all unknowns but the first pose."""
+        """Return the bound of poses and inertia for a covariance of all unknowns but the first pose."""
         size, poses = 6 * len(self.poses) + INERTIA_SIZE, 6 * len(self.poses) - 6
         asked = np.r_[:poses, len(covariance) - INERTIA_SIZE : len(covariance)]
         result = np.zeros((size, size))
@@ -214,7 +220,9 @@ def _information_of_chunk(
     noise: SensorNoise,
     errors: Sequence[SensorError],
 ) -> tuple[Array, Array]:
-    """From all sensors and from kinematics alone, of few samples: all Jacobians, whitened, at once."""
+    """Return the information of a few samples from all sensors, and from kinematics alone, with all whitened
+    Jacobians.
+    """
     n, count = len(motion), len(poses)
     size = 6 * count + len(errors) + INERTIA_SIZE
     deviation = noise.per_column()
@@ -242,18 +250,18 @@ def _information_of_chunk(
 
 
 def _reduced(by_parameters: Array, by_motion: Array) -> Array:
-    """Information of the parameters when every sample's motion is eliminated."""
+    """Return the information of the parameters after eliminating every sample's motion."""
     size = by_parameters.shape[2]
     flat = by_parameters.reshape(-1, size)
     coupling = by_motion.transpose(0, 2, 1) @ by_parameters
-    nuisance = by_motion.transpose(0, 2, 1) @ by_motion + _NO_PRIOR * np.eye(MOTION_SIZE)
+    nuisance = by_motion.transpose(0, 2, 1) @ by_motion + _NEGLIGIBLE * np.eye(MOTION_SIZE)
     explained = np.linalg.solve(nuisance, coupling).reshape(-1, size)
     result: Array = flat.T @ flat - coupling.reshape(-1, size).T @ explained
     return result
 
 
 def _inverse(information: Array) -> Array:
-    """Inverse; enormous where the information is nothing but rounding."""
+    """Return the inverse; huge where the information is only due to rounding."""
     diagonal = np.diag(information)
     scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
     values, vectors = np.linalg.eigh(scale[:, None] * information * scale)
@@ -264,7 +272,7 @@ def _inverse(information: Array) -> Array:
 
 
 def wrench_regressor(motion: Array) -> Array:
-    """``Y`` with total wrench ``W = Y(motion) (m, m h, I_o)``, for body motions (n, 12): shape (n, 6, 10)."""
+    """Return ``Y`` with total wrench ``W = Y(motion) (m, m h, I_o)``, for body motions (n, 12): shape (n, 6, 10)."""
     w, a, alpha = motion[:, BODY_W], motion[:, BODY_A], motion[:, BODY_ALPHA]
     spin = skew(w)
     regressor = np.zeros((len(motion), 6, INERTIA_SIZE))
@@ -276,7 +284,9 @@ def wrench_regressor(motion: Array) -> Array:
 
 
 def wrench_derivative(inertia: Inertia, motion: Array) -> Array:
-    """Derivative of the total wrench ``inertia.wrench(w, a, alpha)`` by the body motion, shape (n, 6, 12)."""
+    """Return the derivative of the total wrench ``inertia.wrench(w, a, alpha)`` by the body motion, shape (n, 6,
+    12).
+    """
     w = motion[:, BODY_W]
     moment = inertia.mass * inertia.com
     about_origin = unpack_symmetric(inertia.barycentric()[4:])
@@ -291,7 +301,7 @@ def wrench_derivative(inertia: Inertia, motion: Array) -> Array:
 
 
 def carried_wrench_derivative(pose_i: Pose, wrenches: Array) -> Array:
-    """Derivative of ``Ad(pose_i) (f, t)`` by the pose's perturbation, for wrenches (n, 6) of ``F_i``: (n, 6, 6)."""
+    """Return the derivative of ``Ad(pose_i) (f, t)`` by the pose's perturbation, for (n, 6) in ``F_i``: (n, 6, 6)."""
     force = skew(wrenches[:, :3] @ pose_i.rotation.T)
     derivative = np.zeros((len(wrenches), 6, 6))
     derivative[:, :3, :3] = derivative[:, 3:, 3:] = -force

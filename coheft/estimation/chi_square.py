@@ -1,7 +1,7 @@
 """Quantiles of the chi-square distribution.
 
-In closed form, for whole degrees of freedom, because SciPy's special functions would be most of what an agent loads:
-22 MB and half of the time that its imports take.
+They are computed in closed form for integer degrees of freedom, because loading SciPy's special functions would take 22
+MB and half of an agent's import time.
 """
 
 from __future__ import annotations
@@ -10,17 +10,17 @@ import math
 from functools import cache
 
 _STEPS = 100
-"""Of a bisection: enough for all digits."""
+"""Steps of the bisection, enough for all digits."""
 
 
 def exceedance(value: float, freedom: int) -> float:
-    """Probability that a chi-square variable is larger than ``value``.
+    """Return the probability that a chi-square variable is larger than ``value``.
 
     ``Q(k/2, x/2)`` by ``Q(a + 1, y) = Q(a, y) + y^a e^-y / gamma(a + 1)`` from ``Q(1/2, y) = erfc(sqrt(y))`` or
     ``Q(1, y) = e^-y`` (DLMF 8.8.6, 8.4.6, 8.4.8): all terms are positive, so the smallest probabilities are exact, too.
 
     Args:
-        value: Not negative.
+        value: A non-negative value.
         freedom: Degrees of freedom, at least 1.
     """
     half = 0.5 * value
@@ -35,14 +35,14 @@ def exceedance(value: float, freedom: int) -> float:
 
 @cache
 def chi_square_threshold(freedom: int, probability: float) -> float:
-    """What a chi-square variable exceeds with the given probability.
+    """Return the value that a chi-square variable exceeds with a given probability.
 
     Args:
         freedom: Degrees of freedom.
-        probability: Between 0 and 1.
+        probability: The probability, between 0 and 1.
 
     Raises:
-        ValueError: There is no such distribution, or no such value.
+        ValueError: An argument is out of range.
     """
     if freedom < 1 or not 0.0 < probability < 1.0:
         raise ValueError(f"{freedom=} and {probability=} but expected at least 1, and a number between 0 and 1")

@@ -1,4 +1,4 @@
-"""Linear algebra of double precision, typed as such."""
+"""Linear algebra in double precision, with exact types."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from coheft.estimation.geometry.spatial import Array
 
 
 def inverse(matrix: Array) -> Array:
-    """Inverses of matrices (..., k, k).
+    """Return the inverses of matrices (..., k, k).
 
     Raises:
-        numpy.linalg.LinAlgError: One is singular.
+        numpy.linalg.LinAlgError: A matrix is singular.
     """
     result: Array = np.asarray(np.linalg.inv(matrix), dtype=np.float64)
     return result

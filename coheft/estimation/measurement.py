@@ -1,4 +1,4 @@
-"""What one robot measures in its own grasp frame, in blocks of consecutive samples."""
+"""Measurements of one robot in its own grasp frame, in blocks of consecutive samples."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ class SensorNoise(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Standard deviation of each sensor's white noise, per axis and sample.
 
     Attributes:
-        gyro: Of the angular velocity [rad/s].
-        velocity: Of the velocity of the frame's origin [m/s].
-        acceleration: Of the proper acceleration [m/s²].
-        force: Of the force on the payload [N].
-        torque: Of the torque on the payload about the frame's origin [N·m].
+        gyro: Noise of the angular velocity [rad/s].
+        velocity: Noise of the velocity of the frame's origin [m/s].
+        acceleration: Noise of the proper acceleration [m/s²].
+        force: Noise of the force on the payload [N].
+        torque: Noise of the torque on the payload about the frame's origin [N·m].
     """
 
     gyro: Positive = 0.005
@@ -43,12 +43,12 @@ class SensorNoise(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     torque: Positive = 0.03
 
     def per_column(self) -> Array:
-        """Standard deviation of each column of a sample, shape (15,)."""
+        """Return the standard deviation of each column of a sample, shape (15,)."""
         each = (self.gyro, self.velocity, self.acceleration, self.force, self.torque)
         return np.array([deviation for deviation in each for _ in range(3)])
 
     def scaled(self, factor: float) -> SensorNoise:
-        """The same sensors, ``factor`` times as noisy."""
+        """Return the noise multiplied by ``factor``."""
         return SensorNoise(*(factor * getattr(self, name) for name in self.__struct_fields__))
 
 
@@ -57,7 +57,7 @@ class MeasurementBlock:
     """Consecutive samples of one robot's sensors, all in its own grasp frame ``F_i``.
 
     Attributes:
-        index: Number of the block since the start of the run; sample b of it is sample ``index * B + b``.
+        index: Index of the block since the start of the run; sample b of it is sample ``index * B + b``.
         samples: Shape (B, 15): gyro ``w`` [rad/s], velocity of the origin ``v`` [m/s], proper acceleration ``a``
             [m/s²] (what an accelerometer reads), force ``f`` [N] and torque ``t`` [N·m] on the payload.
     """

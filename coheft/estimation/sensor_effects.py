@@ -1,6 +1,6 @@
-"""What constant errors of sensors add to what exact ones read, one by one, for the bound.
+"""Effects of single constant sensor errors on exact readings, for the Cramér-Rao bound.
 
-Worked out sample by sample, not from the generators of the estimator: each is a check on the other.
+They are computed sample by sample, independently of the estimator, so that each can check the other.
 """
 
 from __future__ import annotations
@@ -18,7 +18,9 @@ from coheft.estimation.tolerance import Proportional, SensorTolerance
 
 
 class Readings(NamedTuple):
-    """What the exact sensors of one robot read, shape (n, 15), how fast that changes, and ``alpha`` there, (n, 3)."""
+    """Exact readings of one robot's sensors, shape (n, 15), their rates of change, and ``alpha`` at its frame, (n,
+    3).
+    """
 
     exact: Array
     rates: Array
@@ -26,7 +28,7 @@ class Readings(NamedTuple):
 
     @staticmethod
     def at(pose: Pose, motion: Array, wrenches: Array, motion_rates: Array, wrench_rates: Array) -> Readings:
-        """Of a robot with this pose in the body frame; shapes as of ``JointInformation.of``, wrenches of this robot."""
+        """Make the readings of a robot with this pose in the body frame; shapes as in ``JointInformation.of``."""
         kinematics = grasp_measurements(pose, motion)
         rates = (grasp_derivatives(pose, motion)[1] @ motion_rates[..., None])[..., 0]
         alpha = motion[:, BODY_ALPHA] @ pose.rotation
@@ -34,7 +36,9 @@ class Readings(NamedTuple):
 
 
 class SensorError(NamedTuple):
-    """One unknown constant error of a robot's sensors, and what a unit of it adds to what they read, shape (n, 15)."""
+    """One unknown constant error of a robot's sensors, and the effect of a unit of it on the readings, shape (n,
+    15).
+    """
 
     robot: int
     deviation: float
@@ -43,7 +47,7 @@ class SensorError(NamedTuple):
 
 
 def sensor_errors(count: int, tolerance: SensorTolerance) -> list[SensorError]:
-    """All that may be there, those of kinematics first."""
+    """Return all errors with a tolerance, those of kinematics first."""
     kinds: list[tuple[float, bool, Callable[[Readings], Array]]] = []
     for column, deviation in enumerate(tolerance.offsets()):
         kinds.append((deviation, column >= WRENCH.start, partial(_offset, column)))

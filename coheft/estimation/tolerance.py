@@ -1,9 +1,9 @@
-"""How far a robot's sensors may be off, for as long as a run lasts: what a data sheet says.
+"""Tolerances of a robot's sensors: standard deviations of errors that are constant during a run, as in a data sheet.
 
 The model is ``measured(t) = (1 + gain + scale + cross-talk) R(mounting) exact(t - delay) + offset + noise`` for each
-sensor of three axes, where ``exact`` is what there is at the sensor's place. The grasp frame is the frame of the force
-and torque sensor, so this one has no mounting and no place of its own. A robot's sensors are all late by what its clock
-is off, and those of its wrench by a delay of their own besides.
+sensor of three axes, where ``exact`` is the true quantity at the sensor's place. The grasp frame is the frame of the
+force and torque sensor, which therefore has neither mounting nor place errors. The delay of all sensors of a robot is
+its clock's error; force and torque have an additional delay.
 """
 
 from __future__ import annotations
@@ -19,29 +19,29 @@ from coheft.estimation.geometry.spatial import CROSS_OF_AXES, Array
 Deviation = Annotated[float, Meta(ge=0)]
 _AXES = np.eye(3)
 SENSORS = ("gyro", "velocity", "acceleration", "force", "torque")
-"""In the order of a sample's columns, three each."""
+"""Sensors in the order of a sample's columns, three each."""
 SENSOR_NAMES = dict(
     zip(SENSORS, ("gyro", "velocity sensor", "accelerometer", "force sensor", "torque sensor"), strict=True)
 )
-"""As people call them."""
+"""Names of sensors in texts."""
 SHAPES = {
     "gain": _AXES[None],
     "scale": _AXES[:, :, None] * _AXES[:, None],
     "mounting": CROSS_OF_AXES,
     "cross_talk": np.abs(CROSS_OF_AXES),
 }
-"""Of errors that are proportional to what is read: matrices ``E_k`` with ``measured = exact + sum_k e_k E_k exact``."""
+"""Matrices ``E_k`` of proportional errors, with ``measured = exact + sum_k e_k E_k exact``."""
 AXES, PAIRS = ("x", "y", "z"), ("yz", "zx", "xy")
-"""Names of the axes that errors are about, and of pairs of axes that cross-talk is between."""
+"""Names of the axes of errors, and of the pairs of axes of cross-talk."""
 
 
 class Proportional(NamedTuple):
-    """An error that is proportional to what is read.
+    """An error that is proportional to the reading.
 
     Attributes:
-        columns: Of the sensor in a sample.
+        columns: Columns of the sensor in a sample.
         matrix: ``E_k``, shape (3, 3).
-        deviation: Of ``e_k``; of a mounting in rad.
+        deviation: Standard deviation of ``e_k``; for a mounting in rad.
     """
 
     columns: slice
@@ -105,12 +105,14 @@ class SensorTolerance(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     wrench_delay: Deviation = 0.0
 
     def offsets(self) -> Array:
-        """Of each column of a sample, shape (15,)."""
+        """Return the standard deviation of the offset of each column of a sample, shape (15,)."""
         each = (self.gyro_offset, self.velocity_offset, self.acceleration_offset, self.force_offset, self.torque_offset)
         return np.repeat(each, 3)
 
     def of(self, sensor: str, shape: str) -> float:
-        """The deviation of a sensor's errors of one of ``SHAPES``, of a mounting in rad; 0 where it cannot have any."""
+        """Return the deviation of a sensor's errors of one of ``SHAPES``, for a mounting in rad; 0 if it has no such
+        errors.
+        """
         if shape == "mounting":
             degrees: float = getattr(self, f"{sensor}_mounting_deg", 0.0)
             return float(np.radians(degrees))
@@ -118,7 +120,7 @@ class SensorTolerance(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
         return value
 
     def proportional(self) -> list[Proportional]:
-        """All errors that are proportional to what is read, and not exactly 0."""
+        """Return all proportional errors with a deviation above 0."""
         found = []
         for place, sensor in enumerate(SENSORS):
             columns = slice(3 * place, 3 * place + 3)
@@ -145,11 +147,11 @@ class SensorDrift(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
 
     @property
     def is_any(self) -> bool:
-        """Whether anything wanders."""
+        """Whether any sensor drifts."""
         return max(self.gyro, self.acceleration, self.force, self.torque) > 0.0
 
     def per_column(self) -> Array:
-        """Of each column of a sample, shape (15,)."""
+        """Return the drift of each column of a sample, shape (15,)."""
         return np.repeat([self.gyro, 0.0, self.acceleration, self.force, self.torque], 3)
 
 
@@ -169,4 +171,4 @@ INDUSTRIAL = SensorTolerance(
     clock=0.001,
     wrench_delay=0.001,
 )
-"""Of a good industrial arm, with a force and torque sensor at its wrist and an IMU beside it."""
+"""Tolerances of a good industrial arm, with a force and torque sensor at its wrist and an IMU beside it."""

@@ -1,1 +1,1 @@
-"""Wire: what is sent between processes and read from files, validated where it enters."""
+"""Data that crosses process boundaries or is read from files, validated on entry."""

@@ -1,4 +1,4 @@
-"""What each process is told when it starts: nothing more than its part of the run needs."""
+"""Configurations of processes: each contains only what the process needs for its part of the run."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ ClockKind = Literal["lockstep", "paced", "realtime"]
 
 
 class Neighbour(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A robot at the other end of an edge; ``endpoint`` is where to dial it, None if it dials."""
+    """A robot at the other end of an edge; ``endpoint`` is the address to dial, None if the neighbour dials."""
 
     name: str
     endpoint: str | None
 
 
 class KnownPayload(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What a robot is told of the payload beforehand, in its own grasp frame ``F_i``; None: it is not told.
+    """Payload parameters that a robot knows at the start, in its own grasp frame ``F_i``; None if unknown.
 
     Attributes:
-        mass: [kg].
+        mass: Mass [kg].
         com: Centre of mass [m].
-        inertia: At the centre of mass, (xx, yy, zz, xy, xz, yz) [kg·m²].
+        inertia: Inertia about the centre of mass, (xx, yy, zz, xy, xz, yz) [kg·m²].
     """
 
     mass: float | None = None
@@ -44,29 +44,29 @@ class KnownPayload(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
 
 
 class AgentConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """All that one agent knows when it starts. Not the team's size, not the graph, not the payload.
+    """All that one agent knows at the start. It includes neither the team's size, nor the graph, nor the payload.
 
     Attributes:
-        name: Its own name.
-        neighbours: Those it can talk with.
-        noise: Of its own sensors; its neighbours' are taken to be alike.
-        noise_correlation: Time over which noise is alike [s].
-        tolerance: How far its sensors may be off; its neighbours' are taken to be alike.
-        drift: How far their constant errors wander.
-        rate: Its sensors' samples per second.
+        name: The agent's name.
+        neighbours: Names of its neighbours.
+        noise: Noise of its sensors; its neighbours' sensors are assumed to have the same.
+        noise_correlation: Correlation time of the noise [s].
+        tolerance: Standard deviations of its sensors' constant errors; its neighbours' are assumed to be the same.
+        drift: Random walk of these errors.
+        rate: Samples per second.
         block: Samples per block.
-        lag: Blocks from a measurement to the reference that answers it.
-        seed: Of its own choice of motion, where it makes one.
-        motion: What it may choose from.
-        waves: What was drawn for it, for a motion that is made of sinusoids.
-        estimator: Its method.
+        lag: Number of blocks from a measurement to the reference that answers it.
+        seed: Seed of its own random choice of a motion.
+        motion: Settings of its motion.
+        waves: The sinusoids that were drawn for it, used by motions that are made of sinusoids.
+        estimator: Name of its estimator.
         fan2017: Settings of the estimator ``fan2017``.
         efficient: Settings of the estimator ``efficient``.
-        estimator_settings: Of an estimator of the user's own.
-        motion_settings: Of a motion of the user's own.
-        converged: When its estimate is good enough.
-        carry: Where to carry the load with the others, None: nowhere.
-        known: What it is told of the payload, for the estimator ``fan2017``.
+        estimator_settings: Settings of a user's estimator.
+        motion_settings: Settings of a user's motion.
+        converged: Standard deviations below which its estimate has converged.
+        carry: The path along which to carry the load with the others; None if there is none.
+        known: Payload parameters that it knows at the start, for the estimator ``fan2017``.
     """
 
     name: str
@@ -94,31 +94,31 @@ class AgentConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
         keep_present(self)
 
     def blocks(self, duration: float) -> int:
-        """Number of blocks nearest to a duration [s], at least one."""
+        """Return the number of blocks nearest to a duration [s], at least one."""
         return max(1, round(duration * self.rate / self.block))
 
     def start_of(self, block: int) -> float:
-        """Time of a block's first sample [s]."""
+        """Return the time of a block's first sample [s]."""
         return block * self.block / self.rate
 
 
 class AgentProcessConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """An agent and its links.
+    """Configuration of an agent's process.
 
     Attributes:
-        agent: The agent.
+        agent: Configuration of the agent.
         run: Prefix of all keys of this run.
-        server: Where to dial the server's link for this robot.
-        listen: Where its neighbours dial it.
-        observe: Where observers dial it.
-        neighbours: Where to dial its neighbours.
-        patience: How long after its measurements have come an agent waits for the message of a neighbour whose link
-            stands [s]; it does not wait again for that one until it keeps pace again.
-        server_limit: How long it waits for a server that is gone to come back [s].
-        security: Its credentials; None: the open profile.
-        largest_message: What a neighbour may send in one message [B].
-        largest_arrays: What of it an estimator of the user's own may take for its arrays [B].
-        log_level: What its log has at least.
+        server: Endpoint of the server for this robot, to dial.
+        listen: Endpoint at which neighbours dial this agent.
+        observe: Endpoint at which observers dial this agent.
+        neighbours: Its neighbours, with their endpoints.
+        patience: Time after its measurements for which the agent waits for the message of a neighbour whose link is up
+            [s]; it does not wait again for that neighbour until it keeps pace again.
+        server_limit: Time for which it waits for a lost server to return [s].
+        security: Its credentials; None for the open profile.
+        largest_message: Size of the largest message of a neighbour [B].
+        largest_arrays: Size that a user's estimator may use of it for its arrays [B].
+        log_level: The lowest level of messages in its log.
     """
 
     agent: AgentConfig
@@ -136,21 +136,21 @@ class AgentProcessConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True
 
 
 class ServerConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The physics server and its links.
+    """Configuration of the physics server's process.
 
     Attributes:
-        scenario: What to simulate.
+        scenario: The scenario to simulate.
         run: Prefix of all keys of this run.
-        robots: Where each robot dials in, by name: one link of its own per robot.
-        observe: Where observers dial in.
+        robots: Endpoint at which each robot dials, by name: each has a separate link.
+        observe: Endpoint at which observers dial.
         neighbours: The graph, for observers only.
-        clock: ``lockstep`` waits for every agent, ``realtime`` for none; ``paced`` waits for every agent, and is no
-            faster than the clock on the wall.
-        save_data: File for what all robots measured, see ``coheft.wire.data.file``; None: nothing is kept.
-        return_limit: How long lockstep waits for a robot whose link is lost to come back [s], and how long a run goes
-            on after all robots are lost.
-        security: Its credentials; None: the open profile.
-        log_level: What its log has at least.
+        clock: ``lockstep`` waits for every agent, ``realtime`` for none; ``paced`` waits for every agent, and is not
+            faster than real time.
+        save_data: File for all robots' measurements, see ``coheft.wire.data.file``; None for none.
+        return_limit: Time for which the run waits for a lost robot to return, except in real time, and for which it
+            continues after all robots are lost [s].
+        security: Its credentials; None for the open profile.
+        log_level: The lowest level of messages in its log.
     """
 
     scenario: Scenario
@@ -166,7 +166,7 @@ class ServerConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
 
 
 def agent_config(scenario: Scenario, name: str, neighbours: tuple[str, ...]) -> AgentConfig:
-    """The agent's share of a scenario. Its seed is 1000 times the scenario's seed plus its own number, from 0."""
+    """Return an agent's configuration. Its seed is 1000 times the scenario's seed plus its own number, from 0."""
     seed = 1000 * scenario.seed + scenario.robot_names.index(name)
     return AgentConfig(
         name=name,
@@ -193,7 +193,7 @@ def agent_config(scenario: Scenario, name: str, neighbours: tuple[str, ...]) -> 
 
 
 def _known(scenario: Scenario, name: str) -> KnownPayload:
-    """What ``fan2017.known`` says that robots are told, as one of them sees it."""
+    """Return the payload parameters that ``fan2017.known`` names, in the robot's grasp frame."""
     parts = scenario.fan2017.known
     if not parts:
         return KnownPayload()

@@ -1,1 +1,1 @@
-"""The robots' arms: their shapes, and how they push."""
+"""The robots' arms: their mechanics and control."""

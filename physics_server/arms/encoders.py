@@ -1,4 +1,4 @@
-"""What the robots' encoders and drives say about where they hold the payload, and what they push it with."""
+"""Readings of the robots' encoders and drives: grasp poses and forces, with errors."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from coheft.wire.scenario.encoders import EncoderErrors
 from coheft.wire.scenario.schema import Scenario
 
 _STREAM = 1
-"""Apart from the streams of ``Sensors``, so that these read the same whether or not there are encoders."""
+"""Separates these random streams from those of ``Sensors``, whose readings do not depend on encoders."""
 
 
 @dataclass(frozen=True, eq=False)
 class WristSamples:
-    """What all wrists tell of consecutive samples.
+    """Readings of all wrists at consecutive samples.
 
     Attributes:
-        positions: Of the grasp frames in their home frames, shape (B, N, 3) [m].
-        rotations: Of the grasp frames in their home frames, shape (B, N, 3, 3).
-        forces: On the payload, in the axes of the home frames, shape (B, N, 3) [N].
+        positions: Positions of the grasp frames in their home frames, shape (B, N, 3) [m].
+        rotations: Rotations of the grasp frames in their home frames, shape (B, N, 3, 3).
+        forces: Forces on the payload, in the axes of the home frames, shape (B, N, 3) [N].
     """
 
     positions: Array
@@ -32,7 +32,7 @@ class WristSamples:
     forces: Array
 
     def numbers(self) -> Array:
-        """``x y z qx qy qz qw`` of the grasp frame, then force and torque in its own axes, shape (B, N, 13).
+        """Return ``x y z qx qy qz qw`` of the grasp frame, then force and torque in its own axes, shape (B, N, 13).
 
         The torque is zero: a gimbal transmits none.
         """
@@ -46,14 +46,14 @@ class WristSamples:
 
 
 class Encoders:
-    """Turns exact samples into what the wrists say. Each robot has its own calibration and its own random stream.
+    """Turns exact samples into readings. Each robot has its own calibration and its own random stream.
 
     Attributes:
         zero: Misalignment of the gimbals' zeros, shape (N, 3) [rad].
-        angle_scale: One plus its error, shape (N, 3).
-        position_scale: Likewise, shape (N, 1).
-        force_scale: Likewise, shape (N, 1).
-        force_offset: Shape (N, 3) [N].
+        angle_scale: Scale factors of the angles, shape (N, 3).
+        position_scale: Scale factors of the positions, shape (N, 1).
+        force_scale: Scale factors of the forces, shape (N, 1).
+        force_offset: Offsets of the forces, shape (N, 3) [N].
     """
 
     zero: Array
@@ -77,12 +77,12 @@ class Encoders:
         self.force_offset = np.array([errors.force_offset * rng.uniform(-1, 1, 3) for rng in own])
 
     def measure(self, positions: Array, rotations: Array, forces: Array) -> WristSamples:
-        """What is told of exact samples, of one block; draws the noise of the robots' next B samples.
+        """Return the readings of one block of exact samples; draws the noise of the robots' next B samples.
 
         Args:
-            positions: As those of ``WristSamples``.
-            rotations: Likewise.
-            forces: Likewise.
+            positions: Exact positions, as in ``WristSamples``.
+            rotations: Exact rotations, as in ``WristSamples``.
+            forces: Exact forces, as in ``WristSamples``.
         """
         samples = len(positions)
         noise = np.stack([stream.standard_normal((samples, 9)) for stream in self._streams], axis=1)
@@ -99,7 +99,7 @@ class Encoders:
 
 
 def _direction(rng: np.random.Generator) -> Array:
-    """Unit vector (3,), uniform over the sphere."""
+    """Return a unit vector (3,), uniform over the sphere."""
     vector = rng.standard_normal(3)
     result: Array = vector / np.linalg.norm(vector)
     return result

@@ -1,11 +1,11 @@
-"""The robots' arms, as their firmware makes them behave: impedance about a moving reference, plus feed-forward.
+"""The robots' arms under impedance control: impedance about a moving reference, plus feed-forward.
 
-The wrench on the payload is exactly the force of both parts:
+The wrench on the payload is exactly the sum of two parts:
 
 - *spring*: six engine actuators between the grasp frame ``F_i`` and the robot's home frame, in the axes of the home
-  frame: ``f = k_t (x_ref - x) + d_t (dx_ref - dx)`` and alike for the rotation vector and the torque;
-- *push*: the feed-forward wrench, in the axes of ``F_i``. What all robots push with is put onto the payload's joint
-  together: an actuator would cost the engine as much as one of a spring, whether or not it is used.
+  frame: ``f = k_t (x_ref - x) + d_t (dx_ref - dx)``, and likewise for the rotation vector and the torque;
+- *push*: the feed-forward wrench, in the axes of ``F_i``. The sum over all robots is applied to the payload's joint,
+  because actuators would cost the engine as much as those of a spring even when they are not used.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from coheft.wire.messages.structs import Reference
 from coheft.wire.scenario.schema import PHYSICS_RATE, Scenario
 
 _ACTUATOR_ORDER = np.array([3, 4, 5, 0, 1, 2, 9, 10, 11, 6, 7, 8])
-"""Columns of a reference's motion: it names the rotation first, actuators (like wrenches) the translation."""
+"""Column order of actuators (translation first, as in wrenches) in a reference's motion (rotation first)."""
 
 
 def add_arm(
@@ -38,18 +38,18 @@ def add_arm(
 class Arms:
     """Turns the robots' references into actuator controls, and actuator forces into wrenches.
 
-    A robot that sends no reference for a block holds its last displacement at rest and pushes with no feed-forward.
+    A robot without a reference for a block holds its last displacement, at rest and without feed-forward.
 
     Args:
-        scenario: How stiff and how strongly damped they are, and how long a block is.
-        robots: Whose they are, N names.
-        grasps: Of these robots in the payload's frame.
-        model: With their actuators; the payload's free joint comes first.
-        data: Its state.
+        scenario: The scenario, with stiffness, damping and the length of a block.
+        robots: Names of the N robots.
+        grasps: Their grasps in the payload's frame.
+        model: The engine's model with their actuators; the payload's free joint comes first.
+        data: The engine's state.
 
     Attributes:
         pushed: Feed-forward wrench ``(f, t)`` of each robot in its own ``F_i`` during the newest block, shape (N, 6).
-        read_size: Numbers that say what all springs exert, see ``readings``.
+        read_size: Length of ``readings``.
     """
 
     pushed: Array
@@ -67,7 +67,7 @@ class Arms:
         self._adjoints = np.array([grasp.adjoint() for grasp in grasps])
         self._is_holding = np.ones(len(self._robots), dtype=np.bool_)
         self._model, self._data = model, data
-        self._look()
+        self._make_views()
         self.pushed = np.zeros((len(self._robots), 6))
         self._push_on_payload: Array | None = None
         self.read_size = model.nu
@@ -76,30 +76,32 @@ class Arms:
         self._steps_per_sample = PHYSICS_RATE // scenario.sensors.rate
         (k_t, k_r), (d_t, d_r) = scenario.robots.stiffness, scenario.robots.damping
         damping = np.repeat([d_t / k_t, d_r / k_r if k_r > 0.0 else 0.0], 3)  # a gimbal has neither
-        # Until the next sample the reference goes on at its rate, and the rate at its slope: a rate that stood still
-        # would shake the payload at half the sensors' rate. The spring's damping acts against the reference's rate too.
+        # Between samples the reference is extrapolated with its rate, and the rate with its slope: a rate that is
+        # constant
+        # between samples would excite the payload at half the sample rate. The spring's damping also acts on the
+        # reference's rate.
         since_sample = np.arange(self._steps_per_sample)[:, None, None] / PHYSICS_RATE
         self._rate_gains = since_sample + damping
         self._slope_gains = scenario.sensors.rate * since_sample * (0.5 * since_sample + damping)
         self._motions = np.zeros((count, samples, 12))
 
-    def _look(self) -> None:
-        """Make views of the engine's arrays, for it makes a new one whenever it is asked; a copy of us has its own."""
+    def _make_views(self) -> None:
+        """Make views of the engine's arrays, once per block and object: the engine makes a new one at every access."""
         data = self._data
         self._control, self._force = data.ctrl, data.actuator_force
         self._applied, self._quaternion = data.qfrc_applied[:6], data.qpos[3:7]
         self._applied_force = self._applied[:3]
 
     def controls(self, references: Mapping[str, Reference]) -> Array:
-        """What to ``drive`` the arms with at every physics step of a block; the push is the same at all of them.
+        """Return the controls for ``drive`` at every physics step of a block; the push is the same for all of them.
 
         Args:
-            references: By robot, see ``Reference``.
+            references: References by robot, see ``Reference``.
 
         Returns:
-            Displacements from the homes at which the springs would be at rest, shape (B * steps per sample, 6 N).
+            Displacements from the homes at which the springs are at rest, shape (B * steps per sample, 6 N).
         """
-        self._look()
+        self._make_views()
         self.pushed[:] = 0.0
         for i, robot in enumerate(self._robots):
             reference = references.get(robot)
@@ -116,34 +118,34 @@ class Arms:
         spring = motions[:, None, :, :6] + rate[:, None] * self._rate_gains
         if self._steps_per_sample > 1:
             slope = np.diff(rate, axis=0)
-            # The next block's reference is not known yet: the slope goes on as it has changed.
+            # The next block's reference is not known yet, so the last slope is extrapolated.
             slope = np.concatenate([slope, 2.0 * slope[-1:] - slope[-2:-1] if len(slope) > 1 else slope])
             spring += slope[:, None] * self._slope_gains
         wanted: Array = spring.reshape(-1, 6 * len(self._robots))
         return wanted
 
     def settle(self, steps: int) -> None:
-        """Let the robots take up the weight."""
+        """Simulate some steps in which the arms take up the weight."""
         mujoco.mj_step(self._model, self._data, nstep=steps)
 
     def drive(self, control: Array) -> None:
-        """Set the actuators for the next step, and push; ``control`` is a row of ``controls``.
+        """Set the actuators and the push for the next step; ``control`` is a row of ``controls``.
 
-        Forces applied to joints are zero before a block, and left to the arms during it.
+        The caller sets the forces applied to joints to zero before a block.
         """
         self._control[:] = control
         if self._push_on_payload is not None:
-            # A free joint's velocity is in the axes of the world, its angular velocity in those of its body.
+            # A free joint's velocity is in the axes of the world, its angular velocity in the axes of the body.
             self._applied[:] = self._push_on_payload
             mujoco.mju_rotVecQuat(self._applied_force, self._push_on_payload[:3], self._quaternion)
 
     def readings(self) -> Array:
-        """A view, (6 N,), of what the springs exert at the state before the last step, for ``wrenches``."""
+        """Return a view, (6 N,), of the springs' forces at the state before the last step, for ``wrenches``."""
         forces: Array = self._force
         return forces
 
     def set_holding(self, robot: str, holding: bool) -> None:
-        """Let an arm act on the payload, or not: without gains its actuators exert nothing."""
+        """Let an arm act on the payload, or not: actuators without gains exert no force."""
         number = self._robots.index(robot)
         self._is_holding[number] = holding
         actuators = slice(6 * number, 6 * number + 6)
@@ -152,16 +154,16 @@ class Arms:
         self._model.actuator_biasprm[actuators] = biases[actuators] if holding else 0.0
 
     def move_grasp(self, robot: str, grasp: Pose) -> None:
-        """A robot holds the payload elsewhere from now on, with its grasp frame at this pose in the payload's."""
+        """Change a robot's grasp to a new pose in the payload's frame."""
         self._adjoints[self._robots.index(robot)] = grasp.adjoint()
 
     def wrenches(self, read: Array, rotations: Array, home_rotations: Array) -> Array:
-        """Wrenches on the payload.
+        """Return the wrenches on the payload.
 
         Args:
-            read: As read at B samples, shape (B, 6 N) [N, N·m].
-            rotations: Of the grasp frames in the world, shape (B, N, 3, 3).
-            home_rotations: Of the home frames in the world, shape (N, 3, 3).
+            read: Readings at B samples, shape (B, 6 N) [N, N·m].
+            rotations: Rotations of the grasp frames in the world, shape (B, N, 3, 3).
+            home_rotations: Rotations of the home frames in the world, shape (N, 3, 3).
 
         Returns:
             Shape (B, N, 6): ``(f, t)`` of each robot in its own ``F_i``.

@@ -1,4 +1,4 @@
-"""Seven-joint arms of primitive shapes, each with its wrist welded to the payload."""
+"""Seven-joint arms made of primitive shapes, each with its wrist welded to the payload."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from coheft.estimation.geometry.spatial import Array, Pose, quaternion_from_rota
 
 JOINTS = 7
 HOME_ANGLES = np.array([0.0, 0.2, 0.0, 1.9, 0.0, 0.5 * np.pi - 2.1, 0.0])
-"""Joint angles where the hand points ahead, out of reach of all singularities [rad]."""
+"""Joint angles at which the hand points forward, away from all singularities [rad]."""
 
-# Joints from the base to the hand: distance from the one before along the links [m], axis, the link's mass [kg].
+# Joints from the base to the hand: distance from the previous one along the links [m], axis, mass of the link [kg].
 _Z, _Y = (0.0, 0.0, 1.0), (0.0, 1.0, 0.0)
 _LINKS = (
     (0.15, _Z, 3.0),
@@ -23,31 +23,31 @@ _LINKS = (
     (0.07, _Z, 0.5),
 )
 _HAND = 0.08
-"""From the last joint to the wrist's force-torque sensor [m]."""
+"""Distance from the last joint to the wrist's force-torque sensor [m]."""
 _RADIUS = 0.045
 _JOINT_DAMPING = 0.5
-"""Of each joint [N·m·s/rad]."""
+"""Damping of each joint [N·m·s/rad]."""
 _ROTOR = 0.05
 """Inertia of each joint's drive, as seen at the joint [kg·m²]."""
 _HAND_MASS = 1e-5
-"""What is beyond the force-torque sensor weighs nothing to speak of [kg]."""
+"""Mass beyond the force-torque sensor, small enough to be ignored [kg]."""
 _WELD_TIME = 0.004
-"""In about this time a weld makes up for what it gave way [s]: four steps. In less, the integrator's own errors show
-at the accelerometers."""
+"""Time constant with which a weld corrects its deviation [s]: four steps. With a shorter one, the accelerometers would
+show the integrator's errors."""
 
 
 def hand_name(robot: str) -> str:
-    """Name of the hand's body and of its site, which is ``F_i`` as the arm knows it."""
+    """Return the name of the hand's body and of its site, which is ``F_i`` according to the arm's kinematics."""
     return f"{robot}_hand"
 
 
 def joint_name(robot: str, joint: int) -> str:
-    """Name of a joint, counted from 0, and of its motor."""
+    """Return the name of a joint, counted from 0, and of its motor."""
     return f"{robot}_joint{joint}"
 
 
 def hand_in_base() -> Pose:
-    """Pose of the hand in the arm's base at the home angles."""
+    """Return the pose of the hand in the arm's base at the home angles."""
     pose = Pose.identity()
     for angle, (distance, axis, _) in zip(HOME_ANGLES, _LINKS, strict=True):
         pose = pose @ Pose(rotation_exp(angle * np.array(axis)), distance * np.array(_Z))
@@ -55,7 +55,7 @@ def hand_in_base() -> Pose:
 
 
 def add_seven_joint_arm(spec: mujoco.MjSpec, robot: str, home: Pose) -> None:
-    """Add an arm whose hand is at ``home`` in the world at the home angles, and weld it to the site of its grasp."""
+    """Add an arm whose hand is at ``home`` in the world at the home angles, and weld it to its grasp site."""
     base = home @ hand_in_base().inverse()
     body = spec.worldbody.add_body(
         name=f"{robot}_base", pos=base.translation, quat=quaternion_from_rotation(base.rotation)
@@ -88,12 +88,12 @@ def add_seven_joint_arm(spec: mujoco.MjSpec, robot: str, home: Pose) -> None:
         solref=[_WELD_TIME, 1.0],
         solimp=[0.9999, 0.9999, 0.001, 0.5, 2.0],
     )
-    weld.data[10] = 1.0  # torque scale: rotations count as translations do
+    weld.data[10] = 1.0  # torque scale: rotations have the same weight as translations
 
 
 def add_wrist_sensors(spec: mujoco.MjSpec, robot: str) -> None:
-    """Add a wrist's force and torque sensors: what the arm does to the hand, in the axes of the hand's site and
-    about it. Beyond them nothing weighs, so it is what the arm does to the payload.
+    """Add a wrist's force and torque sensors: the wrench of the arm on the hand, in the axes and about the origin of
+    the hand's site. As the hand has no mass, it is also the wrench on the payload.
     """
     for kind in (mujoco.mjtSensor.mjSENS_FORCE, mujoco.mjtSensor.mjSENS_TORQUE):
         spec.add_sensor(
@@ -102,6 +102,6 @@ def add_wrist_sensors(spec: mujoco.MjSpec, robot: str) -> None:
 
 
 def joint_addresses(model: mujoco.MjModel, robot: str) -> tuple[Array, Array]:
-    """Where an arm's joints are in ``qpos`` and in ``qvel``, each (7,)."""
+    """Return the indices of an arm's joints in ``qpos`` and in ``qvel``, each (7,)."""
     joints = [model.joint(joint_name(robot, number)) for number in range(JOINTS)]
     return np.array([j.qposadr[0] for j in joints]), np.array([j.dofadr[0] for j in joints])

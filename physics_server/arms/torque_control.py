@@ -1,8 +1,8 @@
-"""Seven-joint arms that their joints' torques make behave as springs and dampers at the hand.
+"""Seven-joint arms whose joint torques realize a spring and damper at the hand.
 
-Operational-space impedance (Hogan 1985; Khatib 1987): the joints exert ``J^T w`` of the wrench ``w`` that springs
-between hand and home frame would exert, plus the feed-forward wrench, plus what holds the arm itself up against gravity
-and its own motion. What the seventh joint leaves free is held near the home angles.
+Operational-space impedance (Hogan 1985; Khatib 1987): the joints exert ``J^T w`` for the wrench ``w`` of a spring
+between hand and home frame, plus the feed-forward wrench, plus the arm's own gravity and Coriolis torques. The
+remaining degree of freedom of the seven joints is held near the home angles.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from coheft.physics_server.scene import home_name
 from coheft.wire.scenario.schema import Scenario
 
 _POSTURE_STIFFNESS = 10.0
-"""Of what the hand does not feel [N·m/rad]."""
+"""Stiffness in the null space of the hand's Jacobian [N·m/rad]."""
 _POSTURE_DAMPING = 4.0
-"""The same [N·m·s/rad]."""
+"""Damping in the null space of the hand's Jacobian [N·m·s/rad]."""
 
 
 class TorqueArms(Arms):
-    """Welded to the payload; otherwise as ``Arms``.
+    """Arms that are welded to the payload; otherwise as ``Arms``.
 
-    The controller knows where the arms are as the integrator foresaw it in the last stage of its step.
+    The controller uses the arms' state of the last stage of the integrator's step.
     """
 
     def __init__(
@@ -52,7 +52,7 @@ class TorqueArms(Arms):
         self._jacobian = np.zeros((len(robots), 6, model.nv))
 
     def settle(self, steps: int) -> None:
-        """Let the robots take up the weight."""
+        """Simulate some steps in which the arms take up the weight."""
         data = self._data
         data.qpos[self._positions] = HOME_ANGLES
         mujoco.mj_forward(self._model, data)
@@ -79,7 +79,7 @@ class TorqueArms(Arms):
         in_world = np.einsum("nij,nkj->nki", homes, spring.reshape(count, 2, 3))
         in_world += np.einsum("nij,nkj->nki", hands, self.pushed.reshape(count, 2, 3))
         posture = _POSTURE_STIFFNESS * (HOME_ANGLES - data.qpos[self._positions]) - _POSTURE_DAMPING * joint_rates
-        # Without the part of the posture's torques that the hand would feel.
+        # Projection onto the null space: subtract the wrench of the posture torques at the hand.
         felt = np.linalg.solve(
             jacobians @ jacobians.swapaxes(-1, -2), np.einsum("nij,nj->ni", jacobians, posture)[..., None]
         )
@@ -88,12 +88,14 @@ class TorqueArms(Arms):
         data.ctrl[:] = torques.reshape(count * JOINTS)
 
     def readings(self) -> Array:
-        """What the wrists' force-torque sensors read, shape (6 N,), a view; they come last of all sensors."""
+        """Return a view of the readings of the wrists' force-torque sensors, shape (6 N,); they are the last
+        sensors.
+        """
         readings: Array = self._data.sensordata[-self.read_size :]
         return readings
 
     def set_holding(self, robot: str, holding: bool) -> None:
-        """Welds hold for good.
+        """Refuse, as welds cannot be released.
 
         Raises:
             SimulationError: Always.
@@ -101,8 +103,8 @@ class TorqueArms(Arms):
         raise SimulationError(f"the hand of {robot} is welded to the payload, it cannot {_VERBS[holding]} it")
 
     def wrenches(self, read: Array, rotations: Array, home_rotations: Array) -> Array:
-        """Wrenches on the payload, shape (B, N, 6): what the sensors of massless hands read."""
+        """Return the wrenches on the payload, shape (B, N, 6): the readings at massless hands."""
         return read.reshape(*rotations.shape[:2], 6)
 
 
-_VERBS = {True: "take hold of", False: "let go of"}
+_VERBS = {True: "grasp", False: "release"}

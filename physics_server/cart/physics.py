@@ -1,7 +1,7 @@
 """A cart in MuJoCo: a rigid body in the plane, pushed at its handle, whose wheels do not slip sideways.
 
-The wheels' force is computed from the engine's own mass matrix and acceleration, exactly, with a term that takes away
-what rounding leaves of slip. Rolling wheels with friction would slip a thousand times as much.
+The wheels' force is computed exactly from the engine's mass matrix and acceleration, with a term that removes slip due
+to rounding. Rolling wheels with friction would slip a thousand times as much.
 """
 
 from __future__ import annotations
@@ -23,36 +23,36 @@ from coheft.wire.cart.scenario import PHYSICS_RATE, CartGuess, CartLoad, CartSce
 from coheft.wire.scenario.borders import first_border
 
 _STABILISING = 100.0
-"""Rate at which slip that there is dies away [1/s]."""
+"""Rate at which residual slip decays [1/s]."""
 _CASTER_TRAIL = 0.03
-"""Way from a caster's swivel to where it touches the floor [m]."""
+"""Distance from a caster's swivel to its point of contact with the floor [m]."""
 _CASTER_DRAG = 15.0
-"""Of casters that roll across the way [N]."""
+"""Drag of casters that are perpendicular to the motion [N]."""
 _CASTER_PLAY = 0.05
-"""A caster is never exactly in line [rad]."""
+"""Smallest angle between a caster and the direction of motion [rad]."""
 _FARTHEST = 1e3
 _MASS = "mass"
 
 
 @dataclass(frozen=True, eq=False)
 class CartSample:
-    """What there is at one sample."""
+    """Measurements and truth at one sample."""
 
     measurements: dict[str, CartMeasurement]
     truth: CartTruth
 
 
 class Casters:
-    """Casters that follow: they trail behind their swivels, and turn round when the cart goes the other way.
+    """Casters that trail behind their swivels, and turn round when the cart changes direction.
 
-    ``psi' = -(v / trail) sin psi``: 0 is stable when the cart goes ahead, pi when it goes back. Between, they drag.
+    ``psi' = -(v / trail) sin psi``: 0 is stable in forward motion, pi in backward motion. In between, they cause drag.
     """
 
     def __init__(self) -> None:
         self._angle = _CASTER_PLAY
 
     def drag(self, speed: float, duration: float) -> float:
-        """Force along the cart's x axis [N], and on by one step [s]."""
+        """Return the force along the cart's x axis [N], and advance the casters by ``duration`` [s]."""
         self._angle -= speed / _CASTER_TRAIL * math.sin(self._angle) * duration
         self._angle = min(max(self._angle, _CASTER_PLAY), math.pi - _CASTER_PLAY)
         across = math.sin(self._angle) - math.sin(_CASTER_PLAY)
@@ -65,7 +65,7 @@ class CartSimulation:
     The same scenario and the same pushes give the same numbers, bit for bit.
 
     Attributes:
-        block: Number of the next sample.
+        block: Index of the next sample.
         model: The engine's model, for views.
         data: The engine's state, for views.
     """
@@ -84,19 +84,19 @@ class CartSimulation:
         self._rng = np.random.default_rng(scenario.seed)
 
     def advance(self, pushes: Mapping[str, CartPush]) -> CartSample:
-        """On to the next sample.
+        """Advance to the next sample.
 
         Args:
-            pushes: What the hands do until then, by pusher; a hand that is missing does nothing.
+            pushes: Pushes of the hands until then, by pusher; a missing hand exerts no wrench.
 
         Raises:
-            SimulationError: The cart has gone out of sight.
+            SimulationError: The cart has moved out of bounds.
         """
         while self._loads and first_border(self._loads[0].at, 1.0 / self._scenario.rate) <= self.block:
             self._change(self._loads.pop(0))
         scenario, motion = self._scenario, np.concatenate([self.data.qpos, self.data.qvel])
         if not (np.abs(motion) < _FARTHEST).all():
-            raise SimulationError(f"at {self.block / scenario.rate:g} s the cart has gone out of sight: {motion}")
+            raise SimulationError(f"at {self.block / scenario.rate:g} s the cart has moved out of bounds: {motion}")
         wrench_b, squares = np.zeros(3), 0.0
         for name, push in pushes.items():
             self._hands[name] = push.hand
@@ -130,23 +130,23 @@ class CartSimulation:
         )
 
     def _step(self, wrench_b: Array) -> None:
-        """On by one step of the midpoint rule; the wrench turns with the cart, as hands do.
+        """Advance by one step of the midpoint rule; the wrench rotates with the cart, as hands do.
 
-        The engine's own integrators know nothing of the wheels. Euler's rule would be seen in the estimates: it makes
-        the moment of inertia look one per cent smaller.
+        The engine's integrators do not include the wheels' constraint. Euler's method would bias the estimates: it
+        makes the moment of inertia appear one per cent smaller.
         """
         data, model = self.data, self.model
         duration = model.opt.timestep
         position, velocity = data.qpos.copy(), data.qvel.copy()
         data.qpos += 0.5 * duration * velocity
-        data.qvel += 0.5 * duration * self._acceleration  # that of the step before
+        data.qvel += 0.5 * duration * self._acceleration  # of the previous step
         self._acceleration = self._rolling(wrench_b)
         data.qvel[:] = velocity + duration * self._acceleration
         data.qpos[:] = position + 0.5 * duration * (velocity + data.qvel)
         data.time += duration
 
     def _rolling(self, wrench_b: Array) -> Array:
-        """Acceleration (3,) at the engine's present state, with all forces."""
+        """Return the acceleration (3,) at the engine's present state, with all forces."""
         data, model = self.data, self.model
         theta = float(data.qpos[2])
         x_rate, y_rate, turn_rate = data.qvel.tolist()
@@ -170,7 +170,9 @@ class CartSimulation:
         return result
 
     def _change(self, load: CartLoad) -> None:
-        """Put a load on or take it off. What is put on was standing still: the momentum that can be kept is kept."""
+        """Add or remove a load. A load that is added was at rest; momentum is conserved along the unconstrained
+        directions.
+        """
         old, new = self._cart.body, with_load(self._cart.body, load)
         if load.mass > 0.0:
             theta = float(self.data.qpos[2])
@@ -182,19 +184,19 @@ class CartSimulation:
 
 
 def with_load(body: CartBody, load: CartLoad) -> CartBody:
-    """The cart with a load more, or less."""
+    """Return the cart with a load added, or removed if the load's mass is negative."""
     length, width = load.size
     gyration = (length**2 + width**2) / 12.0
     return CartBody.of(body.phi + change_of_phi(np.array([load.mass, *load.place, gyration])), body.friction)
 
 
 def _moving_mass(body: CartBody) -> Array:
-    """Mass matrix (2, 2) of going ahead and turning."""
+    """Return the mass matrix (2, 2) of forward motion and rotation."""
     return mass_matrix(body.phi, 0.0)[np.ix_(MOVING, MOVING)]
 
 
 def _build(cart: CartGuess) -> mujoco.MjModel:
-    """Two slides and a hinge. Nothing collides."""
+    """Build a model with two slides and a hinge, without collisions."""
     spec = mujoco.MjSpec()
     spec.option.timestep = 1.0 / PHYSICS_RATE
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
@@ -206,7 +208,7 @@ def _build(cart: CartGuess) -> mujoco.MjModel:
     body.add_geom(
         type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.45, 0.3, 0.2], pos=[0.2, 0.0, 0.5], mass=0.0, contype=0, conaffinity=0
     )
-    # All mass in a body of its own, fixed to the cart: it may be edited at any time.
+    # All mass is in a separate body, fixed to the cart, so that it can be edited at any time.
     body.add_body(name=_MASS, mass=1.0, inertia=[1.0, 1.0, 1.0], explicitinertial=True)
     model = spec.compile()
     _set_mass(model, cart)

@@ -1,4 +1,4 @@
-"""The cart's physics in a process of its own, in lockstep with the pushers.
+"""The process of the cart's physics, in lockstep with the pushers.
 
 ``python -m coheft.physics_server.cart.server`` reads a ``CartServerConfig`` from stdin.
 """
@@ -24,16 +24,16 @@ from coheft.wire.transport.planes import SERVER
 from coheft.wire.transport.sessions import Keys, Sender, open_session
 
 _ANSWER_LIMIT = 30.0
-"""A pusher that has not answered for so long is given up [s]."""
+"""Time without an answer after which the run ends [s]."""
 
 
 class _PusherLink:
-    """One pusher's session and the state of the talk with it.
+    """One pusher's session, and the state of the communication with it.
 
     Attributes:
-        is_ready: It has said that all its links stand, and can hear us.
+        is_ready: Whether its links are up and it receives the server's messages.
         answered: The last sample that it has answered, -1 if none.
-        pushes: What it is going to do, by sample.
+        pushes: Its announced pushes, by sample.
     """
 
     def __init__(self, name: str, session: zenoh.Session, inbox: Inbox, keys: Keys, lag: int) -> None:
@@ -48,10 +48,10 @@ class _PusherLink:
         inbox.listen(session, name, {keys.robot(name, "ready"): Ready, keys.robot(name, "reference"): CartPush})
 
     def take(self, message: Message) -> None:
-        """Take in what it said.
+        """Process the pusher's message.
 
         Raises:
-            MessageError: It does not fit here and now.
+            MessageError: The message is not valid here and now.
         """
         match message:
             case Ready():
@@ -67,11 +67,11 @@ class _PusherLink:
                 self.pushes[message.block] = message
 
     def send(self, measurement: CartMeasurement) -> None:
-        """Send it its own sample."""
+        """Send the pusher its own sample."""
         self._measurements.send(measurement)
 
     def send_stop(self, reason: str) -> None:
-        """Tell it that the run is over."""
+        """Tell the pusher that the run is over."""
         self._stop.send(Stop(reason=reason))
 
 
@@ -91,11 +91,11 @@ class CartServer:
         self._is_over = False
 
     def run(self) -> None:
-        """Wait for all pushers, simulate until the end, then tell the pushers.
+        """Wait for all pushers, simulate until the end, then stop the pushers.
 
         Raises:
-            LinkError: A pusher was lost, or does not answer.
-            SimulationError: The cart has gone out of sight.
+            LinkError: A pusher is lost, or does not answer.
+            SimulationError: The cart has moved out of bounds.
         """
         reason = "the run is over"
         try:
@@ -122,10 +122,10 @@ class CartServer:
         self._truth.send(sample.truth)
 
     def _wait_for(self, block: int) -> None:
-        """Wait until all have answered a sample.
+        """Wait until all pushers have answered a sample.
 
         Raises:
-            LinkError: A pusher was lost, or does not answer.
+            LinkError: A pusher is lost, or does not answer.
         """
         deadline = time.monotonic() + _ANSWER_LIMIT
         while silent := [name for name, link in self._links.items() if link.answered < block]:
@@ -135,10 +135,10 @@ class CartServer:
             self._handle(self._inbox.receive(left))
 
     def _handle(self, event: Event | None) -> None:
-        """Take in whatever came.
+        """Process an event.
 
         Raises:
-            LinkError: A pusher was lost.
+            LinkError: A pusher is lost.
         """
         match event:
             case Received(name, CartPush() | Ready() as message):
@@ -156,11 +156,11 @@ def run_server(config: CartServerConfig) -> None:
     """Run the server to the end of the run.
 
     Raises:
-        LinkError: Somebody listens at one of its endpoints already, or a pusher was lost.
-        SimulationError: The cart has gone out of sight.
+        LinkError: Another process listens at one of its endpoints, or a pusher is lost.
+        SimulationError: The cart has moved out of bounds.
     """
     with ExitStack() as stack:
-        # Observers can dial in first, so as to miss nothing.
+        # Observers can connect before the pushers, so that they miss nothing.
         observers = stack.enter_context(open_session(listen=[config.observe]))
         robots = {
             name: stack.enter_context(open_session(listen=[endpoint])) for name, endpoint in config.robots.items()
@@ -169,7 +169,7 @@ def run_server(config: CartServerConfig) -> None:
 
 
 def main() -> NoReturn:
-    """Run the server whose configuration comes on stdin."""
+    """Run the server whose configuration is read from stdin."""
     supervised_main(CartServerConfig, run_server)
 
 

@@ -60,11 +60,11 @@ def test_a_robot_without_measurements_is_named(scenario, samples):
 
 def test_what_does_not_fit_is_refused():
     team = Team(["left", "right"], sensors={"rate": 100, "block": 5, "tolerance": {}})
-    with pytest.raises(UsageError, match="found those of left, expected left, right"):
+    with pytest.raises(UsageError, match="found robots left, expected left, right"):
         team.add({"left": np.zeros(15)})
     with pytest.raises(UsageError, match=r"left \(2, 14\), expected \(2, 15\)"):
         team.add({"left": np.zeros((2, 14)), "right": np.zeros((2, 15))})
-    with pytest.raises(UsageError, match="at least two names"):
+    with pytest.raises(UsageError, match="at least two different names"):
         Team(["left", "left"])
     with pytest.raises(UsageError, match=r"sensors: key 'rate': expected one of 100"):
         Team(["left", "right"], sensors={"rate": 300})

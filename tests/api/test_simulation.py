@@ -23,7 +23,7 @@ def test_time_goes_on_by_blocks():
 
 def test_there_is_no_result_before_robots_have_spoken():
     simulation = coheft.simulate("ring3")
-    with pytest.raises(CoheftError, match="no result before robots have spoken"):
+    with pytest.raises(CoheftError, match="no result before all robots have published"):
         simulation.result()
 
 

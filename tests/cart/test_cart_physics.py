@@ -160,7 +160,7 @@ def test_casters_drag_only_while_they_turn_round() -> None:
 def test_a_cart_that_is_gone_is_told() -> None:
     simulation = CartSimulation(QUIET)
     simulation.data.qvel[0] = 1e5
-    with pytest.raises(SimulationError, match="out of sight"):
+    with pytest.raises(SimulationError, match="out of bounds"):
         simulation.advance({})
 
 

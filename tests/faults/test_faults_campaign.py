@@ -174,9 +174,9 @@ def test_what_other_code_a_mutant_or_somebody_else_has_left_stays_as_it_is(
     file.append(OUTCOME)
     assert file.begin() == [OUTCOME]
     content = kept.read_bytes()
-    with pytest.raises(CoheftError, match=r"outcomes holds outcomes of another mutant, or of another --set: name"):
+    with pytest.raises(CoheftError, match=r"outcomes contains outcomes of another mutant, or of another --set: name"):
         run_campaign([1], kept=kept, mutant="wrong-row")
-    with pytest.raises(CoheftError, match=r"outcomes holds outcomes of another mutant, or of another --set: name"):
+    with pytest.raises(CoheftError, match=r"outcomes contains outcomes of another mutant, or of another --set: name"):
         run_campaign([1], kept=kept, values=["sensors.rate=200"])
     monkeypatch.setattr(campaign, "code_hash", lambda: "other")
     with pytest.raises(CoheftError, match=r"outcomes is of other code: name another file"):
@@ -184,7 +184,7 @@ def test_what_other_code_a_mutant_or_somebody_else_has_left_stays_as_it_is(
     assert kept.read_bytes() == content
     for foreign in ("text", '{"name": "r1"}'):
         kept.write_text(foreign)
-        with pytest.raises(CoheftError, match=r"outcomes holds no outcomes: name another file"):
+        with pytest.raises(CoheftError, match=r"outcomes is not a file of outcomes: name another file"):
             run_campaign([1], kept=kept)
         assert kept.read_text() == foreign
 

@@ -95,7 +95,7 @@ def test_values_that_are_not_drawn_are_part_of_what_shows_it_again(
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
-        (["--set", "graph.kind=line"], "key 'graph': it is drawn with the faults"),
+        (["--set", "graph.kind=line"], "key 'graph' is drawn together with the faults"),
         (["--set", "sensors.rates=3"], "Did you mean 'rate'?"),
         (["--set", "sensors.rate=300"], "expected one of 100"),
         (["--replay", "schedule.json", "--set", "sensors.rate=200"], "holds a whole schedule: change it there"),
@@ -139,7 +139,7 @@ def test_a_campaign_that_is_stopped_tells_what_was_done(
     assert "violations: 4, in 2 schedules" in out
     assert out.endswith("coheft faults --replay 1\n")
     assert err == (
-        f"stopped after 3 of 9 schedules; no table (--table) was written; the same command goes on with what is kept "
+        f"stopped after 3 of 9 schedules; no table (--table) was written; the same command continues with the outcomes "
         f"in {kept}\n"
     )
     assert run_command_line(["faults", "--jobs", "1", "--first-seed", "3", "--quiet"]) == EXIT_INTERRUPTED
@@ -271,10 +271,10 @@ def test_a_schedule_that_was_simplified_breaks_the_promise_still(
     assert read_schedule(Path("faults-0-2.json")).faults == ()
     assert run_command_line([*replay, "faults-0-2.json", "--mutant", MUTANT, "--shrink"]) == EXIT_BROKEN_PROMISE
     out = capfd.readouterr().out
-    assert out.startswith("it cannot be simplified: with anything less it breaks none of these promises\nseed 0: ")
+    assert out.startswith("the schedule cannot be simplified: anything simpler keeps these promises\nseed 0: ")
     assert "written to" not in out
     # Nothing goes wrong in it any more: agents without the bug keep all promises.
     assert run_command_line([*replay, "faults-0-2.json", "--shrink"]) == EXIT_CONVERGED
     out = capfd.readouterr().out
-    assert out.startswith("it breaks no promise: there is nothing to be simplified\n")
+    assert out.startswith("the schedule breaks no promise, so there is nothing to simplify\n")
     assert "violations: 0" in out

@@ -90,5 +90,5 @@ def test_impossible_gossip_is_refused() -> None:
     check_content(message)
     (record, *_) = message.gossip
     impossible = msgspec.structs.replace(record, incarnation=2**64 - 1)
-    with pytest.raises(MessageError, match=f"what it says about '{OTHER}' is impossible"):
+    with pytest.raises(MessageError, match=f"its record of '{OTHER}' is impossible"):
         check_content(msgspec.structs.replace(message, gossip=[impossible]))

@@ -77,7 +77,7 @@ def test_a_robot_link_takes_an_answer_once(link: RobotLink) -> None:
     link.send_measurements(Measurements(robot="r1", block=block, samples=np.zeros((SAMPLES, 15))))
     sound = Reference(robot="r1", block=block + LAG, answers=block, motion=np.zeros((SAMPLES, 12)), wrench=np.zeros(6))
     link.take(sound)
-    with pytest.raises(MessageError, match="was answered already"):
+    with pytest.raises(MessageError, match="has already been answered"):
         link.take(sound)
 
 

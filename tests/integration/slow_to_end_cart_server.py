@@ -8,7 +8,7 @@ from coheft.physics_server.cart import physics, server
 from tests.integration.slow_to_end_server import LATER
 
 if __name__ == "__main__":
-    physics._FARTHEST = 0.0  # out of sight at once
+    physics._FARTHEST = 0.0  # out of bounds at once
     try:
         server.main()
     finally:

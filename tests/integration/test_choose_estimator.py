@@ -37,7 +37,7 @@ def test_robots_begin_anew_with_another_estimator_in_mid_run(start: Callable[...
 
     status, text = run.ask("use", "best")
     assert status == 1
-    assert "refused: this run has no estimator 'best'; there are: efficient, fan2017" in text
+    assert "refused: this run has no estimator 'best'; available: efficient, fan2017" in text
     assert run.ask("use", "efficient")[0] == 1
     assert run.ask("use") == (0, "the robots use efficient; available: efficient, fan2017\n")
     status, text = run.ask("use", "fan2017")
@@ -55,7 +55,7 @@ def test_robots_begin_anew_with_another_estimator_in_mid_run(start: Callable[...
     since = change["since_s"]
     said = re.findall(r"(r\d): uses the estimator 'fan2017' from (\d+\.\d\d) s on, and starts again", run.words)
     assert sorted(said) == [(name, f"{since:.2f}") for name in ("r1", "r2", "r3")]
-    assert f"At {since:g} s all robots started again with the estimator fan2017." in run.words
+    assert f"At {since:g} s all robots restarted with the estimator fan2017." in run.words
 
     scenario = msgspec.structs.replace(load_scenario("ring3"), load_changes=(), duration=told["duration_s"])
     again = in_one_process(scenario, changing_run(scenario, round(since / scenario.block_duration), "fan2017"))

@@ -54,7 +54,7 @@ def test_a_link_that_is_cut_is_silent_at_both_ends_until_it_is_mended(tmp_path):
                     return ""
                 return getattr(answer, "reason", "")
 
-            wait_until(lambda: "r1 dials no one: only who dials r2 can cut" in refusal(), "a refusal")
+            wait_until(lambda: "r1 dials no neighbour: only the robot that dials r2 can cut" in refusal(), "a refusal")
         team.ask(StopRequest())
         assert all(team.exit_status(name) == 0 for name in team.plan.agents)
         assert "the operator has cut the link with r1" in team.log("r2")

@@ -60,6 +60,6 @@ def test_a_server_that_fails_and_ends_after_its_agents_ends_the_run_with_an_erro
 
 def test_so_does_the_server_of_a_cart(use_server: Callable[[str], None], tmp_path: Path) -> None:
     use_server("tests.integration.slow_to_end_cart_server")
-    expected = r"the cart has gone out of sight(?s:.)*\nThe run is over, because server ended with status 1\.$"
+    expected = r"the cart has moved out of bounds(?s:.)*\nThe run is over, because server ended with status 1\.$"
     with pytest.raises(ProcessError, match=expected):
         run_in_processes(table_one(6, pushers=1), lambda _: tmp_path, lambda _: None)

@@ -78,7 +78,7 @@ def test_an_agent_that_is_frozen_goes_on_where_the_others_are(tmp_path):
         team.processes["r2"].send_signal(signal.SIGCONT)
         watcher.wait_until_valid(block)
         assert watcher.worst < 5.0
-        assert "started again" not in team.log("r2")
+        assert "restarted" not in team.log("r2")
 
 
 def test_a_robot_that_lets_go_leaves_the_team_and_comes_back(tmp_path):
@@ -86,9 +86,9 @@ def test_a_robot_that_lets_go_leaves_the_team_and_comes_back(tmp_path):
         watcher.wait_until_valid()
         assert "no robot r9: the robots are r1, r2, r3, r4" in team.refusal(HoldRequest(robot="r9", holding=False))
         let_go = time.monotonic()
-        assert "r2 holds the payload already" in team.refusal(HoldRequest(robot="r2", holding=True))
+        assert "r2 already holds the payload" in team.refusal(HoldRequest(robot="r2", holding=True))
         block = team.ask(HoldRequest(robot="r2", holding=False)).block
-        assert "r2 has let go of the payload already" in team.refusal(HoldRequest(robot="r2", holding=False))
+        assert "r2 has already released the payload" in team.refusal(HoldRequest(robot="r2", holding=False))
         wait_until_told(watcher, "r2", "the robot does not hold the load", let_go)
         others = ("r1", "r3", "r4")
         watcher.wait_until(
@@ -109,7 +109,7 @@ def test_the_last_one_may_not_let_go(tmp_path):
     with running_team(small_scenario(2, "line", block=BLOCK), tmp_path, "realtime") as team:
         team.wait_for_block(1)
         team.ask(HoldRequest(robot="r1", holding=False))
-        assert "r2 is the only one that holds" in team.refusal(HoldRequest(robot="r2", holding=False))
+        assert "r2 is the only robot that holds" in team.refusal(HoldRequest(robot="r2", holding=False))
         team.wait_for_block(team.ask(StatusRequest()).block + 10)
         assert all(process.poll() is None for process in team.processes.values())
 
@@ -197,7 +197,7 @@ def test_agents_work_with_a_new_server_as_with_the_old_one(clock, tmp_path):
         watcher.wait_until(lambda: len(watcher.latest) == len(team.plan.agents), "a new beginning")
         watcher.wait_until_valid()
         for name in team.plan.agents:
-            assert "the server has started again: so does this agent" in team.log(name)
+            assert "the server has restarted, so this agent restarts, too" in team.log(name)
         assert watcher.worst < 5.0
 
 
@@ -214,7 +214,7 @@ def test_lockstep_waits_for_a_robot_that_comes_back(tmp_path):
         team.restart("r2")
         watcher.wait_until_valid(block)
         assert f"r2 is back before block {block}" in team.log("server")
-        assert "goes on without it" not in team.log("server")
+        assert "continues without it" not in team.log("server")
         assert watcher.worst < 5.0
 
 
@@ -230,7 +230,7 @@ def test_lockstep_goes_on_without_a_robot_that_does_not_come_back_and_takes_it_i
 
         def has_given_up() -> bool:
             team.status()  # whoever asks does not keep it from looking at its clock
-            return "r2 did not come back within 0.5 s" in team.log("server")
+            return "r2 did not return within 0.5 s" in team.log("server")
 
         wait_until(has_given_up, "the server to give up")
         block = block_of(team)
@@ -250,7 +250,7 @@ def test_a_server_whose_robots_are_all_gone_ends_and_says_so(command, tmp_path):
         for name in team.plan.agents:
             team.kill(name)
         assert team.exit_status("server") == 1
-        assert team.log("server").endswith("all robots are gone, and none came back within 0.5 s\n")
+        assert team.log("server").endswith("all robots are lost, and none returned within 0.5 s\n")
 
 
 def test_agents_whose_server_does_not_come_back_end_and_say_so(tmp_path):

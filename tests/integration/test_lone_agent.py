@@ -275,7 +275,7 @@ def test_a_new_world_is_met_with_a_new_mind(tmp_path):
         assert around.answers(1) == [40]
         around.measure(0, world=2)
         assert around.answers(1) == [0]
-        assert around.finish() == "the server has started again: so does this agent\n"
+        assert around.finish() == "the server has restarted, so this agent restarts, too\n"
 
 
 def test_a_link_that_does_not_carry_to_the_neighbour_is_dialled_anew_and_one_that_does_is_left_alone(tmp_path):

@@ -78,5 +78,5 @@ def test_lies_about_third_robots_end_with_the_liar(profile, lie, tmp_path):
             assert {estimate.members for estimate in watcher.latest.values()} == {4}
             if profile == "secure":  # no lie was believed for a moment
                 assert not any(watcher.is_told(name, "the team is not known", begin) for name in team.plan.agents)
-                assert "refused from r2: what it hands on about" in team.log("r1")
+                assert "refused from r2: its record of" in team.log("r1")
                 assert "not signed" in team.log("r1") or "years" in team.log("r1")

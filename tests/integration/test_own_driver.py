@@ -142,6 +142,6 @@ def test_references_that_are_not_finite_are_told_once_with_their_robot_and_not_h
         wanted = [driver.reference(block + lag) for block in range(3)]
     assert [each is None for each in wanted] == [True, True, False]
     assert capfd.readouterr().err == (
-        f"refused from r2: the reference of block {lag} is not finite: its arm holds still until it asks for something "
-        "that an arm can do\n"
+        f"refused from r2: the reference of block {lag} is not finite: its arm holds still until it gets a reference "
+        "that it can follow\n"
     )

@@ -146,8 +146,8 @@ def test_a_faulty_one_ends_the_run_at_once_with_the_place_and_is_not_started_aga
     said = " ".join((done.stdout + done.stderr).split())
     assert done.returncode == 1, said
     # That it crashed may have had other reasons; that it raised has not.
-    assert "r2 ended with status 7: out of memory, perhaps; started again (1 of 3)" in said
-    assert said.count("started again (") == 1
+    assert "r2 ended with status 7: out of memory, perhaps; restarted (1 of 3)" in said
+    assert said.count("restarted (") == 1
     assert re.search(r"the estimator 'faulty' of r2 at block \d+ \(\d+\.\d\d s\): step raised KeyError: 'r9' ", said)
     assert f"({tmp_path / 'faulty.py'}, line 15)" in said
     assert "The run is over, because r2 ended with status 2" in said
@@ -159,7 +159,7 @@ def test_one_that_says_more_than_neighbours_take_is_told_so_before_it_says_it(tm
     done = coheft(tmp_path, tmp_path, "run", "ring3", "--estimator", "talkative")
     assert done.returncode == 1, done.stderr
     place = f"step ({tmp_path / 'talkative.py'}, line 7)"
-    assert f"{place} returned what cannot be used: its arrays take 320.0 kB, expected at most 184.0 kB" in done.stderr
+    assert f"{place} returned an unusable value: its arrays take 320.0 kB, expected at most 184.0 kB" in done.stderr
 
 
 def test_a_motion_that_is_not_finite_is_told_with_its_robot_and_in_one_process_ends_the_run(
@@ -173,9 +173,9 @@ def test_a_motion_that_is_not_finite_is_told_with_its_robot_and_in_one_process_e
     assert done.returncode == 3, done.stderr  # who stands still learns nothing
     said = (tmp_path / "logs" / "server.log").read_text().splitlines()
     assert [line for line in said if "refused" in line] == [
-        "refused from r2: the reference of block 10 is not finite: its arm holds still until it asks for something "
-        "that an arm can do"
+        "refused from r2: the reference of block 10 is not finite: its arm holds still until it gets a reference "
+        "that it can follow"
     ]
     scenario = msgspec.structs.replace(load_scenario(file), duration=1.0, load_changes=())
-    with pytest.raises(SimulationError, match=r"at 0\.200 s references of r2 hold numbers that are not finite"):
+    with pytest.raises(SimulationError, match=r"at 0\.200 s references of r2 contain numbers that are not finite"):
         list(run_in_process(scenario))

@@ -121,7 +121,7 @@ def test_bad_messages_are_refused_and_the_run_goes_on(tmp_path):
             "not a Reference": b"rubbish",
             f"version {PROTOCOL_VERSION + 1}": of_version(PROTOCOL_VERSION + 1, Ready(robot=first), robot_key),
             "robot is 'nobody'": Reference(robot="nobody", block=now, answers=now, motion=motion, wrench=np.zeros(6)),
-            "was answered already": Reference(
+            "has already been answered": Reference(
                 robot=first, block=now, answers=now, motion=motion * np.nan, wrench=np.zeros(6)
             ),
         }

@@ -240,7 +240,7 @@ def test_the_driver_of_a_secure_team_says_what_it_waits_for_and_what_makes_no_se
         robots.measure("r2", "wrench", START, measured.samples[0, 1])
         wait_until(lambda: "no complete block for" in command.said(), "its word")
         assert "refused from /r1/wrench: not a geometry_msgs/msg/WrenchStamped" in command.said()
-        assert "refused from /r1/twist: twist holds 6 numbers that are not finite" in command.said()
+        assert "refused from /r1/twist: twist contains 6 numbers that are not finite" in command.said()
         assert "r2: no complete block for 4 s; since the last one there came 1 of wrench, 0 of twist" in command.said()
         assert command.interrupt() == 130
         assert "Traceback" not in command.said()

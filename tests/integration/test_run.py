@@ -153,7 +153,7 @@ def test_an_agent_that_is_killed_is_started_again_and_the_run_goes_on(
         os.kill(before, signal.SIGKILL)
         wait_until(lambda before=before: run.read_pids()["r2"] != before, "another process")
         wait_until(lambda time_no=time_no: run.text.count("r2 is back before block") == time_no, "its return")
-    assert "r2 was killed by signal 9; started again (2 of 3)" in run.words
+    assert "r2 was killed by signal 9; restarted (2 of 3)" in run.words
     assert run.ask("stop")[0] == 0
     assert run.wait() in (0, 3), run.text
     assert run.left() == []
@@ -185,12 +185,12 @@ def test_an_agent_that_is_told_to_end_has_failed_and_is_started_again(start: Cal
     before = run.pids["r2"]
     os.kill(before, signal.SIGTERM)
     wait_until(lambda: run.read_pids()["r2"] != before, "another process")
-    assert "r2 was told to end by SIGTERM; started again (1 of 1)" in run.words
+    assert "r2 was told to end by SIGTERM; restarted (1 of 1)" in run.words
     wait_until(lambda: "r2 is back before block" in run.text, "its return")
     os.kill(run.pids["r2"], signal.SIGTERM)
     assert run.wait() == 1
     assert run.left() == []
-    again = "after it had been started again 1 time (--restarts)"
+    again = "after it had been restarted 1 time (--restarts)"
     assert run.text.endswith(f"The run is over, because r2 was told to end by SIGTERM {again}.\n")
     assert "Traceback" not in run.text
 
@@ -279,8 +279,8 @@ def test_links_are_cut_and_mended_and_robots_let_go_and_take_hold(start: Callabl
     for command, words, log, done in (
         ("cut r1 r2", "r1 and r2 no longer receive each other's messages", "r2", "has cut the link with r1"),
         ("mend r1 r2", "r1 and r2 can receive each other's messages again", "r2", "has mended the link with r1"),
-        ("release r2", "r2 let go at", "server", "let r2 let go"),
-        ("grasp r2", "r2 took hold at", "server", "let r2 take hold again"),
+        ("release r2", "r2 released the payload at", "server", "let r2 release the payload"),
+        ("grasp r2", "r2 grasped the payload at", "server", "let r2 grasp the payload again"),
     ):
         status, text = run.ask(*command.split())
         assert status == 0, text
@@ -341,7 +341,7 @@ def test_who_watches_is_patient_with_a_server_that_hangs_for_a_while(start: Call
             for _ in range(2):
                 assert any(" s of 10000 s: " in line for line in lines)
         os.kill(run.pids["server"], signal.SIGSTOP)
-        assert "questions in a row: it has gone, or hangs" in " ".join(lines.read().split())
+        assert "requests in a row: it has ended, or hangs" in " ".join(lines.read().split())
         assert watcher.wait(LIMIT) == 1
         os.kill(run.pids["server"], signal.SIGKILL)
     assert run.wait() == 1
@@ -359,8 +359,8 @@ def test_who_watches_a_run_that_breaks_off_is_told_so(how: str, start: Callable[
         text = lines.read()
         assert watcher.wait(LIMIT) == 1
         last = text.splitlines()[-1]
-        assert re.match(r"coheft: the run has broken off(: its server has gone after| at) [0-9.]+ s$", last), text
-        assert "questions in a row" not in text
+        assert re.match(r"coheft: the run was aborted(: its server ended after| at) [0-9.]+ s$", last), text
+        assert "requests in a row" not in text
     run.wait()
 
 

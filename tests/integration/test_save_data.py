@@ -24,7 +24,7 @@ def test_data_that_cannot_be_written_do_not_take_the_report_with_them(tmp_path: 
     run = Run(tmp_path / "logs", "ring3", "--duration", "10000", *asked)
     try:
         run.wait_until_under_way()
-        assert "in which all robots hold the payload all the time" in run.ask("release", "r1")[1]
+        assert "which requires that all robots hold the payload" in run.ask("release", "r1")[1]
         place.rmdir()
         assert run.ask("stop")[0] == 0
         assert run.wait() == 1

@@ -87,7 +87,7 @@ def test_only_the_operator_changes_the_load_and_the_server_tells_who_tried(secur
         team.ask(StopRequest())
         assert team.exit_status("server") == 0
         log = team.log("server")
-        assert "refused to the observer: put 0.5 kg onto the payload at" in log
+        assert "refused to the observer: add a load of 0.5 kg at" in log
         assert "done for the operator before block" in log
 
 
@@ -111,7 +111,7 @@ def test_a_robots_certificate_shows_it_no_truth(secure, tmp_path):
                 team.wait_for_block(team.ask(StatusRequest()).block + 100)
                 if keys_folder is not None:
                     assert heard == set()
-                    assert "refused from r1: it dialled where only observer, operator may" in team.log("server")
+                    assert "refused from r1: it dialled an endpoint that only observer, oper" in team.log("server")
                 assert len(kept) == 2
 
 
@@ -185,7 +185,7 @@ def test_messages_of_an_old_run_change_nothing_in_a_new_one(secure, tmp_path):
         refusals = team.refusals("r1")
         assert len(refusals) == 20
         for line in refusals:
-            assert "refused from r2: not a NeighbourMessage: its checksum does not fit" in line
+            assert "refused from r2: not a NeighbourMessage: its checksum is wrong" in line
         team.ask(StopRequest())
         assert [team.exit_status(name) for name in team.processes] == [0] * (COUNT + 1)
 
@@ -261,9 +261,9 @@ def test_parts_are_not_spread_over_hosts_in_the_open_profile():
     ("text", "what"),
     [
         ("hosts = 3", "key 'hosts': expected a text under each name; found 3"),
-        ("[hosts]\nr9 = '10.0.0.1'", "key 'hosts.r9': no such part; there are: server, r1"),
+        ("[hosts]\nr9 = '10.0.0.1'", "key 'hosts.r9': no such part; available: server, r1"),
         ("port = 0\n[hosts]", "port"),
-        ("[hosts]\nr2 = '10.0.0.2'", "server is on 127.0.0.1, which others cannot reach"),
+        ("[hosts]\nr2 = '10.0.0.2'", "server is on 127.0.0.1, which other hosts cannot reach"),
         ("[host]", "host"),
         ("[hosts", "not valid TOML"),
     ],
@@ -291,7 +291,9 @@ def test_keys_that_would_open_nothing_are_refused_before_the_run(secure, tmp_pat
 def test_keys_of_another_clock_are_refused_before_the_run(tmp_path, monkeypatch):
     monkeypatch.setattr("coheft.app.run.keys.CLOCK_TOLERANCE", timedelta(hours=-1))
     make_keys(tmp_path / "early", small_scenario(COUNT))
-    with pytest.raises(CoheftError, match=r"authority.crt holds from .* UTC on, but it is .* UTC here: set the clock"):
+    with pytest.raises(
+        CoheftError, match=r"authority.crt is valid from .* UTC on, but it is .* UTC here: set the clock"
+    ):
         check_keys(tmp_path / "early", small_scenario(COUNT))
 
 
@@ -304,8 +306,8 @@ def test_keys_of_another_clock_are_refused_before_the_run(tmp_path, monkeypatch)
         ("other/r2.key", "r2", r"keys/r2.key is not the key of .*keys/r2.crt: take both from one folder"),
         ("keys/r3.*", "r2", r"keys/r2.crt is a certificate of CN=r3, expected CN=r2"),
         ("old/r2.*", "r2", r"keys/r2.crt has expired on .* UTC: make new keys in another folder"),
-        ("broken/it.key", "r2", r"keys/r2.key is no key that 'coheft keys' made"),
-        ("broken/it.crt", "r2", r"keys/r2.crt is no certificate that 'coheft keys' made"),
+        ("broken/it.key", "r2", r"keys/r2.key is not a key made by 'coheft keys'"),
+        ("broken/it.crt", "r2", r"keys/r2.crt is not a certificate made by 'coheft keys'"),
     ],
 )
 def test_files_that_do_not_fit_together_are_refused_before_the_run(taken, name, complaint, secure, tmp_path):

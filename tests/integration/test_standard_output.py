@@ -17,7 +17,7 @@ from tests.integration.command_line import Run, alive
 from tests.waiting import LIMIT
 
 COHEFT = [sys.executable, "-m", "coheft"]
-LOST = "what was printed is lost"
+LOST = "printed text is lost"
 
 pytestmark = [
     pytest.mark.skipif(os.name != "posix", reason="redirected by a shell"),

@@ -68,8 +68,8 @@ def test_agents_that_are_killed_before_the_clock_starts_are_started_again(start:
     for name in ("r1", "r2"):
         os.kill(run.read_pids()[name], signal.SIGKILL)
     assert run.wait() == 0, run.text
-    assert "r1 was killed by signal 9; started again (1 of 3)" in run.words
-    assert "r2 was killed by signal 9; started again (1 of 3)" in run.words
+    assert "r1 was killed by signal 9; restarted (1 of 3)" in run.words
+    assert "r2 was killed by signal 9; restarted (1 of 3)" in run.words
 
 
 def test_before_the_clock_starts_agents_are_started_again_so_often_only(start: Callable[..., Run]) -> None:
@@ -108,5 +108,5 @@ def test_a_report_that_cannot_be_written_does_not_hide_that_the_recording_was_cu
     )
     assert done.returncode == 1
     assert "cannot write the report into" in done.stderr
-    assert f"{recording}: could not be written any more" in done.stderr
+    assert f"{recording}: could no longer be written" in done.stderr
     assert "Traceback" not in done.stderr

@@ -150,7 +150,7 @@ def test_files_that_are_cut_are_refused(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match=r"has no end: .*coheft recover"):
         read_any(path)
     path.write_bytes(b"something else")
-    with pytest.raises(RecordingError, match="no MCAP file"):
+    with pytest.raises(RecordingError, match="not an MCAP file"):
         read_any(path)
 
 

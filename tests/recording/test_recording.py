@@ -233,7 +233,7 @@ def test_a_settled_pose_is_there_with_how_far_it_is_off_and_how_far_its_robot_ex
 
 def test_the_log_and_diagnostics_tell_what_happened(topics: Mapping[str, list[tuple[int, Any]]]) -> None:
     lines = [(line.name, line.msg) for _, line in topics["/rosout"]]
-    assert ("server", "load 1 of 3 kg is put on at (0, 0.1, 0.1) m") in lines
+    assert ("server", "load 1 of 3 kg is added at (0, 0.1, 0.1) m") in lines
     assert ("r1", "notices at 0.22 s that the load has changed") in lines
     assert ("r2", "refused something") in lines
     assert len(topics["/diagnostics"]) == sum(isinstance(news, Estimate) for news in NEWS)
@@ -276,7 +276,7 @@ def test_a_run_that_never_began_leaves_no_file(tmp_path: Path) -> None:
 
 def test_no_file_is_overwritten(tmp_path: Path) -> None:
     (tmp_path / "run.mcap").write_text("precious")
-    with pytest.raises(RecordingError, match="there already"):
+    with pytest.raises(RecordingError, match="exists already"):
         Recorder(tmp_path / "run.mcap", SCENARIO)
     assert run_command_line(["run", "ring3", "--record", str(tmp_path / "run.mcap")]) == EXIT_USAGE
     assert (tmp_path / "run.mcap").read_text() == "precious"
@@ -307,9 +307,9 @@ def test_a_run_goes_on_when_its_recording_cannot(tmp_path: Path) -> None:
                 recorder.hear(news)
         for news in NEWS:
             recorder.hear(news)
-    assert "run.mcap: could not be written any more: No space left" in recorder.problem
+    assert "run.mcap: could no longer be written: No space left" in recorder.problem
     broken_off = BrokenOff({"record": tmp_path / "run.mcap"}, tmp_path, recorder)
     for news in NEWS:
         broken_off.hear(news)
     assert "holds what came until then" not in broken_off.sentence()
-    assert "To save what there is: coheft recover" in broken_off.sentence()
+    assert "To save its content: coheft recover" in broken_off.sentence()

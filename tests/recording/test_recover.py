@@ -202,11 +202,13 @@ def test_rubbish_at_the_end_spoils_nothing(cut: Path, scratch: Path, tail: bytes
 
 
 def test_an_unfinished_recording_is_refused_with_a_hint(cut: Path) -> None:
-    with pytest.raises(RecordingError, match=f"no end.*coheft recover {cut}"):
+    with pytest.raises(RecordingError, match=f"is incomplete.*coheft recover {cut}"):
         read_recording(cut)
 
 
-@pytest.mark.parametrize(("content", "complaint"), [(b"", "empty"), (b"{}" * 50, "no MCAP file"), (None, "No such")])
+@pytest.mark.parametrize(
+    ("content", "complaint"), [(b"", "empty"), (b"{}" * 50, "not an MCAP file"), (None, "No such")]
+)
 def test_what_is_no_recording_is_refused(content: bytes | None, complaint: str, tmp_path: Path) -> None:
     path = tmp_path / "odd.mcap"
     if content is not None:
@@ -242,7 +244,7 @@ def test_the_command(cut: Path, whole: Path, tmp_path: Path, capfd: pytest.Captu
         read_recording(path)
     assert run_command_line(["recover", str(path), "--overwrite"]) == EXIT_CONVERGED
     told = capfd.readouterr().out
-    assert f"lost {chunk.end - chunk.start} bytes, from byte {chunk.start} on: what was said between 0.02 s and" in told
+    assert f"lost {chunk.end - chunk.start} bytes, from byte {chunk.start} on: messages between 0.02 s and" in told
     assert len(read_recording(tmp_path / "run-recovered.mcap").news) < len(NEWS)
     path.unlink()
     assert run_command_line(["recover", str(path), "--output", str(tmp_path / "no" / "x.mcap")]) == EXIT_USAGE

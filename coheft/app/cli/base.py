@@ -1,4 +1,4 @@
-"""What all commands share: the application, exit statuses, kinds of arguments."""
+"""Shared parts of all commands: the application, exit statuses, types of arguments."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ app = cyclopts.App(
     help_epilogue=f"Exit status: {', '.join(f'{status} {meaning}' for status, meaning in EXIT_MEANINGS.items())}.",
     version=coheft.__version__,
     group_commands=SHELL,
-    suppress_keyboard_interrupt=False,  # what Ctrl-C means is up to ``run_command_line``
+    suppress_keyboard_interrupt=False,  # ``run_command_line`` handles Ctrl-C
 )
 
 Vector = Annotated[
@@ -52,7 +52,7 @@ Flag = Annotated[bool, Parameter(negative=(), show_default=False)]
 
 
 def _whole(_: object, tokens: Sequence[cyclopts.Token]) -> int:
-    """Cyclopts would round 1.9 to 2."""
+    """Convert to a whole number; cyclopts would round 1.9 to 2."""
     try:
         return int(tokens[0].value)
     except ValueError:
@@ -60,7 +60,7 @@ def _whole(_: object, tokens: Sequence[cyclopts.Token]) -> int:
 
 
 def _path(_: object, tokens: Sequence[cyclopts.Token]) -> Path:
-    """An empty name, as of a variable that is not set, would be that of the current folder."""
+    """Convert to a path; an empty text, as of a variable that is not set, would mean the current folder."""
     if not tokens[0].value:
         raise ValueError("expected the name of a file or folder; found ''")
     return Path(tokens[0].value)
@@ -80,7 +80,7 @@ def _is_file(_: object, value: Path | None) -> None:
 
 
 def _check_file(value: Path) -> None:
-    """Check, before anything that takes long, that a file can be written there."""
+    """Check in advance that a file can be written."""
     if value.is_dir():
         raise ValueError(f"expected a file; found the folder {str(value)!r}")
     _check_parent(value)
@@ -90,7 +90,7 @@ def _check_file(value: Path) -> None:
 
 def _check_parent(value: Path) -> None:
     if not value.absolute().parent.is_dir():
-        raise ValueError(f"there is no folder {str(value.parent)!r} to write {str(value)!r} into")
+        raise ValueError(f"there is no folder {str(value.parent)!r} for {str(value)!r}: make it first")
 
 
 def _is_folder(_: object, value: Path | None) -> None:
@@ -104,7 +104,9 @@ def _is_folder(_: object, value: Path | None) -> None:
 
 
 def _takes_files(folder: Path) -> bool:
-    """Tried out: permissions alone do not tell it of file systems that are read-only or special."""
+    """Whether a file can be made in a folder, by trying it: permissions do not reveal read-only or special file
+    systems.
+    """
     from tempfile import TemporaryFile
 
     try:
@@ -119,7 +121,7 @@ def _is_data_target(kind: object, value: Path | None) -> None:
         return
     if value.suffix == ".npz":
         _check_file(value)
-        if not _takes_files(Path(os.path.realpath(value)).parent):  # what is there is replaced, not written to
+        if not _takes_files(Path(os.path.realpath(value)).parent):  # an existing file is replaced, not overwritten
             raise ValueError(f"may not replace {str(value)!r}")
         return
     if value.suffix:
@@ -142,18 +144,18 @@ def _is_new_recording(kind: object, value: Path | None) -> None:
         raise ValueError(f"expected a file that ends with .mcap; found {str(value)!r}")
     _is_file(kind, value)
     if value.exists():
-        raise ValueError(f"{str(value)!r} is there already: give another name, or remove it")
+        raise ValueError(f"{str(value)!r} exists already: give another name, or remove it")
 
 
 def check_outputs(*inputs: Path, **targets: str | Path | None) -> None:
-    """Check that no two outputs of a command go to the same place, and none to where something is read.
+    """Check that all outputs of a command have different paths, and that none is an input.
 
     Args:
-        inputs: Files that are read.
-        targets: Where outputs go, by the names of their options; None: nowhere; - is standard output.
+        inputs: Input files.
+        targets: Output paths by name of the option; None if not requested; - is standard output.
 
     Raises:
-        UsageError: One does.
+        UsageError: Two paths are equal.
     """
     read = {os.path.realpath(path) for path in inputs}
     options: dict[str, str] = {}
@@ -163,10 +165,10 @@ def check_outputs(*inputs: Path, **targets: str | Path | None) -> None:
         option = f"--{name.replace('_', '-')}"
         place = os.path.realpath(target)
         if place in read:
-            raise UsageError(f"{option} names {str(target)!r}, which is read: give it a place of its own")
+            raise UsageError(f"{option} names {str(target)!r}, which is an input: give another path")
         other = options.setdefault(place, option)
         if other != option:
-            raise UsageError(f"{other} and {option} both name {str(target)!r}: give each a place of its own")
+            raise UsageError(f"{other} and {option} both name {str(target)!r}: give different paths")
 
 
 Whole = Annotated[int, Parameter(converter=_whole)]

@@ -195,13 +195,13 @@ def identify(
 
 
 class Logs:
-    """Folders for the logs of many runs in one that counts as one run: only so many are kept."""
+    """Folders for the logs of many runs, inside one folder that counts as one run."""
 
     def __init__(self) -> None:
         self._folder: Path | None = None
 
     def make_folder(self, run: str) -> Path:
-        """Make the one for the logs of a run.
+        """Make the folder for the logs of a run.
 
         Raises:
             CoheftError: It cannot be made.

@@ -45,7 +45,7 @@ def remove(load: Whole, *, run: RunFolder = None) -> None:
 
 @app.command(group=CONTROL)
 def release(robot: str, *, run: RunFolder = None) -> None:
-    """Let a robot let go of the payload.
+    """Let a robot release the payload.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def release(robot: str, *, run: RunFolder = None) -> None:
         Its name.
     """
     time = _set_holding(run, robot, holding=False)
-    print(f"{robot} let go at {time:.2f} s; 'coheft grasp {robot}' makes it grasp again")
+    print(f"{robot} released the payload at {time:.2f} s; 'coheft grasp {robot}' makes it grasp again")
 
 
 @app.command(group=CONTROL)
@@ -66,11 +66,11 @@ def grasp(robot: str, *, run: RunFolder = None) -> None:
         Its name.
     """
     time = _set_holding(run, robot, holding=True)
-    print(f"{robot} took hold at {time:.2f} s")
+    print(f"{robot} grasped the payload at {time:.2f} s")
 
 
 def _set_holding(folder: Path | None, robot: str, *, holding: bool) -> float:
-    """Simulated time when it was done [s]."""
+    """Send the request, and return the simulated time at which it took effect [s]."""
     from coheft.app.run.observer import ask_run
     from coheft.wire.messages.requests import HoldRequest
 

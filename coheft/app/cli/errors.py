@@ -1,4 +1,4 @@
-"""What the command line says when it cannot do what was asked: what was found, what was expected, what to do."""
+"""Error messages of the command line: what was found, what was expected, what to do."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _KINDS = {int: KINDS["int"], float: KINDS["float"], bool: "nothing, or true or f
 
 
 def explain_usage(error: cyclopts.CycloptsError) -> str:
-    """What is wrong with the arguments, in plain words, and which command tells more."""
+    """Explain an error in the arguments, and name the command that shows help."""
     command = " ".join(["coheft", *(error.command_chain or ())])
     what = _what(error, command).rstrip(".")
     return f"{what}{'' if what.endswith('?') else '.'} See '{command} --help'"
@@ -49,7 +49,7 @@ def _what(error: cyclopts.CycloptsError, command: str) -> str:
 
 
 def _complaint(error: cyclopts.ValidationError, argument: cyclopts.Argument) -> str:
-    """What a validator says; those of ranges of numbers say it their own way."""
+    """Return a validator's message, with those of numerical ranges rephrased."""
     match = re.fullmatch(r"Must be (<=?|>=?) (.*)\.", error.exception_message)
     if match is None:
         return error.exception_message
@@ -58,13 +58,13 @@ def _complaint(error: cyclopts.ValidationError, argument: cyclopts.Argument) -> 
 
 
 def _name(argument: cyclopts.Argument) -> str:
-    """As the help calls it."""
+    """Return an argument's name as shown in the help."""
     is_positional = argument.index is not None
     return argument.name.lstrip("-").upper() if is_positional else argument.name
 
 
 def complain(text: str) -> None:
-    """Say why a command could not be carried out: wrapped between words on a terminal, as it is elsewhere."""
+    """Print why a command failed: wrapped between words in a terminal, otherwise unchanged."""
     text = f"coheft: {text}"
     if sys.stderr.isatty():
         width = shutil.get_terminal_size().columns

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 _SEEDS = 100
 _FAILED = Path("faults-failed")
-"""Where schedules that have failed are kept."""
+"""Folder for schedules that have failed."""
 
 
 def _is_mutant(_: object, name: str) -> None:
@@ -114,9 +114,9 @@ def faults(
     }
     unusable = [option for option, is_given in of_a_campaign.items() if is_given and replay is not None]
     if unusable:
-        raise UsageError(f"{unusable[0]} is for a campaign, but --replay runs one schedule only")
+        raise UsageError(f"{unusable[0]} is for a campaign, but --replay runs a single schedule")
     if shrink and replay is None:
-        raise UsageError("--shrink simplifies one schedule: say which with --replay SEED or --replay FILE")
+        raise UsageError("--shrink simplifies one schedule: name it with --replay SEED or --replay FILE")
     check_outputs(json=json, table=table, kept=kept)
     values = set or []
     console = Console(stderr=json == "-", quiet=quiet)
@@ -128,7 +128,7 @@ def faults(
         first_seed = new_first_seed()
     chosen = range(first_seed, first_seed + seeds)
     console.print(f"first seed {first_seed}", highlight=False)
-    draw_schedule(first_seed, values=values)  # what cannot be set is told before anything starts
+    draw_schedule(first_seed, values=values)  # reports invalid values before anything starts
     done: list[Outcome] = []
     try:
         with campaign_progress(console, len(chosen), quiet=quiet) as on_outcome:
@@ -157,10 +157,10 @@ def faults(
 
 
 def _broken_off(done: int, of: int, unwritten: list[str], kept: Path | None) -> str:
-    """What is to be said after Ctrl-C."""
+    """Return the message after Ctrl-C."""
     clauses = [f"no {what} was written" for what in unwritten]
     if kept is not None:
-        clauses.append(f"the same command goes on with what is kept in {kept}")
+        clauses.append(f"the same command continues with the outcomes in {kept}")
     return "; ".join([f"stopped after {done} of {of} schedules", *clauses])
 
 
@@ -183,7 +183,7 @@ def _keep_failed(seed: int, values: list[str], folder: Path) -> None:
 
 
 def _new_file(seed: int) -> Path:
-    """One that is not there: what is replayed may be a simpler schedule that was found before."""
+    """Return the name of a new file: what is replayed may be a simplified schedule of the same seed."""
     names = (f"faults-{seed}-{number}.json" if number > 1 else f"faults-{seed}.json" for number in count(1))
     return next(path for path in map(Path, names) if not path.exists())
 
@@ -209,12 +209,12 @@ def _replay(console: Console, schedule: FaultSchedule, mutant: str, *, is_shrunk
     with mutated(mutant):
         outcome = try_schedule(schedule)
         if is_shrunk and not outcome.violations:
-            console.print("it breaks no promise: there is nothing to be simplified")
+            console.print("the schedule breaks no promise, so there is nothing to simplify")
         elif is_shrunk:
             fails = breaks_same_promise(outcome)
             simplest = shrink(schedule, fails, lambda simpler: print_schedule(console, simpler))
             if simplest == schedule:
-                console.print("it cannot be simplified: with anything less it breaks none of these promises")
+                console.print("the schedule cannot be simplified: anything simpler keeps these promises")
             else:
                 schedule, outcome = simplest, try_schedule(simplest)
                 path = _new_file(schedule.seed)

@@ -1,4 +1,4 @@
-"""The command that finds a load from a recording."""
+"""The command that identifies a load from a recording."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def identify(
     quiet:
         Print only errors.
     """
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # matrices are small: more threads only wait for each other
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # matrices are small, so that more threads only cost time
 
     from rich.console import Console
 

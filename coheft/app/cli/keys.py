@@ -41,4 +41,4 @@ def keys(
     places = load_hosts(hosts, chosen) if hosts is not None else None
     names = make_keys(folder, chosen, places, timedelta(days=days))
     print(f"made {folder}: an authority, and certificates of {', '.join(names)}; they expire in {days:g} days")
-    print("Whoever has authority.key can let others in: keep it where no part runs.")
+    print("With authority.key, anyone can make more certificates: keep it on a host where no part runs.")

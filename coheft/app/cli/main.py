@@ -1,4 +1,4 @@
-"""The command line. What only one command needs is imported by that command alone, so that help comes at once."""
+"""The command line. Modules that only one command needs are imported in that command, so that help is fast."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pathlib import Path
 
 import cyclopts
 
-from coheft.app.cli import (  # noqa: F401  # each adds its commands to the application
+from coheft.app.cli import (  # noqa: F401  # each module adds its commands to the application
     cart,
     control,
     export,
@@ -42,18 +42,18 @@ from coheft.app.terminal.standard_output import lost_output
 from coheft.errors import CoheftError, ScenarioError, UsageError
 
 _WIDTH = 80
-"""Of a terminal, in columns."""
+"""Width of the output in columns."""
 
 
 def run_command_line(arguments: Sequence[str]) -> int:
-    """Carry out one command and return the exit status; what goes wrong is said in a line, without a traceback."""
+    """Run one command and return its exit status; errors are printed in one line, without a traceback."""
     status = _carry_out(arguments)
     failure = lost_output()
     if failure is None:
         return status
-    if not isinstance(failure, BrokenPipeError):  # then whoever read our output has seen enough, as 'head' does
+    if not isinstance(failure, BrokenPipeError):  # a broken pipe is normal: 'head' reads only the first lines
         reason = "it is closed" if failure.errno == errno.EBADF else failure.strerror
-        complain(f"standard output: {reason}; what was printed is lost")
+        complain(f"standard output: {reason}; printed text is lost")
     return status if status in (EXIT_USAGE, EXIT_INTERRUPTED) else EXIT_ERROR
 
 
@@ -66,10 +66,10 @@ def _carry_out(arguments: Sequence[str]) -> int:
         return _fail(str(error), EXIT_USAGE)
     except CoheftError as error:
         return _fail(str(error), EXIT_ERROR)
-    except KeyboardInterrupt as interruption:  # a run says what it has not written
+    except KeyboardInterrupt as interruption:  # the message of a run names files that were not written
         print(str(interruption) or "stopped", file=sys.stderr)
         return EXIT_INTERRUPTED
-    except OSError as error:  # a place that cannot be written, a full disk
+    except OSError as error:  # for instance a full disk
         if error is lost_output():
             return EXIT_ERROR
         return _fail(f"{error.filename}: {error.strerror}" if error.filename else str(error), EXIT_ERROR)
@@ -94,7 +94,7 @@ def scenarios() -> None:
 
 
 def _by_number(name: str) -> list[tuple[int, str]]:
-    """Key that sorts ring3 before ring12."""
+    """Return a key that sorts ring3 before ring12."""
     return [(int(part), "") if part.isdigit() else (0, part) for part in re.split(r"(\d+)", name)]
 
 

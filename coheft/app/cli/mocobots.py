@@ -1,4 +1,4 @@
-"""The command that redoes the paper on mocobots."""
+"""The command that repeats the experiments of the paper on mocobots."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from coheft.app.cli.base import EVALUATE, EXIT_CONVERGED, Count, FileTarget, Fla
 
 def _are_configurations(_: object, text: str) -> None:
     if not text or not set(text) <= set("abcd"):
-        raise ValueError(f"expected some of abcd; found {text!r}")
+        raise ValueError(f"expected one or several of the letters abcd; found {text!r}")
 
 
 @app.command(group=EVALUATE)

@@ -1,4 +1,4 @@
-"""The command that saves recordings that were not finished."""
+"""The command that recovers incomplete or damaged recordings."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ def recover(recording: GivenPath, *, output: FileTarget = None, overwrite: Flag 
     target = output if output is not None else recording.parent / f"{recording.stem}-recovered{recording.suffix}"
     saved = recover_file(recording, target, overwrite=overwrite)
     if saved is None:
-        print(f"{recording} is complete, and all of it is sound: nothing to do")
+        print(f"{recording} is complete and undamaged: nothing to do")
         return
     print(f"saved {saved.messages} messages, up to {saved.until:.2f} s of the run, as {target}")
     for lost in saved.lost:
         span = " and ".join(f"{time:.2f} s" for time in (lost.after, lost.before) if isfinite(time))
         when = "between" if " and " in span else "after" if isfinite(lost.after) else "before"
-        print(f"lost {lost.end - lost.start} bytes, from byte {lost.start} on: what was said {when} {span}")
+        print(f"lost {lost.end - lost.start} bytes, from byte {lost.start} on: messages {when} {span}")
     if saved.nameless:
-        print(f"lost {saved.nameless} messages of which nothing tells any more what they are")
+        print(f"lost {saved.nameless} messages whose topics are unknown")

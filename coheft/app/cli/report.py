@@ -1,4 +1,4 @@
-"""The command that makes a page of a recording."""
+"""The command that makes a report from a recording."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def report(recording: GivenPath, folder: NewFolder) -> None:
 
     from coheft.app.run.new_folder import gone_if_broken_off
 
-    import_module("coheft.app.recording")  # says which package is missing, if one is
+    import_module("coheft.app.recording")  # raises an error that names the missing package, if there is one
     from coheft.app.run_report.of_recording import report_recording
 
     with gone_if_broken_off(folder):

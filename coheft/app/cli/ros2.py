@@ -1,4 +1,4 @@
-"""Commands for those who use ROS 2."""
+"""Commands for users of ROS 2."""
 
 from __future__ import annotations
 

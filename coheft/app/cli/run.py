@@ -26,7 +26,7 @@ from coheft.app.cli.errors import complain
 from coheft.errors import CoheftError, UsageError
 from coheft.wire.process.log import LogLevel
 
-if TYPE_CHECKING:  # each is loaded by the runs that need it
+if TYPE_CHECKING:  # loaded only by runs that need them
     from rich.console import Console
 
     from coheft.app.recording.recorder import Recorder
@@ -133,7 +133,7 @@ def run(
     """
     from coheft.app.run.processes import make_fork_server
 
-    fork_server = make_fork_server() if write_configs is None else None  # it imports while we do
+    fork_server = make_fork_server() if write_configs is None else None  # it imports in the background
 
     from contextlib import ExitStack
     from functools import partial
@@ -170,15 +170,15 @@ def run(
         feedforward=feedforward,
     )
     if no_wait and not view:
-        raise UsageError("--no-wait is about a view: add --view")
+        raise UsageError("--no-wait needs a view: add --view")
     of_a_run = {"view": view, "record": record, "json": json, "report": report, "history": history, "logs": logs}
     unusable = [option for option, value in of_a_run.items() if value and write_configs is not None]
     if unusable:
         raise UsageError(f"--{unusable[0]} needs a run, but --write-configs makes none")
     if hosts is not None and write_configs is None:
-        raise UsageError("--hosts needs --write-configs: each part is to be started on its own host")
+        raise UsageError("--hosts needs --write-configs, so that each part can be started on its own host")
     if history and json is None and report is None:
-        raise UsageError("--history adds to the report, but none was asked for: add --json FILE or --report DIR")
+        raise UsageError("--history adds to the report, but none was requested: add --json FILE or --report DIR")
     check_outputs(scenario_path(scenario), json=json, report=report, save_data=save_data, record=record)
     if keys is not None and not keys.is_dir():
         raise UsageError(f"--keys: there is no folder {str(keys)!r}; 'coheft keys' makes one")
@@ -189,7 +189,7 @@ def run(
         places = load_hosts(hosts, chosen)
 
     def once(place: Place | None, *, is_another: bool) -> tuple[int, bool]:
-        """One run: its exit status, and whether whoever looks at its view wants another."""
+        """Run once; return the exit status, and whether the user of the view has requested another run."""
         name = new_run_name()
         wants_another = False
         if write_configs is not None:
@@ -277,7 +277,7 @@ def run(
                 tell("The view stays until Ctrl-C", place.url)
                 wants_another = viewer.wait_for_another()
             elif viewer is not None:
-                _tell(console, "There was no view, or not until the run had ended; its log", viewer.log)
+                _tell(console, "No view was ready before the end of the run; its log", viewer.log)
         if recorder is not None and not recorder.problem:
             tell("Recording", record)
         if lost := _lost(broken_off, recorder):
@@ -299,19 +299,19 @@ def run(
 
 
 def _lost(broken_off: BrokenOff, recorder: Recorder | None) -> list[str]:
-    """What of a run that has ended could not be written, besides its reports."""
+    """Return messages about outputs of a finished run, apart from reports, that could not be written."""
     unsaved = f"no data file was written: {broken_off.unsaved}" if broken_off.unsaved else ""
     return [text for text in (unsaved, "" if recorder is None else recorder.problem) if text]
 
 
 def _tell(console: Console | None, what: str, place: str | Path | None) -> None:
-    """Say where something is, if it is anywhere but on standard output."""
+    """Print where an output is, unless it is on standard output."""
     if console is not None and place is not None and place != "-":
         console.print(f"{what}: {place}", markup=False, highlight=False, soft_wrap=True)
 
 
 def _credentials(keys: Path | None, folder: Path, scenario: Scenario, places: Hosts | None) -> Path:
-    """The folder with everyone's certificates: a given one, or a new one for this run."""
+    """Return the folder with all participants' certificates: a given one, or a new one for this run."""
     from coheft.app.run.keys import check_keys, make_keys
 
     if keys is None:
@@ -322,7 +322,7 @@ def _credentials(keys: Path | None, folder: Path, scenario: Scenario, places: Ho
 
 
 def _wait_for_view(console: Console, viewer: ViewBeside, place: Place, *, waits: bool) -> None:
-    """Tell where the view is as soon as it can be looked at, before anything else, and wait until somebody looks."""
+    """Print the address of the view as soon as it is ready, before anything else, and wait until it is opened."""
     if not viewer.wait_until_there():
         return
     console.print(f"The view is at {place.url}", markup=False, highlight=False, soft_wrap=True)

@@ -1,4 +1,4 @@
-"""The command for editors."""
+"""The command that prints the JSON schema."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The command that measures estimators over many runs."""
+"""The command that evaluates estimators over many runs."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def _are_estimators(_: object, text: str) -> None:
     unknown = [word for word in words if word not in there]
     if unknown or len(set(words)) < len(words):
         hint = f".{did_you_mean(unknown[0], there)}" if unknown else ""
-        raise ValueError(f"expected different ones of {', '.join(there)}, with commas between; found {text!r}{hint}")
+        raise ValueError(f"expected different ones of {', '.join(there)}, separated by commas; found {text!r}{hint}")
 
 
 def _are_factors(_: object, text: str) -> None:
@@ -53,7 +53,7 @@ def _are_factors(_: object, text: str) -> None:
     except ValueError:
         factors = []
     if not factors or not all(0.0 < factor < math.inf for factor in factors) or len(set(factors)) < len(factors):
-        raise ValueError(f"expected different positive numbers, with commas between; found {text!r}")
+        raise ValueError(f"expected different positive numbers, separated by commas; found {text!r}")
 
 
 def _is_rate(_: object, rate: int | None) -> None:
@@ -154,9 +154,9 @@ def study(
     varied = [] if vary is None else varied_values(vary)
     plans = [planned([*(set or ()), value]) for value in varied] or [planned(set or [])]
     if jobs is not None and dask is not None:
-        raise UsageError("--jobs is for processes on this machine, but --dask leaves all to workers: leave one out")
+        raise UsageError("--jobs is for processes on this machine, but --dask uses other workers: leave one out")
     if varied and report is not None:
-        raise UsageError("--report draws one study, but --vary makes several: leave one out; --json holds them all")
+        raise UsageError("--report shows one study, but --vary makes several: leave one out; --json contains all")
     check_outputs(*([] if scenario == RANDOM else [scenario_path(scenario)]), json=json, report=report)
     console = Console(stderr=json == "-")
     if not quiet:

@@ -1,4 +1,4 @@
-"""The view in a browser."""
+"""The command that shows a run in a browser."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def view(what: GivenPath | None = None, *, host: str = "127.0.0.1", port: Port =
     def tell(url: str) -> None:
         print(f"The view is at {url} (Ctrl-C ends it)", flush=True)
 
-    with suppress(KeyboardInterrupt):  # there is no other way to end it
+    with suppress(KeyboardInterrupt):  # the only way to end it
         if what is not None and what.suffix == ".mcap":
             from coheft.app.view.replay import view_recording
 

@@ -1,1 +1,1 @@
-"""What was found out about a load, for arms, models and other programs."""
+"""Export of identified loads to arms, models and other programs."""

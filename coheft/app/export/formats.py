@@ -1,4 +1,4 @@
-"""A load in the words of models and of arms' controllers. Each format has its own frames and units."""
+"""Loads in the formats of models and arm controllers. Each format has its own frames and units."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from coheft.estimation.rigid_body.mass_properties import pack_symmetric
 
 Format = Literal["urdf", "mjcf", "franka", "ur", "kuka"]
 _LARGEST_OF_UR = 133.0
-"""What ``set_target_payload`` takes in each component [kg·m²]."""
+"""Largest component that ``set_target_payload`` accepts [kg·m²]."""
 
 
 def export_load(load: FoundLoad, format: Format, frame: str) -> str:
-    """Text for a model or a controller.
+    """Return the text for a model or a controller.
 
     Args:
-        load: In the frame that the arm or the model has for it.
-        format: For what.
-        frame: What that frame is, in words.
+        load: The load, in the frame that the arm or the model uses for it.
+        format: The format.
+        frame: Description of that frame.
 
     Raises:
-        CoheftError: The controller does not take such a load.
+        CoheftError: The controller does not accept such a load.
     """
     begin, end = (
         ("<!-- ", " -->") if format in ("urdf", "mjcf") else ({"franka": "// ", "ur": "# ", "kuka": "; "}[format], "")
@@ -43,7 +43,7 @@ def export_load(load: FoundLoad, format: Format, frame: str) -> str:
 
 
 def _urdf(load: FoundLoad) -> str:
-    """Inertia at the centre of mass, axes of the link; metres, kilograms."""
+    """Inertia about the centre of mass in the axes of the link; metres, kilograms."""
     xx, yy, zz, xy, xz, yz = pack_symmetric(load.inertia.tensor)
     entries = {"ixx": xx, "ixy": xy, "ixz": xz, "iyy": yy, "iyz": yz, "izz": zz}
     return (
@@ -56,7 +56,7 @@ def _urdf(load: FoundLoad) -> str:
 
 
 def _mjcf(load: FoundLoad) -> str:
-    """Inertia at the centre of mass, axes of the body."""
+    """Inertia about the centre of mass in the axes of the body."""
     inertia = load.inertia
     return (
         f'<inertial pos="{_numbers(inertia.com, " ")}" mass="{_number(inertia.mass)}" '
@@ -65,14 +65,14 @@ def _mjcf(load: FoundLoad) -> str:
 
 
 def _franka(load: FoundLoad) -> str:
-    """libfranka: mass [kg], centre of mass in the flange's frame [m], inertia at it, column by column [kg·m²]."""
+    """libfranka: mass [kg], centre of mass in the flange's frame [m], inertia about it, column by column [kg·m²]."""
     inertia = load.inertia
     columns = _numbers(inertia.tensor.T.ravel(), ", ")
     return f"robot.setLoad({_number(inertia.mass)}, {{{{{_numbers(inertia.com, ', ')}}}}}, {{{{{columns}}}}});\n"
 
 
 def _ur(load: FoundLoad) -> str:
-    """URScript: mass [kg], centre of mass from the tool flange [m], inertia at it along the flange's axes [kg·m²]."""
+    """URScript: mass [kg], centre of mass from the tool flange [m], inertia about it in the flange's axes [kg·m²]."""
     inertia = load.inertia
     packed = pack_symmetric(inertia.tensor)
     if np.abs(packed).max() > _LARGEST_OF_UR:
@@ -93,7 +93,7 @@ def _kuka(load: FoundLoad) -> str:
 
 
 def kuka_angles(rotation: Array) -> Array:
-    """``A, B, C`` [rad], shape (3,), of a rotation ``Rz(A) Ry(B) Rx(C)``."""
+    """Return ``A, B, C`` [rad], shape (3,), of a rotation ``Rz(A) Ry(B) Rx(C)``."""
     a = np.arctan2(rotation[1, 0], rotation[0, 0])
     b = np.arctan2(-rotation[2, 0], np.hypot(rotation[0, 0], rotation[1, 0]))
     c = np.arctan2(rotation[2, 1], rotation[2, 2])
@@ -105,7 +105,7 @@ def _number(value: float) -> str:
 
 
 def _decimal(value: float) -> str:
-    """As KRL has real numbers: with a point, without an exponent."""
+    """Format a real number for KRL: with a point, without an exponent."""
     return f"{value + 0.0:.6f}"
 
 

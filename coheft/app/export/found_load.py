@@ -1,4 +1,4 @@
-"""A load that was found, with how well it is known, and why nothing of it may be used where that is so."""
+"""An identified load with its uncertainty; loads that may not be used are refused with the reason."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ class FoundLoad:
     """Mass properties of the whole load in one frame.
 
     Attributes:
-        inertia: What was found.
-        mass_std: Standard deviation [kg].
-        com_std: Of the centre of mass, shape (3,) [m].
-        tensor_std: Of the entries of the inertia at the centre of mass, shape (3, 3) [kg·m²].
-        robot: In whose grasp frame it was found.
-        source: Where it comes from, in words.
-        remarks: What whoever uses it should know.
+        inertia: The estimate.
+        mass_std: Standard deviation of the mass [kg].
+        com_std: Standard deviation of the centre of mass, shape (3,) [m].
+        tensor_std: Standard deviations of the entries of the inertia about the centre of mass, shape (3, 3) [kg·m²].
+        robot: Robot in whose grasp frame the load was identified.
+        source: Description of the source.
+        remarks: Remarks for the user.
     """
 
     inertia: Inertia
@@ -40,7 +40,7 @@ class FoundLoad:
     remarks: tuple[str, ...] = ()
 
     def seen_from(self, pose: Pose) -> FoundLoad:
-        """The same in another frame, in which the grasp frame has this pose, known exactly.
+        """Return the load in another frame, in which the grasp frame has a pose that is known exactly.
 
         Standard deviations are bounds there: which parts of errors go together is not known.
         """
@@ -57,10 +57,10 @@ class FoundLoad:
 
 
 def of_run(report: Report, robot: str | None, source: str) -> FoundLoad:
-    """What a robot believed at the end of a run; None: the first one.
+    """Return the load that a robot, by default the first, reported at the end of a run.
 
     Raises:
-        CoheftError: There is no such robot, or what it believed is not to be used; says why.
+        CoheftError: There is no such robot, or its estimate may not be used; the message says why.
     """
     name = _chosen(robot, list(report.robots))
     found: RobotReport = report.robots[name]
@@ -79,10 +79,10 @@ def of_run(report: Report, robot: str | None, source: str) -> FoundLoad:
 
 
 def of_estimate(estimate: Estimate, source: str) -> FoundLoad:
-    """What a robot of a run that goes on says.
+    """Return the load of an estimate of a run in progress.
 
     Raises:
-        CoheftError: It is not to be used; says why.
+        CoheftError: It may not be used; the message says why.
     """
     name, payload = estimate.robot, estimate.payload
     _check_status(name, estimate.status, estimate.reasons)
@@ -95,10 +95,10 @@ def of_estimate(estimate: Estimate, source: str) -> FoundLoad:
 
 
 def of_recording(report: IdentifyReport, robot: str | None, source: str) -> FoundLoad:
-    """What was found in a recording, in the grasp frame of its first robot.
+    """Return the load identified from a recording, in the grasp frame of its first robot.
 
     Raises:
-        CoheftError: Another robot is asked for, or what was found is not to be used; says why.
+        CoheftError: Another robot is requested, or the result may not be used; the message says why.
     """
     first = report.robots[0]
     if robot not in (None, first):
@@ -145,10 +145,10 @@ def _not_known(robot: str, not_observable: list[str]) -> CoheftError:
 def _checked(
     inertia: Inertia, std: tuple[float, Array, Array], robot: str, source: str, remarks: tuple[str, ...]
 ) -> FoundLoad:
-    """The load, if a body with these mass properties can exist.
+    """Return the load, if a body with these mass properties can exist.
 
     Raises:
-        CoheftError: None can.
+        CoheftError: No such body can exist.
     """
     if inertia.com.shape != (3,) or inertia.tensor.shape != (3, 3):
         raise CoheftError(f"{source}: expected 3 numbers for the centre of mass and 3 × 3 for the inertia")

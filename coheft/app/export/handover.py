@@ -1,4 +1,4 @@
-"""A load in the frame and the words of whoever takes it over, for the command and for programs."""
+"""Export of a load in the frame and format of the target, for the command and for Python."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from coheft.wire.scenario.section import pose_of
 
 Target = Literal["urdf", "mjcf", "franka", "ur", "kuka", "verdict"]
 Placement = tuple[float, float, float, float, float, float]
-"""Of the grasp frame in that of the flange: position [m], rotation vector [degrees]."""
+"""Pose of the grasp frame in the frame of the flange: position [m], rotation vector [degrees]."""
 
 
 def hand_over(load: FoundLoad, target: Target, flange: Placement | None, limits: Limits) -> tuple[str, Answer]:
-    """Text for the target, and whether the load is within the limits.
+    """Return the text for the target, and whether the load is within the limits.
 
     Args:
-        load: In the grasp frame of the robot that found it.
-        target: Who takes it over.
-        flange: Where that frame is in the flange's; None: they are the same.
-        limits: Of a verdict.
+        load: The load in the grasp frame of the robot that identified it.
+        target: The target.
+        flange: Pose of that frame in the frame of the flange; None if they coincide.
+        limits: Limits for a verdict.
 
     Raises:
-        UsageError: There are limits, but no verdict is asked for.
-        CoheftError: The target does not take such a load.
+        UsageError: There are limits, but the target is not a verdict.
+        CoheftError: The target does not accept such a load.
     """
     if target != "verdict" and limits != Limits():
         raise UsageError("limits of mass, offset and inertia are for a verdict: add --as verdict, or leave them out")

@@ -1,4 +1,4 @@
-"""Where loads that were found are: JSON reports, and runs that go on."""
+"""Sources of identified loads: JSON reports, and runs in progress."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from coheft.app.results.report import Report
 from coheft.errors import CoheftError
 
 _PATIENCE = 5.0
-"""A robot that says nothing for so long says nothing [s]."""
+"""Time to wait for an estimate of a robot [s]."""
 
 
 def read_load(path: Path, robot: str | None) -> FoundLoad:
-    """The load of a JSON report of ``coheft run`` or ``coheft identify``.
+    """Return the load of a JSON report of ``coheft run`` or ``coheft identify``.
 
     Args:
-        path: Of the report.
-        robot: Whose estimate; None: the first one's.
+        path: Path of the report.
+        robot: Robot whose estimate is used; None for the first one.
 
     Raises:
-        CoheftError: It is no such report, or what it tells is not to be used; says why.
+        CoheftError: It is not such a report, or its estimate may not be used; the message says why.
     """
     try:
         text = path.read_bytes()
@@ -42,14 +42,14 @@ def read_load(path: Path, robot: str | None) -> FoundLoad:
 
 
 def hear_load(folder: Path | None, robot: str | None) -> FoundLoad:
-    """The load as a robot of a run that goes on tells it now.
+    """Return the load that a robot of a run in progress reports now.
 
     Args:
-        folder: Of the run; None: the newest.
-        robot: Whose estimate; None: the first one's.
+        folder: Folder of the run; None for the newest.
+        robot: Robot whose estimate is used; None for the first one.
 
     Raises:
-        CoheftError: There is no such run or robot, or it says nothing, or what it says is not to be used; says why.
+        CoheftError: There is no such run or robot, it sends no estimate, or its estimate may not be used.
     """
     from coheft.app.run.folder import locate_run
     from coheft.app.run.observer import observe

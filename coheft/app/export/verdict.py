@@ -1,4 +1,4 @@
-"""Whether a load is within limits, as far as what is known of it can tell."""
+"""Comparison of a load with limits, with its uncertainty taken into account."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ import numpy as np
 from coheft.app.export.found_load import FoundLoad
 
 DEVIATIONS = 3.0
-"""A number may be off by so many of its standard deviations."""
+"""Standard deviations by which a number may be wrong."""
 
 Answer = Literal["within", "unclear", "exceeds"]
 
 
 class Limits(msgspec.Struct, frozen=True):
-    """What a load may be at most; None: anything.
+    """Limits of a load; None if there is no limit.
 
     Attributes:
         mass: [kg].
         offset: Distance of its centre of mass from the frame's origin [m].
-        inertia: Its largest principal moment of inertia at the centre of mass [kg·m²].
+        inertia: Its largest principal moment of inertia about the centre of mass [kg·m²].
     """
 
     mass: float | None = None
@@ -30,13 +30,13 @@ class Limits(msgspec.Struct, frozen=True):
 
 
 class Part(msgspec.Struct, frozen=True):
-    """One number and its limit.
+    """A number with its uncertainty and its limit.
 
     Attributes:
-        value: What was found.
-        low: It is hardly less than this.
-        high: It is hardly more than this.
-        limit: What it may be; None: anything.
+        value: The estimate.
+        low: Lower bound with the uncertainty.
+        high: Upper bound with the uncertainty.
+        limit: The limit; None if there is none.
         answer: ``within``: also ``high`` is; ``exceeds``: not even ``low`` is within; ``unclear``: in between.
     """
 
@@ -48,19 +48,19 @@ class Part(msgspec.Struct, frozen=True):
 
 
 class LoadVerdict(msgspec.Struct, frozen=True):
-    """A load against limits.
+    """A load compared with limits.
 
     Attributes:
         answer: The worst of all parts.
         mass: [kg].
         offset: Distance of the centre of mass from the frame's origin [m].
-        inertia: Largest principal moment at the centre of mass [kg·m²].
+        inertia: Largest principal moment about the centre of mass [kg·m²].
         com: Centre of mass [m].
-        tensor: Inertia at the centre of mass [kg·m²].
-        frame: In which these are, in words.
-        robot: Who has found it.
-        source: Where it comes from.
-        remarks: What should be known besides.
+        tensor: Inertia about the centre of mass [kg·m²].
+        frame: Description of the frame of these.
+        robot: Robot that identified the load.
+        source: Description of the source.
+        remarks: Remarks for the user.
     """
 
     answer: Answer
@@ -81,7 +81,7 @@ def judge_load(load: FoundLoad, limits: Limits, frame: str) -> LoadVerdict:
     offset = float(np.linalg.norm(com))
     offset_std = float(np.abs(com) @ load.com_std / offset) if offset > 0.0 else float(np.linalg.norm(load.com_std))
     largest = float(np.linalg.eigvalsh(load.inertia.tensor)[-1])
-    largest_std = float(np.linalg.norm(load.tensor_std))  # no eigenvalue moves by more than the matrix does
+    largest_std = float(np.linalg.norm(load.tensor_std))  # bounds the change of every eigenvalue
     parts = (
         _part(load.inertia.mass, load.mass_std, limits.mass),
         _part(offset, offset_std, limits.offset),

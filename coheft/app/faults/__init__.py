@@ -1,1 +1,1 @@
-"""Fault simulation: a whole team in one process, what goes wrong drawn from a seed, every promise checked all along."""
+"""Fault injection: a whole team in one process, faults drawn from a seed, every promise checked after every block."""

@@ -1,4 +1,4 @@
-"""Many schedules over all cores. What is done is kept in a file, so that a campaign can be cut off and go on."""
+"""Campaigns of many schedules on all cores. Outcomes can be kept in a file, so that a campaign can be continued."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from coheft.app.run.parallel import side_by_side, workers
 from coheft.errors import CoheftError
 
 _SEEDS, _ROOM = 2**32, 10**6
-"""Seeds are smaller, and a campaign has no more of them than that."""
+"""Limits of seeds, and of the number of seeds in a campaign."""
 _LINKED = ("agents", "consensus", "physics_server")
-"""Parts of the package that are folders of their own in a clone, which ``rglob`` does not follow."""
+"""Parts of the package that are links in a clone, which ``rglob`` does not follow."""
 
 
 class Header(msgspec.Struct, frozen=True):
-    """First line of a file of outcomes: they belong to this code, to agents with this bug, and to these values.
+    """First line of a file of outcomes; the code, the mutant and the values have to be the same for all outcomes.
 
     Attributes:
         code: Hash of the code.
         mutant: The deliberate bug, if any.
-        values: Keys of the scenarios that were not drawn.
-        first_seed: Of the campaign that began the file.
+        values: Keys of the scenarios that were set instead of drawn.
+        first_seed: First seed of the campaign that began the file.
     """
 
     code: str
@@ -40,12 +40,12 @@ class Header(msgspec.Struct, frozen=True):
 
 
 def new_first_seed() -> int:
-    """By the clock: each campaign tries what none has tried before."""
+    """Return a first seed from the clock, so that each campaign runs new schedules."""
     return time.time_ns() // 1_000_000 % (_SEEDS - _ROOM)
 
 
 def kept_first_seed(path: Path) -> int | None:
-    """First seed of the campaign that began a file of outcomes; None if there is none, or no such file."""
+    """Return the first seed of the campaign that began a file of outcomes; None if there is no such file."""
     try:
         with path.open("rb") as file:
             return msgspec.json.decode(file.readline(), type=Header).first_seed
@@ -54,13 +54,13 @@ def kept_first_seed(path: Path) -> int | None:
 
 
 class OutcomeFile:
-    """Outcomes, one a line, in the order in which they came.
+    """A file of outcomes, one per line, in order of arrival.
 
     Args:
         path: The file.
         mutant: The deliberate bug, if any.
-        values: Keys of the scenarios that were not drawn.
-        first_seed: For a file that is not there yet.
+        values: Keys of the scenarios that were set instead of drawn.
+        first_seed: First seed, for a new file.
     """
 
     def __init__(self, path: Path, mutant: str = "", values: Sequence[str] = (), first_seed: int = 0) -> None:
@@ -68,10 +68,10 @@ class OutcomeFile:
         self._header = Header(code_hash(), mutant, list(values), first_seed)
 
     def begin(self) -> list[Outcome]:
-        """What has been kept so far, of whatever seeds; a line that was not written to its end is cut off.
+        """Return all outcomes in the file; an incomplete last line is removed.
 
         Raises:
-            CoheftError: The file cannot be read or written, or is of other code, or something else: it stays as it is.
+            CoheftError: The file cannot be read or written, or is of other code, or something else: it is not changed.
         """
         try:
             lines = self._path.read_bytes().splitlines(keepends=True) if self._path.exists() else []
@@ -91,13 +91,13 @@ class OutcomeFile:
             is_ours = header.code == self._header.code
             if is_ours and (header.mutant, header.values) == (self._header.mutant, self._header.values):
                 return
-            found = "holds outcomes of another mutant, or of another --set" if is_ours else "is of other code"
+            found = "contains outcomes of another mutant, or of another --set" if is_ours else "is of other code"
         except msgspec.DecodeError:
-            found = "holds no outcomes"
-        raise CoheftError(f"{self._path} {found}: name another file to keep outcomes in, or remove it")
+            found = "is not a file of outcomes"
+        raise CoheftError(f"{self._path} {found}: name another file for outcomes, or remove it")
 
     def append(self, outcome: Outcome) -> None:
-        """Keep one more."""
+        """Append an outcome."""
         with self._path.open("ab") as file:
             file.write(_line(outcome))
 
@@ -107,7 +107,7 @@ def _line(part: Header | Outcome) -> bytes:
 
 
 def _decoded(lines: Sequence[bytes]) -> Iterator[Outcome]:
-    """Outcomes up to the first line that was not written to its end."""
+    """Yield outcomes up to the first incomplete line."""
     for line in lines:
         if not line.endswith(b"\n"):
             return
@@ -118,7 +118,7 @@ def _decoded(lines: Sequence[bytes]) -> Iterator[Outcome]:
 
 
 def code_hash() -> str:
-    """What tells one state of the code from another."""
+    """Return a hash of the package's code."""
     package = Path(coheft.__file__).parent
     folders = [package, *((package / name).resolve() for name in _LINKED)]
     digest = hashlib.sha256()
@@ -136,22 +136,22 @@ def run_campaign(
     values: Sequence[str] = (),
     on_outcome: Callable[[Outcome], None] = lambda outcome: None,
 ) -> list[Outcome]:
-    """Try one schedule per seed.
+    """Run one schedule per seed.
 
     Args:
-        seeds: Of the schedules.
+        seeds: Seeds of the schedules.
         jobs: Number of processes; None for one per core.
-        kept: File to which outcomes are added as they come; those that are there already are not tried again.
+        kept: File to which outcomes are appended; schedules whose outcome it contains are not run again.
         mutant: A deliberate bug to put into the agents, see ``mutants``.
-        values: Keys of the scenarios that are not drawn, see ``draw_schedule``.
-        on_outcome: Told every outcome, those that were kept first.
+        values: Keys of the scenarios that are set instead of drawn, see ``draw_schedule``.
+        on_outcome: Called with every outcome, those in the file first.
 
     Returns:
         All outcomes, in the order of seeds.
 
     Raises:
         MissingPackageError: A package that campaigns need is not installed.
-        CoheftError: The file cannot be read or written, or holds something else.
+        CoheftError: The file cannot be read or written, or contains something else.
     """
     file = None if kept is None else OutcomeFile(kept, mutant, values, min(seeds))
     outcomes: dict[int, Outcome] = {}
@@ -171,6 +171,6 @@ def run_campaign(
 
 
 def try_seed(seed: int, mutant: str = "", values: Sequence[str] = ()) -> Outcome:
-    """Try the schedule of a seed, with a deliberate bug if one is named."""
+    """Run the schedule of a seed, with a deliberate bug if one is named."""
     with mutated(mutant):
         return try_schedule(draw_schedule(seed, values=values))

@@ -1,4 +1,4 @@
-"""Schedules drawn at random: a small team, quick to simulate, and up to four faults."""
+"""Random schedules: a small team that is quick to simulate, and up to four faults."""
 
 from __future__ import annotations
 
@@ -41,18 +41,18 @@ from coheft.wire.scenario.section import Vector
 
 MOST_FAULTS = 4
 LATEST_START = 5.0
-"""Until then faults begin, but for ``DELAY`` [s]; a team without faults is valid after 3 to 7 s."""
+"""Latest start of a fault, without ``DELAY`` [s]; a team without faults is valid after 3 to 7 s."""
 DELAY = 4.0
-"""In every other schedule everything happens so much later: then most teams have long known what they hold [s]."""
-_AFTERWARDS = 5.5
-"""A run goes on for at least so long after everything has happened, but for agents that never come back [s]."""
-_AFTERWARDS_OF_HOLD = 6.5
-"""A run in which a robot lets go of the load goes on for at least so long after the last fault [s]."""
+"""In every other schedule everything happens later by this: most teams then have known their load for long [s]."""
+_CONTINUATION = 5.5
+"""Time for which a run continues after the last event, unless an agent never comes back [s]."""
+_CONTINUATION_AFTER_RELEASE = 6.5
+"""Time for which a run continues after the last fault, if a robot releases the load [s]."""
 _SHORTEST = 7.0
-"""Run [s]."""
+"""Shortest run [s]."""
 _COUNTS = (0.4, 0.3, 0.2, 0.1)
 """Shares of teams of 3, 4, 5 and 6 robots: small ones are quick to simulate."""
-_FOR_EVER = 0.1
+_PERMANENT = 0.1
 """Share of crashed agents that never come back."""
 
 _Fields = dict[str, Any]
@@ -70,19 +70,19 @@ def draw_schedule(
     lasting: bool | None = None,
     values: Sequence[str] = (),
 ) -> FaultSchedule:
-    """The schedule of a seed.
+    """Draw the schedule of a seed.
 
     Args:
         seed: Any number of at least 0.
-        delayed: Whether everything happens ``DELAY`` later. None: every other seed.
-        is_exact: Whether sensors are exact but for noise and faults, or those of an industrial arm, off as far as
-            robots are told. None: two of four seeds.
-        lasting: Whether there are small errors that last besides, see ``lasting``. None: every other time, unless it is
-            said whether sensors are exact.
-        values: Keys of the scenario that are not drawn, see ``coheft.wire.scenario.set_values``.
+        delayed: Whether everything happens ``DELAY`` later. None: for every other seed.
+        is_exact: Whether sensors have no errors except noise and faults, or those of an industrial arm, with known
+            tolerances. None: for two of four seeds.
+        lasting: Whether to add small lasting errors, see ``lasting``. None: in half of the schedules, unless
+            ``is_exact`` is given.
+        values: Keys of the scenario that are set instead of drawn, see ``coheft.wire.scenario.set_values``.
 
     Raises:
-        ScenarioError: A value cannot be used, or changes whom the faults are about.
+        ScenarioError: A value is invalid, or changes the robots or links that faults refer to.
     """
     schedule = _draw_early(seed)
     if seed % 4 >= 2 if is_exact is None else not is_exact:
@@ -90,7 +90,7 @@ def draw_schedule(
         schedule = _replace(schedule, scenario=_replace(schedule.scenario, sensors=sensors))
     if seed % 2 if delayed is None else delayed:
         schedule = _later(schedule)
-    rng = np.random.default_rng([seed, 1])  # of its own: what else is drawn stays as it is
+    rng = np.random.default_rng([seed, 1])  # a separate stream, so that all else is drawn as before
     is_lasting = bool(rng.random() < 0.5)
     if (is_lasting and is_exact is None) if lasting is None else lasting:
         schedule = with_lasting_errors(schedule, rng)
@@ -98,7 +98,7 @@ def draw_schedule(
 
 
 def _later(schedule: FaultSchedule) -> FaultSchedule:
-    """Everything happens ``DELAY`` later."""
+    """Return the schedule with everything ``DELAY`` later."""
     scenario = schedule.scenario
     changes = tuple(_replace(change, at=_round(change.at + DELAY)) for change in scenario.load_changes)
     scenario = _replace(scenario, duration=_round(scenario.duration + DELAY), load_changes=changes)
@@ -109,7 +109,7 @@ def _later(schedule: FaultSchedule) -> FaultSchedule:
 
 
 def _long_enough(schedule: FaultSchedule) -> FaultSchedule:
-    """It goes on until all have to be valid again; unless an agent never comes back: then no robot will be."""
+    """Extend the run until all robots have to be valid again; unless an agent never comes back, as they will not be."""
     scenario = schedule.scenario
     if schedule.last_fault_end >= scenario.duration:
         return schedule
@@ -122,14 +122,14 @@ def _draw_early(seed: int) -> FaultSchedule:
     count = int(rng.choice([3, 4, 5, 6], p=_COUNTS))
     team = _Team(rng, count)
     faults = tuple(team.fault() for _ in range(rng.integers(0, MOST_FAULTS + 1)))
-    afterwards = _AFTERWARDS_OF_HOLD if any(isinstance(fault, Release) for fault in faults) else _AFTERWARDS
+    afterwards = _CONTINUATION_AFTER_RELEASE if any(isinstance(fault, Release) for fault in faults) else _CONTINUATION
     duration = _round(max([_SHORTEST, *(fault.end + afterwards for fault in faults)]))
-    faults = tuple(_for_ever(fault, duration) if rng.random() < _FOR_EVER else fault for fault in faults)
+    faults = tuple(_make_permanent(fault, duration) if rng.random() < _PERMANENT else fault for fault in faults)
     return FaultSchedule(seed=seed, scenario=team.scenario(seed, duration), faults=faults)
 
 
 class _Team:
-    """Draws what depends on the robots' names and on the graph."""
+    """Draws the parts that depend on the robots' names and on the graph."""
 
     def __init__(self, rng: np.random.Generator, count: int) -> None:
         self._rng = rng
@@ -141,7 +141,7 @@ class _Team:
             seed=_seed(rng),
         )
         self._robots = Robots(perimeter=Perimeter(count=count, extent=self._extent, seed=_seed(rng)))
-        # In larger teams messages take more blocks to get everywhere.
+        # In larger teams it takes more blocks until messages have reached all robots.
         self._block = int(rng.choice([5, 8] if count <= 4 else [4, 5]))
         self._names = tuple(f"r{i + 1}" for i in range(count))
         self._edges = [
@@ -149,12 +149,12 @@ class _Team:
         ]
 
     def scenario(self, seed: int, duration: float) -> Scenario:
-        """What is simulated."""
+        """Draw the scenario."""
         rng = self._rng
         width, depth = self._extent
         plate = Box(mass=_round(rng.uniform(2.0, 8.0)), size=(width, depth, 0.05))
         lump = Box(mass=_round(rng.uniform(0.5, 4.0)), size=(0.2, 0.15, 0.15), position=self._place())
-        changes = sorted(_round(rng.uniform(1.0, duration - _AFTERWARDS)) for _ in range(rng.integers(0, 3)))
+        changes = sorted(_round(rng.uniform(1.0, duration - _CONTINUATION)) for _ in range(rng.integers(0, 3)))
         return Scenario(
             name=f"faults-{seed}",
             payload=Payload(boxes=(plate, lump)),
@@ -179,12 +179,12 @@ class _Team:
         return LoadChange(at=time, mass=_round(self._rng.uniform(0.5, 3.0)), position=self._place())
 
     def _place(self) -> Vector:
-        """Somewhere on the plate."""
+        """Draw a position on the plate."""
         x, y = self._rng.uniform(-0.4, 0.4, size=2) * self._extent
         return _round(x), _round(y), 0.1
 
     def fault(self) -> AnyFault:
-        """One fault."""
+        """Draw one fault."""
         kinds: list[Callable[[_Fields], AnyFault]] = [
             self._delay,
             self._loss,
@@ -216,7 +216,7 @@ class _Team:
         return self._pick(*self._names)
 
     def _link(self) -> _Fields:
-        """One link, all to or from one robot, or all."""
+        """Draw one link, all links to or from one robot, or all links."""
         sender, receiver = self._pick(*self._edges)
         return {"sender": self._pick(sender, ALL_ROBOTS), "receiver": self._pick(receiver, ALL_ROBOTS)}
 
@@ -299,8 +299,8 @@ class _Team:
         return Lie(**when, robot=self._robot(), how=how, size=_round(size.get(how, 1.0)))
 
 
-def _for_ever(fault: AnyFault, duration: float) -> AnyFault:
-    """A crash from which the agent does not come back; other faults as they are."""
+def _make_permanent(fault: AnyFault, duration: float) -> AnyFault:
+    """Make the effect of a crash permanent; other faults are returned unchanged."""
     return (
         Crash(start=fault.start, end=duration, seed=fault.seed, robot=fault.robot)
         if isinstance(fault, Crash)
@@ -309,7 +309,7 @@ def _for_ever(fault: AnyFault, duration: float) -> AnyFault:
 
 
 def _round(value: float) -> float:
-    """What people can read."""
+    """Round to a readable number."""
     return round(float(value), 3)
 
 

@@ -1,12 +1,12 @@
-"""What every published estimate must keep, checked after every block against the truth.
+"""Promises about every published estimate, checked after every block against the truth.
 
 - **P1**: while an estimate is ``valid``, each of its numbers (mass, the centre of mass's three, the inertia's six, each
   neighbour's pose's six) is within five of its own standard deviations of the truth at its ``valid_block``; its
   covariances are positive; a body with such mass properties can exist.
-- **P2**: nothing makes an agent fail. That harmless messages make no difference is looked at in ``trial``.
+- **P2**: nothing makes an agent fail. ``trial`` checks that harmless messages make no difference.
 
-A change of the load cannot be known before it was felt: a payload that belongs to less than ``GRACE`` after a change is
-not judged. An agent that lies, or has lied, is not judged either, nor where those are who do not hold the load.
+A change of the load cannot be known before it has an effect: a payload that belongs to less than ``GRACE`` after a
+change is not checked. Neither are agents that lie or have lied, nor the poses of robots that do not hold the load.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from coheft.wire.messages.structs import Estimate
 from coheft.wire.scenario.borders import first_border
 
 DEVIATIONS = 5.0
-"""So many of its own standard deviations a valid number may be off."""
+"""Largest error of a valid number, in its own standard deviations."""
 GRACE = 0.3
-"""Time from a change of the load until a valid payload must be the new one [s]."""
+"""Time after a change of the load from which a valid payload must be the new one [s]."""
 _ROUNDING = 1e-9
 _AXES = ("xx", "yy", "zz", "xy", "xz", "yz")
 _PAYLOAD = ("mass", *(f"centre of mass {axis}" for axis in "xyz"), *(f"inertia {axes}" for axes in _AXES))
@@ -40,11 +40,11 @@ class Violation(msgspec.Struct, frozen=True):
     """A broken promise.
 
     Attributes:
-        promise: Which.
-        time: End of the block after which it was broken first [s].
-        robot: By whom.
-        what: In words.
-        size: For P1, how many standard deviations it was off at worst; for P3, how long it took [s].
+        promise: Name of the promise.
+        time: End of the block after which it was first broken [s].
+        robot: The robot that broke it.
+        what: Description.
+        size: For P1, the largest error in standard deviations; for P3, the time it took [s].
     """
 
     promise: str
@@ -55,10 +55,10 @@ class Violation(msgspec.Struct, frozen=True):
 
 
 class Watch:
-    """Looks at all that a team publishes, see the module.
+    """Checks everything that a team publishes, see the module.
 
     Attributes:
-        off_for: Longest time for which a robot has called numbers valid that were off [s]; None if it never did.
+        off_for: Longest time for which a robot has reported wrong numbers as valid [s]; None if it never did.
     """
 
     def __init__(self, schedule: FaultSchedule, scene: Scene) -> None:
@@ -70,7 +70,7 @@ class Watch:
         self._changes = [first_border(change.at, scenario.block_duration) for change in scenario.load_changes]
         self._releases = [fault for fault in schedule.faults if isinstance(fault, Release)]
         lies = sorted((fault for fault in schedule.faults if isinstance(fault, Lie)), key=lambda lie: -lie.start)
-        self._lies = {lie.robot: lie.start for lie in lies}  # the first one of each
+        self._lies = {lie.robot: lie.start for lie in lies}  # the first lie of each robot
         self._found: dict[tuple[str, str, str], Violation] = {}
         self._off_since: dict[str, float] = {}
         self._is_off = False
@@ -78,11 +78,11 @@ class Watch:
 
     @property
     def violations(self) -> list[Violation]:
-        """Broken promises, each with the first time and the worst size, in the order of time."""
+        """Broken promises, each with its first time and its largest size, in order of time."""
         return sorted(self._found.values(), key=lambda violation: violation.time)
 
     def look(self, block: FaultyBlock) -> None:
-        """Check all that was published after a block."""
+        """Check all estimates that were published after a block."""
         self._seen += 1
         self._judge.add(block.truth, remember=self._seen)
         for robot, error in block.crashes.items():
@@ -102,7 +102,7 @@ class Watch:
     def _check_payload(self, estimate: Estimate) -> None:
         robot, payload, block = estimate.robot, estimate.payload, estimate.valid_block
         if payload is None or not 0 <= block < self._seen:
-            self._report("P1", estimate.time, robot, "claims nothing", f"{payload=}, {block=}")
+            self._report("P1", estimate.time, robot, "is valid without a payload", f"{payload=}, {block=}")
             return
         if not payload_exists(payload):
             self._report("P1", estimate.time, robot, "payload cannot exist", "")
@@ -121,7 +121,7 @@ class Watch:
             self._compare(estimate, f"pose of {other}", _POSE, error, pose.covariance)
 
     def _compare(self, estimate: Estimate, what: str, names: tuple[str, ...], error: Array, covariance: Array) -> None:
-        """Errors (n,) against their covariance (n, n)."""
+        """Compare errors (n,) with their covariance (n, n)."""
         variances = np.diagonal(covariance)
         if not (np.isfinite(covariance).all() and np.isfinite(error).all() and (variances > 0.0).all()):
             self._report("P1", estimate.time, estimate.robot, f"{what}: no number, or no covariance", f"{variances}")

@@ -1,8 +1,8 @@
-"""Small errors that last: sensors that are off for the whole run, of which robots are told or not, and small changes of
-the load, which no robot is ever told of.
+"""Small lasting faults: sensor errors during the whole run, within known tolerances or not, and small load changes,
+which are never announced.
 
-Sizes are 0.3 to 3 times what a sensor's noise is, where it usually reads. They are the scenario's own errors and
-tolerances, so runs with real processes can have the same.
+Sensor errors are 0.3 to 3 times the sensor's noise at usual readings. They are set as the scenario's own errors and
+tolerances, so that runs with real processes can have the same.
 """
 
 from __future__ import annotations
@@ -19,41 +19,41 @@ from coheft.estimation.tolerance import INDUSTRIAL, SENSORS, SensorDrift, Sensor
 from coheft.wire.scenario.schema import LoadChange, Scenario, Sensors
 
 SHAPES = ("offset", "scale", "mounting", "delay", "drift")
-"""What can be wrong with a sensor for long."""
+"""Kinds of lasting sensor errors."""
 _SIZES = (0.3, 3.0)
-"""As multiples of the noise."""
+"""Range of sizes, as multiples of the noise."""
 _DELAY = 0.001
-"""A delay of as many times this is as bad as an offset of as many times the noise, roughly [s]."""
+"""A delay of this has about the same effect as an offset of once the noise [s]."""
 _CHANGES = (0.001, 0.05)
-"""Small changes, as shares of the payload's mass."""
+"""Range of small load changes, as shares of the payload's mass."""
 _LEAKS = (2.0, 8.0)
-"""Time in which such a share leaks away [s]."""
+"""Range of times in which such a share leaks out [s]."""
 _MOST = 3
-"""Errors at a time."""
+"""Largest number of errors in a schedule."""
 _TOLD, _LOAD, _LEAK = 0.5, 0.4, 0.5
-"""Shares: of errors that robots are told of, of schedules with a small change, of these that are leaks."""
+"""Shares of schedules with known tolerances, of schedules with a small load change, and of leaks among these."""
 
 _replace = msgspec.structs.replace
 
 
 def with_lasting_errors(schedule: FaultSchedule, rng: np.random.Generator) -> FaultSchedule:
-    """A schedule with some of them besides what it has."""
+    """Return a schedule with additional lasting faults."""
     scenario = schedule.scenario
     if rng.random() < _LOAD:
         scenario = _replace(scenario, load_changes=(*scenario.load_changes, _small_change(scenario, rng)))
     is_told = bool(rng.random() < _TOLD)
-    shapes = SHAPES if is_told else SHAPES[:-1]  # a scenario has no drift that robots are not told of
+    shapes = SHAPES if is_told else SHAPES[:-1]  # a scenario's drift is always known to the robots
     keys: dict[str, float] = {}
     drift: dict[str, float] = {}
     for _ in range(rng.integers(1, _MOST + 1)):
         shape = shapes[rng.integers(len(shapes))]
         key, value = _error(scenario, shape, rng)
         (drift if shape == "drift" else keys)[key] = float(f"{value:.3g}")
-    return _replace(schedule, scenario=_replace(scenario, sensors=_off(scenario.sensors, keys, drift, is_told)))
+    return _replace(schedule, scenario=_replace(scenario, sensors=_with_errors(scenario.sensors, keys, drift, is_told)))
 
 
 def _error(scenario: Scenario, shape: str, rng: np.random.Generator) -> tuple[str, float]:
-    """A key of the tolerance, or of the drift, and how large it is."""
+    """Draw a key of the tolerance, or of the drift, and its value."""
     size = _between(_SIZES, rng)
     if shape == "delay":
         return ("clock", "wrench_delay")[rng.integers(2)], size * _DELAY
@@ -67,11 +67,11 @@ def _error(scenario: Scenario, shape: str, rng: np.random.Generator) -> tuple[st
             return f"{sensor}_scale", noise / USUAL[sensor]
         case "mounting":
             return f"{sensor}_mounting_deg", math.degrees(noise / USUAL[sensor])
-    return sensor, noise * math.sqrt(60.0 / scenario.duration)  # so far off at the end
+    return sensor, noise * math.sqrt(60.0 / scenario.duration)  # reaches the size at the end
 
 
-def _off(sensors: Sensors, keys: Mapping[str, float], drift: Mapping[str, float], is_told: bool) -> Sensors:
-    """Sensors that are off by as much more."""
+def _with_errors(sensors: Sensors, keys: Mapping[str, float], drift: Mapping[str, float], is_told: bool) -> Sensors:
+    """Return sensors with additional errors."""
     before = sensors.tolerance
     errors = _replace(before, **{key: math.hypot(getattr(before, key), value) for key, value in keys.items()})
     if is_told:
@@ -80,7 +80,7 @@ def _off(sensors: Sensors, keys: Mapping[str, float], drift: Mapping[str, float]
 
 
 def _small_change(scenario: Scenario, rng: np.random.Generator) -> LoadChange:
-    """After all others: loads are known by numbers."""
+    """Draw a change after all others, because loads are numbered in order."""
     width, depth = scenario.robots.perimeter.extent if scenario.robots.perimeter is not None else (0.5, 0.5)
     mass = float(f"{_between(_CHANGES, rng) * scenario.payload.inertia().mass:.3g}")
     leak = float(f"{mass / rng.uniform(*_LEAKS):.3g}") if rng.random() < _LEAK else 0.0
@@ -96,12 +96,12 @@ def _between(ends: tuple[float, float], rng: np.random.Generator) -> float:
 
 
 def is_untold(scenario: Scenario) -> bool:
-    """Whether sensors are off by more than robots are told."""
+    """Whether sensor errors exceed the tolerances that robots know."""
     return isinstance(scenario.sensors.errors, SensorTolerance)
 
 
 def lasting_kinds(scenario: Scenario) -> tuple[str, ...]:
-    """What lasts in a scenario, in words, each kind once: errors other than those that teams are drawn with anyway."""
+    """Return the kinds of lasting faults in a scenario, apart from those with which teams are drawn anyway."""
     tolerance, errors = scenario.sensors.tolerance, scenario.sensor_errors
     usual, word = (tolerance, "untold") if is_untold(scenario) else (_usual(tolerance), "told")
     kinds = {
@@ -120,7 +120,7 @@ def lasting_kinds(scenario: Scenario) -> tuple[str, ...]:
 
 
 def _usual(tolerance: SensorTolerance) -> SensorTolerance:
-    """Of a good industrial arm, if nothing is better than there; else none."""
+    """Return the tolerance of a good industrial arm if no value is smaller; otherwise one without errors."""
     fields = SensorTolerance.__struct_fields__
     is_industrial = all(getattr(tolerance, key) >= getattr(INDUSTRIAL, key) for key in fields)
     return INDUSTRIAL if is_industrial else SensorTolerance()

@@ -1,4 +1,4 @@
-"""What can become of a message: bits flip, someone lies, nonsense, an old one of another run."""
+"""Faults of single messages: flipped bits, lies, invalid contents, another run."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from coheft.wire.messages.structs import NeighbourMessage
 
 _CHECKSUM_SIZE = 4
 _FAR = 10**9
-"""Number of a block that is never reached."""
+"""Index of a block that is never reached."""
 
 
 def _key(message: NeighbourMessage, run: str = "run") -> str:
@@ -22,7 +22,7 @@ def _key(message: NeighbourMessage, run: str = "run") -> str:
 
 
 def flip_bits(message: NeighbourMessage, fault: Corruption, rng: np.random.Generator) -> NeighbourMessage | None:
-    """The message after some of its bits have flipped; None if the codec refuses it then."""
+    """Return the message after some of its bits have flipped; None if the codec refuses it."""
     key = _key(message)
     data = bytearray(encode(message, key))
     first = 8 * _CHECKSUM_SIZE if fault.sealed else 0
@@ -37,7 +37,7 @@ def flip_bits(message: NeighbourMessage, fault: Corruption, rng: np.random.Gener
 
 
 def is_refused_in_another_run(message: NeighbourMessage) -> bool:
-    """Whether the codec refuses a message that was said in another run."""
+    """Whether the codec refuses a message of another run."""
     try:
         decode(encode(message, _key(message, "other-run")), NeighbourMessage, _key(message))
     except MessageError:
@@ -46,7 +46,7 @@ def is_refused_in_another_run(message: NeighbourMessage) -> bool:
 
 
 def lie_about(message: NeighbourMessage, fault: Lie, rng: np.random.Generator) -> NeighbourMessage:
-    """The message with wrong numbers in all that is sampled or summed: its arrays of two or more dimensions."""
+    """Return the message with wrong numbers in all samples and sums: its arrays of two or more dimensions."""
     channels = {
         name: _lie(array, fault, rng) if array.ndim > 1 and array.dtype.kind == "f" else array
         for name, array in sorted(message.channels.items())
@@ -66,7 +66,7 @@ def _lie(array: Array, fault: Lie, rng: np.random.Generator) -> Array:
 
 
 def malformed(message: NeighbourMessage, rng: np.random.Generator) -> NeighbourMessage:
-    """A message that no robot can have meant so, with no news in it."""
+    """Return an invalid message without gossip."""
     replace = msgspec.structs.replace
     nonsense = replace(message, gossip=[])
     match rng.integers(5) if message.channels else 0:

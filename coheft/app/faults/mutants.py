@@ -1,6 +1,6 @@
-"""Deliberate bugs and guards that are switched off, put into running agents one at a time.
+"""Deliberate bugs and disabled guards, put into running agents one at a time.
 
-A campaign that does not find the bugs is worth nothing, and a guard whose absence it does not notice guards nothing.
+A campaign has to find the bugs. If a campaign does not notice that a guard is disabled, the guard is useless.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ Function = Callable[..., Any]
 
 
 def _half_complete_row(complete: Function) -> Function:
-    """A row of the team is used although rows of some robots are missing."""
+    """Use a row of the team although rows of some robots are missing."""
 
     def mutant(self: Exchange, number: int) -> Array | None:
         is_begun = len(self.missing(number)) < self._count
@@ -36,7 +36,7 @@ def _half_complete_row(complete: Function) -> Function:
 
 
 def _wrong_row(complete: Function) -> Function:
-    """This robot's own row is paired with the rows of the others before it."""
+    """Pair this robot's own row with the previous rows of the others."""
 
     def mutant(self: Exchange, number: int) -> Array | None:
         row: Array | None = complete(self, number)
@@ -54,7 +54,7 @@ def _wrong_row(complete: Function) -> Function:
 
 
 def _no_lever_arm(set_wrench: Function) -> Function:
-    """Forces make no torques about the origin of the body frame."""
+    """Ignore the torques of forces about the origin of the body frame."""
 
     def mutant(self: BodyModel) -> None:
         set_wrench(self)
@@ -66,7 +66,7 @@ def _no_lever_arm(set_wrench: Function) -> Function:
 
 
 def _wrong_side(begin_load: Function) -> Function:
-    """When the load has changed, the rows before the change count, too."""
+    """After a load change, also use rows from before the change."""
 
     def mutant(self: RowBuffer, place: int) -> Moments:
         return begin_load(self, max(self.start, place - 20))  # type: ignore[no-any-return]
@@ -75,7 +75,7 @@ def _wrong_side(begin_load: Function) -> Function:
 
 
 def _no_rival(explanations: Function) -> Function:
-    """What looks like another load is one."""
+    """Treat everything that looks like a load change as one."""
 
     def mutant(*arguments: Any) -> Explanations:
         return Explanations(np.inf, 0.0, 0.0, 0, "force")
@@ -84,12 +84,12 @@ def _no_rival(explanations: Function) -> Function:
 
 
 def _no_confirmation(is_confirmed: property) -> property:
-    """What was known before rows were missing holds at once."""
+    """Use earlier knowledge at once after rows were missing."""
     return property(lambda self: True)
 
 
 def _without(guard: str) -> Callable[[Function], Function]:
-    """A guard is switched off."""
+    """Disable a guard."""
     return lambda guards: partial(guards, **{guard: SWITCHED_OFF[guard]})
 
 
@@ -109,7 +109,7 @@ SWITCHED_OFF = {
     "waiting": 1e9,
     "first_rows": 0.0,
 }
-"""Values of guards that make them do nothing."""
+"""Values with which guards have no effect."""
 
 MUTANTS: dict[str, tuple[Any, str, Callable[[Any], Any]]] = {
     "half-complete-row": (Exchange, "complete", _half_complete_row),
@@ -120,22 +120,22 @@ MUTANTS: dict[str, tuple[Any, str, Callable[[Any], Any]]] = {
     "no-confirmation": (Session, "is_confirmed", _no_confirmation),
     **{f"without-{guard.replace('_', '-')}": (estimator, "Guards", _without(guard)) for guard in SWITCHED_OFF},
 }
-"""By name: where what is replaced, and by what."""
+"""By name: the object and attribute that is replaced, and its replacement."""
 
 
 def check_mutant(name: str) -> None:
-    """Check that there is such a bug.
+    """Check that a mutant exists.
 
     Raises:
-        CoheftError: There is none.
+        CoheftError: It does not.
     """
     if name and name not in MUTANTS:
-        raise CoheftError(f"there is no mutant {name!r}: there are {', '.join(MUTANTS)}")
+        raise CoheftError(f"there is no mutant {name!r}; available: {', '.join(MUTANTS)}")
 
 
 @contextmanager
 def mutated(name: str) -> Iterator[None]:
-    """Within, agents have this bug; none if the name is empty."""
+    """Put a bug into all agents while the context lasts; none if the name is empty."""
     if not name:
         yield
         return

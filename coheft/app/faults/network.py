@@ -1,4 +1,4 @@
-"""The simulated network: lists of messages per agent and block, with all that can happen to them on their way."""
+"""The simulated network: queues of messages for each agent and block, with all faults of messages."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from coheft.app.faults.schedule import (
 from coheft.wire.messages.structs import NeighbourMessage
 
 _ORDER_STREAM = 1
-"""Marks the random stream of the order in which messages come."""
+"""Selects the random stream of the order of messages."""
 
 _Timed = list[tuple[int, NeighbourMessage]]
 _Active = list[tuple[AnyFault, np.random.Generator]]
@@ -36,9 +36,9 @@ class _Link:
     """Messages from one agent to another.
 
     Attributes:
-        under_way: With the block at which they come.
-        extra: Besides them, those that must not make any difference.
-        had: What came so far.
+        under_way: Messages, with the block at which they arrive.
+        extra: Additional messages that must not make any difference.
+        had: Messages that have arrived.
     """
 
     under_way: _Timed = field(default_factory=list)
@@ -47,17 +47,17 @@ class _Link:
 
 
 class Network:
-    """Carries messages along the edges of a graph; what is said after one block comes with the next.
+    """Transmits messages along the edges of a graph; a message sent after one block arrives before the next.
 
-    In which order the messages of one block come is random.
+    The order of the messages of one block is random.
 
     Args:
-        schedule: What happens to messages.
+        schedule: The schedule, with the faults of messages.
         graph: Neighbours of every agent.
 
     Attributes:
-        harmless: Whether messages come that must not make any difference, see ``schedule.is_harmless``.
-        refused: Number of messages that reached no agent because the codec refused them.
+        harmless: Whether to deliver messages that must not make any difference, see ``schedule.is_harmless``.
+        refused: Number of messages that were not delivered because the codec refused them.
     """
 
     def __init__(self, schedule: FaultSchedule, graph: Mapping[str, Sequence[str]]) -> None:
@@ -70,7 +70,7 @@ class Network:
         self.refused = 0
 
     def post(self, block: int, message: NeighbourMessage) -> None:
-        """An agent says something to all its neighbours after a block."""
+        """Send an agent's message to all its neighbours after a block."""
         active = self._active(block)
         for fault, rng in active:
             if isinstance(fault, Lie) and fault.robot == message.sender:
@@ -79,7 +79,7 @@ class Network:
             self._send(block, message, receiver, active)
 
     def collect(self, block: int, receiver: str) -> list[NeighbourMessage]:
-        """All that has come to an agent until a block, in random order."""
+        """Return all messages that have arrived at an agent until a block, in random order."""
         inbox: list[NeighbourMessage] = []
         for sender in self._graph[receiver]:
             link = self._links[sender, receiver]
@@ -92,9 +92,9 @@ class Network:
         return [inbox[k] for k in self._order.permutation(len(inbox))]
 
     def forget(self, block: int, receiver: str) -> None:
-        """An agent starts anew with a block: what came before is gone, and it has not had it.
+        """Drop all messages for an agent that restarts at a block, received and pending copies included.
 
-        So copies of it that were still to come would not be copies any more, but news.
+        To the new agent, copies of earlier messages would be new messages.
         """
         for sender in self._graph[receiver]:
             link = self._links[sender, receiver]
@@ -107,7 +107,7 @@ class Network:
         return [(fault, rng) for fault, rng in self._faults if fault.is_active(time)]
 
     def _send(self, block: int, message: NeighbourMessage, receiver: str, active: _Active) -> None:
-        """One message on one link; every fault draws for it, whatever others have done to it."""
+        """Send one message on one link. Every active fault draws random numbers, so that faults are independent."""
         link = self._links[message.sender, receiver]
         due, arrives = block + 1, True
         copies: list[int] = []
@@ -140,7 +140,7 @@ class Network:
             link.extra += [(due + later, message) for later in copies]
 
     def _replayed(self, block: int, sender: str, receiver: str) -> list[NeighbourMessage]:
-        """Old messages that come again on a link."""
+        """Return old messages that arrive again on a link."""
         had = self._links[sender, receiver].had
         replayed = []
         for fault, rng in self._active(block):
@@ -162,7 +162,7 @@ class Network:
 
 
 def _take(timed: _Timed, block: int) -> list[NeighbourMessage]:
-    """Take out what is due until a block."""
+    """Remove and return the messages that are due until a block."""
     due = [message for time, message in timed if time <= block]
     timed[:] = [(time, message) for time, message in timed if time > block]
     return due

@@ -1,4 +1,4 @@
-"""Campaigns and schedules in the terminal."""
+"""Output of campaigns and schedules in the terminal."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from coheft.app.terminal.progress import show_progress
 from coheft.app.terminal.wide_table import print_table
 
 _SHOWN = 10
-"""So many of the schedules that failed are shown."""
+"""Largest number of failed schedules that are shown."""
 
 
 @contextmanager
 def campaign_progress(console: Console, schedules: int, *, quiet: bool) -> Iterator[Callable[[Outcome], None]]:
-    """Show how far a campaign has come; what is yielded has to be told every outcome."""
+    """Show the progress of a campaign; yields a function to call with every outcome."""
     with show_progress(console, "schedules", schedules, quiet=quiet) as told:
         done, failed = 0, 0
 
@@ -44,7 +44,7 @@ def print_campaign(
     mutant: str = "",
     values: Sequence[str] = (),
 ) -> None:
-    """What was injected and what came of it; the last line replays the first schedule that failed."""
+    """Print the injected faults and their effects; the last line replays the first schedule that failed."""
     table = Table(box=SIMPLE_HEAD, pad_edge=False, show_edge=False, padding=(0, 1))
     table.add_column("fault", min_width=16)
     for name in ("injected", "went stale", "violations", "off, > 1 s", "median", "95 %", "worst"):
@@ -80,7 +80,7 @@ def print_campaign(
 
 
 def markdown(summary: CampaignSummary) -> str:
-    """A campaign as a table for a document."""
+    """Return a campaign's results as a table in Markdown."""
     lines = [
         f"{summary.schedules} schedules (seeds {summary.seeds[0]} to {summary.seeds[1]}), {summary.simulated_h:.1f} "
         f"simulated hours: {summary.violations} violations.",
@@ -101,7 +101,7 @@ def _off(kind: KindSummary) -> str:
 
 
 def print_schedule(console: Console, schedule: FaultSchedule) -> None:
-    """A schedule in a few lines."""
+    """Print a schedule in a few lines."""
     scenario = schedule.scenario
     console.print(
         f"seed {schedule.seed}: {scenario.robot_count} robots, {scenario.graph.kind}, {scenario.duration:g} s, "
@@ -122,7 +122,7 @@ def print_schedule(console: Console, schedule: FaultSchedule) -> None:
 
 
 def print_outcome(console: Console, outcome: Outcome) -> None:
-    """What came out of a schedule."""
+    """Print the outcome of a schedule."""
     if outcome.lost:
         console.print(f"the robots lost the load: {outcome.lost}", markup=False)
     for violation in outcome.violations:

@@ -1,4 +1,4 @@
-"""What faulty sensors and clocks make of a robot's measurements."""
+"""Effects of faulty sensors and clocks on a robot's measurements."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from coheft.estimation.measurement import ACCELERATION, FORCE, GYRO, TORQUE, VEL
 
 _COLUMNS = {"gyro": GYRO, "velocity": VELOCITY, "acceleration": ACCELERATION, "force": FORCE, "torque": TORQUE}
 USUAL = {"gyro": 0.5, "velocity": 0.3, "acceleration": 10.0, "force": 30.0, "torque": 3.0}
-"""What the sensors of a team at work usually read: [rad/s], [m/s], [m/s²], [N], [N·m]."""
+"""Usual readings of a moving team's sensors: [rad/s], [m/s], [m/s²], [N], [N·m]."""
 _OUTLIER = 10.0
-"""Outliers lie within plus or minus so many times what is usual."""
+"""Range of outliers, as a multiple of the usual reading."""
 
 
 class Readings:
-    """One robot's measurements as its agent gets them.
+    """One robot's measurements as its agent receives them.
 
     Args:
-        schedule: What is wrong with them.
-        robot: Whose.
+        schedule: The schedule, with the faults.
+        robot: The robot's name.
     """
 
     def __init__(self, schedule: FaultSchedule, robot: str) -> None:
@@ -36,7 +36,7 @@ class Readings:
         self._last: Array | None = None
 
     def read(self, block: int, samples: Array) -> Array:
-        """The samples (B, 15) of a block, as they reach the agent."""
+        """Return the samples (B, 15) of a block with faults."""
         time = block * self._block_duration
         if self._skews:
             samples = self._late(samples, sum(skew.samples for skew in self._skews if skew.is_active(time)))
@@ -45,17 +45,17 @@ class Readings:
             if hit.start < hit.stop:
                 samples = samples.copy()
                 last = samples[hit.start - 1].copy() if hit.start else self._last
-                self._spoil(samples[hit], fault, rng, signs, last)
+                self._apply(samples[hit], fault, rng, signs, last)
         self._last = samples[-1]
         return samples
 
     def _hit(self, fault: SensorFault, time: float, count: int) -> slice:
-        """Which samples of a block: sensors fail, and work again, in the middle of it."""
+        """Return the affected samples of a block: sensors may fail and recover within it."""
         first, end = (np.ceil((each - time) / self._block_duration * count - 1e-6) for each in (fault.start, fault.end))
         return slice(int(max(0, first)), int(min(count, end)))
 
     def _late(self, samples: Array, late: int) -> Array:
-        """What was measured so many samples before; of the time before the run, its first sample."""
+        """Return the measurements of ``late`` samples before; before the run, its first sample."""
         if len(self._past) == 0:
             self._past = np.tile(samples[0], (self._kept * len(self._skews), 1))
         self._past = np.concatenate([self._past, samples])
@@ -64,10 +64,10 @@ class Readings:
         self._past = self._past[len(samples) :]
         return taken
 
-    def _spoil(
+    def _apply(
         self, samples: Array, fault: SensorFault, rng: np.random.Generator, signs: Array, last: Array | None
     ) -> None:
-        """Do to samples, in place, what the fault does; ``last`` is the one before, if there is one."""
+        """Apply a fault to samples in place; ``last`` is the sample before, if there is one."""
         columns, usual = _COLUMNS[fault.sensor], USUAL[fault.sensor]
         values = samples[:, columns]
         match fault.how:

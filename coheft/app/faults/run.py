@@ -1,4 +1,4 @@
-"""Drives a simulation and its agents through a schedule, block by block."""
+"""Runs a simulation and its agents through a schedule, block by block."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ class FaultyBlock:
     """One block of a run.
 
     Attributes:
-        block: Its number.
-        truth: What no robot knows.
-        outboxes: Of all agents that were at work, by name.
-        crashes: What agents raised, by name.
+        block: The block's index.
+        truth: The true state.
+        outboxes: Messages of all agents that are running, by name.
+        crashes: Exceptions that agents raised, by name.
     """
 
     block: int
@@ -37,18 +37,18 @@ class FaultyBlock:
 
 
 class FaultyRun:
-    """A team, what it holds, and what goes wrong.
+    """A team with its load and its faults.
 
     An agent that raises an exception is dead from then on, as its process would be.
 
     Args:
-        schedule: What to run.
+        schedule: The schedule to run.
 
     Attributes:
         graph: Neighbours of every robot.
-        scene: Where they hold the load.
-        network: Between the agents.
-        next_block: Number of the next block.
+        scene: The scene, with the grasps.
+        network: The network between the agents.
+        next_block: Index of the next block.
     """
 
     def __init__(self, schedule: FaultSchedule) -> None:
@@ -67,7 +67,7 @@ class FaultyRun:
         self._references: dict[int, dict[str, Reference]] = {}
 
     def __iter__(self) -> Iterator[FaultyBlock]:
-        """All blocks of the run that are still to come.
+        """Yield all remaining blocks of the run.
 
         Raises:
             SimulationError: The robots have lost the payload.
@@ -76,7 +76,7 @@ class FaultyRun:
             yield self._advance()
 
     def without_harmless(self) -> FaultyRun:
-        """The same run from here on, without the messages that must not make any difference.
+        """Return a copy of the run from here on, without messages that must not make any difference.
 
         See ``schedule.is_harmless``.
         """
@@ -103,7 +103,7 @@ class FaultyRun:
                 outboxes[name] = agent.step(
                     block, MeasurementBlock(block, samples[name]), self.network.collect(block, name)
                 )
-            except Exception as error:  # whatever it is, the agent has broken a promise
+            except Exception as error:  # any exception breaks a promise
                 crashes[name] = error
         self._raised |= set(crashes)
         for outbox in outboxes.values():

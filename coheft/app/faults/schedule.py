@@ -1,4 +1,4 @@
-"""What goes wrong in one simulated run, and when. A schedule says all: equal schedules give equal runs, bit for bit."""
+"""Faults of one simulated run, with their times. Equal schedules give equal runs, bit for bit."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ SensorFailure = Literal["nan", "frozen", "outliers", "saturation", "offset"]
 LieKind = Literal["scaled", "offset", "garbage"]
 
 ALL_ROBOTS = "*"
-"""As a sender or receiver of a link fault."""
+"""Sender or receiver of a link fault that concerns all robots."""
 
 
 class Fault(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind"):
     """Base of all faults.
 
     Attributes:
-        start: Time from which on it holds [s].
-        end: Time from which on it does not hold any more [s].
-        seed: Of all that is random in it; its own, so that faults can be taken out without changing the others.
+        start: Time at which it begins [s].
+        end: Time at which it ends [s].
+        seed: Seed of its own random numbers, so that removing a fault does not change the others.
     """
 
     start: NotNegative
@@ -39,11 +39,11 @@ class Fault(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
     @property
     def kind(self) -> str:
-        """Name of its kind, in tables."""
+        """Name of the kind of fault in tables."""
         return str(self.__struct_config__.tag)
 
     def is_active(self, time: float) -> bool:
-        """Whether it holds at that time [s]."""
+        """Whether the fault is active at a time [s]."""
         return self.start <= time < self.end
 
 
@@ -51,37 +51,37 @@ class Fault(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
 
 class LinkFault(Fault, frozen=True, kw_only=True):
-    """A fault of messages on their way, from ``sender`` to ``receiver``; ``*`` is every robot."""
+    """A fault of messages from ``sender`` to ``receiver``; ``*`` stands for every robot."""
 
     sender: str = ALL_ROBOTS
     receiver: str = ALL_ROBOTS
 
     def concerns(self, sender: str, receiver: str) -> bool:
-        """Whether this link is meant."""
+        """Whether the fault concerns a link."""
         return self.sender in (ALL_ROBOTS, sender) and self.receiver in (ALL_ROBOTS, receiver)
 
 
 class Delay(LinkFault, frozen=True, kw_only=True, tag="delay"):
-    """Messages take so many blocks longer."""
+    """Messages arrive later by a number of blocks."""
 
     blocks: Count
 
 
 class Loss(LinkFault, frozen=True, kw_only=True, tag="loss"):
-    """Messages get lost with this probability."""
+    """Messages are lost with a probability."""
 
     probability: Probability
 
 
 class Duplication(LinkFault, frozen=True, kw_only=True, tag="duplication"):
-    """Messages come twice with this probability, the second time up to so many blocks later."""
+    """Messages are delivered twice with a probability, the second time up to ``blocks`` blocks later."""
 
     probability: Probability
     blocks: Annotated[int, Meta(ge=0)]
 
 
 class Reordering(LinkFault, frozen=True, kw_only=True, tag="reordering"):
-    """Every message takes longer by a random number of blocks, up to this one."""
+    """Every message arrives later by a random number of blocks, up to ``blocks``."""
 
     blocks: Count
 
@@ -90,9 +90,9 @@ class Corruption(LinkFault, frozen=True, kw_only=True, tag="corruption"):
     """Bits of messages flip.
 
     Attributes:
-        probability: Of a message to be hit.
-        bits: That flip in it.
-        sealed: Whether they flip before the checksum is made: what still is a message then arrives.
+        probability: Probability that a message is affected.
+        bits: Number of bits that flip in it.
+        sealed: Whether they flip before the checksum is computed: a message that can be decoded is then delivered.
     """
 
     probability: Probability
@@ -106,12 +106,12 @@ class Corruption(LinkFault, frozen=True, kw_only=True, tag="corruption"):
 
 
 class Replay(LinkFault, frozen=True, kw_only=True, tag="replay"):
-    """Per block, with this probability, a message comes again.
+    """In each block a message is repeated with a probability.
 
     Attributes:
-        probability: Of that.
-        source: One that the receiver has had before, one that it had from the sender before the sender's last restart
-            (if it did restart), or one of another run.
+        probability: The probability.
+        source: A message that the receiver has had before, one from before the sender's last restart (if it did
+            restart), or one of another run.
     """
 
     probability: Probability
@@ -124,18 +124,18 @@ class Replay(LinkFault, frozen=True, kw_only=True, tag="replay"):
 
 
 class Malformed(LinkFault, frozen=True, kw_only=True, tag="malformed"):
-    """Per block, with this probability, a message comes besides the true one that no robot can have meant so."""
+    """In each block an invalid message arrives with a probability, in addition to the correct one."""
 
     probability: Probability
 
 
 class Partition(Fault, frozen=True, kw_only=True, tag="partition"):
-    """No message passes between these robots and the others."""
+    """No message passes between the robots of a group and the others."""
 
     group: tuple[str, ...]
 
     def separates(self, sender: str, receiver: str) -> bool:
-        """Whether it cuts this link."""
+        """Whether the partition cuts a link."""
         return (sender in self.group) != (receiver in self.group)
 
 
@@ -149,25 +149,25 @@ class RobotFault(Fault, frozen=True, kw_only=True):
 
 
 class Crash(RobotFault, frozen=True, kw_only=True, tag="crash"):
-    """The agent dies, and comes back with an empty memory. Its robot holds the load on, at its last reference."""
+    """The agent dies, and restarts with an empty memory. Its robot keeps holding the load, at its last reference."""
 
 
 class Pause(RobotFault, frozen=True, kw_only=True, tag="pause"):
-    """The agent stands still; when it goes on it finds all messages of the meantime, but not the measurements."""
+    """The agent is suspended; when it resumes, it receives all messages sent meanwhile, but not the measurements."""
 
 
 class Release(RobotFault, frozen=True, kw_only=True, tag="release"):
-    """The robot lets go of the load, and takes hold again at the end.
+    """The robot releases the load, and grasps it again at the end.
 
     Attributes:
-        notice: How many blocks ahead its agent is told, of both; if it lets go several times, the largest counts.
+        notice: Number of blocks by which the agent knows both in advance; of several releases, the largest counts.
     """
 
     notice: Annotated[int, Meta(ge=0)] = 0
 
 
 class ClockSkew(RobotFault, frozen=True, kw_only=True, tag="clock skew"):
-    """The robot's measurements bear numbers that are too high: they are this many samples older than they say."""
+    """The robot's measurements have block numbers that are too high: they are older by a number of samples."""
 
     samples: Count
 
@@ -176,11 +176,10 @@ class SensorFault(RobotFault, frozen=True, kw_only=True, tag="sensor"):
     """One of the robot's sensors fails.
 
     Attributes:
-        sensor: Which.
-        how: NaN in some samples; the same value again and again; bursts of outliers; readings cut off at a limit;
-            a constant error.
-        size: Share of samples that are NaN, or of outliers; limit as a multiple of what the sensor usually reads; size
-            of the constant error per axis as a multiple of the noise.
+        sensor: The sensor.
+        how: NaN in some samples; a constant value; bursts of outliers; readings clipped at a limit; a constant error.
+        size: Share of samples that are NaN, or outliers; limit as a multiple of the usual reading; constant error per
+            axis as a multiple of the noise.
     """
 
     sensor: Sensor
@@ -194,11 +193,11 @@ class SensorFault(RobotFault, frozen=True, kw_only=True, tag="sensor"):
 
 
 class Lie(RobotFault, frozen=True, kw_only=True, tag="lie"):
-    """What the agent tells its neighbours of its samples and of sums is not what it knows.
+    """The agent sends wrong samples and sums to its neighbours.
 
     Attributes:
-        how: All numbers multiplied, or shifted by a multiple of their root mean square, or replaced by random ones.
-        size: Factor, or share of the root mean square.
+        how: All numbers are scaled, or shifted by a multiple of their root mean square, or replaced by random ones.
+        size: Factor, or multiple of the root mean square.
     """
 
     how: LieKind
@@ -232,9 +231,9 @@ class FaultSchedule(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     """A run and its faults.
 
     Attributes:
-        seed: It was drawn from.
-        scenario: What is simulated, load changes included.
-        faults: What goes wrong besides.
+        seed: Seed from which it was drawn.
+        scenario: The scenario, including load changes.
+        faults: The faults.
     """
 
     seed: Seed
@@ -243,12 +242,12 @@ class FaultSchedule(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
 
     @property
     def last_fault_end(self) -> float:
-        """When the last fault is over [s]; 0 if there is none."""
+        """End of the last fault [s]; 0 if there is none."""
         return max((fault.end for fault in self.faults), default=0.0)
 
 
 def is_harmless(fault: AnyFault) -> bool:
-    """Whether a run with it must be the same, bit for bit, as one in which its messages never came."""
+    """Whether a run with the fault must be the same, bit for bit, as one in which its messages never arrive."""
     return isinstance(fault, Duplication | Replay | Malformed)
 
 
@@ -261,7 +260,7 @@ def read_schedule(path: Path) -> FaultSchedule:
     """Read a schedule.
 
     Raises:
-        ScenarioError: There is none, or it cannot be run.
+        ScenarioError: The file cannot be read, or its schedule is invalid.
     """
     try:
         schedule = msgspec.json.decode(path.read_bytes(), type=FaultSchedule)
@@ -276,10 +275,10 @@ def read_schedule(path: Path) -> FaultSchedule:
 
 
 def _check_fault(fault: AnyFault, robots: tuple[str, ...], place: str) -> None:
-    """Check what the types cannot say.
+    """Check what the types do not express.
 
     Raises:
-        ScenarioError: It never begins, or is of somebody who is not there.
+        ScenarioError: The fault never begins, or names a robot that does not exist.
     """
     if fault.start >= fault.end:
         raise ScenarioError(

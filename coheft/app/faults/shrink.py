@@ -1,4 +1,4 @@
-"""From a schedule that breaks a promise to the simplest one found that still does."""
+"""Simplification of a schedule that breaks a promise."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from coheft.errors import ScenarioError
 from coheft.wire.scenario.schema import Graph
 
 _LEAST = 0.1
-"""Faults are not shortened below this [s]."""
+"""Faults are not made shorter than this [s]."""
 _replace = msgspec.structs.replace
 
 Fails = Callable[[FaultSchedule], bool]
@@ -21,15 +21,15 @@ Fails = Callable[[FaultSchedule], bool]
 def shrink(
     schedule: FaultSchedule, fails: Fails, on_progress: Callable[[FaultSchedule], None] = lambda _: None
 ) -> FaultSchedule:
-    """Simplify a schedule as long as it fails: greedily, the largest simplifications first.
+    """Simplify a schedule while it fails: greedily, the largest simplifications first.
 
     Args:
-        schedule: One that fails.
-        fails: Whether a schedule does.
-        on_progress: Told every simpler one that was found.
+        schedule: A schedule that fails.
+        fails: Whether a schedule fails.
+        on_progress: Called with every simpler schedule that was found.
 
     Returns:
-        One that fails, and of which no single simplification does.
+        A schedule that fails, without any single simplification that does.
     """
     while True:
         simpler = next((candidate for candidate in _simpler(schedule) if fails(candidate)), None)
@@ -40,20 +40,20 @@ def shrink(
 
 
 def breaks_same_promise(outcome: Outcome) -> Fails:
-    """Whether a schedule breaks a promise that was broken before; another failure would be another story."""
+    """Return a function that tells whether a schedule breaks one of the promises that an outcome broke."""
     broken = {violation.promise for violation in outcome.violations}
 
     def fails(schedule: FaultSchedule) -> bool:
         try:
             return any(violation.promise in broken for violation in try_schedule(schedule).violations)
-        except ScenarioError:  # without its load a change cannot take it away
+        except ScenarioError:  # for instance a load change that removes a load that is no longer added
             return False
 
     return fails
 
 
 def _simpler(schedule: FaultSchedule) -> Iterator[FaultSchedule]:
-    """All single simplifications, from the largest to the smallest."""
+    """Yield all single simplifications, from the largest to the smallest."""
     yield from _without_faults(schedule)
     yield from _without_load_changes(schedule)
     yield from _plainer_scenarios(schedule)
@@ -71,7 +71,7 @@ def _without_faults(schedule: FaultSchedule) -> Iterator[FaultSchedule]:
 
 def _without_load_changes(schedule: FaultSchedule) -> Iterator[FaultSchedule]:
     changes = schedule.scenario.load_changes
-    # From the last on: loads are taken away by their numbers.
+    # From the last one on, because loads are removed by their numbers.
     for k in reversed(range(len(changes))):
         yield _with_scenario(schedule, load_changes=changes[:k] + changes[k + 1 :])
 
@@ -97,7 +97,7 @@ def _shorter_runs(schedule: FaultSchedule) -> Iterator[FaultSchedule]:
 
 
 def _narrower_faults(schedule: FaultSchedule) -> Iterator[FaultSchedule]:
-    """One fault lasts half as long."""
+    """Yield schedules in which one fault lasts half as long."""
     for k, fault in enumerate(schedule.faults):
         for narrower in _narrower(fault):
             yield _replace(schedule, faults=(*schedule.faults[:k], narrower, *schedule.faults[k + 1 :]))

@@ -1,4 +1,4 @@
-"""A campaign in numbers."""
+"""Summary of a campaign."""
 
 from __future__ import annotations
 
@@ -10,21 +10,22 @@ import numpy as np
 from coheft.app.faults.trial import Outcome
 
 _LONG = 1.0
-"""Within so long somebody should notice what has become visible [s]."""
+"""Time within which a robot should notice a visible error [s]."""
 
 
 class KindSummary(msgspec.Struct, frozen=True):
-    """Of all schedules with a kind of fault.
+    """Summary of all schedules with a kind of fault.
 
     Attributes:
-        kind: The fault.
-        injected: How often.
-        schedules: In how many schedules.
-        went_stale: In how many of these somebody told that it could not know any more.
-        violations: Promises broken in these schedules.
-        off: In how many of these a robot called numbers valid that were off, and in how many for more than 1 s.
-        recovered_s: Median, 95th percentile and largest time from its end until all were valid again [s], of the
-            schedules in which it ended last; None where there are none.
+        kind: The kind of fault.
+        injected: Number of faults.
+        schedules: Number of schedules.
+        went_stale: Number of schedules in which a robot published a stale estimate.
+        violations: Number of promises broken in these schedules.
+        off: Number of schedules in which a robot reported wrong numbers as valid, and in which it did for more than 1
+            s.
+        recovered_s: Median, 95th percentile and largest time from its end until all were valid again [s], over the
+            schedules in which it ended last; None if there are none.
     """
 
     kind: str
@@ -37,21 +38,21 @@ class KindSummary(msgspec.Struct, frozen=True):
 
 
 class CampaignSummary(msgspec.Struct, frozen=True):
-    """Of a whole campaign.
+    """Summary of a campaign.
 
     Attributes:
-        seeds: First and last.
-        schedules: Their number.
+        seeds: First and last seed.
+        schedules: Number of schedules.
         simulated_h: Simulated time [h].
-        violations: Broken promises.
+        violations: Number of broken promises.
         failed: Seeds of the schedules with broken promises.
-        lost: Number of schedules in which the robots lost the payload, and which ended there.
-        first_valid_s: As ``KindSummary.recovered_s``, of the time until all were valid for the first time.
+        lost: Number of schedules in which the robots lost the payload, which ended them.
+        first_valid_s: Like ``KindSummary.recovered_s``, for the time until all were valid for the first time.
         refused: Number of messages that the codec refused.
-        lies: Number of agents that lied, and of those whom another one named.
-        untold: Number of schedules in which sensors were off by more than robots were told; of those in which a robot
-            called numbers valid that were off; and of those in which one did for more than 1 s.
-        kinds: By kind of fault.
+        lies: Number of agents that lied, and number of them that another agent named.
+        untold: Number of schedules in which sensor errors exceeded the known tolerances; of those in which a robot
+            reported wrong numbers as valid; and of those in which it did for more than 1 s.
+        kinds: Summaries by kind of fault.
     """
 
     seeds: tuple[int, int]
@@ -68,7 +69,7 @@ class CampaignSummary(msgspec.Struct, frozen=True):
 
 
 def summarise(outcomes: Sequence[Outcome]) -> CampaignSummary:
-    """The campaign with these outcomes, at least one."""
+    """Summarize a campaign with at least one outcome."""
     seeds = [outcome.seed for outcome in outcomes]
     kinds = sorted({kind for outcome in outcomes for kind in outcome.faults})
     return CampaignSummary(
@@ -104,7 +105,7 @@ def _kind(kind: str, with_it: Sequence[Outcome], outcomes: Sequence[Outcome]) ->
 
 
 def _off(outcomes: Sequence[Outcome]) -> tuple[int, int]:
-    """See ``KindSummary.off``."""
+    """Return ``KindSummary.off``."""
     times = [outcome.off_for for outcome in outcomes if outcome.off_for is not None]
     return len(times), sum(time > _LONG for time in times)
 
@@ -114,7 +115,7 @@ def _total(outcomes: Sequence[Outcome], of: Callable[[Outcome], float]) -> float
 
 
 def _spread(values: Sequence[float]) -> tuple[float, float, float] | None:
-    """Median, 95th percentile, largest."""
+    """Return median, 95th percentile and largest value."""
     if not values:
         return None
     median, high, largest = np.quantile(values, [0.5, 0.95, 1.0])

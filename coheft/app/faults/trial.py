@@ -1,4 +1,4 @@
-"""One schedule run, watched, and what came out."""
+"""Running one schedule with all checks."""
 
 from __future__ import annotations
 
@@ -17,24 +17,23 @@ from coheft.wire.messages.codec import encode
 
 
 class Outcome(msgspec.Struct, frozen=True, kw_only=True):
-    """What came out of one schedule.
+    """Outcome of one schedule.
 
     Attributes:
-        seed: Of the schedule.
-        faults: Kinds of its faults, and of its small errors that last.
+        seed: Seed of the schedule.
+        faults: Kinds of its faults, including lasting ones.
         last: Kind of the fault that ended last; empty if there was none.
         simulated: Simulated time [s].
-        violations: Of the promises. Where sensors are off by more than robots are told, only P2 is promised.
-        untold: Whether they are.
-        off_for: Longest time for which a robot called numbers valid that were off [s]; None if it never did.
+        violations: Broken promises. If sensor errors exceed the known tolerances, only P2 is promised.
+        untold: Whether sensor errors exceed the known tolerances.
+        off_for: Longest time for which a robot reported wrong numbers as valid [s]; None if it never did.
         first_valid: When all were valid for the first time [s]; None if never.
-        recovered: Time from the end of all faults and changes of the load until all were valid [s]; None if they were
-            not.
+        recovered: Time from the end of all faults and load changes until all were valid [s]; None if they were not.
         stale: Share of published estimates that were stale.
         refused: Number of messages that the codec refused.
         lied: Number of agents that lied.
-        named: Number of agents that lied and that another one named as a reason or a problem.
-        lost: Why the robots lost the payload; then the run ended early, and is judged up to there.
+        named: Number of agents that lied and that another agent named in a reason or a problem.
+        lost: Why the robots lost the payload; the run then ended early, and was checked up to there.
         took: Wall-clock time [s].
     """
 
@@ -56,7 +55,7 @@ class Outcome(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def try_schedule(schedule: FaultSchedule) -> Outcome:
-    """Run a schedule, until its end or until all is well for good, and check every promise."""
+    """Run a schedule until its end, or until all robots have recovered for good, and check every promise."""
     began = time.perf_counter()
     run = FaultyRun(schedule)
     watch, recovery, names = Watch(schedule, run.scene), Recovery(schedule), _Named(schedule)
@@ -69,7 +68,7 @@ def try_schedule(schedule: FaultSchedule) -> Outcome:
             recovery.look(block)
             names.look(block)
             quiet.look(block)
-            if recovery.is_steady and not untold:  # a sensor that stays off may show late
+            if recovery.is_steady and not untold:  # effects of a lasting sensor error may show late
                 break
     except SimulationError as error:
         lost = str(error)
@@ -98,7 +97,7 @@ def try_schedule(schedule: FaultSchedule) -> Outcome:
 
 
 class _Quiet:
-    """Whether a run is the same as one without harmless messages, which goes beside it from where they begin.
+    """Compares a run with a second one without harmless messages, which starts when they begin.
 
     Attributes:
         violation: The first difference.
@@ -114,7 +113,7 @@ class _Quiet:
         self._begin()
 
     def look(self, block: FaultyBlock) -> None:
-        """Compare what was published after a block."""
+        """Compare the estimates that were published after a block."""
         if self._quiet is not None and _published(next(self._quiet)) != _published(block):
             said = "estimates differ from those without the harmless messages"
             self.violation = self.violation or Violation("P2", block.truth.time, "", said)
@@ -126,20 +125,20 @@ class _Quiet:
 
 
 def _published(block: FaultyBlock) -> bytes:
-    """All estimates after a block, but for how many messages were refused."""
+    """Return all estimates after a block as bytes, without the number of refused messages."""
     estimates = [outbox.estimate for _, outbox in sorted(block.outboxes.items()) if outbox.estimate is not None]
     return b"".join(encode(msgspec.structs.replace(estimate, problems=0), "") for estimate in estimates)
 
 
 class _Named:
-    """Which liars others have named while or after they lied."""
+    """Finds out which lying agents others have named since they began to lie."""
 
     def __init__(self, schedule: FaultSchedule) -> None:
         self._lies = [fault for fault in schedule.faults if isinstance(fault, Lie)]
         self._named: set[str] = set()
 
     def look(self, block: FaultyBlock) -> None:
-        """Take in what was published after a block."""
+        """Add what was published after a block."""
         for lie in self._lies:
             if lie.robot in self._named or block.truth.time < lie.start:
                 continue
@@ -150,10 +149,10 @@ class _Named:
 
     @property
     def liars(self) -> int:
-        """How many there are."""
+        """Number of agents that lie."""
         return len({lie.robot for lie in self._lies})
 
     @property
     def count(self) -> int:
-        """How many were named."""
+        """Number of them that were named."""
         return len(self._named)

@@ -1,4 +1,4 @@
-"""Schedules of faults with some values that are not drawn."""
+"""Schedules of faults with some values that are set instead of drawn."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from coheft.wire.scenario.file import scenario_of
 from coheft.wire.scenario.set_values import set_values
 
 _DRAWN = ("robots", "graph", "duration", "seed")
-"""Keys that faults are about: robots and links by their names, times."""
+"""Keys that may not be set, because faults refer to robots, links and times."""
 
 
 def with_values(schedule: FaultSchedule, values: Sequence[str]) -> FaultSchedule:
-    """A drawn schedule with some values that were not drawn, see ``coheft.wire.scenario.set_values``.
+    """Set values of a drawn schedule, see ``coheft.wire.scenario.set_values``.
 
     Raises:
-        ScenarioError: A value cannot be used, or changes whom the faults are about.
+        ScenarioError: A value is invalid, or changes the robots or links that faults refer to.
     """
     drawn = schedule.scenario
     origin = f"{drawn.name} with {' '.join(f'--set {value}' for value in values)}"
@@ -28,5 +28,5 @@ def with_values(schedule: FaultSchedule, values: Sequence[str]) -> FaultSchedule
     chosen = scenario_of(table, origin)
     for key in _DRAWN:
         if getattr(chosen, key) != getattr(drawn, key):
-            raise ScenarioError(f"{origin}: key '{key}': it is drawn with the faults, which are about it; leave it out")
+            raise ScenarioError(f"{origin}: key '{key}' is drawn together with the faults: leave it out")
     return msgspec.structs.replace(schedule, scenario=chosen)

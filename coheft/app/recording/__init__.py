@@ -1,6 +1,6 @@
 """Recordings of whole runs: MCAP files of ROS 2 messages, with the run's own messages for an exact replay.
 
-Takes the packages of the extra ``record``; without them this import raises ``MissingPackageError``.
+Needs the packages of the extra ``record``; without them this import raises ``MissingPackageError``.
 """
 
 from importlib.util import find_spec

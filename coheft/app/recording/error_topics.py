@@ -1,4 +1,4 @@
-"""How far a robot's estimate is off, beside three of its own standard deviations, as ROS 2 messages by topic."""
+"""Errors of a robot's estimate, with three of its own standard deviations, as ROS 2 messages by topic."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from coheft.wire.messages.structs import Estimate, PayloadEstimate
 
 
 def error_messages(time: int, estimate: Estimate, judge: Judge, total_time: int) -> Iterator[tuple[str, RosMessage]]:
-    """Errors (estimate minus truth) of an estimate; the judge knows the truth of its block.
+    """Yield the errors (estimate minus truth) of an estimate by topic; the judge has the truth of its block.
 
     Args:
         time: End of the block [ns].
-        estimate: What a robot believes.
-        judge: Who knows.
-        total_time: When the sample was taken to which its total wrench belongs [ns].
+        estimate: The estimate.
+        judge: Compares estimates with the truth.
+        total_time: Time of the sample to which its total wrench belongs [ns].
     """
     name = estimate.robot
     if estimate.payload is not None:
@@ -54,5 +54,5 @@ def _payload_spread(time: int, frame: str, claimed: PayloadEstimate) -> RosMessa
 
 
 def _length_spread(covariance: Array) -> float:
-    """Root mean square length of a vector of such a covariance (3, 3)."""
+    """Return the root mean square length of a vector with a covariance (3, 3)."""
     return float(np.sqrt(np.trace(covariance)))

@@ -1,4 +1,4 @@
-"""What a robot believes, as ROS 2 messages by topic, in its own grasp frame."""
+"""A robot's estimate as ROS 2 messages by topic, in its own grasp frame."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ _LEVELS = {"starting": ros.DOUBTFUL, "valid": ros.OK, "stale": ros.STALE}
 
 
 def estimate_messages(time: int, estimate: Estimate, total_time: int) -> Iterator[tuple[str, RosMessage]]:
-    """An estimate at its block's end.
+    """Yield the messages of an estimate by topic.
 
     Args:
         time: End of the block [ns].
-        estimate: What a robot believes.
-        total_time: When the sample was taken to which its total wrench belongs [ns].
+        estimate: The estimate.
+        total_time: Time of the sample to which its total wrench belongs [ns].
     """
     name, payload = estimate.robot, estimate.payload
     if payload is not None:

@@ -1,4 +1,4 @@
-"""What happened in a run, in words: loads that come and go, robots that notice it, estimates that become stale."""
+"""Log of events in a run: loads that are added or removed, robots that notice it, estimates that become stale."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from coheft.wire.transport.planes import SERVER
 
 
 class Line(NamedTuple):
-    """Who says it, how grave it is, what it is."""
+    """A line of the log, with its source and its level."""
 
     name: str
     level: int
@@ -22,7 +22,7 @@ class Line(NamedTuple):
 
 
 class LogBook:
-    """Tells what is new."""
+    """Turns messages into log lines for new events."""
 
     def __init__(self) -> None:
         self._loads: dict[int, LoadState] | None = None
@@ -31,7 +31,7 @@ class LogBook:
         self._named: set[tuple[str, float]] = set()
 
     def lines(self, news: News) -> Iterator[Line]:
-        """What these news say that was not so before."""
+        """Yield a line for each new event in a message."""
         match news:
             case Truth():
                 yield from self._load_lines({load.id: load for load in news.loads})
@@ -45,10 +45,10 @@ class LogBook:
         for number, load in loads.items():
             if number not in before:
                 place = ", ".join(f"{value:g}" for value in load.position)
-                yield Line(SERVER, ros.INFO, f"load {number} of {load.mass:g} kg is put on at ({place}) m")
+                yield Line(SERVER, ros.INFO, f"load {number} of {load.mass:g} kg is added at ({place}) m")
         for number in before:
             if number not in loads:
-                yield Line(SERVER, ros.INFO, f"load {number} is taken away")
+                yield Line(SERVER, ros.INFO, f"load {number} is removed")
         self._loads = loads
 
     def _robot_lines(self, estimate: Estimate) -> Iterator[Line]:

@@ -1,4 +1,4 @@
-"""An MCAP file of ROS 2 messages, while it is written."""
+"""Writing of an MCAP file of ROS 2 messages."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ import coheft
 from coheft.app.recording.ros import RosMessage, definition, to_cdr
 
 COPY = "definitions.mcap"
-"""Attachments with all records that define topics and types: without these, messages mean nothing, and a chunk that
-defines some may be damaged."""
+"""Name of attachments with all records that define topics and types: messages cannot be read without these, and the
+chunk that contains them may be damaged."""
 _CHUNK = 2**18
-"""Messages are compressed together in pieces of about this size [bytes]."""
+"""Messages are compressed together in chunks of about this size [bytes]."""
 
 
 def make_writer(file: BinaryIO) -> Writer:
-    """The library's writer, with our settings; nothing is written yet."""
+    """Return the library's writer with our settings; nothing is written yet."""
     return Writer(file, chunk_size=_CHUNK, compression=CompressionType.ZSTD, enable_data_crcs=True)
 
 
 class McapFile:
-    """Writes messages; topics are made as they come."""
+    """Writes messages; topics are defined when they are first used."""
 
     def __init__(self, file: BinaryIO) -> None:
         self._writer = make_writer(file)
@@ -38,20 +38,20 @@ class McapFile:
         self._flushes = 0
 
     def describe(self, name: str, values: Mapping[str, str]) -> None:
-        """Add a table about the recording."""
+        """Add a table of metadata."""
         self._writer.add_metadata(name, dict(values))
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
-        """Add a file."""
+        """Add an attachment."""
         self._writer.add_attachment(create_time=0, log_time=0, name=name, media_type=media_type, data=data)
 
     def repeat(self, name: str, media_type: str, data: bytes) -> None:
-        """Add a file without which all others mean nothing: now, and again at some of the next flushes."""
+        """Add an attachment that is essential for reading the file: now, and again at some of the next flushes."""
         self._repeated.append((name, media_type, data))
         self.attach(name, media_type, data)
 
     def write(self, topic: str, time: int, message: RosMessage) -> None:
-        """Add a message that came at a simulated time [ns]; all of a topic must be of one type."""
+        """Add a message at a simulated time [ns]; all messages of a topic must have the same type."""
         if topic not in self._channels:
             self._channels[topic] = self._new_channel(topic, message.__msgtype__)
         self._writer.add_message(self._channels[topic], log_time=time, data=to_cdr(message), publish_time=time)
@@ -65,10 +65,10 @@ class McapFile:
         return channel
 
     def flush(self) -> None:
-        """Hand all that was written to the system: a process that is killed from now on loses none of it."""
+        """Pass everything to the operating system: if the process is killed afterwards, none of it is lost."""
         self._writer.flush()
         self._flushes += 1
-        is_time_to_repeat = self._flushes & (self._flushes - 1) == 0  # 1, 2, 4, 8, …: far apart, and few
+        is_time_to_repeat = self._flushes & (self._flushes - 1) == 0  # 1, 2, 4, 8, …
         if self._copied < len(self._definitions) or (is_time_to_repeat and self._copied):
             self._copied = len(self._definitions)
             self.attach(COPY, "application/octet-stream", _bytes(self._definitions))
@@ -78,7 +78,7 @@ class McapFile:
         self._writer.flush()
 
     def finish(self) -> None:
-        """Write the table of contents; nothing can be added any more."""
+        """Write the summary; nothing can be added afterwards."""
         self._writer.finish()
 
 

@@ -1,4 +1,4 @@
-"""The records of an MCAP file one after the other, also of one that was not finished."""
+"""Iteration over the records of an MCAP file, also of an incomplete one."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from mcap.stream_reader import StreamReader
 from coheft.errors import RecordingError
 
 MAGIC = b"\x89MCAP0\r\n"
-"""With this an MCAP file begins, and ends if it was finished."""
+"""An MCAP file begins with this, and ends with it if it is complete."""
 DAMAGE = (McapError, zstandard.ZstdError, ValueError, struct.error, OverflowError, MemoryError)
-"""What the library raises for a file that is cut or damaged."""
+"""Exceptions that the library raises for an incomplete or damaged file."""
 
 
 def is_finished(file: BinaryIO) -> bool:
-    """Whether an MCAP file has an end; leaves the file at its start.
+    """Whether an MCAP file is complete; leaves the file at its start.
 
     Raises:
-        RecordingError: It is no MCAP file.
+        RecordingError: It is not an MCAP file.
     """
     start = file.read(len(MAGIC))
     if start != MAGIC:
-        raise RecordingError("it is no MCAP file" if start else "it is empty")
+        raise RecordingError("it is not an MCAP file" if start else "it is empty")
     size = file.seek(0, os.SEEK_END)
     file.seek(max(len(MAGIC), size - len(MAGIC)))
     end = file.read()
@@ -37,11 +37,11 @@ def is_finished(file: BinaryIO) -> bool:
 
 
 class DamagedError(RecordingError):
-    """An MCAP file is cut or damaged."""
+    """An MCAP file is incomplete or damaged."""
 
 
 class _Bounded:
-    """A file of which no more is asked than it holds: damaged lengths would be given memory."""
+    """A file from which no more is read than it contains: memory would be allocated for damaged lengths."""
 
     def __init__(self, file: BinaryIO) -> None:
         self._file = file
@@ -54,10 +54,10 @@ class _Bounded:
 
 
 def read_records(file: BinaryIO) -> Iterator[McapRecord]:
-    """The file's records from its start; those in chunks one by one.
+    """Yield the file's records from its start; those in chunks one by one.
 
     Raises:
-        DamagedError: It is cut, or damaged; after all records before that place.
+        DamagedError: The file is incomplete or damaged; raised after all records before that place.
     """
     schemas, channels = {0}, set[int]()
     try:
@@ -66,12 +66,12 @@ def read_records(file: BinaryIO) -> Iterator[McapRecord]:
                 case Schema():
                     schemas.add(record.id)
                 case Channel() if record.schema_id not in schemas:
-                    raise ValueError(f"topic {record.topic!r} is of no known type")
+                    raise ValueError(f"topic {record.topic!r} has an unknown type")
                 case Channel():
                     channels.add(record.id)
                 case Message() if record.channel_id not in channels:
-                    raise ValueError("a message is of no known topic")
+                    raise ValueError("a message has an unknown topic")
             yield record
     except DAMAGE as error:
-        reason = str(error) or "it just ends"
-        raise DamagedError(f"it is cut or damaged before byte {file.tell()}: {reason}") from error
+        reason = str(error) or "unexpected end"
+        raise DamagedError(f"it is incomplete or damaged before byte {file.tell()}: {reason}") from error

@@ -1,7 +1,7 @@
-"""The sound pieces of an MCAP file, whatever has become of the others: damage is not taken for the end.
+"""The undamaged pieces of an MCAP file, including those after damage.
 
-Chunks and attachments have checksums: behind damage, reading goes on at the next one whose checksum fits. Chunks tell
-their own length inside, so damage right before one does not hide it. Every other record is taken if it can be read.
+Chunks and attachments have checksums: after damage, reading continues at the next one whose checksum is right. Chunks
+contain their own length, so damage right before one does not hide it. Every other record is used if it can be read.
 """
 
 from __future__ import annotations
@@ -22,26 +22,26 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from coheft.app.recording.mcap_records import DAMAGE, MAGIC
 
 _HEAD = struct.Struct("<BQ")
-"""Of each record: what it is, and how long [bytes]."""
+"""Head of each record: its type and length [bytes]."""
 _CHUNK_HEAD = struct.Struct("<QQQII")
-"""Begin, end, size, checksum, and the length of the compression's name."""
+"""Head of a chunk: begin, end, size, checksum, length of the compression's name."""
 _NAME_LIMIT = 16
-"""No compression has a longer name."""
+"""No name of a compression is longer."""
 _FIRST_UNKNOWN = 0x10
-"""From here on, readers skip what they do not know."""
-# A chunk or an attachment, of less than 4 GiB.
+"""Readers skip types of records from here on, which they do not know."""
+# The start of a chunk or an attachment of less than 4 GiB.
 _MAY_BE_SEALED = re.compile(rb"(?=[\x06\x09].{4}\x00{4})", re.DOTALL)
 
 
 @dataclass(frozen=True)
 class Piece:
-    """What stands between two places of a file, and is sound.
+    """An undamaged piece of a file.
 
     Attributes:
-        start: Where it begins [bytes].
-        end: Where it ends [bytes].
-        records: All records of a chunk, or one that stands alone.
-        is_sealed: Whether its checksum fits.
+        start: Its start [bytes].
+        end: Its end [bytes].
+        records: All records of a chunk, or a single record.
+        is_sealed: Whether it has a checksum, which is right.
     """
 
     start: int
@@ -52,17 +52,17 @@ class Piece:
 
 @dataclass(frozen=True)
 class Loss:
-    """What stands between two places of a file [bytes], and is not sound."""
+    """A damaged piece of a file between two offsets [bytes]."""
 
     start: int
     end: int
 
 
 def pieces(content: bytes) -> Iterator[Piece | Loss]:
-    """All that a file holds, in its order, but for the magic bytes at both ends.
+    """Yield all pieces of a file in order, without the magic bytes at both ends.
 
     Args:
-        content: Of the file; anything that can be sliced like bytes, so that it need not be in memory.
+        content: Content of the file; anything that can be sliced like bytes, so that it need not be in memory.
     """
     place = len(MAGIC)
     while place < len(content) and not _is_end(content, place):
@@ -72,7 +72,7 @@ def pieces(content: bytes) -> Iterator[Piece | Loss]:
 
 
 def is_whole(content: bytes) -> bool:
-    """Whether nothing of a file is damaged or missing, as far as it has checksums: ours have all that there are."""
+    """Whether a file is complete and undamaged, as far as it has checksums; ours have all possible ones."""
     if content[-len(MAGIC) :] != MAGIC:
         return False
     last: McapRecord | None = None
@@ -102,7 +102,7 @@ def _is_end(content: bytes, place: int) -> bool:
 
 
 def _piece_at(content: bytes, place: int) -> Piece | None:
-    """The record that begins there; None: none that is sound."""
+    """Return the record that begins at an offset; None if there is no undamaged one."""
     if place + _HEAD.size > len(content):
         return None
     opcode, length = _HEAD.unpack(content[place : place + _HEAD.size])
@@ -112,7 +112,7 @@ def _piece_at(content: bytes, place: int) -> Piece | None:
 
 
 def _single(content: bytes, opcode: int, place: int, end: int) -> Piece | None:
-    """A record that is no chunk."""
+    """Return a record that is not a chunk."""
     if opcode >= _FIRST_UNKNOWN:
         return None
     try:
@@ -129,12 +129,12 @@ def _single(content: bytes, opcode: int, place: int, end: int) -> Piece | None:
 
 
 def _chunk(content: bytes, place: int, end: int | None) -> Piece | None:
-    """A chunk whose checksum fits, even if the head before it is damaged.
+    """Return a chunk with a correct checksum, even if the head before it is damaged.
 
     Args:
-        content: Of the file.
-        place: Where it begins.
-        end: Where it ends if its head is right; None: it is not that of a chunk.
+        content: Content of the file.
+        place: Its start.
+        end: Its end according to its head; None if the head is not that of a chunk.
     """
     body = place + _HEAD.size
     start = body + _CHUNK_HEAD.size
@@ -155,7 +155,9 @@ def _chunk(content: bytes, place: int, end: int | None) -> Piece | None:
 
 
 def _next_place(content: bytes, place: int) -> int:
-    """Where to go on after damage: behind what is damaged if its length is right, or else at what is surely sound."""
+    """Return where to continue after damage: after the damaged record if its length is right, or else at a sealed
+    piece.
+    """
     if place + _HEAD.size <= len(content):
         behind: int = place + _HEAD.size + _HEAD.unpack(content[place : place + _HEAD.size])[1]
         if behind == len(content) or (behind < len(content) and _piece_at(content, behind)):
@@ -169,7 +171,7 @@ def _next_place(content: bytes, place: int) -> int:
 
 
 class _Strict(ReadDataStream):  # type: ignore[misc]  # mcap has no types
-    """Gives no less than it is asked for."""
+    """A stream that raises ``EndOfFile`` instead of returning less than requested."""
 
     def read(self, length: int) -> bytes:
         data: bytes = super().read(length)

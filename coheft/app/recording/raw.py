@@ -1,4 +1,4 @@
-"""The messages of the observer plane as bytes under topics of their own, so that a replay is exact."""
+"""The messages of the observer plane as bytes under separate topics, so that a replay is exact."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ KINDS: dict[str, type[Message]] = {
     "/coheft/estimate": Estimate,
     "/coheft/problem": Problem,
 }
-"""What is recorded under which topic."""
+"""Types of messages by topic."""
 _TOPICS = {kind: topic for topic, kind in KINDS.items()}
 
 
 def to_raw(message: Message) -> tuple[str, bytes]:
-    """Topic and bytes of a message."""
+    """Return the topic and the bytes of a message."""
     topic = _TOPICS[type(message)]
     return topic, encode(message, topic)
 
 
 def from_raw(topic: str, data: bytes) -> Message:
-    """The message that was recorded.
+    """Decode a recorded message.
 
     Raises:
-        MessageError: It is damaged, or of a protocol version that is too old or too new.
+        MessageError: It is damaged, or its protocol version is too old or too new.
     """
     if is_former(data):
         return decode_former(data, KINDS[topic], topic)

@@ -1,4 +1,4 @@
-"""Reads recordings back, as exactly what was heard when they were made."""
+"""Reading of recordings: returns exactly the messages that were received when they were made."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ from coheft.wire.transport.planes import SERVER
 SCENARIO = "scenario.json"
 """Name of the attachment with the scenario."""
 BEGIN = "begin.msgpack"
-"""Name of the attachment with a copy of the first status: nothing can be shown without it."""
+"""Name of the attachment with a copy of the first status, which is essential for showing a run."""
 VERSIONS = "versions"
-"""Name of the metadata with versions of programs."""
+"""Name of the metadata with versions of packages."""
 
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """A run as it was heard.
+    """The messages of a recorded run.
 
     Attributes:
-        begin: The server's status when the run had begun: who holds the payload, for how long.
-        scenario: What was run, as JSON of the struct ``Scenario``; empty if a damaged file has lost it.
-        versions: Of the programs that made it, by name; likewise.
-        news: Simulated time [s] and message, in the order in which they were heard.
+        begin: The server's status when the run had begun.
+        scenario: The scenario as JSON of the struct ``Scenario``; empty if a damaged file has lost it.
+        versions: Versions of the packages that made the recording, by name; empty if a damaged file has lost them.
+        news: Simulated time [s] and message, in order of arrival.
     """
 
     begin: Status
@@ -48,18 +48,18 @@ def read_recording(path: Path) -> Recording:
     """Read a recording that ``coheft run --record`` made.
 
     Raises:
-        RecordingError: It cannot be read, was not finished, or holds something else.
+        RecordingError: It cannot be read, is incomplete, or is something else.
     """
     try:
         with path.open("rb") as file:
             if not is_finished(file):
                 raise RecordingError(
-                    "it has no end: whoever wrote it was killed, or writes still. To save what there is: "
+                    "it is incomplete: the process that writes it was killed, or still runs. To save its content: "
                     f"coheft recover {path}"
                 )
             return _collect(read_records(file))
     except DamagedError as error:
-        raise RecordingError(f"{path}: {error}. To save what there is: coheft recover {path}") from error
+        raise RecordingError(f"{path}: {error}. To save its content: coheft recover {path}") from error
     except (RecordingError, MessageError) as error:
         raise RecordingError(f"{path}: {error}") from error
     except OSError as error:
@@ -89,7 +89,7 @@ def _collect(records: Iterable[McapRecord]) -> Recording:
                 elif begin is not None:
                     news.extend(_checked(record.log_time, message, begin.scene))
     if begin is None:
-        raise RecordingError("it is no recording of a run, or of one that never began; 'coheft run --record' makes one")
+        raise RecordingError("it contains no run, or one that never began; 'coheft run --record' makes recordings")
     try:
         scenario = attached.get(SCENARIO, b"").decode()
     except UnicodeDecodeError as error:
@@ -99,7 +99,7 @@ def _collect(records: Iterable[McapRecord]) -> Recording:
 
 def _begin(message: Message) -> Status:
     if not isinstance(message, Status):
-        raise RecordingError("it does not say how its run began")
+        raise RecordingError("its first status is missing")
     check_status(message)
     return message
 

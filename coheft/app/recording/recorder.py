@@ -1,4 +1,4 @@
-"""Records a run while it goes on."""
+"""Recording of a run in progress."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ from coheft.wire.messages.requests import Status
 from coheft.wire.scenario.schema import Scenario
 
 _FLUSH_EVERY = 1.0
-"""Wall time of which a killed run loses the recording at most [s]."""
+"""Largest wall time at the end of a killed run that is missing in its recording [s]."""
 
 
 class Recorder(Follower):
-    """Writes all that it hears to an MCAP file.
+    """Writes all messages to an MCAP file.
 
-    It writes in a thread of its own: Ctrl-C ends what the main thread does in the middle, and a message that was
-    written by half would spoil the file. Leaving the context finishes the file, however the run has ended; a run that
-    never began leaves none. When the file cannot be written any more, the run goes on without it: what else it finds is
-    not to be lost with it.
+    It writes in a separate thread, because Ctrl-C may interrupt the main thread anywhere, and a partly written message
+    would damage the file. Leaving the context completes the file, however the run ended; for a run that never began,
+    the file is removed. If the file can no longer be written, the run continues without it, so that its other results
+    are not lost.
 
     Args:
-        path: Must not be there yet.
-        scenario: What is run.
+        path: Path of the file, which must not exist yet.
+        scenario: The scenario of the run.
 
     Raises:
-        RecordingError: The file is there, or cannot be written.
+        RecordingError: The file exists already, or cannot be written.
     """
 
     def __init__(self, path: Path, scenario: Scenario) -> None:
@@ -59,21 +59,21 @@ class Recorder(Follower):
             raise self._failure
 
     def begin(self, status: Status) -> None:
-        """The run begins."""
+        """See ``Follower.begin``."""
         self._news.put(status)
 
     def hear(self, news: News) -> None:
-        """Somebody has said something."""
+        """See ``Follower.hear``."""
         if self._failure is None:
             self._news.put(news)
 
     @property
     def problem(self) -> str:
-        """Why the file could not be written any more, and what to do; empty if it could."""
+        """Why the file could no longer be written, and what to do; empty if it could."""
         if not isinstance(self._failure, OSError):
             return ""
         return (
-            f"{self._path}: could not be written any more: {self._failure.strerror}. To save what there is: "
+            f"{self._path}: could no longer be written: {self._failure.strerror}. To save its content: "
             f"coheft recover {self._path}"
         )
 
@@ -96,7 +96,7 @@ class Recorder(Follower):
         out.finish()
 
     def _next(self, out: McapFile) -> Status | News | None:
-        """Wait for what is to be written next; None is the end. Meanwhile, flush when it is time."""
+        """Wait for the next item to write; None is the end. Flush regularly meanwhile."""
         while True:
             wait = self._flush_at - time.monotonic()
             if wait <= 0.0:
@@ -106,7 +106,7 @@ class Recorder(Follower):
             try:
                 return self._news.get(timeout=wait)
             except Empty:
-                if not threading.main_thread().is_alive():  # it was interrupted before it could say so
+                if not threading.main_thread().is_alive():  # it was interrupted before it could end the recording
                     return None
 
 
@@ -114,6 +114,6 @@ def _create(path: Path) -> BinaryIO:
     try:
         return path.open("xb")
     except FileExistsError as error:
-        raise RecordingError(f"{path} is there already: give another name, or remove it") from error
+        raise RecordingError(f"{path} exists already: give another name, or remove it") from error
     except OSError as error:
         raise RecordingError(f"{path}: cannot be written: {error.strerror}") from error

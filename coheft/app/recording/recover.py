@@ -1,4 +1,4 @@
-"""Saves what there is of a recording that was not finished, or was damaged."""
+"""Recovery of incomplete or damaged recordings."""
 
 from __future__ import annotations
 
@@ -18,19 +18,18 @@ from coheft.app.recording.mcap_records import DAMAGE, MAGIC
 from coheft.app.recording.pieces import Loss, Piece, is_whole, pieces
 from coheft.errors import RecordingError
 
-_ALIKE = 5
-"""With so many of its first bytes right, a file is an MCAP file that is damaged there."""
+_MAGIC_MATCHES = 5
+"""Number of correct bytes of the magic number with which a file counts as a damaged MCAP file."""
 
 
 @dataclass(frozen=True)
 class Lost:
-    """What could not be saved at one place.
+    """A part of a file that could not be saved.
 
-    Attributes:
-        start: Where it begins in the old file [bytes].
-        end: Where it ends [bytes].
-        after: What comes before it tells of the run up to here [s]; -inf: nothing does.
-        before: What follows it tells of the run from here on [s]; inf: nothing does.
+    start: Its start in the old file [bytes].
+    end: Its end [bytes].
+    after: Latest time of the run before it [s]; -inf if there is none.
+    before: Earliest time of the run after it [s]; inf if there is none.
     """
 
     start: int
@@ -41,13 +40,12 @@ class Lost:
 
 @dataclass(frozen=True)
 class Saved:
-    """What could be saved.
+    """Result of a recovery.
 
-    Attributes:
-        messages: How many.
-        until: How long they tell of the run [s].
-        lost: What could not be saved, by its place.
-        nameless: Messages that could not be saved because no one says any more what they are.
+    messages: Number of saved messages.
+    until: Latest time of the run in them [s].
+    lost: Parts that could not be saved, in order.
+    nameless: Number of messages that could not be saved because the definitions of their topics are lost.
     """
 
     messages: int
@@ -57,23 +55,23 @@ class Saved:
 
 
 def recover(path: Path, output: Path, *, overwrite: bool = False) -> Saved | None:
-    """Write all that is sound of an MCAP file that has no end, or is damaged, into a new one that is whole.
+    """Write the undamaged content of an incomplete or damaged MCAP file to a new, complete one.
 
-    The old file stays as it is, unless it is the output, too. The output is there when it is complete, not before.
+    The old file is not changed, unless it is also the output. The output appears only when it is complete.
 
     Args:
-        path: What somebody wrote who was killed, or whose disk has changed it.
-        output: Where to.
-        overwrite: Whether there may be something already.
+        path: The recording.
+        output: The file to write.
+        overwrite: Whether to replace an existing output.
 
     Returns:
-        None if the old file is whole: there is nothing to do, and nothing was written.
+        The result; None if the recording is complete, so that nothing was written.
 
     Raises:
-        RecordingError: It cannot be read, holds nothing that could be saved, or the output cannot be written.
+        RecordingError: It cannot be read, contains no messages that could be saved, or the output cannot be written.
     """
     if output.exists() and not overwrite:
-        raise RecordingError(f"{output} is there already: give another name with --output, or add --overwrite")
+        raise RecordingError(f"{output} exists already: give another name with --output, or add --overwrite")
     part = output.with_name(f"{output.name}.part")
     try:
         with _content(path) as content:
@@ -93,23 +91,23 @@ def recover(path: Path, output: Path, *, overwrite: bool = False) -> Saved | Non
 
 @contextmanager
 def _content(path: Path) -> Iterator[bytes]:
-    """What an MCAP file holds, without reading all of it.
+    """Map the content of an MCAP file into memory.
 
     Raises:
-        RecordingError: It is none.
+        RecordingError: It is not an MCAP file.
     """
     with path.open("rb") as file:
         begin = file.read(len(MAGIC))
         if not begin:
             raise RecordingError("it is empty")
-        if sum(one == other for one, other in zip(begin, MAGIC, strict=False)) < _ALIKE:
-            raise RecordingError("it is no MCAP file")
+        if sum(one == other for one, other in zip(begin, MAGIC, strict=False)) < _MAGIC_MATCHES:
+            raise RecordingError("it is not an MCAP file")
         with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
             yield content  # type: ignore[misc]  # it can be sliced like bytes
 
 
 def _copy(content: bytes, writer: Writer) -> Saved:
-    """Write all sound pieces, and an end."""
+    """Write all undamaged pieces and a summary."""
     channels = _define(content, writer)
     count, nameless, latest = 0, 0, -math.inf
     lost: list[Lost] = []
@@ -136,16 +134,16 @@ def _copy(content: bytes, writer: Writer) -> Saved:
                 nameless += 1
         _copy_others(piece, writer)
     if count == 0:
-        raise RecordingError("there is no message in it that could be saved")
+        raise RecordingError("it contains no message that could be saved")
     writer.finish()
     return Saved(count, latest, tuple(lost), nameless)
 
 
 def _define(content: bytes, writer: Writer) -> dict[int, int]:
-    """Write what topics and types a file has; return the new number of each topic, by the old one.
+    """Write the definitions of topics and types; return the new number of each topic, by the old one.
 
-    A chunk defines the topics of which it has the first message. If it is damaged, a copy of the definitions tells what
-    those of later chunks are. What has a checksum counts more than what has none.
+    A chunk defines the topics whose first messages it contains. If it is damaged, a copy of the definitions replaces
+    it. Records with a checksum take precedence.
     """
     header = Header("", "")
     found: dict[tuple[type[McapRecord], int], McapRecord] = {}
@@ -174,7 +172,7 @@ def _define(content: bytes, writer: Writer) -> dict[int, int]:
 
 
 def _with_copied(records: list[McapRecord]) -> Iterator[McapRecord]:
-    """All records, and those of which a file has a copy."""
+    """Yield all records, and those in copies of the definitions."""
     for record in records:
         yield record
         if isinstance(record, Attachment) and record.name == COPY:
@@ -189,7 +187,7 @@ def _with(lost: list[Lost], loss: Loss, latest: float) -> list[Lost]:
 
 
 def _copy_others(piece: Piece, writer: Writer) -> None:
-    """Write what is no message; the new file needs no copy of its definitions."""
+    """Write attachments and metadata; the new file needs no copy of its definitions."""
     for record in piece.records:
         match record:
             case Attachment() if record.name != COPY:

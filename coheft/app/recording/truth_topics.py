@@ -1,4 +1,4 @@
-"""What the server knows, as ROS 2 messages by topic: what is true, and what every robot measures."""
+"""The server's messages as ROS 2 messages by topic: the truth, and the measurements of every robot."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ _GREY, _ORANGE = (0.6, 0.6, 0.65, 0.6), (1.0, 0.5, 0.1, 0.9)
 
 
 def scene_messages(time: int, scene: Scene) -> Iterator[tuple[str, RosMessage]]:
-    """What does not change: where each robot holds the payload."""
+    """Yield the constant part of the scene: each robot's grasp."""
     grasps = zip(scene.robots, scene.translations, scene.rotations, strict=True)
     poses = {name: (position, quaternion_from_rotation(rotation)) for name, position, rotation in grasps}
     yield "/tf_static", ros.transforms(time, PAYLOAD, poses)
 
 
 def box_messages(time: int, payload: Payload, loads: Sequence[LoadState]) -> Iterator[tuple[str, RosMessage]]:
-    """What the payload looks like, and what lies on it."""
+    """Yield the boxes of the payload and its loads."""
     boxes = [ros.MarkedBox(box.pose(), box.size, _GREY) for box in payload.boxes]
     boxes += [ros.MarkedBox(pose_of(load.position, (0.0, 0.0, 0.0)), load.size, _ORANGE) for load in loads]
     yield "/payload/markers", ros.boxes(time, PAYLOAD, boxes)
 
 
 def truth_messages(time: int, truth: Truth, scene: Scene) -> Iterator[tuple[str, RosMessage]]:
-    """The last sample of a block, taken at ``time`` [ns]."""
+    """Yield the truth of the last sample of a block, taken at ``time`` [ns]."""
     yield "/tf", ros.transforms(time, WORLD, {PAYLOAD: (truth.position, truth.quaternion)})
     yield "/payload/pose", ros.pose(time, WORLD, truth.position, truth.quaternion)
     payload = truth.payload

@@ -1,4 +1,4 @@
-"""What a recording holds: every message that an observer hears, and what it says as ROS 2 messages."""
+"""Content of a recording: every message that an observer receives, and its content as ROS 2 messages."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ from coheft.wire.scenario.schema import Scenario
 
 
 class RunWriter:
-    """Writes a run into an MCAP file, which is somebody else's to flush and to finish.
+    """Writes the messages of a run to an MCAP file, which the caller flushes and completes.
 
-    Messages are filed under the simulated time of which they tell; their headers have that of the sample.
+    The log time of a message is the simulated time that it refers to; the time in its header is that of the sample.
 
     Args:
         out: The file.
-        scenario: What is run.
-        begin: How it begins.
+        scenario: The scenario of the run.
+        begin: The server's status when the run has begun.
     """
 
     def __init__(self, out: McapFile, scenario: Scenario, begin: Status) -> None:
@@ -52,7 +52,7 @@ class RunWriter:
         self._write(self._newest, scene_messages(self._newest, begin.scene))
 
     def hear(self, news: News) -> None:
-        """Write what an observer has heard."""
+        """Write a received message."""
         time = self._newest if isinstance(news, Problem) else _nanoseconds(news.time)
         self._newest = max(self._newest, time)
         self._write_raw(time, news)
@@ -77,13 +77,13 @@ class RunWriter:
         self._write_errors(self._pairing.add_truth(truth))
 
     def _write_errors(self, estimates: Iterable[Estimate]) -> None:
-        """Of estimates of which the truth has come."""
+        """Write the errors of estimates whose truth has arrived."""
         for estimate in estimates:
             time = _nanoseconds(estimate.time)
             self._write(time, error_messages(time, estimate, self._pairing.judge, self._total_time(estimate)))
 
     def _total_time(self, estimate: Estimate) -> int:
-        """When the sample was taken to which the total wrench of an estimate belongs [ns]."""
+        """Return the time of the sample to which the total wrench of an estimate belongs [ns]."""
         age = (estimate.block - estimate.total_block) * self._scenario.block_duration
         return max(0, _nanoseconds(estimate.time - age) - self._sample)
 

@@ -1,1 +1,1 @@
-"""What is kept of a run, and how estimates are judged against the truth."""
+"""Records of a run, and comparison of estimates with the truth."""

@@ -1,4 +1,4 @@
-"""How a load was carried along the common path: against the path, and against each other."""
+"""How well a load was carried along the common path: deviations from the path, and internal forces."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ from coheft.wire.messages.truth import Truth
 from coheft.wire.scenario.schema import Scenario
 
 SETTLING = 2.0
-"""After the feed-forward begins, and after a load change, so much later the next phase begins [s]."""
+"""Time after the start of feed-forward, or after a load change, at which the next phase begins [s]."""
 PROMISED = 5.0
-"""With feed-forward the load is off by so many times less than without."""
+"""Factor by which feed-forward reduces the deviation from the path."""
 
 _What = Literal["alone", "springs", "feedforward"]
 
 
 @dataclass(eq=False)
 class _Sums:
-    """Squares of a phase: off the path [m, rad], pushed against each other [N, N·m]."""
+    """Sums of squares in a phase: deviation from the path [m, rad], internal forces and torques [N, N·m]."""
 
     begin: float
     end: float = 0.0
@@ -40,25 +40,25 @@ class _Sums:
 
     @property
     def rms(self) -> Array:
-        """Roots of the mean squares."""
+        """Root mean squares."""
         return np.sqrt(self.squares / self.count)
 
 
 @dataclass(eq=False)
 class _Drop:
-    """A load change: when, how far off the path afterwards at most [m], when last too far off [s]."""
+    """A load change: its time, the largest deviation from the path since [m], the last time it was too large [s]."""
 
     at: float
     mass: float
     largest: float = 0.0
-    last_off: float | None = None
+    last_exceeded: float | None = None
 
 
 class CarryRecord(Follower):
-    """Follows a run that carries its load.
+    """Evaluates a run that carries its load.
 
     Args:
-        scenario: What is run; it has a common path.
+        scenario: The scenario of the run, which has a common path.
     """
 
     def __init__(self, scenario: Scenario) -> None:
@@ -73,20 +73,20 @@ class CarryRecord(Follower):
         self._drops: list[_Drop] = []
 
     def begin(self, status: Status) -> None:
-        """All links stand and the clock runs."""
+        """See ``Follower.begin``."""
         self.look_at(status.scene)
 
     def look_at(self, scene: Scene) -> None:
-        """Where the robots hold the payload."""
+        """Use the grasps of a scene."""
         self._grasps = [Pose(r, p) for r, p in zip(scene.rotations, scene.translations, strict=True)]
 
     def hear(self, news: News) -> None:
-        """Take in the truth of a block."""
+        """See ``Follower.hear``; uses truths only."""
         if isinstance(news, Truth):
             self.add(news)
 
     def add(self, truth: Truth) -> None:
-        """Take in the truth of a block."""
+        """Add the truth of a block."""
         block_duration = self._scenario.block_duration
         loads = load_ids(truth)
         if self._loads is not None and loads != self._loads:
@@ -95,7 +95,7 @@ class CarryRecord(Follower):
         self._loads = loads
         off = self.error(truth)
         pushed = np.square(internal_wrenches(truth.samples[:, WRENCH], self._grasps))
-        # Of one robot: root mean square over robots of the vectors' lengths.
+        # For a single robot: root mean square over the robots of the vectors' lengths.
         lengths = pushed.reshape(-1, 2, 3).sum(axis=2).mean(axis=0)
         phase = self._phase(truth.time)
         if phase is not None:
@@ -107,7 +107,7 @@ class CarryRecord(Follower):
             self._follow_drop(self._drops[-1], truth.time, float(off[0]))
 
     def error(self, truth: Truth) -> Array:
-        """How far the payload's frame is off the path: distance [m], angle [rad], shape (2,)."""
+        """Return the deviation of the payload's frame from the path: distance [m], angle [rad], shape (2,)."""
         rate = self._scenario.sensors.rate
         time = np.array([truth.time - 1.0 / rate])  # of the block's last sample
         displacement = self._path.displacement(time)[0][0]
@@ -118,7 +118,7 @@ class CarryRecord(Follower):
         return np.array([np.linalg.norm(truth.position - wanted.translation), np.linalg.norm(turn)])
 
     def _phase(self, time: float) -> _What | None:
-        """What is going on, None while it is changing."""
+        """Return the phase at a time, None during a transition."""
         carry, motion = self._carry, self._scenario.motion
         if time <= carry.start:
             return "alone" if time > motion.ramp else None
@@ -132,15 +132,15 @@ class CarryRecord(Follower):
         drop.largest = max(drop.largest, off)
         limit = self._limit()
         if limit is not None and off > limit:
-            drop.last_off = time
+            drop.last_exceeded = time
 
     def _limit(self) -> float | None:
-        """What was promised [m]; None without springs to compare with."""
+        """Return the largest deviation that counts as back on the path [m]; None without the phase ``springs``."""
         springs = next((sums for (what, _), sums in self._phases.items() if what == "springs"), None)
         return None if springs is None else float(springs.rms[0]) / PROMISED
 
     def report(self) -> CarryReport:
-        """What came of it, so far."""
+        """Return the report of the run so far."""
         noise_force, noise_torque = self._noise()
         return CarryReport(
             phases=[_phase_report(what, sums) for (what, _), sums in self._phases.items()],
@@ -151,7 +151,7 @@ class CarryRecord(Follower):
 
     def _drop_report(self, drop: _Drop) -> LoadDropReport:
         last = max((sums.end for sums in self._phases.values()), default=0.0)
-        back = drop.at if drop.last_off is None else drop.last_off
+        back = drop.at if drop.last_exceeded is None else drop.last_exceeded
         is_back = self._carry.feedforward and self._limit() is not None and back < last
         return LoadDropReport(
             at_s=round(drop.at, 9),
@@ -161,7 +161,7 @@ class CarryRecord(Follower):
         )
 
     def _noise(self) -> Array:
-        """What the noise of the sensors alone would look like [N, N·m]."""
+        """Return the internal force and torque that sensor noise alone would cause [N, N·m]."""
         count = len(self._grasps)
         noise = self._scenario.noise
         deviation = np.tile(np.repeat([noise.force, noise.torque], 3), count)

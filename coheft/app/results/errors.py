@@ -1,4 +1,4 @@
-"""Errors of an estimate, and whether they contradict what the estimate itself claims."""
+"""Errors of an estimate, and whether they contradict its own covariance."""
 
 from __future__ import annotations
 
@@ -9,22 +9,27 @@ from coheft.estimation.rigid_body.mass_properties import Inertia, pack_symmetric
 from coheft.wire.messages.structs import PayloadEstimate
 
 MOST_STDS = 4.0
-"""An error of more own standard deviations contradicts its claim: by chance it happens once in 16,000 numbers."""
+"""An error of more own standard deviations contradicts the estimate: by chance that happens to one in 16,000
+numbers."""
 _ROUNDING = 1e-9
-"""Of errors, in their own units: kg, m, kg·m², rad."""
+"""Errors below this are rounding errors, in their own units: kg, m, kg·m², rad."""
 PAYLOAD_PARTS = {"mass": slice(0, 1), "centre of mass": slice(1, 4), "inertia": slice(4, 10)}
-"""Of ``(m, h, J packed)``."""
+"""Slices of ``(m, h, J packed)``."""
 
 
 def pose_error(truth: Pose, estimate: Pose) -> Array:
-    """Truth minus estimate of ``pose_j_in_i``: rotation vector in the axes of ``F_i`` [rad], translation [m]; (6,)."""
+    """Return truth minus estimate of ``pose_j_in_i``: rotation vector in axes of ``F_i`` [rad], translation [m];
+    (6,).
+    """
     return np.concatenate(
         [rotation_log(truth.rotation @ estimate.rotation.T), truth.translation - estimate.translation]
     )
 
 
 def payload_error(truth: Inertia, estimate: PayloadEstimate) -> Array:
-    """Truth minus estimate of what is claimed of ``(m, h, J packed)``, shape (1,), (4,) or (10,) [kg, m, kg·m²]."""
+    """Return truth minus estimate of the known part of ``(m, h, J packed)``, shape (1,), (4,) or (10,) [kg, m,
+    kg·m²].
+    """
     com = truth.com if estimate.com is None else estimate.com
     tensor = truth.tensor if estimate.tensor is None else estimate.tensor
     every = np.concatenate([[truth.mass - estimate.mass], truth.com - com, pack_symmetric(truth.tensor - tensor)])
@@ -32,9 +37,10 @@ def payload_error(truth: Inertia, estimate: PayloadEstimate) -> Array:
 
 
 def in_stds(error: Array, covariance: Array) -> Array:
-    """Each number's error in its own standard deviations, shapes (k,) and (k, k) to (k,); 0 for one that is rounding.
+    """Return each number's error in its own standard deviations, shapes (k,) and (k, k) to (k,); rounding errors count
+    as 0.
 
-    What a robot was told beforehand has no deviation at all: it is exact, or off by infinitely many.
+    Parameters that a robot knew at the start have no deviation: their error is zero or infinite.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         stds = np.abs(error) / np.sqrt(np.diagonal(covariance))

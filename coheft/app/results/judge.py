@@ -1,4 +1,4 @@
-"""One robot's estimate against the truth."""
+"""Comparison of a robot's estimate with the truth."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class ComReport(msgspec.Struct, frozen=True):
 
 
 class InertiaReport(msgspec.Struct, frozen=True):
-    """Inertia at the centre of mass, axes of the robot's grasp frame [kg·m²].
+    """Inertia about the centre of mass in the axes of the robot's grasp frame [kg·m²].
 
     ``std`` per entry, ``error_pct`` the Frobenius norm of the error relative to that of the truth.
     """
@@ -62,11 +62,11 @@ class PoseReport(msgspec.Struct, frozen=True):
 
 
 class Contradiction(msgspec.Struct, frozen=True):
-    """An error that the robot itself rules out: its estimate is valid, and claims to be nearer the truth than it is.
+    """An error of a valid estimate that its own standard deviation rules out.
 
     Attributes:
         quantity: ``mass``, ``centre of mass``, ``inertia``, or ``pose of NAME``.
-        stds: Largest error of any of its numbers, in that number's own standard deviations; more than 4.
+        stds: Largest error of its components, in their own standard deviations; more than 4.
     """
 
     quantity: str
@@ -74,7 +74,7 @@ class Contradiction(msgspec.Struct, frozen=True):
 
 
 class Verdict(StrEnum):
-    """What the truth makes of an estimate, or of those of all robots; the worst first."""
+    """Result of comparing an estimate, or those of all robots, with the truth; the worst first."""
 
     CONTRADICTED = "further off than it claims"
     NOT_CONVERGED = "not converged"
@@ -82,22 +82,23 @@ class Verdict(StrEnum):
 
 
 class RobotReport(msgspec.Struct, frozen=True):
-    """What one robot believes at one moment.
+    """One robot's estimate at one time.
 
     Attributes:
-        time_s: The moment [s].
-        mass: Of the payload and all that lies on it.
+        time_s: The time [s].
+        mass: Mass of the payload with all loads.
         com: Its centre of mass.
         inertia: Its inertia.
-        poses: Errors of the neighbours' grasp poses; none as long as it is still finding them.
-        converged: The robot itself calls its estimate good enough.
+        poses: Errors of the neighbours' grasp poses; empty while the robot is still finding them.
+        converged: Whether the robot reports that its estimate has converged.
         converged_at_s: When it first did [s]; None if never.
-        not_observable: What it says that its motion could not tell.
-        status: What it says of it: ``starting``, ``valid``, or ``stale`` if it cannot know whether that still holds.
-        reasons: Why it is not valid, in its own words.
-        state: How far it is, in the one word that all of coheft has for it.
-        sensor_errors: What it has found out of its sensors.
-        contradictions: Errors beyond four of its own standard deviations, while it calls its estimate valid.
+        not_observable: Parameters that it reports as not observable from the motion so far.
+        status: The status that it reports: ``starting``, ``valid``, or ``stale`` if the estimate may have become
+            invalid.
+        reasons: Why the estimate is not valid, as reported.
+        state: The robot's state in the vocabulary of all outputs.
+        sensor_errors: Its estimates of its sensors' errors.
+        contradictions: Errors beyond four of its own standard deviations, while it reports a valid estimate.
     """
 
     time_s: float
@@ -115,7 +116,7 @@ class RobotReport(msgspec.Struct, frozen=True):
     contradictions: list[Contradiction] = []
 
     def as_of_now(self, belief: Estimate) -> RobotReport:
-        """The same in the light of what is known of the robot now: it may have fallen silent since."""
+        """Return this report with the robot's present status: it may have become silent since."""
         is_valid = belief.status == "valid"
         return msgspec.structs.replace(
             self,
@@ -127,18 +128,18 @@ class RobotReport(msgspec.Struct, frozen=True):
 
     @property
     def verdict(self) -> Verdict:
-        """Whether it knows all that it was asked for, by what it says of itself and by the truth."""
+        """Whether the robot has converged, by its own report and by the truth."""
         if self.contradictions:
             return Verdict.CONTRADICTED
         return Verdict.CONVERGED if self.converged and self.status == "valid" else Verdict.NOT_CONVERGED
 
 
 class Judge:
-    """Knows the truth, and how it looks from every robot's grasp frame.
+    """Compares estimates with the truth in every robot's grasp frame.
 
     Args:
-        scene: Who holds the payload where.
-        truths: In order of blocks.
+        scene: The scene, with the grasps.
+        truths: Truths in order of blocks.
     """
 
     def __init__(self, scene: Scene, truths: Iterable[Truth] = ()) -> None:
@@ -150,30 +151,30 @@ class Judge:
         self._truths = list(truths)
 
     def add(self, truth: Truth, *, remember: int) -> None:
-        """Learn the truth of one more block; only so many of the newest ones need be remembered."""
+        """Add the truth of one more block; at least the newest ``remember`` truths are kept."""
         self._truths.append(truth)
         if len(self._truths) >= 2 * remember:
             del self._truths[:-remember]
 
     def truth_at(self, block: int) -> Truth:
-        """The truth of that block, or else of the last known one before it, or else the oldest one."""
+        """Return the truth of a block, or else of the last known block before it, or else the oldest one."""
         after = bisect.bisect_right(self._truths, block, key=lambda truth: truth.block)
         return self._truths[max(0, after - 1)]
 
     def pose_payload_in(self, robot: str, block: int) -> Pose:
-        """Pose of the payload's frame in the robot's, in that block: its grasp may have slipped."""
+        """Return the pose of the payload's frame in the robot's in a block; it changes when the grasp slips."""
         slipped = self.truth_at(block).slipped.get(robot) if self._truths else None
         if slipped is None:
             return self._pose_payload_in[robot]
         return Pose(slipped.rotation, slipped.translation).inverse()
 
     def payload(self, robot: str, block: int) -> Inertia:
-        """The true payload of that block in the robot's frame."""
+        """Return the true payload of a block in the robot's frame."""
         truth = self.truth_at(block).payload
         return Inertia(truth.mass, truth.com, truth.tensor).carried(self.pose_payload_in(robot, block))
 
     def total_wrench(self, robot: str, block: int) -> Array | None:
-        """The true total wrench (6,) at the last sample of that block about the robot's origin; None if not known."""
+        """Return the true total wrench (6,) at the last sample of a block about the robot's origin; None if unknown."""
         truth = self.truth_at(block)
         if truth.block != block:
             return None
@@ -181,11 +182,11 @@ class Judge:
         return wrench
 
     def relative_pose(self, robot: str, neighbour: str, block: int = -1) -> Pose:
-        """The neighbour's true pose in the robot's frame, ``pose_j_in_i``, in that block."""
+        """Return the neighbour's true pose in the robot's frame, ``pose_j_in_i``, in a block."""
         return self.pose_payload_in(robot, block) @ self.pose_payload_in(neighbour, block).inverse()
 
     def pose_error(self, robot: str, neighbour: str, estimate: PoseEstimate, block: int) -> PoseReport:
-        """Error of a neighbour's pose ``(R_ij, p_ij)``."""
+        """Return the error of a neighbour's pose ``(R_ij, p_ij)``."""
         truth = self.relative_pose(robot, neighbour, block)
         turn = rotation_log(truth.rotation.T @ estimate.rotation)
         return PoseReport(
@@ -194,7 +195,7 @@ class Judge:
         )
 
     def robot(self, estimates: Sequence[Estimate]) -> RobotReport:
-        """What a robot believes at the last of its estimates."""
+        """Return the report of a robot at the last of its estimates."""
         last = estimates[-1]
         truth = self.payload(last.robot, last.block)
         return RobotReport(
@@ -216,7 +217,7 @@ class Judge:
         )
 
     def contradictions(self, estimate: Estimate) -> list[Contradiction]:
-        """What a valid estimate claims to know better than it does."""
+        """Return the quantities whose errors contradict the standard deviations of a valid estimate."""
         if estimate.status != "valid":
             return []
         found: dict[str, Array] = {}
@@ -232,14 +233,14 @@ class Judge:
         return [Contradiction(name, stds) for name, stds in largest.items() if not stds <= MOST_STDS]
 
     def recovered(self, estimate: Estimate) -> bool:
-        """Mass and centre of mass are as near the truth as a robot needs to go on."""
+        """Whether mass and centre of mass are so close to the truth that the robot has recovered from a load change."""
         truth = self.payload(estimate.robot, estimate.block)
         mass, com = _mass(truth, estimate.payload).error_pct, _com(truth, estimate.payload).error_mm
         return mass is not None and mass <= RECOVERED_MASS_PCT and com is not None and com <= RECOVERED_COM_MM
 
 
 def why_stale(robots: Mapping[str, Estimate | RobotReport]) -> dict[str, list[str]]:
-    """Reasons for which estimates are stale, with the robots that give them."""
+    """Return the reasons why estimates are stale, with the robots that give them."""
     names: dict[str, list[str]] = {}
     for name, robot in robots.items():
         for reason in robot.reasons if robot.status == "stale" else ():
@@ -281,6 +282,6 @@ def _inertia(truth: Inertia, estimate: PayloadEstimate | None) -> InertiaReport:
 
 
 def standard_deviations(estimate: PayloadEstimate) -> Array:
-    """Standard deviations of what is there of ``(m, h, J)``, shape (1,), (4,) or (10,)."""
+    """Return the standard deviations of the known part of ``(m, h, J)``, shape (1,), (4,) or (10,)."""
     deviations: Array = np.sqrt(np.diagonal(estimate.covariance))
     return deviations

@@ -1,4 +1,4 @@
-"""The quantities that are judged, and how errors of all robots become numbers."""
+"""The quantities that are evaluated, and norms of the errors of all robots."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ class Quantity:
     """Some components of the error of a pose ``(rotation vector, translation)`` or a payload ``(m, h, J packed)``.
 
     Attributes:
-        name: In reports.
-        unit: Of errors.
-        of_payload: Whether it is part of the payload, else of a pose.
-        components: Of the error.
-        counts: How often each component counts in the square of the norm.
+        name: Name in reports.
+        unit: Unit of errors.
+        of_payload: Whether it is a part of the payload; otherwise it is a part of a pose.
+        components: Its components of the error.
+        counts: Weight of each component in the square of the norm.
     """
 
     name: str
@@ -38,12 +38,12 @@ class Quantity:
     counts: Array
 
     def squares(self, errors: Array) -> Array:
-        """Squared norms of errors, shape (k, 6 or 10) to (k,)."""
+        """Return squared norms of errors, shape (k, 6 or 10) to (k,)."""
         result: Array = np.square(errors[:, self.components]) @ self.counts
         return result
 
     def expected_squares(self, covariances: Array) -> Array:
-        """Expectation of ``squares`` for these covariances, shape (k, s, s) to (k,)."""
+        """Return the expectation of ``squares`` for given covariances, shape (k, s, s) to (k,)."""
         result: Array = np.diagonal(covariances, axis1=1, axis2=2)[:, self.components] @ self.counts
         return result
 
@@ -62,13 +62,13 @@ ALL_TEN = Quantity("all_ten", "", True, slice(0, PAYLOAD_SIZE), np.ones(PAYLOAD_
 
 @dataclass(frozen=True, eq=False)
 class Errors:
-    """Errors of all robots at one moment, truth minus estimate; NaN where nothing is claimed.
+    """Errors of all robots at one time, truth minus estimate; NaN where there is no estimate.
 
     Attributes:
-        poses: Of all edges, rotation vector in the axes of ``F_i`` [rad] and translation [m], shape (edges, 6).
-        payload: Of all robots, ``(m, h, J packed)`` in ``F_i``, shape (N, 10).
-        pose_covariances: As claimed, shape (edges, 6, 6).
-        payload_covariances: As claimed, shape (N, 10, 10).
+        poses: Errors of all edges, rotation vector in the axes of ``F_i`` [rad] and translation [m], shape (edges, 6).
+        payload: Errors of all robots, ``(m, h, J packed)`` in ``F_i``, shape (N, 10).
+        pose_covariances: The robots' own covariances, shape (edges, 6, 6).
+        payload_covariances: The robots' own covariances, shape (N, 10, 10).
     """
 
     poses: Array
@@ -77,21 +77,21 @@ class Errors:
     payload_covariances: Array
 
     def of(self, quantity: Quantity) -> Array:
-        """The errors that ``quantity`` is about."""
+        """Return the errors that a quantity belongs to."""
         return self.payload if quantity.of_payload else self.poses
 
     def covariances_of(self, quantity: Quantity) -> Array:
-        """The claimed covariances that ``quantity`` is about."""
+        """Return the covariances that a quantity belongs to."""
         return self.payload_covariances if quantity.of_payload else self.pose_covariances
 
 
 def directed_edges(neighbours: Mapping[str, Sequence[str]]) -> list[tuple[str, str]]:
-    """All ordered pairs of neighbours."""
+    """Return all ordered pairs of neighbours."""
     return [(name, other) for name in sorted(neighbours) for other in sorted(neighbours[name])]
 
 
 def published_errors(judge: Judge, edges: Edges, estimates: Mapping[str, Estimate]) -> Errors:
-    """Errors of what all robots published, each at its own last block."""
+    """Return the errors of all robots' published estimates, each at its own last block."""
     names = judge.scene.robots
     poses, pose_covariances = np.full((len(edges), 6), np.nan), np.full((len(edges), 6, 6), np.nan)
     payload, payload_covariances = np.full((len(names), 10), np.nan), np.full((len(names), 10, 10), np.nan)
@@ -114,7 +114,7 @@ def published_errors(judge: Judge, edges: Edges, estimates: Mapping[str, Estimat
 
 
 def payload_exists(payload: PayloadEstimate | None) -> bool:
-    """Whether a body with these mass properties can exist; claiming nothing is right."""
+    """Whether a body with these mass properties can exist; true if there is no estimate."""
     if payload is None:
         return True
     if payload.com is None or payload.tensor is None:

@@ -1,4 +1,4 @@
-"""What an observer keeps of a run: all that the report says, in memory that does not grow with time."""
+"""An observer's record of a run: all data of the report, in memory that does not grow with time."""
 
 from __future__ import annotations
 
@@ -15,35 +15,35 @@ from coheft.wire.messages.structs import Estimate
 from coheft.wire.messages.truth import Truth
 
 SILENT = 100
-"""A robot that is so many blocks behind the truth is silent: no server runs so far ahead of its robots."""
+"""Number of blocks behind the truth after which a robot is silent; no server runs so far ahead of its robots."""
 
 
 class EstimatorUse(msgspec.Struct, frozen=True):
-    """An estimator, and since when the robots have used it [s]."""
+    """An estimator, and the time from which the robots have used it [s]."""
 
     since_s: float
     estimator: str
 
 
 class Record:
-    """Truths and estimates of a run, compared with each other as they come and then let go.
+    """Compares estimates with truths as they arrive, and keeps what the report needs.
 
-    An estimate waits until the truth of its block is there, so equal runs leave equal records, whatever came first.
-    Kept are the newest truths, the newest estimate of each robot, sums, and for each change of the load what each robot
-    believed before and how it went on.
+    An estimate waits until the truth of its block has arrived, so equal runs give equal records, whatever the order of
+    arrival. The record keeps the newest truths, the newest estimate of each robot, sums, and for each load change each
+    robot's estimate before and its recovery after it.
 
     Args:
-        scene: Who holds the payload where.
-        duration: Of the whole run [s].
-        with_history: Keep every robot's errors about once a second, too; this grows with time.
+        scene: The scene, with the grasps.
+        duration: Duration of the whole run [s].
+        with_history: Whether to keep every robot's errors about once a second, too; this grows with time.
 
     Attributes:
-        judge: Knows the newest truths.
-        blocks: Number of truths that have come.
-        periods: Of the load; the first one begins with the first truth.
-        robots: What is kept of each robot's estimates.
-        latest: The newest estimate of each robot that has said something, as it said it.
-        estimators: Which ones the robots have used, the newest last.
+        judge: Compares estimates with the newest truths.
+        blocks: Number of truths that have arrived.
+        periods: Periods between load changes; the first one begins with the first truth.
+        robots: Records of each robot's estimates.
+        latest: The newest estimate of each robot, as received.
+        estimators: The estimators that the robots have used, the newest last.
         slips: Grasps that have slipped.
     """
 
@@ -62,32 +62,32 @@ class Record:
 
     @property
     def truth(self) -> Truth | None:
-        """The newest of all."""
+        """The newest truth."""
         return self._pairing.truth
 
     @property
     def time(self) -> float:
-        """Simulated time that has been heard of [s]."""
+        """Simulated time of the newest truth [s]."""
         return 0.0 if self.truth is None else self.truth.time
 
     @property
     def silent(self) -> list[str]:
-        """Robots of which no estimate has been compared yet."""
+        """Robots without any compared estimate."""
         return [name for name, robot in self.robots.items() if robot.compared == 0]
 
     @property
     def beliefs(self) -> dict[str, Estimate]:
-        """The newest estimate of each robot, in the scene's order; stale where the robot has fallen silent."""
+        """The newest estimate of each robot, in the scene's order; stale if the robot has become silent."""
         return {name: as_of_now(self.latest[name], self.truth) for name in self.scene.robots if name in self.latest}
 
     @property
     def complete(self) -> bool:
-        """Whether every robot's estimate of the newest truth's block has come."""
+        """Whether the estimates of all robots for the newest truth's block have arrived."""
         newest = self.truth
         return newest is not None and not self.silent and all(e.block >= newest.block for e in self.latest.values())
 
     def hear(self, news: News) -> None:
-        """Take in what an observer has heard."""
+        """Process a received message."""
         match news:
             case Truth():
                 self.add_truth(news)
@@ -97,7 +97,7 @@ class Record:
                 pass
 
     def add_truth(self, truth: Truth) -> None:
-        """Take in the truth about one more block."""
+        """Add the truth of one more block."""
         if self.truth is None or load_ids(truth) != load_ids(self.truth):
             self.periods.append(LoadPeriod(loads_since(truth), truth))
         self.blocks += 1
@@ -105,37 +105,37 @@ class Record:
         self._compare(self._pairing.add_truth(truth))
 
     def add_estimate(self, estimate: Estimate) -> None:
-        """Take in what a robot of the scene believes."""
+        """Add a robot's estimate."""
         self.latest[estimate.robot] = estimate
         self._note_estimator(estimate)
         self._compare(self._pairing.add_estimate(estimate))
 
     def _note_estimator(self, estimate: Estimate) -> None:
-        """All robots change at the same block, and say so after it; what was said before it may come later."""
+        """Note a change of estimator. All robots change it at the same block; older estimates may arrive later."""
         since = estimate.time * estimate.block / (estimate.block + 1)
         newest = self.estimators[-1] if self.estimators else None
         if newest is None or (since > newest.since_s and estimate.estimator != newest.estimator):
             self.estimators.append(EstimatorUse(round(since, 9), estimate.estimator))
 
     def _compare(self, estimates: Iterable[Estimate]) -> None:
-        """Compare estimates of which the truth has come."""
+        """Compare estimates whose truth has arrived."""
         for estimate in estimates:
             self.robots[estimate.robot].compare(estimate)
 
 
 def loads_since(truth: Truth) -> float:
-    """When the loads became what they are [s]; at the block's beginning, where the truth does not say."""
+    """Return the time of the last load change [s]; the block's beginning, if the truth does not contain it."""
     return truth.time * truth.block / (truth.block + 1) if truth.loads_since is None else truth.loads_since
 
 
 def load_ids(truth: Truth) -> list[int]:
-    """What lies on the payload; a load that leaks stays the same load."""
+    """Return the numbers of the loads on the payload; a load that leaks keeps its number."""
     return [load.id for load in truth.loads]
 
 
 def as_of_now(estimate: Estimate, truth: Truth | None) -> Estimate:
-    """The newest estimate of a robot, stale if it has said nothing for long; ``truth`` is the newest there is."""
+    """Return the newest estimate of a robot, as stale if it is much older than the newest truth."""
     if truth is None or truth.block - estimate.block <= SILENT:
         return estimate
-    reason = f"{estimate.robot} has said nothing since {estimate.time:.2f} s"
+    reason = f"no estimate of {estimate.robot} since {estimate.time:.2f} s"
     return msgspec.structs.replace(estimate, status="stale", reasons=[reason])

@@ -1,4 +1,4 @@
-"""What came out of a run, in one struct that becomes the JSON report."""
+"""The results of a run in one struct, which becomes the JSON report."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from coheft.errors import CoheftError
 
 
 class PayloadReport(msgspec.Struct, frozen=True):
-    """True mass [kg], centre of mass [m] and inertia there [kg·m²] in the payload's frame."""
+    """True mass [kg], centre of mass [m] and inertia about it [kg·m²] in the payload's frame."""
 
     mass: float
     com: list[float]
@@ -27,17 +27,17 @@ class PayloadReport(msgspec.Struct, frozen=True):
 
 
 class LoadChangeReport(msgspec.Struct, frozen=True):
-    """A load was put on, or taken away.
+    """A load that was added or removed.
 
     Attributes:
-        at_s: When it happened [s].
-        truth: The payload right after.
-        leak_kg_s: What the loads on it lose from then on [kg/s]; it is this payload, as it becomes, that robots have to
-            recover.
-        detected_at_s: When the last robot had noticed [s]; None if some never did.
-        recovered_at_s: From when on every robot's mass was within 3 % and centre of mass within 20 mm, for 1 s or until
-            it began anew, or the next change or the end came [s]; None if not.
-        before_change: What each robot believed just before.
+        at_s: Time of the change [s].
+        truth: The payload right after the change.
+        leak_kg_s: Total leak rate of the loads from then on [kg/s]; the robots have to recover the payload as it
+            changes.
+        detected_at_s: Time at which the last robot had noticed the change [s]; None if some never did.
+        recovered_at_s: Time from which every robot's mass was within 3 % and centre of mass within 20 mm, for 1 s or
+            until it restarted, or the next change or the end came [s]; None if there is none.
+        before_change: Each robot's estimate just before.
     """
 
     at_s: float
@@ -49,24 +49,26 @@ class LoadChangeReport(msgspec.Struct, frozen=True):
 
 
 class ConsensusReport(msgspec.Struct, frozen=True):
-    """How well the robots know the total wrench in phase ``inertia``: RMS error over RMS truth; None if never there."""
+    """RMS errors of the total wrench in phase ``inertia``, relative to the RMS truth; None if that phase was not
+    reached.
+    """
 
     force_rel_error: float | None
     torque_rel_error: float | None
 
 
 class CarryPhaseReport(msgspec.Struct, frozen=True):
-    """How the load was carried for a while, root mean squares.
+    """How the load was carried during a phase, in root mean squares.
 
     Attributes:
-        what: ``alone``: each robot moved for itself; ``springs``: along the common path, without feed-forward;
+        what: ``alone``: each robot moved independently; ``springs``: along the common path, without feed-forward;
             ``feedforward``: with it.
-        from_s: Since when [s].
-        to_s: Until when [s].
-        position_rms_mm: How far the payload's frame was off the path [mm]; None where there was none.
-        rotation_rms_deg: And how far it was turned from it [degrees].
-        internal_force_rms_n: What a robot pushed against the others: measured forces that move nothing [N].
-        internal_torque_rms_nm: And torques [N·m].
+        from_s: Start of the phase [s].
+        to_s: End of the phase [s].
+        position_rms_mm: Distance of the payload's frame from the path [mm]; None if there was no path.
+        rotation_rms_deg: Angle between the payload's frame and the path [degrees]; None if there was no path.
+        internal_force_rms_n: Internal force per robot: measured forces that do not move the load [N].
+        internal_torque_rms_nm: Internal torque per robot [N·m].
     """
 
     what: Literal["alone", "springs", "feedforward"]
@@ -79,16 +81,16 @@ class CarryPhaseReport(msgspec.Struct, frozen=True):
 
 
 class LoadDropReport(msgspec.Struct, frozen=True):
-    """What a load change did to the way.
+    """Deviation from the path after a load change.
 
     Attributes:
-        at_s: When it happened [s].
-        mass: Of the payload since then [kg].
-        largest_mm: Largest distance off the path since then [mm].
-        back_after_s: Time from the change to the last moment, before the next change, at which the load was farther off
-            the path than a fifth of its RMS distance in the first phase ``springs`` [s]; 0 if it never was. None
-            without feed-forward, without such a phase, or if no phase went on after that moment: the load still was so
-            far off at the end, or the run ended within 2 s of the change.
+        at_s: Time of the change [s].
+        mass: Mass of the payload from then on [kg].
+        largest_mm: Largest distance from the path since then [mm].
+        back_after_s: Time from the change to the last moment, before the next change, at which the load was farther
+            from the path than a fifth of its RMS distance in the first phase ``springs`` [s]; 0 if it never was. None
+            without feed-forward, without such a phase, or if no phase continued after that moment: the load was still
+            that far away at the end, or the run ended within 2 s of the change.
     """
 
     at_s: float
@@ -98,13 +100,13 @@ class LoadDropReport(msgspec.Struct, frozen=True):
 
 
 class CarryReport(msgspec.Struct, frozen=True):
-    """How the load was carried.
+    """Results of carrying a load.
 
     Attributes:
-        phases: In order of time.
+        phases: Phases in order of time.
         drops: Load changes.
-        noise_force_n: What the noise of the sensors alone would make of the forces against each other [N].
-        noise_torque_nm: And of the torques [N·m].
+        noise_force_n: Internal force that sensor noise alone would cause [N].
+        noise_torque_nm: Internal torque that sensor noise alone would cause [N·m].
     """
 
     phases: list[CarryPhaseReport]
@@ -117,22 +119,22 @@ class Report(msgspec.Struct, frozen=True):
     """The report of a run.
 
     Attributes:
-        scenario: Its name.
-        seed: Of sensors' noise and robots' motions.
-        estimator: The method that was in use at the end.
+        scenario: The scenario's name.
+        seed: Seed of the sensors' noise and the robots' motions.
+        estimator: The estimator in use at the end.
         duration_s: Simulated time [s].
-        robots: What each robot believes at the end.
-        load_changes: What happened to the payload.
-        estimator_changes: When the robots started again with another estimator, and which.
+        robots: Each robot's estimate at the end.
+        load_changes: Changes of the load.
+        estimator_changes: Restarts of all robots with another estimator.
         consensus: Errors of the total wrench.
-        processes: Physics server and agents.
-        real_time_factor: Simulated time over wall time.
+        processes: Number of processes: physics server and agents.
+        real_time_factor: Simulated time divided by wall time.
         messages_per_s: Messages between processes per second of wall time: for each block one measurement and one
-            reference per robot, one message each way along each edge, one truth; and the estimates, about one per
-            robot every 0.1 s.
-        late_blocks: References that came too late, in real time only, over all robots: not blocks, whatever its name
-            says. Of a block for which several robots were late each one counts.
-        history: Errors about once a second, if asked for.
+            reference per robot, one message each way along each edge, one truth; and the estimates, about one per robot
+            every 0.1 s.
+        late_blocks: Number of late references over all robots; only in real time. In spite of its name it does not
+            count blocks: if several robots are late for a block, each one counts.
+        history: Errors about once a second, if requested.
         carry: How the load was carried, if the scenario has a common path.
         slips: Grasps that slipped.
     """
@@ -155,27 +157,27 @@ class Report(msgspec.Struct, frozen=True):
 
     @property
     def verdict(self) -> Verdict:
-        """Of all robots: converged only if every robot is, and none is further off than it claims."""
+        """Verdict for all robots: the worst of theirs."""
         verdicts = {robot.verdict for robot in self.robots.values()}
         return next(verdict for verdict in Verdict if verdict in verdicts)
 
     @property
     def converged(self) -> bool:
-        """Every robot converged, and none is further off than it claims."""
+        """Whether every robot has converged, without contradictions."""
         return self.verdict is Verdict.CONVERGED
 
 
 @dataclass(frozen=True)
 class RunInfo:
-    """What the report says about the run itself.
+    """Properties of the run itself for the report.
 
     Attributes:
         scenario: Name of the scenario.
-        seed: Of the run.
-        estimator: Method of the agents, at the end.
+        seed: Seed of the run.
+        estimator: Estimator of the agents at the end.
         block_duration: Duration of a block [s].
-        real_time_factor: Simulated time over the wall time for which the clock ran.
-        late_blocks: As in the report.
+        real_time_factor: Simulated time divided by the wall time for which the clock ran.
+        late_blocks: Number of late references over all robots.
     """
 
     scenario: str
@@ -187,15 +189,15 @@ class RunInfo:
 
 
 def build_report(info: RunInfo, record: Record) -> Report:
-    """The report of what an observer has recorded.
+    """Build the report from what an observer has recorded.
 
     Raises:
-        ValueError: There is no truth, or a robot of which no estimate could be compared with it.
+        ValueError: There is no truth, or a robot without any compared estimate.
     """
     if record.truth is None:
         raise ValueError("a report needs at least one truth")
     if record.silent:
-        raise ValueError(f"a report needs an estimate of every robot, there is none of {', '.join(record.silent)}")
+        raise ValueError(f"a report needs an estimate of every robot; missing: {', '.join(record.silent)}")
     robots = {}
     for name, belief in record.beliefs.items():
         if (report := record.robots[name].report) is not None:
@@ -222,7 +224,7 @@ def build_report(info: RunInfo, record: Record) -> Report:
 
 
 def _load_change(period: LoadPeriod, names: Sequence[str]) -> LoadChangeReport:
-    """The truth tells when the load changed, so changes asked for in mid-run are reported too."""
+    """Report a load change. Its time is from the truth, so changes requested during the run are included."""
     truth = period.truth
     return LoadChangeReport(
         at_s=round(period.start, 9),
@@ -240,7 +242,7 @@ def _last_of(times: Sequence[float | None]) -> float | None:
 
 
 def _consensus(record: Record) -> ConsensusReport:
-    """Totals that the robots summed up against the true ones of the same samples."""
+    """Compare the robots' total wrenches with the true ones of the same samples."""
     robots = record.robots.values()
     errors = np.sum([robot.wrench_errors for robot in robots], axis=0)
     totals = np.sum([robot.wrench_totals for robot in robots], axis=0)

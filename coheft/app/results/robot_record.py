@@ -1,4 +1,4 @@
-"""What is kept of one robot's estimates: each is compared with the truth when it comes, and then let go."""
+"""The record of one robot's estimates: each is compared with the truth when it arrives, and then dropped."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from coheft.wire.messages.structs import Estimate
 from coheft.wire.messages.truth import Truth
 
 LASTING = 1.0
-"""Who has been near the truth for so long did not only pass it: it has recovered, whatever happens then [s]."""
+"""Time near the truth after which a robot has recovered, whatever happens later [s]; it might just have passed it."""
 _FORCE_TORQUE = (slice(0, 3), slice(3, 6))
 _ROUNDING = 1e-9
 
@@ -31,16 +31,16 @@ class HistoryPoint(msgspec.Struct, frozen=True):
 
 @dataclass(eq=False)
 class LoadPeriod:
-    """The time from one change of the load to the next.
+    """The period from one load change to the next.
 
     Attributes:
-        start: When its first block began [s].
-        truth: Of that block, or of the first one after it that was heard.
-        before: What each robot believed just before, a ``RobotReport`` as MessagePack: an hour may have hundreds of
-            changes, and as objects each would take four times as much memory.
+        start: Start of its first block [s].
+        truth: Truth of that block, or of the first one after it that was received.
+        before: Each robot's ``RobotReport`` just before, as MessagePack: an hour may have hundreds of changes, and
+            objects would take four times as much memory.
         noticed: When each robot first noticed a change in this period [s].
-        recovered: Since when all of a robot's estimates have been near the truth [s]; None while they are not. It stays
-            once it has lasted, or the robot has begun anew.
+        recovered: Since when all of a robot's estimates have been near the truth [s]; None while they are not. It no
+            longer changes once the robot has recovered, or has restarted.
     """
 
     start: float
@@ -50,23 +50,23 @@ class LoadPeriod:
     recovered: dict[str, float | None] = field(default_factory=dict)
 
     def believed_before(self, robot: str) -> RobotReport | None:
-        """What a robot believed just before; None if it had said nothing."""
+        """Return a robot's estimate just before the period; None if there was none."""
         before = self.before.get(robot)
         return None if before is None else msgspec.msgpack.decode(before, type=RobotReport)
 
 
 class RobotRecord:
-    """One robot's estimates against the truth.
+    """Compares one robot's estimates with the truth.
 
     Args:
-        judge: Knows the truth.
-        periods: Of the load, begun so far; what this robot did in them is noted there.
-        with_history: Keep the errors about once a second, too.
+        judge: Compares an estimate with the truth.
+        periods: Periods of the load so far; the robot's reactions are stored there.
+        with_history: Whether to keep the errors about once a second, too.
 
     Attributes:
         compared: Number of estimates so far.
         wrench_errors: Sums of squares of the errors of total force and torque in phase ``inertia``, shape (2,).
-        wrench_totals: The same of their truths.
+        wrench_totals: Sums of squares of the true total force and torque, shape (2,).
         history: Errors about once a second.
     """
 
@@ -85,13 +85,13 @@ class RobotRecord:
 
     @property
     def report(self) -> RobotReport | None:
-        """The last estimate against the truth; None if there is none."""
+        """The last estimate compared with the truth; None if there is none."""
         if self._last is None:
             return None
         return msgspec.structs.replace(self._judge.robot([self._last]), converged_at_s=self._converged_at)
 
     def compare(self, estimate: Estimate) -> None:
-        """Take in the next estimate; the truth of its block has come."""
+        """Add the next estimate, whose truth has arrived."""
         self._follow_load(estimate)
         self.compared += 1
         self._last = estimate
@@ -102,7 +102,7 @@ class RobotRecord:
             self._add_history(estimate)
 
     def _follow_load(self, estimate: Estimate) -> None:
-        """Note what became of changes of the load."""
+        """Update the load periods with an estimate."""
         name, periods = estimate.robot, self._periods
         while self._period + 1 < len(periods) and periods[self._period + 1].truth.block <= estimate.block:
             self._period += 1
@@ -116,10 +116,10 @@ class RobotRecord:
             noticed[name] = min(notice.noticed_at, noticed.get(name, notice.noticed_at))
 
     def _follow_recovery(self, estimate: Estimate, recovered: dict[str, float | None]) -> None:
-        """Note since when a robot has been near the truth, until that has lasted."""
+        """Note since when the robot has been near the truth, until it has recovered."""
         name = estimate.robot
         since = recovered.get(name)
-        if since is not None and self._begins_anew(estimate):
+        if since is not None and self._has_restarted(estimate):
             self._has_recovered = True
         if self._has_recovered:
             return
@@ -130,8 +130,8 @@ class RobotRecord:
         else:
             self._has_recovered = estimate.time - since >= LASTING - _ROUNDING
 
-    def _begins_anew(self, estimate: Estimate) -> bool:
-        """Whether the agent was started again, or its estimator exchanged: what it knew is forgotten, not wrong."""
+    def _has_restarted(self, estimate: Estimate) -> bool:
+        """Whether the agent or its estimator restarted: the estimate is then missing, not wrong."""
         last = self._last
         if last is None:
             return False
@@ -146,7 +146,7 @@ class RobotRecord:
             self.wrench_totals += [truth[part] @ truth[part] for part in _FORCE_TORQUE]
 
     def _add_history(self, estimate: Estimate) -> None:
-        """Add a point if a second has gone by since the last one."""
+        """Add a point if a second has passed since the last one."""
         last = self.history[-1].time_s if self.history else 0.0
         if int(estimate.time + 1e-9) > int(last + 1e-9):
             robot = self._judge.robot([estimate])

@@ -1,4 +1,4 @@
-"""Grasps that slipped in a run, and when the robots said so."""
+"""Grasps that slipped in a run, and when the robots noticed."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ class SlipReport(msgspec.Struct, frozen=True):
     """A grasp that slipped.
 
     Attributes:
-        at_s: When it did [s].
-        robot: Whose.
-        translation_mm: How far its frame moved [mm].
-        rotation_deg: How far it turned [degrees].
-        named_at_s: When the last robot had found that this grasp slipped [s]; None if some never did.
+        at_s: Time of the slip [s].
+        robot: The robot whose grasp slipped.
+        translation_mm: Displacement of its frame [mm].
+        rotation_deg: Rotation of its frame [degrees].
+        named_at_s: When the last robot had identified this slip [s]; None if some never did.
     """
 
     at_s: float
@@ -42,14 +42,14 @@ class _Slip:
 
 
 class SlipRecord:
-    """Follows the truth."""
+    """Collects slips from the truth, and when robots identified them."""
 
     def __init__(self, judge: Judge) -> None:
         self._judge, self._slips = judge, list[_Slip]()
         self._known = dict[str, Pose]()
 
     def follow(self, truth: Truth) -> None:
-        """Note grasps that are elsewhere since this block; the judge must not know it yet."""
+        """Note grasps that have changed in this block; to be called before the truth is added to the judge."""
         for robot, grasp in truth.slipped.items():
             now = Pose(grasp.rotation, grasp.translation)
             before = self._known.get(robot) or self._judge.pose_payload_in(robot, truth.block - 1).inverse()
@@ -59,7 +59,7 @@ class SlipRecord:
             self._known[robot] = now
 
     def reports(self, latest: Iterable[Estimate]) -> list[SlipReport]:
-        """All slips, in order of time, with what the robots' newest estimates say of them."""
+        """Return all slips in order of time, with the times from the robots' newest estimates."""
         estimates = list(latest)
         return [self._report(slip, estimates) for slip in self._slips]
 

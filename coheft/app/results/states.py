@@ -1,4 +1,4 @@
-"""How far a robot is, and by which method: one word for it in terminal, view, reports, JSON and documentation."""
+"""States of a robot and names of estimators, the same in terminal, view, reports, JSON and documentation."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ ESTIMATORS = {
     "efficient": "efficient, which reaches the Cramér-Rao bound",
     "fan2017": "fan2017, the method of Fan et al. (CDC 2017)",
 }
-"""Those that come with coheft, and what they are."""
+"""The estimators that come with coheft, with a description."""
 
 
 class State(StrEnum):
-    """What a robot says of itself; the worst first."""
+    """A robot's state by its own report; the worst first."""
 
     STALE = "stale"
     FINDING_NEIGHBOURS = "finding neighbours"
@@ -26,7 +26,7 @@ class State(StrEnum):
 
     @staticmethod
     def of(estimate: Estimate) -> State:
-        """By what the robot says of itself, not by how right it is."""
+        """Return the state that the estimate reports, whether or not the estimate is correct."""
         if estimate.status == "stale":
             return State.STALE
         if estimate.phase == "poses" and estimate.payload is None:
@@ -57,4 +57,4 @@ LACKS = {
     State.CENTRE_KNOWN: "the inertia is still being found",
     State.ALL_KNOWN: "all is known, but its std is not yet as small as [converged] in the scenario asks for",
 }
-"""What a robot lacks that has not converged; one that is stale gives its own reason."""
+"""What is missing until a robot converges; a stale one gives its own reason."""

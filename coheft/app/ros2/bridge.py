@@ -1,4 +1,4 @@
-"""The bridge from a run to ROS 2: an observer that says what it hears as stock messages."""
+"""The bridge from a run to ROS 2: an observer that publishes its received messages as standard ROS messages."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ NODES = ("coheft", "coheft_driver")
 _SILENCE = 2.0
 _LATCHED = "/tf_static"
 _GROUPS = {"estimate", "measured"}
-"""Parts of a recording's topics that ROS topics go without."""
+"""Parts of a recording's topics that are omitted in ROS topics."""
 
 
 class Bridge:
-    """Says on a node what an observer hears.
+    """Publishes an observer's messages on a node.
 
     Stamps are the ends of blocks: of the run's own time, or, given an epoch, of the robots'.
 
     Args:
-        node: Where to say it.
-        epoch: When block 0 began [ns].
+        node: The node.
+        epoch: ROS time of the start of block 0 [ns].
     """
 
     def __init__(self, node: RosNode, epoch: int = 0) -> None:
@@ -43,18 +43,18 @@ class Bridge:
         self._epoch = self._newest = epoch
 
     def show_scene(self, scene: Scene) -> None:
-        """Say what does not change."""
+        """Publish the constant part of the scene."""
         self._publish(scene_messages(self._epoch, scene))
 
     def hear_truth(self, truth: Truth, scene: Scene) -> None:
-        """Say what the server has said."""
+        """Publish the truth."""
         time = self._note_time(truth.time)
         self._node.publish("/clock", ros.clock(time))
         self._publish(truth_messages(time, truth, scene))
         self._tell_log(truth)
 
     def hear_robot(self, news: Estimate | Problem) -> None:
-        """Say what a robot believes, or what somebody complains of."""
+        """Publish a robot's estimate, or a problem."""
         if isinstance(news, Estimate):
             time = self._note_time(news.time)
             total_time = self._note_time(news.time * (news.total_block + 1) / (news.block + 1))
@@ -66,7 +66,7 @@ class Bridge:
             self._node.publish("/rosout", ros.log(self._newest, line.name, line.level, line.text))
 
     def _note_time(self, seconds: float) -> int:
-        """A time since the epoch [s] as a stamp [ns]."""
+        """Convert a simulated time [s] to a stamp [ns]."""
         time = self._epoch + round(seconds * 1e9)
         self._newest = max(self._newest, time)
         return time
@@ -77,14 +77,14 @@ class Bridge:
 
 
 def bridge_run(run_file: RunFile, endpoint: str, domain: int, tell: Callable[[str], None], namespace: str = "") -> None:
-    """Say in ROS 2 what a run's server and agents say, until the run has ended.
+    """Publish the messages of a run in ROS 2, until the run has ended.
 
     Args:
-        run_file: How to reach the run.
-        endpoint: Where the router of ROS 2 listens.
+        run_file: Addresses of the run.
+        endpoint: Endpoint of the router of ROS 2.
         domain: Number of the ROS domain.
-        tell: Called with a line for the user, now and then.
-        namespace: Of all topics, such as ``/cell``.
+        tell: Called with lines for the user.
+        namespace: Prefix of all topics, such as ``/cell``.
 
     Raises:
         LinkError: There is no router there, or another bridge or a driver uses it with these topics, or the run's
@@ -117,5 +117,5 @@ def bridge_run(run_file: RunFile, endpoint: str, domain: int, tell: Callable[[st
 
 
 def _ros_topic(topic: str) -> str:
-    """Name in ROS of a recording's topic: ``/r3/estimate/payload`` is ``/r3/payload`` there."""
+    """Return the ROS name of a recording's topic: ``/r3/payload`` for ``/r3/estimate/payload``."""
     return "/".join(part for part in topic.split("/") if part not in _GROUPS)

@@ -1,4 +1,4 @@
-"""Robots driven from ROS 2: agents get what nodes of theirs measure, and nodes get what agents want and believe."""
+"""Robots driven from ROS 2: agents receive measurements of ROS nodes; references and estimates are published."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from coheft.wire.transport.sessions import Keys, open_session
 
 
 def read_agents(paths: Sequence[Path]) -> list[AgentProcessConfig]:
-    """The configurations of the agents to drive.
+    """Read the configurations of the agents to drive.
 
     Raises:
         UsageError: There are none.
@@ -49,16 +49,16 @@ def drive(
     tell: Callable[[str], None],
     namespace: str = "",
 ) -> None:
-    """Feed agents with what is measured in ROS 2, and say there what they want and believe, until Ctrl-C.
+    """Feed agents with measurements from ROS 2, and publish their references and estimates, until Ctrl-C.
 
     Args:
-        configs: The agents', all of one run.
-        endpoint: Where the router of ROS 2 listens.
+        configs: Configurations of the agents, all of one run.
+        endpoint: Endpoint of the router of ROS 2.
         domain: Number of the ROS domain.
         epoch: ROS time at which block 0 begins [s], the same for the whole team; None: soon after robots
             begin to measure, if this process drives the whole team.
-        tell: Called with a line for the user, now and then.
-        namespace: Of all topics, such as ``/cell``.
+        tell: Called with lines for the user.
+        namespace: Prefix of all topics, such as ``/cell``.
 
     Raises:
         UsageError: There is no epoch, and other processes drive neighbours of these robots.
@@ -73,7 +73,7 @@ def drive(
     keys, inbox = Keys(configs[0].run), Inbox()
     with ExitStack() as stack:
         node = stack.enter_context(open_node(NODES[1], endpoint, domain, namespace))
-        node.check_alone(NODES[:1])  # parts of a team may have drivers of their own
+        node.check_alone(NODES[:1])  # parts of a team may have separate drivers
         team = Team(node, inbox, tell)
         for config in configs:
             guard = guard_server_for_robot(_credentials(config, SERVER), keys, config.agent.name)
@@ -90,10 +90,10 @@ def drive(
 
 
 def _check_whole(configs: Sequence[AgentProcessConfig]) -> None:
-    """Check that these are a whole team: graphs are connected, so it is enough that no neighbour is missing.
+    """Check that the configurations are of a whole team: as graphs are connected, no neighbour may be missing.
 
     Raises:
-        UsageError: One is.
+        UsageError: A neighbour is missing.
     """
     others = {name for config in configs for name in config.agent.neighbours} - {c.agent.name for c in configs}
     if others:
@@ -104,5 +104,5 @@ def _check_whole(configs: Sequence[AgentProcessConfig]) -> None:
 
 
 def _credentials(config: AgentProcessConfig, name: str) -> Credentials | None:
-    """Somebody's credentials, from the folder that holds the agent's own."""
+    """Return a participant's credentials, from the folder of the agent's own."""
     return None if config.security is None else credentials_in(Path(config.security.authority).parent, name)

@@ -1,4 +1,4 @@
-"""Who publishes what in ROS 2, as liveliness tokens tell it, and why what is expected on a topic may not come."""
+"""Nodes and publishers in ROS 2 according to liveliness tokens, and reasons why messages on a topic may be missing."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ EVERYTHING = "@ros2_lv/**"
 _PREFIX = "@ros2_lv"
 _PARTS_OF_NODE, _PARTS_OF_ENDPOINT = 9, 12
 _SHOWN = 8
-"""So many other topics are named."""
+"""Largest number of other topics that are named."""
 
 
 @dataclass(frozen=True)
 class Seen:
-    """A node, or a publisher of one, that somebody has.
+    """A node, or one of its publishers.
 
     Attributes:
         domain: Number of the ROS domain.
         session: Identity of its session.
-        node: Its name, with its namespace: ``/cell/talker``.
-        topic: What it publishes; empty for the node itself.
+        node: Name of the node, with its namespace: ``/cell/talker``.
+        topic: Topic that it publishes; empty for the node itself.
         kind: Type of the messages, such as ``geometry_msgs/msg/Wrench``.
-        type_hash: Of the type's definition, as the node says it.
+        type_hash: Hash of the type's definition, as given by the node.
     """
 
     domain: int
@@ -38,7 +38,7 @@ class Seen:
 
 
 def seen_in(tokens: Iterable[str]) -> list[Seen]:
-    """Nodes and publishers among tokens; others, and those of other versions, are left out."""
+    """Return the nodes and publishers among tokens; other tokens, and those of other versions, are ignored."""
     found = []
     for token in tokens:
         parts = token.split("/")
@@ -54,12 +54,12 @@ def seen_in(tokens: Iterable[str]) -> list[Seen]:
 
 
 def reasons(silent: Sequence[Topic], seen: Sequence[Seen], domain: int) -> list[str]:
-    """Why nothing comes on some topics, in words: a line for each reason, with all topics that it holds for.
+    """Describe why no messages arrive on some topics: a line for each reason, with all topics to which it applies.
 
     Args:
-        silent: The topics, with the types that are expected.
-        seen: Who is there.
-        domain: In which they are expected.
+        silent: The topics, with the expected types.
+        seen: Nodes and publishers.
+        domain: Domain in which messages are expected.
     """
     publishers = [each for each in seen if each.topic]
     lines: dict[str, list[str]] = {}

@@ -1,4 +1,4 @@
-"""How ROS 2 nodes on rmw_zenoh name things on Zenoh: keys of topics, tokens of the graph, attachments of messages.
+"""Names of ROS 2 nodes on rmw_zenoh in Zenoh: keys of topics, tokens of the graph, attachments of messages.
 
 As rmw_zenoh's design.md and sources have it from version 0.2.4 (Jazzy) and 0.6.0 (Kilted) on; before, attachments
 were different.
@@ -27,10 +27,10 @@ class Topic:
     """A topic of one type.
 
     Attributes:
-        name: Such as ``/r3/payload``.
-        kind: Such as ``geometry_msgs/msg/InertiaStamped``.
-        type_hash: Of the type's definition, ``RIHS01_`` and 64 hexadecimal digits.
-        latched: Whoever comes late gets the last message (transient local durability).
+        name: Name, such as ``/r3/payload``.
+        kind: Type, such as ``geometry_msgs/msg/InertiaStamped``.
+        type_hash: Hash of the type's definition, ``RIHS01_`` and 64 hexadecimal digits.
+        latched: Whether late subscribers receive the last message (transient local durability).
     """
 
     name: str
@@ -39,7 +39,7 @@ class Topic:
     latched: bool = False
 
     def key(self, domain: int) -> str:
-        """Under which its messages are said."""
+        """Key of its messages."""
         return f"{domain}/{self.name.strip('/')}/{self._dds_type}/{self.type_hash}"
 
     @property
@@ -49,7 +49,7 @@ class Topic:
 
     @property
     def quality(self) -> str:
-        """Quality of service, as far as it is not the default: durability; depth of the history."""
+        """Quality of service where it differs from the default: durability; depth of the history."""
         return ":1:,1:,:,:,," if self.latched else "::,10:,:,:,,"
 
 
@@ -60,8 +60,8 @@ class Node:
     Attributes:
         domain: Number of the ROS domain.
         session: Identity of the session.
-        name: The node's.
-        namespace: Such as ``/cell``; empty: none.
+        name: Name of the node.
+        namespace: Namespace, such as ``/cell``; empty if there is none.
     """
 
     domain: int
@@ -70,13 +70,13 @@ class Node:
     namespace: str = ""
 
     def token(self) -> str:
-        """By which others see that the node is there."""
+        """Token that announces the node."""
         return f"{self._prefix}/0/NN/{self._place}"
 
     def endpoint_token(self, number: int, kind: Endpoint, topic: Topic) -> str:
-        """By which others see that the node publishes a topic, or listens to it; ``number`` is of this session."""
+        """Return the token that announces a publisher or subscription; ``number`` is unique in this session."""
         mangled = topic.name.replace("/", "%")
-        # The parts of a topic's key that follow its name follow here, too.
+        # The parts of a topic's key that follow its name are repeated here.
         typed = topic.key(self.domain).split("/")[-2:]
         return "/".join([f"{self._prefix}/{number}/{kind}/{self._place}", mangled, *typed, topic.quality])
 
@@ -91,21 +91,21 @@ class Node:
 
 
 def attachment(sequence: int, time: int, gid: bytes) -> bytes:
-    """What goes with each message.
+    """Return the attachment of a message.
 
     Args:
-        sequence: Number of the message among the publisher's, from 1.
-        time: When it is sent [ns].
-        gid: The publisher's identity, 16 bytes.
+        sequence: Number of the message of this publisher, from 1.
+        time: Time of sending [ns].
+        gid: Identity of the publisher, 16 bytes.
     """
     return _ATTACHMENT.pack(sequence, time, GID_SIZE, gid)
 
 
 def check_ros_names(robots: Iterable[str]) -> None:
-    """Check that robots' names can be parts of topics'.
+    """Check that robots' names can be parts of topic names.
 
     Raises:
-        CoheftError: ROS does not take one.
+        CoheftError: A name is not allowed in ROS.
     """
     for name in robots:
         if not _TOKEN.fullmatch(name) or name.endswith("_"):
@@ -116,10 +116,10 @@ def check_ros_names(robots: Iterable[str]) -> None:
 
 
 def namespace_of(text: str) -> str:
-    """A namespace as topics begin with it: ``/cell`` of ``cell`` or ``/cell/``; empty of nothing.
+    """Return a namespace in the form of a prefix: ``/cell`` for ``cell`` or ``/cell/``; empty if there is none.
 
     Raises:
-        CoheftError: ROS does not take it.
+        CoheftError: The namespace is not allowed in ROS.
     """
     parts = [part for part in text.split("/") if part]
     for part in parts:

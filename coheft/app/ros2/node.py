@@ -1,4 +1,4 @@
-"""A ROS 2 node on rmw_zenoh, as far as it publishes and listens."""
+"""A ROS 2 node on rmw_zenoh with publishers and subscriptions."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from coheft.wire.transport.sessions import session_id
 
 _HEARTBEAT = 1.0
 _PATIENCE = 1.0
-"""For so long the router is waited for when it is asked who is there [s]."""
+"""Time to wait for the router's answer about nodes and publishers [s]."""
 
 
 class RosNode:
-    """Publishes and hears stock messages, see ``open_node``.
+    """Publishes and receives standard messages, see ``open_node``.
 
     Attributes:
-        topics: Those that it publishes, by name.
-        published: Number of messages that somebody has heard.
+        topics: The topics that it publishes, by name.
+        published: Number of messages that had a subscriber.
         domain: Number of the ROS domain.
     """
 
@@ -38,34 +38,34 @@ class RosNode:
         self.domain = domain
         self._session = session
         self._node = Node(domain, session_id(session), name, namespace)
-        self._kept: list[Any] = []  # tokens and subscribers that nothing holds are gone
+        self._kept: list[Any] = []  # tokens and subscribers, which end when they are no longer referenced
         self._announce(self._node.token())
 
     @property
     def has_router(self) -> bool:
-        """Whether the link with the router stands."""
+        """Whether the link with the router is up."""
         return bool(self._session.info.routers_zid())
 
     @property
     def name(self) -> str:
-        """The node's, with its namespace: ``/cell/coheft``."""
+        """Name of the node, with its namespace: ``/cell/coheft``."""
         return f"{self._node.namespace}/{self._node.name}"
 
     def full(self, topic: str) -> str:
-        """A topic's name with the namespace: ``/cell/r3/payload``."""
+        """Return a topic's name with the namespace: ``/cell/r3/payload``."""
         return self._node.namespace + topic
 
     def seen(self) -> list[Seen]:
-        """Nodes and publishers of all domains that others have, as far as the router knows them."""
+        """Return other nodes and publishers in all domains, as far as the router knows them."""
         replies = self._session.liveliness().get(EVERYTHING, timeout=_PATIENCE)
         tokens = [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
         return [each for each in seen_in(tokens) if each.session != self._node.session]
 
     def check_alone(self, names: Collection[str]) -> None:
-        """Check that no node with one of some names is there already, in this domain and namespace.
+        """Check that no node with one of these names exists in this domain and namespace.
 
         Raises:
-            LinkError: One is: its topics would be mixed with this one's.
+            LinkError: One exists: its topics would be mixed with this node's.
         """
         own = {f"{self._node.namespace}/{name}" for name in names}
         for other in self.seen():
@@ -76,12 +76,12 @@ class RosNode:
                 )
 
     def publish(self, topic: str, message: ros.RosMessage, *, latched: bool = False) -> None:
-        """Publish a message; all of a topic must be of one type.
+        """Publish a message; all messages of a topic must have the same type.
 
         Args:
-            topic: Its name, such as ``/r3/payload``.
+            topic: Name of the topic, such as ``/r3/payload``.
             message: The message.
-            latched: Keep it for those who come later.
+            latched: Whether to keep it for late subscribers.
         """
         topic = self.full(topic)
         if topic not in self.topics:
@@ -91,12 +91,12 @@ class RosNode:
         self.published += self.topics[topic].publish(message)
 
     def listen(self, topic: str, kind: str, hear: Callable[[bytes], None]) -> None:
-        """Hear the messages of a topic, as CDR, in a thread of Zenoh's.
+        """Subscribe to the messages of a topic, as CDR, received in a thread of Zenoh's.
 
         Args:
-            topic: Its name.
+            topic: Name of the topic.
             kind: Type of its messages, such as ``geometry_msgs/msg/WrenchStamped``.
-            hear: Called with each.
+            hear: Called with each message.
         """
         typed = typed_topic(self.full(topic), kind)
         handler: Any = zenoh.handlers.Callback(lambda sample: hear(sample.payload.to_bytes()), indirect=False)
@@ -108,12 +108,12 @@ class RosNode:
 
 
 class Publisher:
-    """One topic's.
+    """Publisher of one topic.
 
     Args:
-        session: Where.
-        key: The topic's.
-        latched: Keep the last message for those who come later.
+        session: The session.
+        key: Key of the topic.
+        latched: Whether to keep the last message for late subscribers.
     """
 
     def __init__(self, session: zenoh.Session, key: str, *, latched: bool) -> None:
@@ -135,7 +135,7 @@ class Publisher:
         self._sequence = 0
 
     def publish(self, message: ros.RosMessage) -> bool:
-        """Publish it, if anybody listens or may ask later, and whether it was."""
+        """Publish a message if there is a subscriber or it is latched; return whether it was published."""
         if not (self._latched or self._publisher.matching_status.matching):
             return False
         self._sequence += 1
@@ -146,15 +146,15 @@ class Publisher:
 
 @contextmanager
 def open_node(name: str, endpoint: str, domain: int, namespace: str = "") -> Iterator[RosNode]:
-    """A node that is linked with a router of ROS 2, and by it with all other nodes; it goes with the context.
+    """Open a node that is linked with a router of ROS 2, and through it with all other nodes, while the context lasts.
 
     A router that goes is dialled again in the background.
 
     Args:
-        name: The node's.
-        endpoint: The router's.
+        name: Name of the node.
+        endpoint: Endpoint of the router.
         domain: Number of the ROS domain.
-        namespace: Of the node and of all its topics, such as ``/cell``.
+        namespace: Namespace of the node and of all its topics, such as ``/cell``.
 
     Raises:
         LinkError: No router listens there.
@@ -163,7 +163,7 @@ def open_node(name: str, endpoint: str, domain: int, namespace: str = "") -> Ite
         "mode": "client",
         "connect": {"endpoints": [endpoint]},
         "scouting": {"multicast": {"enabled": False}},
-        "timestamping": {"enabled": True},  # what is kept for those who come later is sorted by time
+        "timestamping": {"enabled": True},  # latched messages are ordered by time
     }
     try:
         session = zenoh.open(zenoh.Config.from_json5(json.dumps(settings)))
@@ -177,5 +177,5 @@ def open_node(name: str, endpoint: str, domain: int, namespace: str = "") -> Ite
 
 
 def typed_topic(topic: str, kind: str, *, latched: bool = False) -> Topic:
-    """A topic of stock messages of a type, such as ``geometry_msgs/msg/WrenchStamped``."""
+    """Make a topic of a standard type, such as ``geometry_msgs/msg/WrenchStamped``."""
     return Topic(topic, kind, ros.type_hash(kind), latched)

@@ -1,4 +1,4 @@
-"""What sensors have measured, from Zenoh's threads to the one that reads it."""
+"""Queue of sensor measurements, from Zenoh's threads to the thread that reads them."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from coheft.errors import MessageError
 from coheft.estimation.geometry.spatial import Array
 
 AT_ONCE = 1024
-"""So much is read before agents are heard: somebody may measure faster than can be read."""
+"""Number of measurements read before agents are served, because measurements may arrive faster than they are read."""
 _ROOM = 2**16
-"""Measurements that may wait; where more come than can be read, the newest are lost."""
+"""Largest number of measurements in the queue; when it is full, the newest are lost."""
 
 
 class Reading(NamedTuple):
-    """What a robot's sensors have measured, and when [ns]; when it came [ns], by a clock of our own."""
+    """A measurement with its stamp [ns] and its arrival [ns] by our own clock."""
 
     robot: str
     stream: str
@@ -28,13 +28,13 @@ class Reading(NamedTuple):
 
 
 class Readings:
-    """Measurements that wait to be read.
+    """Queue of measurements.
 
     Args:
-        complain: Called with what was refused, and why.
+        complain: Called with a description of refused messages.
 
     Attributes:
-        came: Streams, by robot and kind, of which anything came, also what was refused.
+        came: Streams, by robot and kind, of which any message arrived, including refused ones.
     """
 
     def __init__(self, complain: Callable[[str], None]) -> None:
@@ -43,18 +43,18 @@ class Readings:
         self._waiting: SimpleQueue[tuple[str, str, bytes, int]] = SimpleQueue()
 
     def put(self, robot: str, stream: str, cdr: bytes) -> None:
-        """Let a message wait, in any thread."""
+        """Add a message to the queue, in any thread."""
         self.came.add((robot, stream))
         if self._waiting.qsize() < _ROOM:
             self._waiting.put((robot, stream, cdr, time.monotonic_ns()))
 
     def forget(self) -> None:
-        """Forget all that waits."""
+        """Empty the queue."""
         while not self._waiting.empty():
             self._waiting.get()
 
     def take(self, seconds: float) -> Iterator[Reading]:
-        """What waits and makes sense, so much of it as is read at once; if there is nothing, wait that long for it."""
+        """Return valid measurements from the queue, up to a limit; if it is empty, wait for a time."""
         for number in range(AT_ONCE):
             try:
                 item = self._waiting.get_nowait() if number else self._waiting.get(timeout=seconds)

@@ -1,4 +1,4 @@
-"""One robot's measurements from ROS 2: three streams of stock messages, put together to blocks by their stamps."""
+"""One robot's measurements from ROS 2: three streams of standard messages, combined to blocks by their stamps."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import ACCELERATION, SAMPLE_SIZE, TWIST, WRENCH
 
 _OPEN = 8
-"""Blocks that may wait for what they miss."""
+"""Largest number of incomplete blocks."""
 
 
 @dataclass(frozen=True)
 class Stream:
-    """What one kind of sensor measures.
+    """A stream of measurements of one kind of sensor.
 
     Attributes:
         kind: Type of its messages.
-        columns: Its part of a sample.
+        columns: Its columns in a sample.
     """
 
     kind: str
@@ -35,14 +35,14 @@ STREAMS = {
     "twist": Stream("geometry_msgs/msg/TwistStamped", TWIST),
     "acceleration": Stream("geometry_msgs/msg/AccelStamped", ACCELERATION),
 }
-"""By the last part of the topic's name."""
+"""Streams by the last part of the topic's name."""
 
 
 def read(stream: str, cdr: bytes) -> tuple[int, Array]:
-    """When it was measured [ns], and what: as many numbers as the stream's columns.
+    """Return the stamp of a measurement [ns] and its numbers, as many as the stream has columns.
 
     Raises:
-        MessageError: It is no such message, not all numbers are finite, or nothing says when they were measured.
+        MessageError: It has another type, numbers that are not finite, or no stamp.
     """
     message = ros.from_cdr(cdr, STREAMS[stream].kind)
     if ros.time_of(message) == 0:
@@ -56,28 +56,28 @@ def read(stream: str, cdr: bytes) -> tuple[int, Array]:
             parts = [message.accel.linear]
     values = np.concatenate([ros.vector(part) for part in parts])
     if not np.isfinite(values).all():
-        raise MessageError(f"{stream} holds {int((~np.isfinite(values)).sum())} numbers that are not finite")
+        raise MessageError(f"{stream} contains {int((~np.isfinite(values)).sum())} numbers that are not finite")
     return ros.time_of(message), values
 
 
 class BlockBuilder:
-    """Puts measurements of one robot together.
+    """Combines the measurements of one robot to blocks.
 
     The time since the epoch is cut into samples of equal length; a measurement belongs to the sample whose time is
     nearest to its stamp. A block is complete when each of its samples has a measurement of each stream. One that still
     misses some when a later one is complete is given up: an agent can do without a block, not with half of one.
 
     Args:
-        robot: Its name.
+        robot: Name of the robot.
         rate: Samples per second.
         block: Samples per block.
-        epoch: When sample 0 of block 0 is taken [ns].
-        stamps: Those that can be right, of all robots.
+        epoch: Stamp of sample 0 of block 0 [ns].
+        stamps: Checks the stamps of all robots.
 
     Attributes:
-        given_up: Blocks that were never complete.
-        counts: Measurements that have come since the last complete block, by stream.
-        behind: How long before the next block that may begin the last of these was stamped [s]; 0: not before.
+        given_up: Number of blocks that were never complete.
+        counts: Measurements that have arrived since the last complete block, by stream.
+        behind: Time by which the last of these is older than the next possible block [s]; 0 if it is not.
     """
 
     def __init__(self, robot: str, rate: int, block: int, epoch: int, stamps: Stamps) -> None:
@@ -91,16 +91,16 @@ class BlockBuilder:
         self._newest = -1
 
     def add(self, stream: str, time: int, values: Array, arrival: int) -> tuple[int, Array] | None:
-        """Add a measurement, and get the block that it completes: its number, and the samples (B, 15).
+        """Add a measurement; return the block that it completes: its number, and the samples (B, 15).
 
         Args:
-            stream: Of which it is.
+            stream: Name of the stream.
             time: Its stamp [ns].
-            values: What was measured.
-            arrival: When it came [ns], by our own clock.
+            values: Its numbers.
+            arrival: Time of arrival [ns], by our own clock.
 
         Raises:
-            MessageError: Its stamp is far ahead.
+            MessageError: Its stamp is too far in the future.
         """
         self.counts[stream] += 1
         self.behind = 0.0
@@ -113,7 +113,7 @@ class BlockBuilder:
         samples = self._open.setdefault(number, np.full((self._block, SAMPLE_SIZE), np.nan))
         samples[row, STREAMS[stream].columns] = values
         if np.isnan(samples).any():
-            self._give_up(list(self._open)[:-_OPEN])  # the first to be opened: a wrong stamp may lie far ahead
+            self._give_up(list(self._open)[:-_OPEN])  # the first to be opened: a wrong stamp may be far in the future
             return None
         self._newest = number
         self._stamps.trust(time, arrival)

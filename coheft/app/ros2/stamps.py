@@ -1,4 +1,4 @@
-"""Which stamps can be right: a clock that is far ahead would have its robot's agent wait for as long."""
+"""Checks of stamps: a clock that is far ahead would make its robot's agent wait for that long."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ from statistics import median_low
 from coheft.errors import MessageError
 
 LIMIT = 10 * 10**9
-"""By so much stamps may run ahead [ns]; delays on the network are shorter."""
+"""Time by which stamps may be ahead [ns]; network delays are shorter."""
 
 
 class Stamps:
-    """How far the clock of the robots' stamps is ahead of our own, that of arrivals.
+    """Estimates how far the clock of the robots' stamps is ahead of our own, which gives arrival times.
 
     How far does not matter, only that it does not grow at once. It may shrink: simulations are paused. It may grow with
     each block: recordings are played fast. And it may jump, if it does so for most robots, and more than one.
 
     Args:
-        robots: How many are driven.
+        robots: Number of robots that are driven.
     """
 
     def __init__(self, robots: int) -> None:
@@ -26,16 +26,17 @@ class Stamps:
         self._lead = 0
 
     def hear(self, robot: str, stamp: int, arrival: int) -> None:
-        """Note a robot's newest measurement: its stamp [ns], and when it came [ns], by our own clock."""
+        """Note a robot's newest measurement: its stamp [ns], and its arrival [ns], by our own clock."""
         self._heard[robot] = stamp - arrival, stamp
 
     def settle(self, *, patient: bool) -> int | None:
-        """Take the time of those robots that agree on it; their newest stamp [ns], None if they are too few.
+        """Use the time of those robots that agree on it; return their newest stamp [ns], None if they are too few.
 
         So a robot whose clock is wrong does not decide when the run begins, if there are others to compare with.
 
         Args:
-            patient: They have to be more than half of all, not only of those heard.
+            patient: Whether they have to be more than half of all robots, not only of those that have sent
+                measurements.
         """
         if not self._heard:
             return None
@@ -48,7 +49,7 @@ class Stamps:
 
     @property
     def disagreement(self) -> str:
-        """Whose clocks to check, in words; empty if they agree."""
+        """Name the robots whose clocks to check; empty if all agree."""
         middle = self._middle if self._heard else 0
         ahead = {name: lead - middle for name, (lead, _) in self._heard.items() if lead - middle > LIMIT}
         if not ahead:
@@ -63,10 +64,10 @@ class Stamps:
         return median_low(lead for lead, _ in self._heard.values())
 
     def check(self, robot: str, stamp: int, arrival: int) -> None:
-        """Check a robot's measurement after the beginning: its stamp [ns], and when it came [ns].
+        """Check a robot's later measurement: its stamp [ns], and its arrival [ns].
 
         Raises:
-            MessageError: Its stamp is too far ahead.
+            MessageError: Its stamp is too far in the future.
         """
         self.hear(robot, stamp, arrival)
         lead = self._lead
@@ -81,5 +82,5 @@ class Stamps:
             )
 
     def trust(self, stamp: int, arrival: int) -> None:
-        """Take it that the clock is as far ahead as a measurement says, which completes a block."""
+        """Update the clock's offset by a measurement that completes a block."""
         self._lead = max(self._lead, stamp - arrival)

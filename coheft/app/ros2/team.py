@@ -1,4 +1,4 @@
-"""The robots that one process drives: what is handed on between their nodes and their agents."""
+"""The robots that one process drives: exchanges messages between their ROS nodes and their agents."""
 
 from __future__ import annotations
 
@@ -29,22 +29,22 @@ from coheft.wire.transport.sessions import Keys
 
 _POLL = 0.02
 _SILENCE = 4.0
-"""After so long something is said [s]."""
+"""Time without progress after which a message is printed [s]."""
 _PATIENCE = 5.0
-"""For so long robots are waited for that do not measure when others do [s]."""
+"""Time to wait for robots that send no measurements while others do [s]."""
 _SLOW, _MANY = 0.8, 20
-"""A sensor of which less than this share of the others' measurements comes is slow, if these are so many."""
+"""Share of the others' measurements below which a sensor is slow, and the number of measurements for this check."""
 _LINES = 20
-"""Different complaints that are told."""
+"""Largest number of different complaints that are printed."""
 
 
 class Team:
     """Robots whose sensors and arms are in ROS 2.
 
     Args:
-        node: Where their nodes are heard, and hear.
-        inbox: Where their agents are heard.
-        tell: Called with a line for the user, now and then.
+        node: The ROS node.
+        inbox: Receives messages of their agents.
+        tell: Called with lines for the user.
     """
 
     def __init__(self, node: RosNode, inbox: Inbox, tell: Callable[[str], None]) -> None:
@@ -79,13 +79,13 @@ class Team:
             self._node.listen(f"/{name}/{stream}", what.kind, partial(self._readings.put, name, stream))
 
     def observe(self, session: zenoh.Session, keys: Keys) -> None:
-        """Hear what the agents believe, on a session of an observer."""
+        """Receive the agents' estimates and problems, on an observer's session."""
         for name in self._links:
             estimate, problem = (keys.observe_agent(name, topic) for topic in ("estimate", "problem"))
             self._inbox.listen(session, name, {estimate: Estimate, problem: Problem})
 
     def wait_until_ready(self) -> None:
-        """Wait until every agent asks for measurements and misses none of its neighbours."""
+        """Wait until every agent asks for measurements and is linked with all its neighbours."""
         next_word = time.monotonic() + _SILENCE
         while waited_for := {name for name, link in self._links.items() if not link.is_settled}:
             self._hear_agents(_POLL)
@@ -95,10 +95,10 @@ class Team:
                 next_word += _SILENCE
 
     def begin(self, epoch: int | None) -> Stamps:
-        """Wait until robots measure and agree on the time; nothing measured until then is used.
+        """Wait until robots send measurements and agree on the time; these measurements are not used.
 
         Args:
-            epoch: When block 0 begins [ns]; None: one block later than what they have measured then.
+            epoch: ROS time of the start of block 0 [ns]; None for one block after the measurements.
 
         Returns:
             What stamps can be right from now on.
@@ -132,7 +132,7 @@ class Team:
         return stamps
 
     def go_on(self, stamps: Stamps) -> NoReturn:
-        """Hand everything on; say so when an agent gets nothing for a while."""
+        """Exchange messages without end; report agents that receive no measurements for a while."""
         builders = {
             name: BlockBuilder(name, agent.rate, agent.block, self._epoch, stamps)
             for name, agent in self._configs.items()
@@ -166,7 +166,7 @@ class Team:
             link.send_stop(reason)
 
     def _set_epoch(self, epoch: int) -> None:
-        """Block 0 begins then [ns]."""
+        """ROS time of the start of block 0 [ns]."""
         self._epoch = epoch
         self._bridge = Bridge(self._node, epoch)
         self._tell(f"block 0 begins at {epoch / 1e9:.3f} s; Ctrl-C ends it")
@@ -178,7 +178,7 @@ class Team:
             link.send_measurements(Measurements(robot=robot, block=block, samples=samples))
 
     def _hear_agents(self, seconds: float) -> None:
-        """Take in what agents have said; if there is nothing, wait that long for it."""
+        """Process an event of the agents, waiting up to a time for it."""
         event = self._inbox.receive(seconds)
         while event is not None:
             match event:
@@ -196,10 +196,10 @@ class Team:
             event = self._inbox.receive(0.0)
 
     def _take(self, name: str, message: Message) -> None:
-        """Hand on what an agent has said.
+        """Pass on an agent's message.
 
         Raises:
-            MessageError: It makes no sense here and now.
+            MessageError: The message is not valid here and now.
         """
         link, config = self._links[name], self._configs[name]
         match message:
@@ -217,7 +217,7 @@ class Team:
                     self._publish(config, message)
 
     def _publish(self, config: AgentConfig, reference: Reference) -> None:
-        """Say what an agent wants its arm to do at each sample of a block."""
+        """Publish an agent's reference for each sample of a block."""
         name = config.name
         first = reference.block * config.block
         for row, motion in enumerate(reference.motion):
@@ -234,7 +234,7 @@ class Team:
             self._tell(text)
 
     def _tell_silence(self, streams: Iterable[tuple[str, str]]) -> None:
-        """Say of which streams nothing has come, and what is published instead."""
+        """Report streams without measurements, and what is published instead."""
         silent = [(name, stream) for name, stream in streams if (name, stream) not in self._readings.came]
         if not silent:
             return
@@ -244,7 +244,7 @@ class Team:
 
 
 def _came(builder: BlockBuilder) -> str:
-    """What has come since the last complete block, and why it may have made none."""
+    """Describe what has arrived since the last complete block, and why it may not have completed one."""
     came = ", ".join(f"{count} of {stream}" for stream, count in builder.counts.items())
     text = f"since the last one there came {came}"
     most = max(builder.counts.values())

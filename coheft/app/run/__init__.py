@@ -1,1 +1,1 @@
-"""Starts the processes of a run, follows them, and never leaves one behind."""
+"""Starts and follows the processes of a run, and ends all of them with it."""

@@ -1,7 +1,7 @@
-"""The supervisor's sign of life to the server: a line on its stdin, several times a second.
+"""The supervisor's heartbeat to the server: a line on the server's stdin, several times a second.
 
-A supervisor that is stopped (Ctrl-Z, SIGSTOP) would miss the rest of its run, and have no report, or one that is wrong.
-The server lets time stand still as soon as the lines no longer come, and goes on with them.
+A supervisor that is stopped (Ctrl-Z, SIGSTOP) would miss the rest of its run, and its report would be missing or wrong.
+So the server pauses the run while no heartbeat arrives, and then resumes it.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from coheft.wire.process.supervised import BEAT
 
 @contextmanager
 def beating(stdin: IO[bytes] | None) -> Iterator[None]:
-    """Beat while the context lasts; ``stdin`` is the server's."""
+    """Send heartbeats while the context lasts; ``stdin`` is the server's."""
     is_over = threading.Event()
     assert stdin is not None
 
     def beat() -> None:
         while not is_over.wait(BEAT):
-            with suppress(OSError, ValueError):  # the server has gone, or is being told to go
-                if select.select([], [stdin], [], 0.0)[1]:  # one that is frozen reads nothing: do not wait for it
+            with suppress(OSError, ValueError):  # the server has ended, or its stdin is closed
+                if select.select([], [stdin], [], 0.0)[1]:  # do not wait for a frozen server, which reads nothing
                     stdin.write(b"\n")
                     stdin.flush()
 

@@ -1,4 +1,4 @@
-"""What somebody whose run breaks off, by Ctrl-C or an error, has to know: when that was, and what is not there now."""
+"""What a user needs to know when Ctrl-C or an error aborts a run: when that was, and which files are missing."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from coheft.app.run.heard import News
 from coheft.wire.messages.requests import Status
 from coheft.wire.messages.truth import Truth
 
-if TYPE_CHECKING:  # it takes an extra
+if TYPE_CHECKING:  # needs an optional package
     from coheft.app.recording.recorder import Recorder
 
 WRITTEN_AT_THE_END = {"json": "report (--json)", "report": "page (--report)", "save_data": "data file (--save-data)"}
-"""What a run that ends by itself, or by 'coheft stop', writes."""
+"""Outputs that are written when a run ends by itself, or by 'coheft stop'."""
 
 
 class BrokenOff(Follower):
-    """Knows how far a run has come.
+    """Keeps track of the progress of a run, and of its outputs.
 
     Args:
-        asked: Where things were to be written, by the names in ``WRITTEN_AT_THE_END`` and ``record``; None: not asked.
+        asked: Requested output paths, by the names in ``WRITTEN_AT_THE_END`` and ``record``; None if not requested.
         logs: Folder with the processes' logs.
-        recorder: Of the recording, None if there is none.
+        recorder: The recorder, None if there is none.
 
     Attributes:
-        unsaved: Why the data file is not there though the run has ended; empty if it is, or was not asked for.
+        unsaved: Why the data file is missing after the end of the run; empty if it is not, or was not requested.
     """
 
     def __init__(self, asked: Mapping[str, str | Path | None], logs: Path, recorder: Recorder | None = None) -> None:
@@ -39,22 +39,22 @@ class BrokenOff(Follower):
         self._time: float | None = None
 
     def hear(self, news: News) -> None:
-        """Time goes on."""
+        """See ``Follower.hear``."""
         if isinstance(news, Truth):
             self._time = news.time
 
     def end(self, status: Status) -> None:
-        """The run has ended."""
+        """See ``Follower.end``."""
         self.unsaved = status.unsaved
 
     def sentence(self) -> str:
-        """What is to be said if Ctrl-C breaks it off now."""
+        """Return the message for a run that Ctrl-C aborts now."""
         with_it = {0: "its report", 1: "it"}.get(len(self._missing()), "them")
         clauses = [*self._clauses(), f"'coheft stop' ends a run with {with_it}", f"the logs are in {self._logs}"]
         return f"stopped {self._when}: {'; '.join(clauses)}"
 
     def after_error(self) -> str:
-        """What is to be said after an error that breaks it off now, on a line of its own; empty if nothing."""
+        """Return the message that follows an error that aborts the run now, on a separate line; may be empty."""
         clauses = self._clauses()
         return f"\nThat was {self._when}: {'; '.join(clauses)}." if clauses else ""
 
@@ -63,7 +63,7 @@ class BrokenOff(Follower):
         return "before it began" if self._time is None else f"at {self._time:.1f} s"
 
     def _clauses(self) -> list[str]:
-        """What is there of the files that were asked for, and what not."""
+        """Describe which of the requested files exist."""
         unsaved_recording = "" if self._recorder is None else self._recorder.problem
         kept = [self._asked.get("record")] if self._time is not None and not unsaved_recording else []
         if self._has_data:
@@ -80,11 +80,11 @@ class BrokenOff(Follower):
 
     @property
     def _has_data(self) -> bool:
-        """Whether the server, though it failed, has written the data file."""
+        """Whether the server has written the data file, although the run failed."""
         return self._data_written_at() != self._old_data
 
     def _data_written_at(self) -> int | None:
-        """When what there is was written [ns]; None if there is nothing."""
+        """Return the time when the present data file was written [ns]; None if there is none."""
         path = self._asked.get("save_data")
         try:
             return None if path is None else Path(path).stat().st_mtime_ns

@@ -1,4 +1,4 @@
-"""Folders of runs: where each process's log goes, and the file by which other commands find a run in progress."""
+"""Folders of runs, which hold the logs of processes and the file with which other commands find a run in progress."""
 
 from __future__ import annotations
 
@@ -17,20 +17,21 @@ from coheft.errors import CoheftError
 
 RUN_FILE = "run.json"
 _KEPT = 20
-"""How many folders there are among the user's runs at most, not counting runs that go on."""
+"""Largest number of folders among the user's runs, apart from runs in progress."""
 _FOLDERS = "[0-9]*-[0-9]*-*"  # as ``make_run_folder`` names them; they sort by time
 
 
 class RunFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """How to reach a run; the file exists as long as the run does.
+    """Addresses of a run in progress; the file exists as long as the run.
 
     Attributes:
         run: Prefix of all its keys.
-        server: Endpoint at which the server can be observed and asked.
-        agents: Endpoint at which each agent can be observed, by name.
-        pids: Process ids by name, as far as a supervisor has started them.
-        keys: Folder with the credentials of observers and operators, seen from the run's; None: the open profile.
-        began: When the run was planned, seconds since 1970.
+        server: Endpoint at which the server answers observers.
+        agents: Endpoint at which each agent answers observers, by name.
+        pids: Process ids by name, of processes that a supervisor has started.
+        keys: Folder with the credentials of observers and operators, relative to the run's folder; None for the open
+            profile.
+        began: Time at which the run was planned, in seconds since 1970.
     """
 
     run: str
@@ -42,7 +43,7 @@ class RunFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def runs_folder() -> Path:
-    """Where the folders of this user's runs lie, as each platform has it."""
+    """Return the folder of this user's runs, at the platform's usual place."""
     home = Path.home()
     if sys.platform == "win32":
         base = Path(os.environ.get("LOCALAPPDATA") or home / "AppData" / "Local")
@@ -57,17 +58,17 @@ def make_run_folder(run: str, logs: Path | None = None) -> Path:
     """Make the folder of a new run: ``logs``, or a new one among the user's runs, of which the oldest are removed.
 
     Raises:
-        CoheftError: It cannot be made, or is that of a run in progress, or holds logs already.
+        CoheftError: It cannot be made, contains logs already, or belongs to a run in progress.
     """
     if logs is None:
         _remove_old_folders(_KEPT - 1)
-    elif _goes_on(logs):
+    elif _is_in_progress(logs):
         raise CoheftError(
             f"a run is in progress in {logs}: name another folder with --logs DIR, or end it: coheft stop"
         )
     elif found := sorted(logs.glob("*.log")) + sorted(logs.glob(RUN_FILE)):
         raise CoheftError(
-            f"{found[0]} is there already: the files of a run are never overwritten; name another folder: --logs DIR"
+            f"{found[0]} exists already: the files of a run are never overwritten; name another folder: --logs DIR"
         )
     folder = logs if logs is not None else runs_folder() / f"{time.strftime('%Y%m%d-%H%M%S')}-{run}"
     try:
@@ -80,9 +81,9 @@ def make_run_folder(run: str, logs: Path | None = None) -> Path:
 
 
 def _remove_old_folders(kept: int) -> None:
-    """Remove the folders of all but the user's newest runs; what cannot be removed stays."""
+    """Remove the folders of all but the user's newest runs, as far as possible."""
     for folder in sorted(runs_folder().glob(_FOLDERS), reverse=True)[kept:]:
-        if not _goes_on(folder):
+        if not _is_in_progress(folder):
             shutil.rmtree(folder, ignore_errors=True)
 
 
@@ -97,14 +98,14 @@ def announced(folder: Path, run_file: RunFile) -> Iterator[None]:
 
 
 def announce(folder: Path, run_file: RunFile) -> None:
-    """Write the run file, at once or not at all.
+    """Write the run file atomically.
 
     Raises:
         CoheftError: It cannot be written.
     """
     draft = folder / f"{RUN_FILE}.new"
     try:
-        folder.mkdir(parents=True, exist_ok=True)  # somebody may have cleaned up while the run goes on
+        folder.mkdir(parents=True, exist_ok=True)  # it may have been removed during the run
         draft.write_bytes(msgspec.json.format(msgspec.json.encode(run_file)))
         draft.replace(folder / RUN_FILE)
     except OSError as error:
@@ -114,36 +115,35 @@ def announce(folder: Path, run_file: RunFile) -> None:
 
 
 def find_run(folder: Path | None = None, *, acts: bool = False) -> RunFile:
-    """The run in a folder, or else the newest of this user's runs in progress, see ``locate_run``."""
+    """Return the run in a folder, or else the newest of this user's runs in progress, see ``locate_run``."""
     return locate_run(folder, acts=acts)[1]
 
 
 def locate_run(folder: Path | None = None, *, acts: bool = False) -> tuple[Path, RunFile]:
-    """Like ``find_run``, and the folder in which it is; where it is the newest of several, that is said.
+    """Return a run in progress and its folder. If it is the newest of several, print that to stderr.
 
-    Of a folder among this user's runs the bare name is enough, if nothing here is called so.
+    A folder among this user's runs can be given by its bare name, unless a folder of that name exists here.
 
     Args:
-        folder: In which it is.
-        acts: Whether the run is to be changed: then it has to be named if there are several.
+        folder: The run's folder; None for the newest of this user's runs.
+        acts: Whether the command changes the run: then the folder is required if there are several runs.
 
     Raises:
-        CoheftError: There is none, or it is not said which.
+        CoheftError: There is no such run, or it is not clear which one is meant.
     """
     if folder is not None:
         if len(folder.parts) == 1 and not folder.exists() and (among_runs := runs_folder() / folder).is_dir():
             folder = among_runs
         run_file = _read(folder)
-        if run_file is None or not _answers(run_file.server):
+        if run_file is None or not _is_listening(run_file.server):
             expected = ": expected the folder of a run, or, for 'coheft view', a recording that ends with .mcap"
             raise CoheftError(f"no run is in progress in {folder}{expected if folder.is_file() else ''}")
         return folder, run_file
     places = [path.parent for path in runs_folder().glob(f"*/{RUN_FILE}")]
-    found = [(place, run_file) for place in places if (run_file := _read(place)) and _answers(run_file.server)]
+    found = [(place, run_file) for place in places if (run_file := _read(place)) and _is_listening(run_file.server)]
     if not found:
         raise CoheftError(
-            "no run is in progress; start one with 'coheft run', or name the folder of a run that has one of its own: "
-            "--run DIR"
+            "no run is in progress; start one with 'coheft run', or name the folder of another run: --run DIR"
         )
     newest, *others = sorted(found, key=lambda each: each[1].began, reverse=True)
     if others:
@@ -151,7 +151,7 @@ def locate_run(folder: Path | None = None, *, acts: bool = False) -> tuple[Path,
         if acts:
             raise CoheftError(
                 f"{len(found)} runs are in progress, and this command changes one of them: name it with --run DIR; "
-                f"they are "
+                f"available: "
                 f"{newest[0].name} (the newest), {names}"
             )
         print(
@@ -161,14 +161,14 @@ def locate_run(folder: Path | None = None, *, acts: bool = False) -> tuple[Path,
     return newest
 
 
-def _goes_on(folder: Path) -> bool:
-    """Whether the run of a folder does."""
+def _is_in_progress(folder: Path) -> bool:
+    """Whether the run of a folder is in progress."""
     run_file = _read(folder)
-    return run_file is not None and _answers(run_file.server)
+    return run_file is not None and _is_listening(run_file.server)
 
 
 def _read(folder: Path) -> RunFile | None:
-    """The run file in a folder, its paths seen from here; None if there is none, or only a part."""
+    """Return the run file in a folder, with absolute paths; None if it is missing or incomplete."""
     try:
         run_file = msgspec.json.decode((folder / RUN_FILE).read_bytes(), type=RunFile)
     except (OSError, msgspec.DecodeError):
@@ -177,8 +177,10 @@ def _read(folder: Path) -> RunFile | None:
     return msgspec.structs.replace(run_file, keys=keys)
 
 
-def _answers(endpoint: str) -> bool:
-    """Whether somebody listens there. A run that was killed leaves its file behind, so the file alone says nothing."""
+def _is_listening(endpoint: str) -> bool:
+    """Whether a process listens at an endpoint. A killed run leaves its file behind, so the file alone proves
+    nothing.
+    """
     try:
         _dial(endpoint)
     except OSError:
@@ -187,7 +189,7 @@ def _answers(endpoint: str) -> bool:
 
 
 def has_gone(run_file: RunFile) -> bool:
-    """Whether the system where the server of a run was says that no one listens there; a pulled cable says nothing."""
+    """Whether the server's host reports that no process listens at its endpoint; a broken connection proves nothing."""
     try:
         _dial(run_file.server)
     except OSError as error:
@@ -200,6 +202,6 @@ def _dial(endpoint: str) -> None:
 
 
 def split_endpoint(endpoint: str) -> tuple[str, int]:
-    """Host and port of an endpoint such as ``tcp/127.0.0.1:20000`` or ``tls/[::1]:20000``."""
+    """Return host and port of an endpoint such as ``tcp/127.0.0.1:20000`` or ``tls/[::1]:20000``."""
     host, _, port = endpoint.partition("/")[2].rpartition(":")
     return host.removeprefix("[").removesuffix("]"), int(port)

@@ -1,4 +1,4 @@
-"""Whoever follows a run beside the report: a recorder, a view, curves over time."""
+"""Interface of everything that follows a run beside the report: a recorder, a view, curves over time."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from coheft.wire.messages.requests import Status
 
 
 class Follower:
-    """Hears a run from its start to its end, in the supervisor's thread, so it must be quick; base of all that do."""
+    """Base class of everything that follows a run. It is called in the supervisor's thread, so it must be quick."""
 
     def begin(self, status: Status) -> None:
-        """All links stand and the clock runs: who holds the payload, for how long."""
+        """Begin: all links are up and the clock runs; ``status`` holds the scene and the duration."""
 
     def hear(self, news: News) -> None:
-        """Somebody has said something that makes sense."""
+        """Process a checked message of the server or an agent."""
 
     def end(self, status: Status) -> None:
-        """The run has ended; not called if it failed."""
+        """End, when the run has ended; not called if it failed."""

@@ -1,10 +1,10 @@
-"""One process that imports what all processes of a run need, and forks them: so that it is imported once.
+"""A process that imports what all processes of a run need, and forks them, so that it is imported once.
 
-The process is a fresh one, never the user's own, which may have threads, open sessions and whatever else a fork breaks:
-it does nothing but import and fork. What it forks is what ``python -m module`` would be, in a session of its own, with
-its log; the other end of its stdin stays with whoever asked for it, and ends with them. How it ended is told.
+It is a new process, not the user's own, which may have threads, open sessions and other state that does not survive a
+fork: it only imports and forks. A forked process is equivalent to ``python -m module``, in a session of its own, with
+its own log; the client holds the other end of its stdin. The fork server reports how it ended.
 
-Where systems cannot fork (or not so that libraries survive it, as on macOS), and where ``COHEFT_SPAWN`` is set, for
+Where systems cannot fork (or not so that libraries survive it, as on macOS), and where ``COHEFT_SPAWN`` is set for
 debugging, each process is started from scratch.
 """
 
@@ -26,21 +26,21 @@ from contextlib import suppress
 _PACKET = 4096
 _END_LIMIT = 1.0
 _SET_NAME = 15
-"""What ``prctl`` calls the name of a thread, and ``top`` that of a process."""
+"""``PR_SET_NAME`` of ``prctl``: sets the name of a thread, which ``top`` shows."""
 
 
 def can_fork() -> bool:
-    """Whether there can be a fork server."""
+    """Whether a fork server can be used."""
     return sys.platform == "linux" and not os.environ.get("COHEFT_SPAWN")
 
 
 class Forked:
-    """A process of a fork server, with what is used of ``subprocess.Popen``.
+    """A process of a fork server, with a part of the interface of ``subprocess.Popen``.
 
     Attributes:
-        pid: Its number.
-        stdin: Where it is told what to do.
-        returncode: How it ended: its exit status, or minus the number of a signal; None while it goes on.
+        pid: Its process id.
+        stdin: Its standard input.
+        returncode: Its exit status, or minus the number of a signal; None while it runs.
     """
 
     def __init__(self, fork_server: ForkServer, pid: int, stdin: int) -> None:
@@ -50,15 +50,15 @@ class Forked:
         self.returncode: int | None = None
 
     def poll(self) -> int | None:
-        """How it has ended, None while it goes on."""
+        """Return the exit status, None while the process runs."""
         self._fork_server.take_in(0.0)
         return self.returncode
 
     def wait(self, timeout: float | None = None) -> int:
-        """Wait for its end.
+        """Wait for the end of the process and return its exit status.
 
         Raises:
-            subprocess.TimeoutExpired: It goes on for longer than ``timeout`` [s].
+            subprocess.TimeoutExpired: It still runs after ``timeout`` [s].
         """
         deadline = None if timeout is None else time.monotonic() + timeout
         while self.returncode is None:
@@ -69,26 +69,26 @@ class Forked:
         return self.returncode
 
     def send_signal(self, number: int) -> None:
-        """Send it a signal, if it goes on."""
+        """Send a signal, if the process still runs."""
         if self.poll() is None:
             with suppress(ProcessLookupError):
                 os.kill(self.pid, number)
 
     def terminate(self) -> None:
-        """Ask it to end."""
+        """Ask the process to end, by SIGTERM."""
         self.send_signal(signal.SIGTERM)
 
     def kill(self) -> None:
-        """End it."""
+        """End the process, by SIGKILL."""
         self.send_signal(signal.SIGKILL)
 
 
 class ForkServer:
-    """Starts the process that imports, which goes on in the background.
+    """Starts the process that imports in the background, and asks it to fork.
 
     Args:
-        modules: What can be forked: each has a function ``main`` without arguments.
-        environment: Of all its processes.
+        modules: Modules that can be forked; each has a function ``main`` without arguments.
+        environment: Environment of all its processes.
     """
 
     def __init__(self, modules: Sequence[str], environment: Mapping[str, str]) -> None:
@@ -102,19 +102,19 @@ class ForkServer:
                 [sys.executable, "-m", __name__, str(theirs.fileno()), *modules],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
-                stderr=subprocess.DEVNULL,  # a module that cannot be imported says so when it is started from scratch
+                stderr=subprocess.DEVNULL,  # if a module cannot be imported, starting it from scratch reports that
                 env=dict(environment),
                 pass_fds=[theirs.fileno()],
                 start_new_session=True,
             )
 
     def start(self, name: str, module: str, log: int) -> Forked | None:
-        """Fork a process as soon as all is imported.
+        """Fork a process, as soon as all modules are imported.
 
         Args:
-            name: What ``top`` shows.
-            module: Whose ``main`` it runs, one of ``modules``.
-            log: Open file for what it says.
+            name: Name of the process in ``top``.
+            module: Module whose ``main`` it runs, one of ``modules``.
+            log: Open file for its output.
 
         Returns:
             The process; None if the fork server is gone.
@@ -126,7 +126,7 @@ class ForkServer:
             while self._newest is None and self._is_there:
                 self.take_in(None)
         except OSError:
-            self._lose()
+            self._handle_loss()
         finally:
             os.close(theirs)
         if self._newest is None:
@@ -134,7 +134,7 @@ class ForkServer:
         return self._newest
 
     def take_in(self, timeout: float | None) -> None:
-        """Take in what the fork_server tells, if anything within ``timeout`` [s] (None: wait without limit)."""
+        """Process reports of the fork server, waiting up to ``timeout`` [s] for the first (None: without limit)."""
         while self._is_there and select.select([self._socket], [], [], timeout)[0]:
             timeout = 0.0
             try:
@@ -142,7 +142,7 @@ class ForkServer:
             except OSError:
                 words = []
             if not words:
-                self._lose()
+                self._handle_loss()
             elif words[0] == b"started":
                 pid = int(words[1])
                 self._newest = self._children[pid] = Forked(self, pid, self._stdin)
@@ -151,8 +151,8 @@ class ForkServer:
                 if child is not None:
                     child.returncode = int(words[2])
 
-    def _lose(self) -> None:
-        """It is gone; no one would ever know how the processes that are left end, so they end now."""
+    def _handle_loss(self) -> None:
+        """Kill the remaining processes when the fork server is gone, as no other process could report how they end."""
         self._is_there = False
         for child in self._children.values():
             with suppress(ProcessLookupError):
@@ -161,10 +161,10 @@ class ForkServer:
         self._children.clear()
 
     def __del__(self) -> None:
-        self.close()  # also where no run has begun
+        self.close()  # also if no run has begun
 
     def close(self) -> None:
-        """End it; its processes go on."""
+        """End the fork server; its processes continue."""
         self._is_there = False
         self._socket.close()
         try:
@@ -175,12 +175,12 @@ class ForkServer:
 
 
 def _main() -> None:
-    """In the fork server: import, then fork what is asked for, and tell what has ended, until whoever asks is gone."""
+    """Import, then fork on request, and report processes that have ended, until the client is gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     asks = socket.socket(fileno=int(sys.argv[1]))
     mains = {name: importlib.import_module(name).main for name in sys.argv[2:]}
     gc.collect()
-    gc.freeze()  # what is shared stays shared: the collector would write to all of it
+    gc.freeze()  # keeps memory shared: the collector would write to all of it
     woken, wakes = socket.socketpair()
     wakes.setblocking(False)
     signal.signal(signal.SIGCHLD, lambda *_: None)
@@ -189,7 +189,7 @@ def _main() -> None:
         ready, _, _ = select.select([asks, woken], [], [])
         if woken in ready:
             woken.recv(_PACKET)
-            _tell_ends(asks)
+            _report_ends(asks)
         if asks in ready:
             request, files, _, _ = socket.recv_fds(asks, _PACKET, 2)
             if not request:
@@ -201,7 +201,7 @@ def _main() -> None:
                 signal.signal(signal.SIGCHLD, signal.SIG_DFL)
                 for each in (asks, woken, wakes):
                     each.close()
-                _become(name, *files)
+                _detach(name, *files)
                 mains[module]()
                 return
             for file in files:
@@ -209,15 +209,15 @@ def _main() -> None:
             asks.send(f"started {pid}".encode())
 
 
-def _tell_ends(asks: socket.socket) -> None:
-    """Tell of all processes that have ended."""
+def _report_ends(asks: socket.socket) -> None:
+    """Report all processes that have ended."""
     with suppress(ChildProcessError):
         while (ended := os.waitpid(-1, os.WNOHANG))[0]:
             asks.send(f"ended {ended[0]} {os.waitstatus_to_exitcode(ended[1])}".encode())
 
 
-def _become(name: str, stdin: int, log: int) -> None:
-    """Let this process, which has just been forked, be one of its own."""
+def _detach(name: str, stdin: int, log: int) -> None:
+    """Turn this newly forked process into an independent one."""
     os.setsid()
     for file, number in ((stdin, 0), (log, 1), (log, 2)):
         os.dup2(file, number)

@@ -1,4 +1,4 @@
-"""What an observer checks before it takes a message for one about its run: what it computes with it must not fail."""
+"""Checks of an observer's received messages: computing with a checked message cannot fail."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ from coheft.wire.scenario.schema import MAX_DURATION
 from coheft.wire.transport.planes import SERVER
 
 _LONGEST = 2 * MAX_DURATION
-"""No run lasts so long [s]; the last block may end a little later than the run."""
+"""Largest time of a block [s]; the last block may end a little later than the run."""
 
 News = Truth | Estimate | Problem
-"""What an observer hears of a run."""
+"""Messages that an observer receives about a run."""
 
 
 def check_news(source: str, message: Message, scene: Scene) -> News | None:
-    """What a source has said, checked; None if it is nothing for an observer.
+    """Return a checked message of a source; None if it is not for observers.
 
     Raises:
-        MessageError: It makes no sense.
+        MessageError: The message is invalid.
     """
     match message:
         case Truth():
@@ -52,21 +52,21 @@ def check_news(source: str, message: Message, scene: Scene) -> News | None:
 
 
 def check_status(status: Status) -> None:
-    """Check who holds the payload, and where, and with which estimators.
+    """Check a status: robots, graph, grasps, shapes and estimators.
 
     Raises:
-        MessageError: It cannot be a team.
+        MessageError: It is invalid.
     """
     scene = status.scene
     if not 0 < len(set(scene.robots)) == len(scene.robots):
-        raise MessageError(f"robots are {scene.robots} but expected some, once each")
+        raise MessageError(f"robots are {scene.robots} but expected at least one, without duplicates")
     check_array(scene.rotations, (len(scene.robots), 3, 3), "rotations")
     for name, rotation in zip(scene.robots, scene.rotations, strict=True):
         check_rotation(rotation, name)
     check_numbers(scene.translations, (len(scene.robots), 3), "translations")
     if scene.triangles.size:
         check_numbers(scene.triangles, (len(scene.triangles), 3, 3), "triangles")
-    check_field("neighbours are told of", sorted(scene.neighbours), sorted(scene.robots))
+    check_field("robots of the graph", sorted(scene.neighbours), sorted(scene.robots))
     for name, others in scene.neighbours.items():
         for other in others:
             check_choice(f"neighbour of {name!r}", other, scene.robots)
@@ -79,10 +79,10 @@ def check_status(status: Status) -> None:
 
 
 def check_truth(truth: Truth, scene: Scene) -> None:
-    """Check what came under the server's key.
+    """Check a truth, received from the server.
 
     Raises:
-        MessageError: It cannot be about a payload, or not about the one that this team holds.
+        MessageError: It is invalid, or not about this team.
     """
     _check_moment(truth.block, truth.time)
     payload = truth.payload
@@ -92,7 +92,7 @@ def check_truth(truth: Truth, scene: Scene) -> None:
     check_numbers(payload.com, (3,), "com")
     check_numbers(payload.tensor, (3, 3), "tensor")
     if not payload.tensor.any():
-        raise MessageError("tensor is zero but expected a body's")
+        raise MessageError("tensor is zero but expected that of a body")
     check_numbers(truth.position, (3,), "position")
     check_numbers(truth.quaternion, (4,), "quaternion")
     if abs(np.linalg.norm(truth.quaternion) - 1.0) > ROTATION_TOLERANCE:
@@ -110,15 +110,15 @@ def check_truth(truth: Truth, scene: Scene) -> None:
 
 
 def check_estimate(estimate: Estimate, source: str, robots: Collection[str]) -> None:
-    """Check what came under a robot's key.
+    """Check an estimate, received from a robot.
 
     Args:
-        estimate: What came.
-        source: The robot.
-        robots: Of whom it may speak.
+        estimate: The estimate.
+        source: The robot that sent it.
+        robots: Names of the team's robots.
 
     Raises:
-        MessageError: It is not what the robot called ``source`` can believe.
+        MessageError: It is invalid, or names robots that are not in the team.
     """
     check_field("robot", estimate.robot, source)
     check_choice("robot", estimate.robot, robots)

@@ -1,4 +1,4 @@
-"""Where the parts of a run are: on this machine, or each on a host of its own."""
+"""Addresses of the parts of a run: on this machine, or on different hosts."""
 
 from __future__ import annotations
 
@@ -25,36 +25,36 @@ from coheft.wire.transport.planes import SERVER
 _LARGEST_PORT = 65535
 LOOPBACK = "127.0.0.1"
 _PORTS = range(20000, 32768)
-"""Above 32767 the system may give a port to an outgoing connection between our choice and its use."""
+"""Above 32767 the system might assign a port to an outgoing connection before it is used here."""
 
 
 class Places(Protocol):
-    """Gives every listener an address and a port of its own."""
+    """Assigns an address and a port to every listener."""
 
     def take(self, name: str) -> str:
-        """Another ``host:port`` for the part called ``name``."""
+        """Return a new ``host:port`` for a part."""
 
 
 class FreePorts:
     """Free ports of the loopback interface.
 
     Raises:
-        LinkError: There are not so many.
+        LinkError: There are not enough.
     """
 
     def __init__(self, number: int) -> None:
         self._ports = iter(free_ports(number))
 
     def take(self, name: str) -> str:
-        """The next one, whoever it is for."""
+        """Return the next free port, for any part."""
         return f"{LOOPBACK}:{next(self._ports)}"
 
 
 class Hosts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Where the parts run, as a TOML file tells.
+    """Hosts of the parts, read from a TOML file.
 
     Attributes:
-        hosts: Address or host name by part: ``server``, and robots by name; who is not named is on the server's host.
+        hosts: Address or host name by part: ``server``, and robots by name; other parts are on the server's host.
         port: The first port that is used on every host; the others follow.
     """
 
@@ -62,40 +62,38 @@ class Hosts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     port: Annotated[int, msgspec.Meta(ge=1, le=65535)] = 20000
 
     def of(self, name: str) -> str:
-        """Where a part is. This machine has one name, so that its ports are counted once."""
+        """Return the host of a part, with one name for this machine, so that its ports are counted once."""
         host = self.hosts.get(name, self.hosts.get(SERVER, LOOPBACK))
         return LOOPBACK if host == "localhost" else host
 
     @property
     def are_remote(self) -> bool:
-        """Whether any part can be reached from another machine."""
+        """Whether any part is on another machine or reachable from one."""
         return not all(_is_loopback(host) for host in self.hosts.values())
 
 
 class HostPorts:
-    """Consecutive ports on every host, so that a firewall can be told before."""
+    """Consecutive ports on every host, so that a firewall can be configured in advance."""
 
     def __init__(self, hosts: Hosts) -> None:
         self._hosts = hosts
         self._next: defaultdict[str, count[int]] = defaultdict(lambda: count(hosts.port))
 
     def take(self, name: str) -> str:
-        """The next one on the host of a part.
+        """Return the next port on the host of a part.
 
         Raises:
-            LinkError: There is none.
+            LinkError: There is no port left.
         """
         host = self._hosts.of(name)
         port = next(self._next[host])
         if port > _LARGEST_PORT:
-            raise LinkError(
-                f"{host} has no port left for {name}: begin with a lower one than port = {self._hosts.port}"
-            )
+            raise LinkError(f"{host} has no port left for {name}: choose a lower one than port = {self._hosts.port}")
         return f"{f'[{host}]' if ':' in host else host}:{port}"
 
 
 def load_hosts(path: Path, scenario: Scenario) -> Hosts:
-    """Read where the parts of a scenario run.
+    """Read the hosts of the parts of a scenario.
 
     Raises:
         ScenarioError: The file cannot be used.
@@ -113,7 +111,7 @@ def load_hosts(path: Path, scenario: Scenario) -> Hosts:
     parts = (SERVER, *scenario.robot_names)
     unknown = sorted(hosts.hosts.keys() - set(parts))
     if unknown:
-        raise ScenarioError(f"{path}: key 'hosts.{unknown[0]}': no such part; there are: {', '.join(parts)}")
+        raise ScenarioError(f"{path}: key 'hosts.{unknown[0]}': no such part; available: {', '.join(parts)}")
     for part, host in hosts.hosts.items():
         if not _is_host(host):
             raise ScenarioError(
@@ -123,20 +121,20 @@ def load_hosts(path: Path, scenario: Scenario) -> Hosts:
     local = [part for part in parts if _is_loopback(hosts.of(part))]
     if hosts.are_remote and local:
         raise ScenarioError(
-            f"{path}: {local[0]} is on {hosts.of(local[0])}, which others cannot reach: give the address that they are "
-            f"to dial, of the server first"
+            f"{path}: {local[0]} is on {hosts.of(local[0])}, which other hosts cannot reach: use the address that they "
+            f"dial, of the server first"
         )
     return hosts
 
 
 def free_ports(number: int) -> list[int]:
-    """Different ports of the loopback interface on which no one listens now.
+    """Return different ports of the loopback interface at which no process listens now.
 
-    The environment variable ``COHEFT_PORTS`` may hold the first and the last one that can be used, ``21000-21999``: two
-    runs that begin at the same moment could else choose the same port.
+    The environment variable ``COHEFT_PORTS`` may restrict the range, such as ``21000-21999``: two runs that start at
+    the same moment could otherwise choose the same port.
 
     Raises:
-        LinkError: There are not enough.
+        LinkError: There are not enough free ports.
     """
     ports, found = _usable_ports(), list[int]()
     for port in random.sample(ports, len(ports)):
@@ -151,10 +149,10 @@ def free_ports(number: int) -> list[int]:
 
 
 def _usable_ports() -> range:
-    """What ``COHEFT_PORTS`` says, or all that are commonly free.
+    """Return the range in ``COHEFT_PORTS``, or all ports that are commonly free.
 
     Raises:
-        LinkError: It says something else.
+        LinkError: ``COHEFT_PORTS`` is not a valid range.
     """
     chosen = os.environ.get("COHEFT_PORTS", "")
     if not chosen:
@@ -175,7 +173,7 @@ def _is_host(host: str) -> bool:
 
 
 def _is_number(host: str) -> bool:
-    """Whether a name can only be an address that is none, such as 10.0.0.300."""
+    """Whether a name consists of digits and dots, as an invalid address such as 10.0.0.300 does."""
     return host.replace(".", "").isdigit()
 
 

@@ -1,6 +1,6 @@
-"""A whole run in one process: the same physics, the same agents, and a network that is a dictionary.
+"""A whole run in one process: the same physics and agents, with a simulated network.
 
-Gives the same numbers as ``coheft run`` in lockstep, bit for bit, without processes and sockets.
+It gives the same numbers as ``coheft run`` in lockstep, bit for bit, without processes and sockets.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from coheft.wire.scenario.schema import Scenario
 
 
 class TeamInProcess:
-    """All parts of a run. A block is ``measure``, then ``answer`` to what is ``measured`` and ``heard``.
+    """All parts of a run. For each block, call ``measure``, then ``answer`` with what is ``measured`` and ``heard``.
 
     Args:
-        scenario: What to run.
+        scenario: The scenario to run.
 
     Attributes:
         graph: Neighbours of every robot.
-        simulation: The physics.
+        simulation: The simulation of the physics.
     """
 
     def __init__(self, scenario: Scenario) -> None:
@@ -39,26 +39,26 @@ class TeamInProcess:
         self._references: dict[int, dict[str, Reference]] = {}
 
     def start_agents(self, scenario: Scenario, incarnation: int = 0) -> None:
-        """Let agents that know nothing take the place of those that there are.
+        """Replace the agents by new ones with an empty memory.
 
         Args:
-            scenario: What they are told to do.
-            incarnation: Larger than that of those before.
+            scenario: The scenario that configures them.
+            incarnation: A number larger than that of the agents before.
         """
         configs = [agent_config(scenario, name, others) for name, others in self.graph.items()]
         self._linked = LinkedAgents(configs, incarnation, largest_arrays(scenario))
 
     @property
     def agents(self) -> dict[str, Agent]:
-        """By robot."""
+        """The agents, by robot."""
         return self._linked.agents
 
     def measure(self) -> BlockResult:
-        """Let the physics go on by a block, with the arms as the agents wanted them."""
+        """Simulate a block with the agents' references."""
         return self.simulation.advance(self._references.pop(self.simulation.block, {}))
 
     def heard(self) -> dict[str, list[NeighbourMessage]]:
-        """What every robot's neighbours said after the last block."""
+        """Return the messages that each robot's neighbours sent after the last block, by receiving robot."""
         return self._linked.heard()
 
     def answer(
@@ -66,7 +66,7 @@ class TeamInProcess:
         blocks: Mapping[str, MeasurementBlock | None],
         heard: Mapping[str, Sequence[NeighbourMessage]],
     ) -> dict[str, Outbox]:
-        """Let all agents step, each with its own measurements and what it has heard; what they send."""
+        """Step all agents, each with its own measurements and received messages; return what they send."""
         index = self.simulation.block - 1
         outboxes = self._linked.step(index, blocks, heard)
         references = {name: outbox.reference for name, outbox in outboxes.items()}
@@ -75,7 +75,7 @@ class TeamInProcess:
 
 
 def measured(result: BlockResult) -> dict[str, MeasurementBlock | None]:
-    """A block as every robot has measured it."""
+    """Return a block's measurements by robot, in the agents' form."""
     return {name: MeasurementBlock(each.block, each.samples) for name, each in result.measurements.items()}
 
 
@@ -88,7 +88,7 @@ class BlockRecord:
 
 
 def run_in_process(scenario: Scenario) -> Iterator[BlockRecord]:
-    """Run a scenario block by block."""
+    """Run a scenario, and yield a record of each block."""
     team = TeamInProcess(scenario)
     for _ in range(scenario.blocks):
         result = team.measure()

@@ -1,6 +1,7 @@
-"""A certificate authority for one team, and a certificate per participant.
+"""A certificate authority for one team, and a certificate for each participant.
 
-The only module that needs the package ``cryptography``; sessions read the files themselves.
+Apart from ``coheft.wire.transport.signatures``, this is the only module that needs the package ``cryptography``;
+sessions read the files themselves.
 """
 
 from __future__ import annotations
@@ -29,21 +30,21 @@ except ImportError as error:
     raise MissingPackageError("cryptography", "secure") from error
 
 CLOCK_TOLERANCE = timedelta(minutes=5)
-"""By how much the clocks of two hosts may differ when certificates are new."""
+"""Difference between the clocks of two hosts that new certificates tolerate."""
 _MINUTE = "%Y-%m-%d %H:%M"
-"""How a time is written in errors."""
+"""Format of times in errors."""
 
 
 @dataclass(frozen=True)
 class Authority:
-    """Signs certificates; whoever trusts it trusts all that it has signed."""
+    """A certificate authority: participants trust all certificates that it has signed."""
 
     certificate: x509.Certificate
     key: ec.EllipticCurvePrivateKey
 
     @classmethod
     def new(cls, lifetime: timedelta) -> Self:
-        """An authority of its own."""
+        """Make a new authority."""
         key = ec.generate_private_key(ec.SECP256R1())
         name = _name("authority")
         builder = _builder(name, name, key, lifetime)
@@ -54,10 +55,10 @@ class Authority:
 
     @classmethod
     def load(cls, folder: Path) -> Self:
-        """The authority in a folder that ``make_keys`` made.
+        """Load the authority in a folder made by ``make_keys``.
 
         Raises:
-            CoheftError: It is not there.
+            CoheftError: The folder contains none.
         """
         try:
             key = serialization.load_pem_private_key((folder / "authority.key").read_bytes(), password=None)
@@ -65,20 +66,21 @@ class Authority:
         except (OSError, ValueError) as error:
             raise CoheftError(f"there is no authority in {folder}: {error}") from error
         if not isinstance(key, ec.EllipticCurvePrivateKey):
-            raise CoheftError(f"{folder / 'authority.key'} holds another kind of key than coheft makes")
+            raise CoheftError(f"{folder / 'authority.key'} contains another type of key than coheft makes")
         return cls(certificate, key)
 
     def issue(self, folder: Path, name: str, host: str = LOOPBACK, lifetime: timedelta | None = None) -> None:
         """Write ``<name>.key`` and ``<name>.crt``.
 
         Args:
-            folder: Where.
-            name: The participant's.
+            folder: Folder for the files.
+            name: The participant's name.
             host: Address or host name at which it listens.
-            lifetime: As long as the authority's own by default; not positive: it has expired already.
+            lifetime: Lifetime of the certificate; by default that of the authority's. If it is not positive, the
+                certificate has already expired.
 
         Raises:
-            CoheftError: They are there already, or cannot be written.
+            CoheftError: The files exist already, or cannot be written.
         """
         key = ec.generate_private_key(ec.SECP256R1())
         end = self.certificate.not_valid_after_utc if lifetime is None else datetime.now(UTC) + lifetime
@@ -105,18 +107,17 @@ def make_keys(
     """Make an authority and one certificate per participant.
 
     Args:
-        folder: Where their files go; it is made.
-        scenario: Whose participants.
-        hosts: Where they listen; None: all on the loopback interface.
-        lifetime: Of all certificates.
-        keeps_authority: Whether more certificates can be made later: without the authority's key, no one else is ever
-            let in.
+        folder: Folder for the files; made if it does not exist.
+        scenario: The scenario that names the participants.
+        hosts: Addresses at which they listen; None for the loopback interface.
+        lifetime: Lifetime of all certificates.
+        keeps_authority: Whether to keep the authority's key, with which more certificates can be made later.
 
     Returns:
         The participants' names.
 
     Raises:
-        CoheftError: There is an authority in the folder already, or it cannot be written to.
+        CoheftError: The folder contains an authority already, or cannot be written to.
     """
     authority = Authority.new(lifetime)
     if keeps_authority:
@@ -130,7 +131,7 @@ def make_keys(
 
 
 def check_keys(folder: Path, scenario: Scenario, hosts: Hosts | None = None) -> None:
-    """Check that everyone's certificate holds now, is signed, and is for where it is used: links would only stay away.
+    """Check that all certificates are valid now, signed by the authority, and for the right host and participant.
 
     Raises:
         CoheftError: One is not, or its key is another's.
@@ -151,8 +152,8 @@ def check_keys(folder: Path, scenario: Scenario, hosts: Hosts | None = None) -> 
         _check_key(Path(files.key), path, certificate)
         if certificate.subject != _name(name):
             raise CoheftError(
-                f"{path} is a certificate of {certificate.subject.rfc4514_string()}, expected CN={name}: give files "
-                f"back the names that 'coheft keys' gave them, or make new keys in another folder"
+                f"{path} is a certificate of {certificate.subject.rfc4514_string()}, expected CN={name}: restore the "
+                f"names that 'coheft keys' gave to the files, or make new keys in another folder"
             )
         host = hosts.of(name) if hosts is not None else LOOPBACK
         if name not in ROLES and _host(host) not in _hosts_in(path, certificate):
@@ -163,14 +164,14 @@ def _load_certificate(path: Path) -> x509.Certificate:
     try:
         return x509.load_pem_x509_certificate(path.read_bytes())
     except (OSError, ValueError) as error:
-        raise CoheftError(f"{path} is no certificate that 'coheft keys' made: {error}") from error
+        raise CoheftError(f"{path} is not a certificate made by 'coheft keys': {error}") from error
 
 
 def _hosts_in(path: Path, certificate: x509.Certificate) -> x509.SubjectAlternativeName:
     try:
         return certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
     except (ValueError, x509.ExtensionNotFound) as error:
-        raise CoheftError(f"{path} is no certificate that 'coheft keys' made: {error}") from error
+        raise CoheftError(f"{path} is not a certificate made by 'coheft keys': {error}") from error
 
 
 def _check_time(path: Path, certificate: x509.Certificate) -> None:
@@ -179,8 +180,8 @@ def _check_time(path: Path, certificate: x509.Certificate) -> None:
         raise CoheftError(f"{path} has expired on {end:{_MINUTE}} UTC: make new keys in another folder")
     if now < begin:
         raise CoheftError(
-            f"{path} holds from {begin:{_MINUTE}} UTC on, but it is {now:{_MINUTE}} UTC here: set the clock, or make "
-            f"new keys in another folder"
+            f"{path} is valid from {begin:{_MINUTE}} UTC on, but it is {now:{_MINUTE}} UTC here: set the clock, or "
+            f"make new keys in another folder"
         )
 
 
@@ -188,7 +189,7 @@ def _check_key(path: Path, of: Path, certificate: x509.Certificate) -> None:
     try:
         key = serialization.load_pem_private_key(path.read_bytes(), password=None)
     except (OSError, TypeError, ValueError, UnsupportedAlgorithm) as error:
-        raise CoheftError(f"{path} is no key that 'coheft keys' made: {error}") from error
+        raise CoheftError(f"{path} is not a key made by 'coheft keys': {error}") from error
     if key.public_key() != certificate.public_key():
         raise CoheftError(
             f"{path} is not the key of {of}: take both from one folder that 'coheft keys' made, or make new keys in "
@@ -249,12 +250,12 @@ def _write_certificate(folder: Path, name: str, certificate: x509.Certificate) -
 
 
 def _write(path: Path, data: bytes, mode: int) -> None:
-    """Write a new file that no one can read before it has its mode."""
+    """Write a new file with restricted access from its creation on."""
     try:
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
     except FileExistsError as error:
-        raise CoheftError(f"{path} is there already: keys are never overwritten; name another folder") from error
+        raise CoheftError(f"{path} exists already: keys are never overwritten; name another folder") from error
     except OSError as error:
         raise CoheftError(f"cannot write {path}: {error.strerror}") from error
     try:

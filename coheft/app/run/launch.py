@@ -1,4 +1,4 @@
-"""The supervisor: starts the processes of a run, follows it, and never leaves one behind."""
+"""The supervisor: starts the processes of a run, follows the run, and ends them all with it."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ from coheft.wire.transport.planes import SERVER
 
 _POLL = 0.02
 _GATHER = 0.03
-"""After the first message others are waited for [s]: a run is looked at about twenty times a second, however fast it
-goes, and whoever is killed is missed within 50 ms."""
+"""Time to wait for further messages after the first one [s]: a run is evaluated about twenty times a second, however
+fast it is, and the end of a process is noticed within 50 ms."""
 _START_LIMIT = 60.0
-_NO_COMMENT = 5.0
+_COMMENT_AFTER = 5.0
 _SILENCE = 2.0
 _STOPPED = 2.0
-_LAST_WORDS = 1.0
+_FINAL_MESSAGES = 1.0
 _WRITING_LIMIT = 120.0  # the server may have a long recording to write before it answers
 _AGENTS_END = 5.0
 
@@ -50,21 +50,21 @@ def launch(
     restarts: int = 0,
     fork_server: ForkServer | None = None,
 ) -> Report:
-    """Run a plan to its end, and compare what the robots found with the truth.
+    """Run a plan to its end, and compare the robots' estimates with the truth.
 
-    Processes are forked by ``fork_server``, or a new one if there is none yet, where systems can do so.
+    Processes are forked by ``fork_server``, or by a new one if the platform supports that.
 
-    An agent that fails while the run goes on is started again, up to ``restarts`` times. The server is not: with it the
-    simulated world is gone.
+    An agent that fails during the run is restarted, up to ``restarts`` times. The server is not, because the simulated
+    world ends with it.
 
     Raises:
-        ProcessError: A process failed, an agent once too often; the others have been stopped.
+        ProcessError: A process failed, or an agent failed too often; the others have been stopped.
         LinkError: The processes did not find each other.
-        KeyboardInterrupt: Ctrl-C.
+        KeyboardInterrupt: The user pressed Ctrl-C.
     """
     scenario = plan.server.scenario
     fork_server = fork_server or make_fork_server()
-    # Processes end before the link to them does, which a frozen one would keep from closing.
+    # Processes end before the observer's links, which a frozen process would keep from closing.
     with observe(plan.run_file()) as observer, Processes(folder, fork_server) as processes, display:
         server = processes.start(SERVER, "coheft.physics_server.server", plan.server)
         for name, agent in plan.agents.items():
@@ -83,7 +83,7 @@ def launch(
             for follower in followers:
                 follower.end(status)
     if record.truth is None or record.silent:
-        raise LinkError(f"the run ended before every robot had said something; see the logs in {folder}")
+        raise LinkError(f"the run ended before every robot had sent an estimate; see the logs in {folder}")
     info = RunInfo(
         scenario=scenario.name,
         seed=scenario.seed,
@@ -97,13 +97,13 @@ def launch(
 
 @dataclass(frozen=True)
 class Audience:
-    """Everyone in this process who hears what an observer hears.
+    """All parts of this process that receive an observer's messages.
 
     Attributes:
-        record: What the report is made of.
-        display: What the terminal shows.
-        followers: Everyone else.
-        is_told_end: Whether the display shows why a run broke off; who supervises it raises that as an error.
+        record: Collects the data of the report.
+        display: Shows the run in the terminal.
+        followers: All others.
+        is_told_end: Whether the display shows why a run was aborted; the supervisor raises that as an error instead.
     """
 
     record: Record
@@ -112,7 +112,7 @@ class Audience:
     is_told_end: bool = True
 
     def collect(self, observer: Observer, seconds: float = _POLL) -> bool:
-        """Take in what has come, show it, and say whether time went on."""
+        """Process the messages that have arrived, show them, and return whether the simulated time has advanced."""
         before = self.record.time
         for news in observer.collect(self.record.scene, seconds, _GATHER):
             self.record.hear(news)
@@ -129,7 +129,9 @@ def _run_file(plan: Plan, processes: Processes) -> RunFile:
 
 
 def _wait_for_start(observer: Observer, again: Restarts, display: Display) -> Status:
-    """Wait until all links stand and the clock runs; as long as one more comes now and then, however many there are."""
+    """Wait until all links are up and the clock runs. The limit counts from the last new link, whatever their
+    number.
+    """
     began = moved_at = time.monotonic()
     waiting_for = [SERVER]
     while time.monotonic() < moved_at + _START_LIMIT:
@@ -140,7 +142,7 @@ def _wait_for_start(observer: Observer, again: Restarts, display: Display) -> St
                 return status
             if status.waiting_for != waiting_for:
                 waiting_for, moved_at = status.waiting_for, time.monotonic()
-        if time.monotonic() > began + _NO_COMMENT:
+        if time.monotonic() > began + _COMMENT_AFTER:
             display.note(f"waiting for {', '.join(waiting_for)}")
         time.sleep(_POLL)
     raise LinkError(f"after {time.monotonic() - began:.0f} s there is still no link with {', '.join(waiting_for)}")
@@ -149,14 +151,14 @@ def _wait_for_start(observer: Observer, again: Restarts, display: Display) -> St
 def _follow(
     audience: Audience, observer: Observer, processes: Processes, again: Restarts, *, is_saving: bool
 ) -> Status:
-    """Collect what the processes say until the agents have gone; return the server's last word.
+    """Process messages until all agents have ended; return the server's final status.
 
-    What is to be saved may take long: as long as the server is there, only Ctrl-C ends that.
+    Saving may take long: while the server runs, only Ctrl-C interrupts it.
 
     Raises:
-        ProcessError: A process failed, the server after the agents perhaps; or an agent does not go though the run is
-            over.
-        LinkError: The server has no last word.
+        ProcessError: A process failed, possibly the server after the agents; or an agent does not end although the run
+            is over.
+        LinkError: The server sent no final status.
     """
     news = time.monotonic()
     while not processes.all_done_but(SERVER) or processes.failed:
@@ -174,27 +176,27 @@ def _follow(
             elif status is not None:
                 _explain_silence(status, audience.display)
     processes.check()
-    deadline = time.monotonic() + _LAST_WORDS
+    deadline = time.monotonic() + _FINAL_MESSAGES
     while time.monotonic() < deadline and not audience.record.complete:
         audience.collect(observer)
     deadline += _WRITING_LIMIT
-    while (status := observer.status()) is None or status.failure:  # one that has failed is about to end: see how
+    while (status := observer.status()) is None or status.failure:  # a failed server is about to end
         has_ended = processes.ended(SERVER)
         processes.check()
         if is_saving and not has_ended:
-            audience.display.note("the server writes down what the robots have measured")
+            audience.display.note("the server is writing the robots' measurements")
         elif has_ended or time.monotonic() > deadline:
-            raise LinkError("the server did not say how the run ended" if status is None else status.failure)
+            raise LinkError("the server did not report how the run ended" if status is None else status.failure)
         time.sleep(_POLL)
     return status
 
 
 def watch(run_file: RunFile, display: Display) -> str:
-    """Show a run that somebody else supervises until it has ended, and return in words when that was.
+    """Show a run that another process supervises until it has ended; return a sentence that says when that was.
 
     Raises:
-        LinkError: The server does not answer, or not any more, or it says that the run broke off.
-        OSError: Standard output cannot be written: no one watches.
+        LinkError: The server does not answer, or reports that the run was aborted.
+        OSError: Standard output is closed.
     """
     with display, ExitStack() as links:
         display.note("waiting for the server of the run to answer")
@@ -218,12 +220,12 @@ def watch(run_file: RunFile, display: Display) -> str:
                 status = answer
                 _explain_silence(status, display)
                 continue
-            if run_file.pids and has_gone(run_file):  # who supervises a server never starts it again
-                raise LinkError(f"the run has broken off: its server has gone after {audience.record.time:.1f} s")
+            if run_file.pids and has_gone(run_file):  # a supervisor never restarts its server
+                raise LinkError(f"the run was aborted: its server ended after {audience.record.time:.1f} s")
             observer.check_server()
             display.note("the server does not answer")
-    if status.failure:  # the display has told it
-        raise LinkError(f"the run has broken off at {status.time:.2f} s")
+    if status.failure:  # the display has shown it
+        raise LinkError(f"the run was aborted at {status.time:.2f} s")
     return f"the run has ended at {status.time:.2f} s"
 
 

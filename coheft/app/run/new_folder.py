@@ -1,4 +1,4 @@
-"""Folders that are made before there is anything to put into them."""
+"""Removal of new, empty folders when a command is aborted."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from pathlib import Path
 
 @contextmanager
 def gone_if_broken_off(folder: Path | None) -> Iterator[None]:
-    """Take a folder away again that was made within the context and is empty, if an error or Ctrl-C ends that.
+    """Remove a folder that was made within the context and is empty, if an error or Ctrl-C ends the context.
 
-    Those above it that were made for it go with it. None: there is no folder.
+    Parent folders that were made within the context are removed, too. None: there is no folder.
     """
     new = [] if folder is None else [each for each in (folder, *folder.parents) if not each.exists()]
     try:

@@ -1,4 +1,4 @@
-"""The observer's link to a run: hears estimates and truth, and asks the server."""
+"""The observer's link to a run: receives estimates and truth, and sends requests to the server."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from coheft.wire.transport.sessions import Keys, Role, ask, ask_for, open_sessio
 
 _RETRY_EVERY = 0.02
 _ANSWER_LIMIT = 5.0
-_QUESTIONS = 5
-"""So many in a row without an answer, and the server is given up: a busy machine may miss one or two."""
-_COLLECT_LIMIT = 0.1  # or whoever calls would see nothing else while messages come faster than they are read
+_MAX_UNANSWERED = 5
+"""Number of consecutive unanswered requests after which the server is given up; a busy machine may miss one or two."""
+_COLLECT_LIMIT = 0.1  # so that ``collect`` returns even if messages arrive faster than they are read
 
 
 class Observer:
-    """Hears the server and every agent of a run, see ``observe``."""
+    """Receives messages of the server and every agent of a run, see ``observe``."""
 
     def __init__(self, run_file: RunFile, session: zenoh.Session, role: Role) -> None:
         self._session = session
@@ -48,9 +48,10 @@ class Observer:
             self._inbox.listen(session, name, {estimate: Estimate, problem: Problem})
 
     def collect(self, scene: Scene, seconds: float, gather: float = 0.0) -> list[News]:
-        """Wait at most that long for something new, then return what has come, checked, in the order in which it came.
+        """Wait at most ``seconds`` for a message, then return all that have arrived, checked and in order of arrival.
 
-        What comes in the ``gather`` seconds after the first is waited for. What makes no sense becomes a ``Problem``.
+        Messages that arrive within ``gather`` seconds after the first are included. Invalid messages become a
+        ``Problem``.
         """
         news: list[News] = []
         event = self._inbox.receive(seconds)
@@ -74,10 +75,10 @@ class Observer:
         return news
 
     def _take(self, source: str, message: Message, scene: Scene) -> News | None:
-        """Check what has come, keep the server's last word, and return the rest.
+        """Check a message; keep the server's final status, and return other messages.
 
         Raises:
-            MessageError: It makes no sense.
+            MessageError: The message is invalid.
         """
         if not isinstance(message, Status):
             if source == SERVER:
@@ -88,10 +89,10 @@ class Observer:
         return None
 
     def status(self) -> Status | None:
-        """How the run is, or how it ended; None if the server does not answer (yet, or any more).
+        """Return the present or final status of the run; None if the server does not answer (yet, or any more).
 
         Raises:
-            MessageError: It answers what makes no sense, because it is of another release, for instance.
+            MessageError: The answer is invalid, for instance because the server is of another release.
         """
         if self._last_word is not None:
             return self._last_word
@@ -108,30 +109,30 @@ class Observer:
 
     @property
     def has_ended(self) -> bool:
-        """Whether the server has said how the run ended."""
+        """Whether the server has sent the final status."""
         return self._last_word is not None
 
     @property
     def has_lost_server(self) -> bool:
-        """Whether the server has answered none of the last questions, nor said anything else since."""
-        return self._unanswered >= _QUESTIONS
+        """Whether the server has answered none of the last requests, nor sent anything since."""
+        return self._unanswered >= _MAX_UNANSWERED
 
     def check_server(self) -> None:
-        """Check that the server has said something lately.
+        """Check that the server has not been lost.
 
         Raises:
-            LinkError: It has not.
+            LinkError: It has been lost.
         """
         if self.has_lost_server:
-            raise LinkError(f"the server has not answered {_QUESTIONS} questions in a row: it has gone, or hangs")
+            raise LinkError(f"the server has not answered {_MAX_UNANSWERED} requests in a row: it has ended, or hangs")
 
     def ask(self, request: Request) -> Status:
-        """Ask the server to do something, as soon as the link to it stands.
+        """Send a request to the server, as soon as the link to it is up.
 
         Raises:
-            LinkError: It does not answer.
-            MessageError: It answers what makes no sense.
-            CoheftError: It does not do it; says why.
+            LinkError: The server does not answer.
+            MessageError: The answer is invalid.
+            CoheftError: The server refuses; the message says why.
         """
         deadline = time.monotonic() + _ANSWER_LIMIT
         while self.status() is None:
@@ -151,10 +152,10 @@ def _refusal(source: str, reason: MessageError) -> Problem:
 
 @contextmanager
 def observe(run_file: RunFile) -> Iterator[Observer]:
-    """Dial the server and every agent of a run, as an observer; the links end with the context.
+    """Dial the server and every agent of a run as an observer, while the context lasts.
 
     Raises:
-        CoheftError: The run is secure, and there are no keys of an observer.
+        CoheftError: The run is secure, and there are no observer's keys.
     """
     endpoints = [run_file.server, *run_file.agents.values()]
     with open_session(connect=endpoints, guard=_guard(run_file, "observer")) as session:
@@ -162,18 +163,18 @@ def observe(run_file: RunFile) -> Iterator[Observer]:
 
 
 def set_link(run_file: RunFile, scene: Scene, one: str, other: str, *, cut: bool) -> None:
-    """Cut the link between two neighbours, or mend it, as the operator.
+    """Cut the link between two neighbours, or restore it, as the operator.
 
     Args:
-        run_file: How to reach the run.
-        scene: Who talks with whom.
-        one: One end.
-        other: The other one.
-        cut: Whether to cut it.
+        run_file: Addresses of the run.
+        scene: The scene, with the graph.
+        one: Name of one robot.
+        other: Name of the other one.
+        cut: True to cut the link, False to restore it.
 
     Raises:
-        CoheftError: They are no neighbours, or the run is secure and there are no keys of the operator.
-        LinkError: The one that dials does not answer.
+        CoheftError: They are not neighbours, or the run is secure and there are no operator's keys.
+        LinkError: The robot that dials does not answer.
     """
     if other not in scene.neighbours.get(one, ()):
         links = ", ".join(f"{a}-{b}" for a in scene.robots for b in scene.neighbours[a] if a < b)
@@ -186,7 +187,7 @@ def set_link(run_file: RunFile, scene: Scene, one: str, other: str, *, cut: bool
             try:
                 answer = ask_for(CutLinks, session, key, LinkRequest(neighbour=listens, cut=cut), timeout=0.5)
                 break
-            except LinkError:  # the link to it may not stand yet
+            except LinkError:  # the link to it may not be up yet
                 if time.monotonic() > deadline:
                     raise
                 time.sleep(_RETRY_EVERY)
@@ -195,27 +196,27 @@ def set_link(run_file: RunFile, scene: Scene, one: str, other: str, *, cut: bool
 
 
 def ask_run(request: Request, folder: Path | None) -> Status:
-    """Ask the server of the run in a folder, or else of the newest run, as the operator.
+    """Send a request to the server of the run in a folder, or else of the newest run, as the operator.
 
     Raises:
-        CoheftError: There is no such run, or it is not said which of several is to be changed, or it refuses, or it is
-            secure and there are no keys of the operator.
+        CoheftError: There is no such run, it is not clear which of several is meant, the server refuses, or the run is
+            secure and there are no operator's keys.
     """
     return ask_server(find_run(folder, acts=not isinstance(request, StatusRequest)), request)
 
 
 def ask_server(run_file: RunFile, request: Request) -> Status:
-    """Ask the server of a run, as the operator.
+    """Send a request to the server of a run, as the operator.
 
     Raises:
-        CoheftError: It refuses, or it is secure and there are no keys of the operator.
+        CoheftError: The server refuses, or the run is secure and there are no operator's keys.
     """
     with open_session(connect=[run_file.server], guard=_guard(run_file, "operator")) as session:
         return Observer(run_file, session, "operator").ask(request)
 
 
 def may_operate(run_file: RunFile) -> bool:
-    """Whether this user can act as the operator: has the keys, where the run wants any."""
+    """Whether this user can act as the operator: has the keys, if the run requires them."""
     if run_file.keys is None:
         return True
     try:

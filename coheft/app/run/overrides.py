@@ -1,4 +1,4 @@
-"""What the command line changes in a scenario."""
+"""Changes of a scenario by options of the command line."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from coheft.wire.scenario.schema import LoadChange, Scenario
 
 _ORIGIN = "command line"
 _OPTIONS = {"duration": "duration", "seed": "seed", "estimator": "estimator", "sensors.rate": "sensor-rate"}
-"""By the keys of a scenario that they change."""
+"""Options, by the keys of a scenario that they change."""
 _CHANGE_KEYS = {"t": "at", "mass": "mass", "at": "position", "size": "size", "leak": "leak", "remove": "remove"}
 _CHANGE_EXAMPLE = "--change t=20,mass=3,at=0.4,0.3,0.1"
 
@@ -31,12 +31,12 @@ def override(
     feedforward: bool | None = None,
     origin: str = _ORIGIN,
 ) -> Scenario:
-    """The scenario with what was given instead of its own; ``changes`` replace all load changes.
+    """Return the scenario with the given values in place of its own; ``changes`` replace all load changes.
 
-    ``origin`` names in errors who gave it.
+    ``origin`` names the source of the values in errors.
 
     Raises:
-        ScenarioError: The result is no scenario.
+        ScenarioError: The result is not valid.
     """
     table = msgspec.to_builtins(scenario)
     given = {"duration": duration, "seed": seed, "estimator": estimator}
@@ -55,7 +55,7 @@ def override(
     try:
         changed = msgspec.convert(table, Scenario)
         check_scenario(changed, origin)
-        if changes:  # of the scenario's own, a shorter run may leave some out
+        if changes:  # a shorter duration may leave out some of the scenario's own changes
             check_changes_come(changed, origin)
     except msgspec.ValidationError as error:
         raise ScenarioError(_by_options(f"{origin}: {explain(error, table)}", changes)) from error
@@ -65,7 +65,7 @@ def override(
 
 
 def _by_options(text: str, changes: Sequence[str]) -> str:
-    """An error with the option in place of the key that it changes."""
+    """Replace the key in an error by the option that changes it."""
     match = re.match(rf"{_ORIGIN}: key '(\w+(?:\.\w+)?)(?:\[(\d+)\](?:\.(\w+))?)?': ", text)
     if match is None:
         return text
@@ -80,10 +80,10 @@ def _by_options(text: str, changes: Sequence[str]) -> str:
 
 
 def _parse_change(text: str) -> LoadChange:
-    """Load change from ``t=20,mass=3,at=0.4,0.3,0.1``: a part without ``=`` belongs to the key before it.
+    """Parse a load change such as ``t=20,mass=3,at=0.4,0.3,0.1``: a part without ``=`` belongs to the key before it.
 
     Raises:
-        ScenarioError: A key is unknown, twice there or missing, or a value is no number.
+        ScenarioError: A key is unknown, duplicated or missing, or a value is not a number.
     """
     numbers: dict[str, list[float]] = {}
     key = ""

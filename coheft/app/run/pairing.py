@@ -1,4 +1,4 @@
-"""Estimates are held back until the truth that they are to be compared with has come."""
+"""Pairing of estimates with the truth of their block, whichever arrives first."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from coheft.wire.messages.structs import Estimate
 from coheft.wire.messages.truth import Truth
 
 REMEMBERED = 1000
-"""An estimate may come, and its total wrench be, so many blocks after the truth that it is compared with."""
+"""Number of blocks by which an estimate, and its total wrench, may arrive later than the truth."""
 
 
 class Pairing:
-    """Pairs estimates with truths, in an order that does not depend on which of them came first.
+    """Pairs estimates with truths, in an order that does not depend on which arrived first.
 
     Attributes:
-        judge: Knows the newest truths.
-        truth: The newest of all.
+        judge: Compares estimates with the newest truths.
+        truth: The newest truth.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -27,13 +27,13 @@ class Pairing:
         self._waiting: dict[str, deque[Estimate]] = {name: deque(maxlen=REMEMBERED) for name in scene.robots}
 
     def add_truth(self, truth: Truth) -> list[Estimate]:
-        """Take in the truth about one more block; return the estimates that can be compared now."""
+        """Add the truth of one more block; return the estimates that can be compared now."""
         self.truth = truth
         self.judge.add(truth, remember=REMEMBERED)
         return [estimate for name in self._waiting for estimate in self._ready(name)]
 
     def add_estimate(self, estimate: Estimate) -> list[Estimate]:
-        """Take in what a robot of the scene believes; return what can be compared now."""
+        """Add a robot's estimate; return the estimates that can be compared now."""
         self._waiting[estimate.robot].append(estimate)
         return self._ready(estimate.robot)
 

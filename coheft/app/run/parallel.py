@@ -1,4 +1,4 @@
-"""Many calls side by side: in processes on all cores, or on a cluster."""
+"""Parallel calls of a function: in processes on all cores, or on a cluster."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ T = TypeVar("T")
 
 
 def usual_jobs() -> int:
-    """As many processes as there are cores that this one may use; one if the package for more is not installed."""
+    """Return the number of cores available to this process; one if joblib is not installed."""
     if find_spec("joblib") is None:
         return 1
     import joblib
@@ -25,14 +25,14 @@ def usual_jobs() -> int:
 
 @contextmanager
 def workers(jobs: int | None = None, dask: str | None = None) -> Iterator[None]:
-    """Where ``side_by_side`` makes its calls while the context lasts.
+    """Configure where ``side_by_side`` makes its calls, while the context lasts.
 
     Args:
         jobs: Number of processes; None for one per core.
         dask: Address of a Dask scheduler whose workers are used, instead of this machine's cores.
 
     Raises:
-        MissingPackageError: A package for it is not installed.
+        MissingPackageError: A required package is not installed.
         CoheftError: There is no such scheduler, or a worker was killed.
     """
     try:
@@ -40,16 +40,17 @@ def workers(jobs: int | None = None, dask: str | None = None) -> Iterator[None]:
     except ImportError as error:
         raise MissingPackageError("joblib", "study") from error
     if dask is None:
-        # Linear algebra on small matrices only loses by threads of its own. Ctrl-C, which a terminal sends to workers
-        # as well, is left to this process, which ends them: they would write tracebacks.
-        deaf = {"initializer": signal.signal, "initargs": (signal.SIGINT, signal.SIG_IGN)}
-        with joblib.parallel_config("loky", n_jobs=jobs or usual_jobs(), inner_max_num_threads=1, **deaf):
+        # Threads only slow down linear algebra with small matrices. A terminal sends Ctrl-C to workers, too; they
+        # ignore it
+        # and are ended by this process, because they would print tracebacks.
+        ignore_interrupts = {"initializer": signal.signal, "initargs": (signal.SIGINT, signal.SIG_IGN)}
+        with joblib.parallel_config("loky", n_jobs=jobs or usual_jobs(), inner_max_num_threads=1, **ignore_interrupts):
             try:
                 yield
             except BrokenProcessPool as error:
                 raise CoheftError(
-                    "a process that did part of the work was killed, maybe because memory ran out: fewer processes "
-                    "need less, say how many with --jobs"
+                    "a process that did part of the work was killed, possibly because memory ran out: "
+                    "use fewer processes, with --jobs"
                 ) from error
         return
     with _client(dask), joblib.parallel_config("dask", n_jobs=-1):
@@ -57,7 +58,7 @@ def workers(jobs: int | None = None, dask: str | None = None) -> Iterator[None]:
 
 
 def side_by_side(function: Callable[..., T], arguments: Iterable[tuple[Any, ...]]) -> Iterator[T]:
-    """Call a function with each of many arguments, within ``workers``; results come as soon as they are there."""
+    """Call a function with each of many tuples of arguments, within ``workers``; yield results as they arrive."""
     import joblib
 
     parallel = joblib.Parallel(return_as="generator_unordered")

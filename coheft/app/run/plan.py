@@ -1,4 +1,4 @@
-"""Who runs with which configuration: everything about a run that is decided before its first process starts."""
+"""The plan of a run: the configurations of all processes, determined before the first one starts."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ class Plan:
     """Configurations of all processes of a run.
 
     Attributes:
-        server: The physics server's.
-        agents: The agents', by name.
-        keys: Folder with everyone's credentials; None: the open profile.
-        began: When it was made, seconds since 1970.
+        server: Configuration of the physics server.
+        agents: Configurations of the agents, by name.
+        keys: Folder with all participants' credentials; None for the open profile.
+        began: Time at which the plan was made, in seconds since 1970.
     """
 
     server: ServerConfig
@@ -45,16 +45,16 @@ class Plan:
         return self.server.run
 
     def run_file(self) -> RunFile:
-        """How to reach the run."""
+        """Return the addresses of the run."""
         agents = {name: agent.observe for name, agent in self.agents.items()}
         keys = str(self.keys.resolve()) if self.keys is not None else None
         return RunFile(run=self.run, server=self.server.observe, agents=agents, keys=keys, began=self.began)
 
     def write(self, folder: Path) -> list[Path]:
-        """Write each configuration to a file of its own, so that the parts can be started by hand.
+        """Write each configuration to a file of its own, so that the parts can be started by hand; return the paths.
 
-        The folder also gets the file by which ``coheft watch --run FOLDER`` and its like find the run. Paths of keys
-        are written as seen from the folder.
+        The folder also gets the file with which commands such as ``coheft watch --run FOLDER`` find the run. Paths of
+        keys are relative to the folder.
         """
         folder.mkdir(parents=True, exist_ok=True)
         keys = os.path.relpath(self.keys.resolve(), folder.resolve()) if self.keys is not None else None
@@ -63,20 +63,20 @@ class Plan:
         configs: dict[str, ServerConfig | AgentProcessConfig] = {SERVER: self.server, **self.agents}
         for name, config in configs.items():
             paths.append(folder / f"{name}.json")
-            paths[-1].write_bytes(msgspec.json.format(msgspec.json.encode(_seen_from(folder, config))) + b"\n")
+            paths[-1].write_bytes(msgspec.json.format(msgspec.json.encode(_relative_to(folder, config))) + b"\n")
         return paths
 
 
 def check_no_parts(folder: Path, scenario: Scenario) -> None:
-    """Check that no configuration would be overwritten: parts of two runs in one folder do not find each other.
+    """Check that no configuration would be overwritten: parts of two runs in one folder would not find each other.
 
     Raises:
-        CoheftError: There is one.
+        CoheftError: The folder contains a configuration.
     """
     for name in (RUN_FILE, *(f"{part}.json" for part in (SERVER, *scenario.robot_names))):
         if (folder / name).exists():
             raise CoheftError(
-                f"{folder / name} is there already: configurations are never overwritten; name another folder"
+                f"{folder / name} exists already: configurations are never overwritten; name another folder"
             )
 
 
@@ -90,25 +90,25 @@ def make_plan(
     save_data: Path | None = None,
     log_level: LogLevel = "info",
 ) -> Plan:
-    """Draw the graph and give every part its endpoints.
+    """Make the plan of a run: build the graph and assign endpoints.
 
     Args:
-        scenario: What to run.
+        scenario: The scenario to run.
         clock: Whether to wait for slow robots.
         run: Name of the run; a new one by default.
-        hosts: Where each part runs; None: all on free ports of this machine's loopback interface.
-        keys: Folder with everyone's credentials, see ``coheft.app.run.keys``; None: the open profile.
-        save_data: File for what all robots measure; None: nothing is kept.
-        log_level: What the logs of all processes have at least.
+        hosts: Hosts of the parts; None for free ports of this machine's loopback interface.
+        keys: Folder with all participants' credentials, see ``coheft.app.run.keys``; None for the open profile.
+        save_data: File for all robots' measurements; None for none.
+        log_level: The lowest level of messages in the logs.
 
     Raises:
         LinkError: There are not enough free ports.
-        CoheftError: Credentials are missing, or the open profile would be open to other machines.
+        CoheftError: Credentials are missing, or other machines could access a run with the open profile.
     """
     names = scenario.robot_names
     graph = build_graph(scenario.graph, names)
     if keys is None and hosts is not None and hosts.are_remote:
-        raise CoheftError("across hosts everyone could dial in, and say anything: add --secure")
+        raise CoheftError("across hosts any process could connect and send messages: add --secure")
     places: Places = HostPorts(hosts) if hosts is not None else FreePorts(3 * len(names) + 1)
 
     def take(name: str) -> str:
@@ -118,7 +118,7 @@ def make_plan(
         return credentials_in(keys, name) if keys is not None else None
 
     run = run or new_run_name()
-    # In real time, who waits longer than that is too late with its own reference.
+    # In real time, a robot that waited longer would be late with its own reference.
     patience = {} if clock != "realtime" else {"patience": scenario.lookahead * scenario.block_duration}
     observe = take(SERVER)
     robots = {name: take(SERVER) for name in names}
@@ -156,12 +156,13 @@ def make_plan(
 
 
 def link_neighbours(name: str, others: Iterable[str], listen: Mapping[str, str]) -> tuple[Neighbour, ...]:
-    """How a robot reaches its neighbours: along an edge the robot that comes first listens, and the other one dials.
+    """Return a robot's links to its neighbours: on each edge the robot that comes first listens, and the other one
+    dials.
 
     Args:
-        name: The robot's.
+        name: The robot's name.
         others: Its neighbours' names.
-        listen: Where each robot of the team listens for neighbours, in the team's order.
+        listen: Endpoint at which each robot listens for neighbours, in the order of the team.
     """
     order = list(listen)
     dialled = order[: order.index(name)]
@@ -169,12 +170,12 @@ def link_neighbours(name: str, others: Iterable[str], listen: Mapping[str, str])
 
 
 def new_run_name() -> str:
-    """A name that no other run has: the prefix of all its keys."""
+    """Return a unique name for a run, the prefix of all its keys."""
     return f"coheft-{secrets.token_hex(4)}"
 
 
-def _seen_from(folder: Path, config: ServerConfig | AgentProcessConfig) -> ServerConfig | AgentProcessConfig:
-    """The configuration with its files' paths as seen from ``folder``, which may come to lie on another host."""
+def _relative_to(folder: Path, config: ServerConfig | AgentProcessConfig) -> ServerConfig | AgentProcessConfig:
+    """Return the configuration with file paths relative to ``folder``, which may be copied to another host."""
     if config.security is None:
         return config
     paths = msgspec.to_builtins(config.security)

@@ -1,7 +1,7 @@
-"""Child processes that never outlive their supervisor.
+"""Child processes that end when their supervisor does.
 
-Each child gets its configuration as one line of JSON on stdin, which then stays open: its end tells the child to go.
-The system closes it even when the supervisor is killed.
+Each child reads its configuration as one line of JSON from stdin, which then stays open: the child ends when stdin is
+closed. The system closes it even if the supervisor is killed.
 """
 
 from __future__ import annotations
@@ -22,25 +22,25 @@ from coheft.app.run.fork_server import Forked, ForkServer, can_fork
 from coheft.errors import CoheftError, one_line
 from coheft.wire.process.supervised import KILLED_BY, ONE_THREAD, TERMINATED, UNUSABLE
 
-# No one draws: MuJoCo need not load what it would draw with.
+# Nothing is rendered, so MuJoCo need not load a graphics library.
 ENVIRONMENT = {**ONE_THREAD, "MUJOCO_GL": "disable"}
 FORKED = ("coheft.agents.process.main", "coheft.physics_server.server")
-"""What a run is made of."""
-_GO_BY_THEMSELVES = 1.0
-_GO_WHEN_ASKED = 0.4
-_OTHERS_FAIL = 0.5
-"""Time after the first failure in which others show theirs, the cause perhaps among them [s]."""
+"""Modules that a fork server can start for a run."""
+_EXIT_TIMEOUT = 1.0
+_TERMINATE_TIMEOUT = 0.4
+_FURTHER_FAILURES = 0.5
+"""Time after the first failure in which further failures are awaited, which may include the cause [s]."""
 _LOG_LINES = 12
 _BY_HAND = {
     "scenario": ("coheft.physics_server.server", "a server's configuration: start it with 'coheft server'"),
     "agent": ("coheft.agents.process.main", "an agent's configuration: start it with 'coheft agent'"),
-    "agents": ("", "no configuration, but tells other commands where the run is: start the parts beside it"),
+    "agents": ("", "not a configuration; it tells other commands the run's addresses: start the parts beside it"),
 }
-"""By a key that no other file of a run's parts has: what runs with it, and what it is."""
+"""By a key that only this file has: the module that uses the file, and a description."""
 
 
 class ProcessError(CoheftError):
-    """A process of the run ended before the run did."""
+    """A process of the run ended before the run."""
 
 
 @dataclass(frozen=True)
@@ -48,13 +48,13 @@ class Child:
     """One process of a run.
 
     Attributes:
-        name: In the run.
-        module: What it runs.
-        config: What it was told when it started, as JSON.
-        log: Where its output goes.
-        process: It.
-        log_start: Where in the log its own output begins [B].
-        restarts: How often it had been started before.
+        name: Name of the process in the run.
+        module: The module that it runs.
+        config: Its configuration, as JSON.
+        log: File for its output.
+        process: The process.
+        log_start: Offset of its own output in the log [B].
+        restarts: Number of times it has been restarted.
     """
 
     name: str
@@ -67,13 +67,13 @@ class Child:
 
     @property
     def status(self) -> int:
-        """With which it has ended, or minus the number of a signal."""
+        """Exit status, or minus the number of a signal."""
         assert self.process.returncode is not None
         return self.process.returncode
 
     @property
     def how(self) -> str:
-        """How it ended."""
+        """Description of how it ended."""
         code = self.status
         if code == TERMINATED:
             return "was told to end by SIGTERM"
@@ -81,7 +81,7 @@ class Child:
 
     @property
     def how_and_why(self) -> str:
-        """How it ended, with its last words where they tell why: a signal comes from elsewhere."""
+        """Description of how it ended, with the last line of its output if it ended by itself."""
         if self.status < 0 or self.status == TERMINATED:
             return self.how
         words = ""
@@ -91,18 +91,19 @@ class Child:
 
     @property
     def lines(self) -> list[str]:
-        """Its log, or what is left of it."""
+        """The lines of its log; empty if the file was removed."""
         with suppress(FileNotFoundError):
             return self.log.read_text(errors="replace").splitlines()
         return []
 
 
 class Processes:
-    """The processes of a run. Leaving the context stops those that are left, within two seconds.
+    """The processes of a run. Leaving the context stops all that are left, within two seconds.
 
     Args:
-        folder: For their logs.
-        fork_server: Forks those of its modules; None: all are started from scratch. It ends with the context.
+        folder: Folder for their logs.
+        fork_server: Forks the processes whose modules it has imported; None to start all from scratch. It ends with the
+            context.
     """
 
     def __init__(self, folder: Path, fork_server: ForkServer | None = None) -> None:
@@ -120,7 +121,7 @@ class Processes:
         return child
 
     def start_again(self, child: Child) -> None:
-        """Start a process that has ended once more; its output is added to its log."""
+        """Restart a process that has ended; its output is appended to its log."""
         _close_stdin(child)
         process, log_start = self._start(child.name, child.module, child.config, child.log)
         self.children[self.children.index(child)] = replace(
@@ -134,35 +135,36 @@ class Processes:
 
     @property
     def failed(self) -> list[Child]:
-        """Processes that have ended with another status than 0."""
+        """Processes that have ended with a status other than 0."""
         return [child for child in self.children if child.process.poll() not in (None, 0)]
 
     def check(self, limit: int | None = None) -> None:
-        """Check that none has failed.
+        """Check that no process has failed.
 
         Args:
-            limit: How often each may be started again, if that may be why one that has failed is not.
+            limit: Largest number of restarts, to be mentioned if it is the reason why a failed process was not
+                restarted.
 
         Raises:
-            ProcessError: One has; the message names it and shows the end of its log.
+            ProcessError: One has failed; the message names it and shows the end of its log.
         """
         if self.failed:
-            self._wait(_OTHERS_FAIL)
+            self._wait(_FURTHER_FAILURES)
             raise _error(self.failed, limit)
 
     def all_done_but(self, name: str) -> bool:
-        """Whether every process but one has ended."""
+        """Whether every process except ``name`` has ended."""
         return all(child.process.poll() is not None for child in self.children if child.name != name)
 
     def ended(self, name: str) -> bool:
-        """Whether one process has ended."""
+        """Whether the process ``name`` has ended."""
         return any(child.process.poll() is not None for child in self.children if child.name == name)
 
     def wait_for_all_but(self, name: str, seconds: float) -> None:
-        """Wait for every process but one to end.
+        """Wait for the end of every process except ``name``.
 
         Raises:
-            ProcessError: One has failed, or some go on for longer; the message names them.
+            ProcessError: One has failed, or some have not ended after ``seconds``; the message names them.
         """
         deadline = time.monotonic() + seconds
         while not self.all_done_but(name):
@@ -171,29 +173,29 @@ class Processes:
                 raise ProcessError(
                     "\n".join(
                         f"{child.name} does not end: it may be frozen; its log: {child.log}"
-                        for child in self._left()
+                        for child in self._running()
                         if child.name != name
                     )
                 )
             time.sleep(0.01)
 
     def stop(self) -> None:
-        """End all processes: ask by the end of stdin, then by a signal, then do not ask."""
+        """End all processes: close stdin, then send SIGTERM, then SIGKILL."""
         for child in self.children:
             _close_stdin(child)
-        self._wait(_GO_BY_THEMSELVES)
-        for child in self._left():
+        self._wait(_EXIT_TIMEOUT)
+        for child in self._running():
             child.process.terminate()
-        self._wait(_GO_WHEN_ASKED)
-        for child in self._left():
+        self._wait(_TERMINATE_TIMEOUT)
+        for child in self._running():
             child.process.kill()
             child.process.wait()
         if self._fork_server is not None:
             self._fork_server.close()
 
     def _start(self, name: str, module: str, config: bytes, log: Path) -> tuple[subprocess.Popen[bytes] | Forked, int]:
-        """A new process, and where its output begins in the log [B]."""
-        log.parent.mkdir(parents=True, exist_ok=True)  # somebody may have cleaned up while the run goes on
+        """Start a process; return it and the offset of its output in the log [B]."""
+        log.parent.mkdir(parents=True, exist_ok=True)  # it may have been removed during the run
         with log.open("ab") as output:
             log_start = output.tell()
             process: subprocess.Popen[bytes] | Forked | None = None
@@ -201,17 +203,17 @@ class Processes:
                 process = self._fork_server.start(name, module, output.fileno())
             process = process or _spawned(module, output)
         assert process.stdin is not None
-        with suppress(BrokenPipeError):  # it has failed already: whoever checks will see
+        with suppress(BrokenPipeError):  # it has already failed, which ``check`` reports
             process.stdin.write(config + b"\n")
             process.stdin.flush()
         return process, log_start
 
-    def _left(self) -> list[Child]:
+    def _running(self) -> list[Child]:
         return [child for child in self.children if child.process.poll() is None]
 
     def _wait(self, seconds: float) -> None:
         deadline = time.monotonic() + seconds
-        while self._left() and time.monotonic() < deadline:
+        while self._running() and time.monotonic() < deadline:
             time.sleep(0.01)
 
     def __enter__(self) -> Self:
@@ -222,19 +224,19 @@ class Processes:
 
 
 def _spawned(module: str, output: IO[bytes]) -> subprocess.Popen[bytes]:
-    """``python -m module``."""
+    """Start ``python -m module``."""
     return subprocess.Popen(
         [sys.executable, "-m", module],
         stdin=subprocess.PIPE,
         stdout=output,
         stderr=subprocess.STDOUT,
         env={**os.environ, **ENVIRONMENT},
-        start_new_session=True,  # or Ctrl-C would hit it before it can be told to go
+        start_new_session=True,  # otherwise Ctrl-C would reach it before its stdin is closed
     )
 
 
 def make_fork_server() -> ForkServer | None:
-    """A new process that imports what those of a run need; None where they are started from scratch."""
+    """Start a process that imports what those of a run need; None on platforms without fork."""
     return ForkServer(FORKED, {**os.environ, **ENVIRONMENT}) if can_fork() else None
 
 
@@ -245,10 +247,10 @@ def _close_stdin(child: Child) -> None:
 
 
 def _error(failed: Sequence[Child], limit: int | None = None) -> ProcessError:
-    """Name the process that failed and show the end of its log.
+    """Make an error that names the process that failed first and shows the end of its log.
 
-    If several failed, most did so because one was gone: that is the one that a signal killed, or else the one that
-    cannot use what it was told, or else the one that ended with a traceback.
+    If several have failed, most of them failed because one was missing. The cause is the one that was killed by a
+    signal, or else the one that cannot use its configuration, or else the one that ended with a traceback.
     """
     first = min(
         failed,
@@ -259,9 +261,9 @@ def _error(failed: Sequence[Child], limit: int | None = None) -> ProcessError:
         ),
     )
     times = f"{first.restarts} time{'s' * (first.restarts > 1)}"
-    again = f" after it had been started again {times}" if first.restarts else ""
+    again = f" after it had been restarted {times}" if first.restarts else ""
     if first.status == UNUSABLE:
-        again = ": to start it again would not help"
+        again = "; restarting it would not help"
     elif 0 < first.restarts == limit:
         again += " (--restarts)"
     tail = "\n".join(f"  {line}" for line in first.lines[-_LOG_LINES:] or ["(it is empty)"])
@@ -273,7 +275,7 @@ def _error(failed: Sequence[Child], limit: int | None = None) -> ProcessError:
 
 
 def read_config(config: Path) -> bytes:
-    """A configuration as one line of JSON, its files' paths as seen from here.
+    """Return a configuration as one line of JSON, with absolute file paths.
 
     Raises:
         CoheftError: It cannot be read.
@@ -287,10 +289,10 @@ def read_config(config: Path) -> bytes:
 
 
 def run_in_foreground(module: str, config: Path) -> int:
-    """Run one part of a team by hand until it ends; its output is ours. Return its exit status.
+    """Run one part of a team until it ends, with its output on ours; return its exit status.
 
     Raises:
-        CoheftError: The configuration cannot be read, or is another part's.
+        CoheftError: The configuration cannot be read, or is for another part.
     """
     line = read_config(config)
     _check_part(module, config, line)
@@ -299,7 +301,7 @@ def run_in_foreground(module: str, config: Path) -> int:
     )
     assert process.stdin is not None
     try:
-        with suppress(BrokenPipeError):  # it has failed already, and said why
+        with suppress(BrokenPipeError):  # it has already failed, and reported why
             process.stdin.write(line + b"\n")
             process.stdin.flush()
         code = process.wait()
@@ -308,16 +310,16 @@ def run_in_foreground(module: str, config: Path) -> int:
         with suppress(BrokenPipeError):
             process.stdin.close()
         try:
-            process.wait(_GO_BY_THEMSELVES)
+            process.wait(_EXIT_TIMEOUT)
         except subprocess.TimeoutExpired:
             process.kill()
 
 
 def _check_part(module: str, config: Path, line: bytes) -> None:
-    """Check that a configuration is none for something else. All the rest is for the part itself to check.
+    """Check that a configuration is not for another part; the part itself checks the rest.
 
     Raises:
-        CoheftError: It is; the message says for what.
+        CoheftError: It is for another part, which the message names.
     """
     found = msgspec.json.decode(line)
     for key, (part, what) in _BY_HAND.items():
@@ -326,7 +328,7 @@ def _check_part(module: str, config: Path, line: bytes) -> None:
 
 
 def _with_paths_from(folder: Path, config: Any) -> Any:
-    """A configuration whose files' paths are seen from the folder it lies in, as seen from here."""
+    """Make the file paths of a configuration absolute; they are relative to its folder."""
     if isinstance(config, dict) and isinstance(security := config.get("security"), dict):
         config["security"] = {name: str((folder / str(path)).resolve()) for name, path in security.items()}
     return config

@@ -1,4 +1,4 @@
-"""Agents that have failed while the run goes on are started again, and everyone is told."""
+"""Restarts of agents that fail during a run."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from coheft.wire.transport.planes import SERVER
 
 @dataclass(frozen=True)
 class Restarts:
-    """Looks after the agents of a run.
+    """Restarts the agents of a run, and reports that.
 
     Attributes:
-        limit: How often each may be started again.
-        processes: Of the run.
-        observer: Knows how the run is.
-        display: Where users are told.
-        announce: Tells other commands of the new processes.
+        limit: Largest number of restarts per agent.
+        processes: The processes of the run.
+        observer: Receives the status of the run.
+        display: Shows restarts to the user.
+        announce: Updates the process ids for other commands.
     """
 
     limit: int
@@ -33,13 +33,13 @@ class Restarts:
     announce: Callable[[], None]
 
     def check(self, *, has_begun: bool = True) -> None:
-        """Start agents that have failed again.
+        """Restart agents that have failed.
 
         Args:
-            has_begun: Whether time runs: before, it is enough that the server is there, which may take long to answer.
+            has_begun: Whether time runs. Before, it is enough that the server's process runs, which may answer late.
 
         Raises:
-            ProcessError: Something has failed that cannot be started again, or once too often, or the run is over.
+            ProcessError: A failed process cannot be restarted, has failed too often, or the run is over.
         """
         failed = self.processes.failed
         if not failed:
@@ -49,12 +49,12 @@ class Restarts:
             is_server_there = all(child.name != SERVER for child in failed)
             self.processes.check(self.limit if is_server_there else None)
         for child in failed:
-            text = f"{child.name} {child.how_and_why}; started again ({child.restarts + 1} of {self.limit})"
+            text = f"{child.name} {child.how_and_why}; restarted ({child.restarts + 1} of {self.limit})"
             self.processes.start_again(child)
             self.display.problem(Problem(source="supervisor", text=text))
         try:
             self.announce()
-        except CoheftError as error:  # the run is worth more than that others find it
+        except CoheftError as error:  # the run continues, although other commands may not find it
             self.display.problem(Problem(source="supervisor", text=str(error)))
 
     def _may_try_again(self, child: Child) -> bool:

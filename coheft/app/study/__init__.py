@@ -1,1 +1,1 @@
-"""Campaigns of many runs that measure the estimators against the bounds."""
+"""Studies: many runs that compare the estimators with the Cramér-Rao bounds."""

@@ -1,4 +1,4 @@
-"""Many runs over all cores, or over a cluster."""
+"""Planning and running of a study, on all cores or on a cluster."""
 
 from __future__ import annotations
 
@@ -22,15 +22,16 @@ _LEAST_BLOCK = 2
 
 @dataclass(frozen=True)
 class Plan:
-    """What a study runs.
+    """Runs of a study, and when they are evaluated.
 
     Attributes:
-        name: Of the scenario, or ``RANDOM``.
-        of_seed: Scenario of a seed. Its first load change is the one to recover from; there are no later ones.
-        estimators: To be compared.
+        name: Name of the scenario, or ``RANDOM``.
+        of_seed: Returns the scenario of a seed. Recovery is evaluated after its first load change; there are no later
+            ones.
+        estimators: Estimators to compare.
         noise_scales: Factors on the scenario's noise.
-        seeds: One run each, per noise scale.
-        moments: When runs are judged.
+        seeds: Seeds of the runs, the same for each noise scale.
+        moments: Times at which runs are evaluated.
     """
 
     name: str
@@ -42,11 +43,11 @@ class Plan:
 
     @property
     def runs(self) -> int:
-        """Number of runs, an estimator beside another on the same data counted once."""
+        """Number of runs; those of several estimators on the same data count once."""
         return len(self.seeds) * len(self.noise_scales)
 
     def scenarios(self) -> Iterator[tuple[float, Scenario]]:
-        """All runs' scenarios and their factors on the noise, one factor after the other."""
+        """Yield all runs' scenarios with their noise factors, one factor after the other."""
         for factor in self.noise_scales:
             for seed in self.seeds:
                 scenario = self.of_seed(seed)
@@ -70,24 +71,24 @@ def make_plan(
     """Plan a study.
 
     Args:
-        scenario: Of every run, but for noise and seed; None: a random team each.
-        values: For random teams, see ``set_values``; a scenario has its own already.
-        runs: Per noise scale.
-        estimators: To be compared.
+        scenario: Scenario of every run, apart from noise and seed; None for a different random team in each run.
+        values: Keys to set for random teams, see ``set_values``; a given scenario contains its own already.
+        runs: Number of runs per noise scale.
+        estimators: Estimators to compare.
         noise_scales: Factors on the scenario's noise.
-        at: When accuracy is judged [s], before the load changes.
-        after: From the load's change to the judgement of the recovery [s].
-        first_seed: Seeds are counted from here.
-        sensor_rate: Samples per second, instead of the scenario's; blocks stay as long as they are.
+        at: Times at which accuracy is evaluated [s], before the load changes.
+        after: Time from the load change to the evaluation of the recovery [s].
+        first_seed: The first seed; the others follow consecutively.
+        sensor_rate: Samples per second, instead of the scenario's; blocks keep their duration.
 
     Raises:
-        ScenarioError: The load changes before accuracy is to be judged, or there is too little noise to speak of, or
-            blocks are no whole number of samples.
+        ScenarioError: The load changes before accuracy is evaluated, there is too little noise, or a block is not a
+            whole number of samples.
     """
     first = _at_rate(random_team(first_seed, values) if scenario is None else scenario, sensor_rate)
     name = RANDOM if scenario is None else scenario.name
     block = first.block_duration
-    # A change takes effect at the next border of a block.
+    # A change takes effect at the start of the next block.
     changes = [(block * first_border(change.at, block), change) for change in first.load_changes]
     change = min((moment for moment, _ in changes), default=None)
     chosen = msgspec.structs.replace(first, load_changes=tuple(c for moment, c in changes if moment == change))
@@ -104,8 +105,8 @@ def make_plan(
     judged = sorted({block * max(1, round(moment / block)) for moment in at})
     if change is not None and change < judged[-1] - 0.5 * block:
         raise ScenarioError(
-            f"{name}: the load changes at {change:g} s, but accuracy is to be judged at {judged[-1]:g} s: choose an "
-            f"earlier time (--at), or a scenario whose load stays as it is until then"
+            f"{name}: the load changes at {change:g} s, but accuracy is evaluated at {judged[-1]:g} s: choose an "
+            f"earlier time (--at), or a scenario whose load does not change before"
         )
     plan = Plan(
         name,
@@ -121,7 +122,7 @@ def make_plan(
 
 
 def _at_rate(scenario: Scenario, rate: int | None) -> Scenario:
-    """The same with another rate of sensors, and blocks that last as long."""
+    """Return the scenario with another sensor rate, and blocks of the same duration."""
     if rate is None:
         return scenario
     sensors = scenario.sensors
@@ -147,8 +148,8 @@ def run_study(
     Args:
         plan: What to run.
         jobs: Number of processes; None for one per core.
-        dask: Address of a Dask scheduler whose workers run it, instead of this machine's cores.
-        on_progress: Told the number of runs that are done.
+        dask: Address of a Dask scheduler whose workers are used, instead of this machine's cores.
+        on_progress: Called with the number of finished runs.
 
     Returns:
         The report, and the runs at the first noise scale in the order of their seeds.

@@ -1,4 +1,4 @@
-"""How well changes of the load were noticed."""
+"""Evaluation of how changes of the load were noticed."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from coheft.wire.messages.structs import LoadChangeNotice
 
 
 class Detection(msgspec.Struct, frozen=True):
-    """How load changes were noticed.
+    """Statistics of noticing load changes.
 
     Attributes:
-        delay_s: Mean time until the last robot had noticed, over runs in which all did [s]; None if in no run.
-        delay_max_s: The longest [s].
-        missed: Runs in which some robot had not noticed when the run ended.
-        false_alarms: Notices without a change; those of several robots that agree are one.
-        false_alarms_per_hour: Of simulated time; None if there was none.
-        hours: Of simulated time.
+        delay_s: Mean time until the last robot had noticed, over runs in which all did [s]; None if there are none.
+        delay_max_s: The longest of these times [s].
+        missed: Number of runs in which at least one robot did not notice.
+        false_alarms: Notices without a change; those of several robots that agree count once.
+        false_alarms_per_hour: False alarms per simulated hour; None if no time was simulated.
+        hours: Simulated time [h].
     """
 
     delay_s: float | None
@@ -32,12 +32,12 @@ class Detection(msgspec.Struct, frozen=True):
 def judge_detection(
     runs: Sequence[Mapping[str, Sequence[LoadChangeNotice]]], change: float | None, duration: float
 ) -> Detection:
-    """Compare what robots noticed with what happened.
+    """Compare the robots' notices with the true change.
 
     Args:
         runs: Notices of every robot, by name, of each run.
-        change: When the load changed in every run [s]; None if it did not.
-        duration: Of every run [s].
+        change: Time of the load change in every run [s]; None if there is none.
+        duration: Duration of every run [s].
     """
     delays: list[float] = []
     missed = alarms = 0
@@ -65,10 +65,9 @@ def _first_after(notices: Sequence[LoadChangeNotice], change: float | None) -> L
 
 
 def _false_alarms(notices: Sequence[LoadChangeNotice], change: float | None) -> list[float]:
-    """When changes were claimed to have been that were none.
+    """Return the times of claimed changes that did not happen.
 
-    After the change was noticed, a second look may put it at a better moment; only claims of a change that came after
-    the first notice are false.
+    After the change was noticed, its time may be corrected; only claims of changes after the first notice are false.
     """
     first = _first_after(notices, change)
     return [

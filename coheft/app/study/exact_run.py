@@ -1,4 +1,4 @@
-"""The truth of a run, and how well it can be known."""
+"""The truth of a run, and the Cramér-Rao bounds of its estimates."""
 
 from __future__ import annotations
 
@@ -15,34 +15,34 @@ from coheft.estimation.measurement import KINEMATICS, WRENCH
 from coheft.wire.scenario.schema import Scenario
 
 _BOUND_RATE = 100
-"""Samples per second with which information is integrated over time; motions are slower by far."""
+"""Samples per second used to integrate information over time; motions are much slower."""
 
 
 @dataclass(frozen=True, eq=False)
 class Bounds:
-    """Smallest covariances as all robots would see them.
+    """Smallest possible covariances in the coordinates of all robots.
 
     Attributes:
-        poses: Of all edges, shape (edges, 6, 6).
-        payload: Of all robots, shape (N, 10, 10).
+        poses: Covariances of the poses of all edges, shape (edges, 6, 6).
+        payload: Covariances of the payload for all robots, shape (N, 10, 10).
     """
 
     poses: Array
     payload: Array
 
     def of(self, quantity: Quantity) -> Array:
-        """The covariances that ``quantity`` is about."""
+        """Return the covariances that a quantity belongs to."""
         return self.payload if quantity.of_payload else self.poses
 
 
 class ExactRun:
-    """A run seen by sensors without errors.
+    """A run with exact samples, for computing bounds.
 
     Args:
-        scenario: With the errors of the real sensors.
-        exact: The samples of exact ones.
-        edges: Which relative poses are asked for.
-        samples_per_second: With which information is integrated, whatever the sensors' rate is.
+        scenario: The scenario, with the noise and the errors of the real sensors.
+        exact: Samples of exact sensors.
+        edges: Edges of the relative poses.
+        samples_per_second: Samples used to integrate information, whatever the sensors' rate is.
     """
 
     def __init__(
@@ -61,11 +61,13 @@ class ExactRun:
         self._step = max(1, scenario.sensors.rate // samples_per_second)
 
     def information(self, first: int, end: int) -> JointInformation:
-        """What all sensors tell in the blocks from ``first`` up to ``end``, during which the load is the same."""
+        """Return the information of all sensors in the blocks from ``first`` up to ``end``, in which the load is
+        constant.
+        """
         block, step, names = self._scenario.sensors.block, self._step, self._judge.scene.robots
         chosen = np.arange(first * block + step // 2, end * block, step)
-        # Every sample that was chosen stands for ``step`` of them.
-        noise = self._scenario.noise.scaled((_as_much_as_white(self._scenario) / step) ** 0.5)
+        # Every chosen sample stands for ``step`` samples.
+        noise = self._scenario.noise.scaled((_long_term_variance(self._scenario) / step) ** 0.5)
         payload = self._judge.payload(names[0], end - 1)
         motion, wrenches, tolerance = self._motion[chosen], self._wrenches[chosen], self._scenario.sensors.tolerance
         motion_rates, wrench_rates = (each[chosen] for each in self._rates)
@@ -74,7 +76,7 @@ class ExactRun:
         )
 
     def seen(self, bound: JointBound) -> Bounds:
-        """A bound as all robots see it."""
+        """Return a bound in the coordinates of all robots."""
         names = self._judge.scene.robots
         return Bounds(
             poses=np.array([bound.relative_pose(names.index(i), names.index(j)) for i, j in self._edges]),
@@ -82,8 +84,8 @@ class ExactRun:
         )
 
 
-def _as_much_as_white(scenario: Scenario) -> float:
-    """How many times the variance of white noise correlated noise is worth, over times that are much longer."""
+def _long_term_variance(scenario: Scenario) -> float:
+    """Return the variance of correlated noise over long times, relative to white noise of the same variance."""
     sensors = scenario.sensors
     if sensors.noise_correlation == 0.0:
         return 1.0

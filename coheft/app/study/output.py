@@ -1,4 +1,4 @@
-"""Where a study's results go: the terminal and a folder."""
+"""Output of a study's results to the terminal and to a folder."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ from coheft.app.terminal.wide_table import print_table
 from coheft.errors import CoheftError
 
 _WIDTH = 7
-"""Number of columns that fit a terminal."""
+"""Number of columns that fit into a terminal."""
 
 
 def write_folder(report: StudyReport, trials: Sequence[Trial], folder: Path) -> None:
     """Write ``report.md``, its pictures and ``report.json``.
 
     Raises:
-        CoheftError: Nothing can be written there, or the package that draws is not installed.
+        CoheftError: The folder cannot be written, or the plotting package is not installed.
     """
     make_folder(folder)
     pictures = {"Errors over bounds": "ratios.png", "Errors of one run over time": "curves.png"}
@@ -52,7 +52,7 @@ def write_folder(report: StudyReport, trials: Sequence[Trial], folder: Path) -> 
 
 
 def print_study(console: Console, report: StudyReport) -> None:
-    """Show the outcome."""
+    """Print a study."""
     console.print(f"{title(report)}\n")
     for cell in report.cells:
         print_table(console, _table(caption(cell), HEADER[:_WIDTH], accuracy_rows(cell)))
@@ -64,7 +64,7 @@ def print_study(console: Console, report: StudyReport) -> None:
     recovery = [result.recovery for result in report.results.values() if result.recovery is not None]
     if recovery:
         whole = Cell(report.noise_scales[0], report.at_s[-1], report.results)
-        words = f"{recovery[0].seconds_after:g} s after the load had changed"
+        words = f"{recovery[0].seconds_after:g} s after the load change"
         print_table(console, _table(words, RECOVERY_HEADER, recovery_rows(whole)))
         console.print()
     for name, result in report.results.items():
@@ -76,7 +76,7 @@ def print_study(console: Console, report: StudyReport) -> None:
 
 
 def print_varied(console: Console, report: VariedReport) -> None:
-    """Show studies of several values of a key in one table."""
+    """Print studies of several values of a key in one table."""
     first = report.variants[0]
     key = first.set.partition("=")[0]
     console.print(f"{title(first.study)}\n")

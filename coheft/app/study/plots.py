@@ -17,10 +17,10 @@ _COLOURS = {"fan2017": "#c45a00", "efficient": "#0b62a4"}
 
 
 def plot_ratios(report: StudyReport, path: Path) -> None:
-    """Errors over bounds with their sampling intervals, for every noise and time.
+    """Plot errors divided by bounds with their sampling intervals, for every noise and time.
 
     Raises:
-        MissingPackageError: The package that draws is not installed.
+        MissingPackageError: The plotting package is not installed.
     """
     with figure_to(path, 1.0 + 5.0 * len(report.cells), 3.6) as figure:
         row = np.atleast_1d(figure.subplots(1, len(report.cells), sharey=True))
@@ -45,10 +45,10 @@ def plot_ratios(report: StudyReport, path: Path) -> None:
 
 
 def plot_curves(trials: Sequence[Trial], path: Path) -> None:
-    """Errors of the first run's first robot over time, and three times its own standard deviation.
+    """Plot errors of the first run's first robot over time, and three times its own standard deviation.
 
     Raises:
-        MissingPackageError: The package that draws is not installed.
+        MissingPackageError: The plotting package is not installed.
     """
     outcomes = trials[0].outcomes
     with figure_to(path, 4.5 * len(outcomes), 9.0) as figure:

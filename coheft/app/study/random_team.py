@@ -1,4 +1,4 @@
-"""Teams drawn at random: a study of them shows what holds for robots and loads that no one chose."""
+"""Random teams: a study of them shows how estimators perform on robots and loads that were not chosen by hand."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from coheft.wire.scenario.schema import Graph, GraphKind, Motion, Perimeter, Rob
 from coheft.wire.scenario.set_values import set_values
 
 RANDOM = "random"
-"""Instead of a scenario's name: every run has a team of its own."""
+"""Name of a study in which every run has a different random team."""
 _GRAPHS: tuple[GraphKind, ...] = ("ring", "line", "star", "complete", "random")
 _MOST_ROBOTS = 8
 _LONGEST = 600.0
 
 
 def random_team(seed: int, values: Sequence[str] = ()) -> Scenario:
-    """The team of a seed: two to eight robots that hold a plate with a lump on it, in any graph.
+    """Return the team of a seed: two to eight robots that hold a plate with a lump on it, with any kind of graph.
 
     Args:
-        seed: Of all that is drawn.
-        values: Keys that are not drawn, see ``set_values``.
+        seed: Seed of the team.
+        values: Keys that are set instead of drawn, see ``set_values``.
 
     Raises:
-        ScenarioError: A value cannot be used.
+        ScenarioError: A value is invalid.
     """
     rng = np.random.default_rng(seed)
 

@@ -1,4 +1,4 @@
-"""What a study found, as the struct that becomes its JSON report."""
+"""The results of a study, in the struct that becomes its JSON report."""
 
 from __future__ import annotations
 
@@ -21,24 +21,24 @@ from coheft.estimation.geometry.spatial import Array
 T = TypeVar("T")
 
 Number = float | None
-"""None where nothing was claimed, so nothing can be said."""
+"""A number; None if there were no estimates to compute it from."""
 
 
 class Accuracy(msgspec.Struct, frozen=True):
-    """How good the estimates of one quantity are, in SI units, over all robots or edges of all runs.
+    """Accuracy of the estimates of one quantity, in SI units, over all robots or edges of all runs.
 
     Attributes:
-        rms: Root mean square error, of a vector's or matrix's (Frobenius) norm.
-        bound_full: Cramér-Rao bound of the same from all sensors.
-        bound_two_step: That of poses from kinematics alone, and inertia from all sensors given those poses.
+        rms: Root mean square error; for vectors and matrices, of the (Frobenius) norm.
+        bound_full: Cramér-Rao bound of ``rms`` with all sensors.
+        bound_two_step: Bound with poses from kinematics alone, and inertia from all sensors given those poses.
         ratio_full: ``rms / bound_full``; over several times or noises, of errors that are scaled by their bounds.
-        ratio_full_low: Start of its 95 % sampling interval, over runs.
-        ratio_full_high: End of it.
-        ratio_two_step: ``rms / bound_two_step``, likewise.
-        nees: Normalised error squared per degree of freedom, of one robot per run: 1 if the stated covariance is right.
-        nees_low: Start of the interval in which it lies in 95 of 100 studies with a right covariance.
-        nees_high: End of it.
-        missing: Estimates that no robot claimed a number for, in all runs; they are left out above.
+        ratio_full_low: Lower end of its 95 % sampling interval, over runs.
+        ratio_full_high: Upper end.
+        ratio_two_step: ``rms / bound_two_step``, computed in the same way.
+        nees: Normalized error squared per degree of freedom, of one robot per run: 1 if the stated covariance is right.
+        nees_low: Lower end of the interval that contains it in 95 of 100 studies if the covariance is right.
+        nees_high: Upper end.
+        missing: Number of estimates without a value, in all runs; they are left out above.
     """
 
     rms: Number
@@ -55,7 +55,7 @@ class Accuracy(msgspec.Struct, frozen=True):
 
 
 class Consistency(msgspec.Struct, frozen=True):
-    """Normalised error squared per degree of freedom, of one robot per run, and its 95 % interval."""
+    """Normalized error squared per degree of freedom, of one robot per run, and its 95 % interval."""
 
     nees: Number
     nees_low: Number
@@ -63,12 +63,12 @@ class Consistency(msgspec.Struct, frozen=True):
 
 
 class Cells(msgspec.Struct, frozen=True):
-    """How many NEES are what they should be, each of one quantity at one time and noise.
+    """Number of NEES within their intervals, each of one quantity at one time and noise.
 
     Attributes:
-        count: Of them.
-        outside_95: How many lie outside their 95 % interval.
-        outside_9999: And outside their 99.99 % interval.
+        count: Number of NEES.
+        outside_95: Number outside their 95 % interval.
+        outside_9999: Number outside their 99.99 % interval.
     """
 
     count: int
@@ -77,7 +77,9 @@ class Cells(msgspec.Struct, frozen=True):
 
 
 class Recovered(msgspec.Struct, frozen=True):
-    """Accuracy some time after the change; the bound is the full one of an estimator that was told the moment."""
+    """Accuracy some time after the change; the bound is the full one of an estimator that knows the time of the
+    change.
+    """
 
     rms: Number
     bound_full: Number
@@ -91,13 +93,13 @@ class Recovered(msgspec.Struct, frozen=True):
 
 
 class Recovery(msgspec.Struct, frozen=True):
-    """After the load has changed.
+    """Accuracy after the load has changed.
 
     Attributes:
         seconds_after: Time since the change [s].
-        mass: Of the new load.
-        com: Its centre of mass.
-        inertia: Its inertia.
+        mass: Accuracy of the new mass.
+        com: Accuracy of its centre of mass.
+        inertia: Accuracy of its inertia.
     """
 
     seconds_after: float
@@ -107,12 +109,12 @@ class Recovery(msgspec.Struct, frozen=True):
 
 
 class Claimed(msgspec.Struct, frozen=True):
-    """How often estimates were further off than they claimed, in any of their numbers.
+    """Number of estimates with an error that their own standard deviations rule out.
 
     Attributes:
-        count: Estimates of payloads and poses that claimed numbers, of all runs at all moments.
-        contradicted: How many of them were off by more than four of their own standard deviations.
-        most_stds: The largest error of all, in its own standard deviations; None if nothing was claimed.
+        count: Number of estimates of payloads and poses, of all runs at all times.
+        contradicted: Number of them with an error above four of their own standard deviations.
+        most_stds: The largest error of all, in its own standard deviations; None if there are no estimates.
     """
 
     count: int
@@ -121,7 +123,7 @@ class Claimed(msgspec.Struct, frozen=True):
 
 
 class EstimatorResult(msgspec.Struct, frozen=True):
-    """All about one estimator. Both rotation and translation are of the neighbours' grasp frames in the own one."""
+    """Results of one estimator. Poses are those of the neighbours' grasp frames in the robot's own."""
 
     pose_rotation: Accuracy
     pose_translation: Accuracy
@@ -148,14 +150,14 @@ class StudyReport(msgspec.Struct, frozen=True):
     """The report of a study.
 
     Attributes:
-        scenario: Its name.
-        seeds: First and last one.
+        scenario: Name of the scenario.
+        seeds: First and last seed.
         runs: Number of runs per noise scale.
-        at_s: When accuracy was judged [s].
+        at_s: Times at which accuracy was evaluated [s].
         noise_scales: Factors on the scenario's noise.
-        units: Of ``rms`` and bounds.
-        results: At all of these times and noises together, by estimator.
-        cells: At each noise and time.
+        units: Units of ``rms`` and bounds.
+        results: Results for all of these times and noises together, by estimator.
+        cells: Results for each noise and time.
     """
 
     scenario: str
@@ -170,7 +172,7 @@ class StudyReport(msgspec.Struct, frozen=True):
 
 @dataclass(frozen=True, eq=False)
 class _Judged:
-    """One run of one estimator at one time."""
+    """Errors of one run of one estimator at one time, with bounds."""
 
     seed: int
     errors: Errors
@@ -179,17 +181,17 @@ class _Judged:
 
 
 def summarise(groups: Sequence[Sequence[Trial]], moments: Moments, times: Sequence[int]) -> dict[str, EstimatorResult]:
-    """Results by estimator.
+    """Compute results by estimator.
 
     Args:
-        groups: For each noise its runs, which differ in their seed alone.
-        moments: When they were judged.
-        times: Which of these count.
+        groups: For each noise its runs, which differ in their seed only.
+        moments: Times at which they were evaluated.
+        times: Indices of the times to include.
     """
-    return {name: _of_estimator(name, groups, moments, times) for name in groups[0][0].outcomes}
+    return {name: _estimator_result(name, groups, moments, times) for name in groups[0][0].outcomes}
 
 
-def _of_estimator(
+def _estimator_result(
     name: str, groups: Sequence[Sequence[Trial]], moments: Moments, times: Sequence[int]
 ) -> EstimatorResult:
     outcomes = [trial.outcomes[name] for group in groups for trial in group]
@@ -203,7 +205,7 @@ def _of_estimator(
         **{quantity.name: _accuracy(quantity, cells) for quantity in QUANTITIES},
         all_ten=Consistency(_number(nees.value), _number(nees.low), _number(nees.high)),
         cells=_cells([*QUANTITIES, ALL_TEN], cells),
-        claimed=_claimed([one.errors for cell in cells for one in cell]),
+        claimed=_count_contradictions([one.errors for cell in cells for one in cell]),
         detection=judge_detection([outcome.notices for outcome in outcomes], moments.change, moments.end),
         recovery=_recovery(name, groups, moments),
         impossible_payloads=sum(outcome.impossible_payloads for outcome in outcomes),
@@ -229,11 +231,11 @@ def _accuracy(quantity: Quantity, cells: Sequence[Sequence[_Judged]]) -> Accurac
 
 
 _Squares = list[list[Array]]
-"""By cell and run."""
+"""Squares by cell and run."""
 
 
 def _squares(quantity: Quantity, cells: Sequence[Sequence[_Judged]]) -> tuple[_Squares, _Squares, _Squares]:
-    """Squared errors, and what the full and the two-step bound let them be."""
+    """Return squared errors, and their expectations by the full and the two-step bound."""
     return (
         [[quantity.squares(one.errors.of(quantity)) for one in cell] for cell in cells],
         [[quantity.expected_squares(one.full.of(quantity)) for one in cell] for cell in cells],
@@ -242,12 +244,14 @@ def _squares(quantity: Quantity, cells: Sequence[Sequence[_Judged]]) -> tuple[_S
 
 
 def _flat(cells: Sequence[Sequence[T]]) -> list[T]:
-    """Of all cells one after another."""
+    """Return the items of all cells in one list."""
     return [one for cell in cells for one in cell]
 
 
 def _scaled_ratio(squares: _Squares, bounds: _Squares) -> Interval:
-    """Of roots of mean squares; every cell counts the same, and all times and noises of a run belong together."""
+    """Return the ratio of root mean squares, with equal weights of all cells; a run's times and noises belong
+    together.
+    """
     scales = [float(np.mean(np.concatenate(cell))) for cell in bounds]
     runs = range(len(bounds[0]))
 
@@ -258,7 +262,7 @@ def _scaled_ratio(squares: _Squares, bounds: _Squares) -> Interval:
 
 
 def _nees(quantity: Quantity, cells: Sequence[Sequence[_Judged]], confidence: float = 0.95) -> Interval:
-    """Of one robot or edge per run, because those of one run are not independent: each in turn."""
+    """Return the NEES of one robot or edge per run, each in turn, because those of one run are not independent."""
     errors, covariances = [], []
     for one in _flat(cells):
         found, claimed = one.errors.of(quantity), one.errors.covariances_of(quantity)
@@ -269,7 +273,7 @@ def _nees(quantity: Quantity, cells: Sequence[Sequence[_Judged]], confidence: fl
 
 
 def _cells(quantities: Sequence[Quantity], cells: Sequence[Sequence[_Judged]]) -> Cells:
-    """Count what is outside."""
+    """Count NEES outside their intervals."""
 
     def outside(confidence: float) -> int:
         found = [_nees(quantity, [cell], confidence) for quantity in quantities for cell in cells]
@@ -278,7 +282,7 @@ def _cells(quantities: Sequence[Quantity], cells: Sequence[Sequence[_Judged]]) -
     return Cells(len(quantities) * len(cells), outside(0.95), outside(0.9999))
 
 
-def _claimed(every: Sequence[Errors]) -> Claimed:
+def _count_contradictions(every: Sequence[Errors]) -> Claimed:
     found = [
         float(np.nanmax(in_stds(error, covariance)))
         for errors in every

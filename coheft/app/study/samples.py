@@ -1,4 +1,4 @@
-"""What all sensors of a run read, without any agents: the robots' reference motions do not depend on estimates."""
+"""Readings of all sensors of a run without agents, as the robots' reference motions do not depend on estimates."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ class TeamSamples:
     """All sensors' samples of a run.
 
     Attributes:
-        scene: Who holds the payload, and where.
-        truths: One per block.
+        scene: The scene, with the grasps.
+        truths: Truths, one per block.
         samples: Shape (n, N, 15), columns as in ``MeasurementBlock``.
     """
 
@@ -35,7 +35,7 @@ class TeamSamples:
 
 
 def simulate(scenario: Scenario) -> TeamSamples:
-    """The samples that the agents of the same scenario get, bit for bit.
+    """Return the samples that the agents of the same scenario receive, bit for bit.
 
     Raises:
         ScenarioError: The robots' motions depend on estimates.
@@ -61,7 +61,7 @@ def simulate(scenario: Scenario) -> TeamSamples:
 
 
 def with_exact_sensors(scenario: Scenario) -> Scenario:
-    """The same run, seen by sensors without noise and errors."""
+    """Return the scenario with sensors without noise and errors."""
     exact = msgspec.structs.replace(scenario.sensors, noise_scale=0.0, errors="none")
     return msgspec.structs.replace(scenario, sensors=exact)
 

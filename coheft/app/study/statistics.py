@@ -1,4 +1,4 @@
-"""Statistics over independent runs. The robots of one run are not independent: the run is the unit."""
+"""Statistics over independent runs. Robots of the same run are not independent, so the unit is the run."""
 
 from __future__ import annotations
 
@@ -28,18 +28,18 @@ _NOTHING = Interval(float("nan"), float("nan"), float("nan"))
 
 
 def root_mean(squares: Sequence[Array]) -> float:
-    """Root of the mean over all that is known of all runs; NaN if nothing is."""
+    """Return the root mean square of all finite values of all runs; NaN if there are none."""
     known = np.concatenate(squares)
     known = known[np.isfinite(known)]
     return float(np.sqrt(known.mean())) if len(known) else float("nan")
 
 
 def ratio_of_roots(squares: Sequence[Array], references: Sequence[Array]) -> Interval:
-    """Root mean square over that of a reference, where both are known, with its sampling interval (bootstrap).
+    """Return a root mean square divided by that of a reference, where both are finite, with its bootstrap interval.
 
     Args:
-        squares: Of each run, shape (k,).
-        references: Likewise.
+        squares: Squares of each run, shape (k,).
+        references: Squares of the reference for each run, shape (k,).
     """
     known = [np.isfinite(s) & np.isfinite(r) for s, r in zip(squares, references, strict=True)]
     sums = np.array(
@@ -58,13 +58,13 @@ def ratio_of_roots(squares: Sequence[Array], references: Sequence[Array]) -> Int
 def normalised_square(
     errors: Sequence[Array], covariances: Sequence[Array], confidence: float = _CONFIDENCE, alike: int = 1
 ) -> Interval:
-    """Mean of ``e^T C^-1 e`` per degree of freedom, 1 if ``C`` is right, and where it then usually lies.
+    """Return the mean of ``e^T C^-1 e`` per degree of freedom, which is 1 if ``C`` is right, and its expected interval.
 
     Args:
-        errors: One of each run, all independent, shape (d,); runs with NaN are left out.
-        covariances: As claimed, shape (d, d).
-        confidence: Share of cases in which it lies in the interval.
-        alike: So many of the errors are of one run, at several times or noises: they count as one.
+        errors: Independent errors, one of each run, shape (d,); runs with NaN are left out.
+        covariances: Their covariances, shape (d, d).
+        confidence: Probability of the interval.
+        alike: Number of errors that are from the same run, at several times or noises: they count as one.
     """
     known = [(e, c) for e, c in zip(errors, covariances, strict=True) if np.isfinite(e).all()]
     if not known:

@@ -1,4 +1,4 @@
-"""A study's report in tables and sentences, for people."""
+"""A study's report in tables and sentences."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ NAMES = {
     "com": ("centre of mass", "mm", 1e3),
     "inertia": ("inertia", "kg·m²", 1.0),
 }
-"""Of quantities: name, unit, and what to multiply SI units with."""
+"""Names and units of quantities, with the factor from SI units."""
 HEADER = ("quantity", "estimator", "RMS", "bound", "RMS / bound", "NEES", "/ two-step", "honest NEES", "missing")
 RECOVERY_HEADER = ("quantity", "estimator", "RMS", "bound", "RMS / bound", "NEES", "missing")
 LEGEND = (
     "NEES: error² over stated covariance, 1 if honest; * outside its 95 % range.",
     "/ two-step: RMS over the bound of poses from motion alone. (…): 95 % range.",
 )
-"""What the terminal has room for."""
+"""Explanation of the columns for the terminal."""
 EXPLANATION = (
     "rotation, translation: of the neighbours' grasp frames in the own one. RMS: root mean square error.",
     "bound: Cramér-Rao bound of any unbiased estimator that uses every sample of every robot's sensors, but not that "
@@ -38,7 +38,7 @@ EXPLANATION = (
 
 
 def accuracy_rows(cell: Cell) -> Iterator[tuple[str, ...]]:
-    """One row per quantity and estimator, columns as in ``HEADER``."""
+    """Yield one row per quantity and estimator, columns as in ``HEADER``."""
     for quantity in QUANTITIES:
         name, unit, size = NAMES[quantity.name]
         for estimator, result in cell.results.items():
@@ -60,7 +60,7 @@ def accuracy_rows(cell: Cell) -> Iterator[tuple[str, ...]]:
 
 
 def recovery_rows(cell: Cell) -> Iterator[tuple[str, ...]]:
-    """One row per quantity and estimator, columns as in ``RECOVERY_HEADER``; none if the load did not change."""
+    """Yield one row per quantity and estimator, columns as in ``RECOVERY_HEADER``; none if the load does not change."""
     for key in ("mass", "com", "inertia"):
         name, unit, size = NAMES[key]
         for estimator, result in cell.results.items():
@@ -78,7 +78,7 @@ def recovery_rows(cell: Cell) -> Iterator[tuple[str, ...]]:
 
 
 def sentences(estimator: str, result: EstimatorResult) -> Iterator[str]:
-    """What is not in the tables."""
+    """Yield sentences about results that are not in the tables."""
     detection = result.detection
     if result.recovery is not None:
         yield f"{estimator}: {_noticed(detection)}"
@@ -103,7 +103,7 @@ def sentences(estimator: str, result: EstimatorResult) -> Iterator[str]:
 
 
 def title(report: StudyReport) -> str:
-    """What was studied, in a line."""
+    """Return a line that describes the study."""
     times = ", ".join(f"{at:g}" for at in report.at_s)
     return (
         f"{report.scenario}: {report.runs} runs (seeds {report.seeds[0]} to {report.seeds[1]}) per noise scale, "
@@ -112,12 +112,12 @@ def title(report: StudyReport) -> str:
 
 
 def caption(cell: Cell) -> str:
-    """Of one noise and time."""
+    """Return the caption of one noise and time."""
     return f"noise × {cell.noise_scale:g}, at {cell.at_s:g} s"
 
 
 def together(report: StudyReport) -> Iterator[str]:
-    """What all noises and times say, a line for each estimator."""
+    """Yield a line for each estimator about all noises and times."""
     for estimator, result in report.results.items():
         ratios = [getattr(result, quantity.name).ratio_full for quantity in QUANTITIES]
         nees = [getattr(result, quantity.name).nees for quantity in (*QUANTITIES, ALL_TEN)]
@@ -130,7 +130,7 @@ def together(report: StudyReport) -> Iterator[str]:
 
 
 def markdown(report: StudyReport, pictures: dict[str, str]) -> str:
-    """The report as Markdown; ``pictures`` are file names by caption."""
+    """Return the report as Markdown; ``pictures`` are file names by caption."""
     parts = [f"# Study of {title(report)}"]
     for cell in report.cells:
         parts.append(f"## {caption(cell).capitalize()}")
@@ -141,9 +141,7 @@ def markdown(report: StudyReport, pictures: dict[str, str]) -> str:
     recovery = list(recovery_rows(whole))
     if recovery:
         after = next(r.recovery.seconds_after for r in report.results.values() if r.recovery is not None)
-        parts.append(
-            f"{after:g} s after the load had changed, against the bound of an estimator that is told the moment:"
-        )
+        parts.append(f"{after:g} s after the load change, compared with the bound of an estimator that knows its time:")
         parts.append(_markdown_table(RECOVERY_HEADER, recovery))
     parts.append("\n".join(f"- {line}" for name, result in report.results.items() for line in sentences(name, result)))
     parts.append("## How to read this\n\n" + "\n".join(f"- {line}" for line in EXPLANATION))
@@ -168,12 +166,12 @@ def _markdown_table(header: tuple[str, ...], rows: list[tuple[str, ...]]) -> str
 
 
 def plain(value: Number, factor: float = 1.0) -> str:
-    """A number with three digits, in another unit."""
+    """Format a number with three digits, in another unit."""
     return "–" if value is None else f"{value * factor:#.3g}".rstrip(".")
 
 
 def short(value: Number) -> str:
-    """A ratio, with two decimals where it is small."""
+    """Format a ratio, with two decimals if it is small."""
     return "–" if value is None else f"{value:.2f}" if value < 10.0 else f"{value:.0f}"
 
 
@@ -186,7 +184,7 @@ def _with_range(value: Number, low: Number, high: Number) -> str:
 
 
 def _marked(found: Accuracy | Consistency | Recovered) -> str:
-    """NEES, with a star if an honest covariance would hardly give it."""
+    """Format a NEES, with a star if it is outside its interval."""
     if found.nees is None or found.nees_low is None or found.nees_high is None:
         return "–"
     return f"{short(found.nees)}{'' if found.nees_low <= found.nees <= found.nees_high else '*'}"

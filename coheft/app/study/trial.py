@@ -1,4 +1,4 @@
-"""One run of a study: every estimator on the same motion and the same noise, compared with the truth."""
+"""One run of a study: every estimator with the same motion and noise, compared with the truth."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ from coheft.wire.scenario.schema import Scenario
 
 @dataclass(frozen=True)
 class Moments:
-    """When a run is judged.
+    """Times at which a run is evaluated.
 
     Attributes:
-        at: Accuracy, in order [s].
-        change: Of the load [s], at the border of a block; None if it does not change.
-        after: From the change to the judgement of the recovery [s].
+        at: Times for the accuracy, in order [s].
+        change: Time of the load change, at the start of a block [s]; None if there is none.
+        after: Time from the change to the evaluation of the recovery [s].
     """
 
     at: tuple[float, ...]
@@ -48,12 +48,12 @@ class Moments:
 
 @dataclass(frozen=True, eq=False)
 class Curves:
-    """How the first robot's errors shrink.
+    """Errors of the first robot over time.
 
     Attributes:
-        times: Shape (n,) [s].
+        times: Times [s], shape (n,).
         errors: Norms by quantity, root mean square over its edges, shape (n, 5).
-        deviations: What it says of them itself, one sigma, shape (n, 5).
+        deviations: The robot's own standard deviations of these norms, shape (n, 5).
     """
 
     times: Array
@@ -63,14 +63,14 @@ class Curves:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What came out of one estimator.
+    """Results of one estimator.
 
     Attributes:
-        errors: At each moment of accuracy.
-        recovered: Some time after the load's change; None if it does not change.
-        notices: Of load changes, by robot.
+        errors: Errors at each time for the accuracy.
+        recovered: Errors some time after the load change; None if there is none.
+        notices: Notices of load changes, by robot.
         impossible_payloads: Number of published estimates of payloads that cannot exist.
-        curves: Over time.
+        curves: Errors over time.
     """
 
     errors: tuple[Errors, ...]
@@ -82,14 +82,14 @@ class Outcome:
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """All that is known of one run.
+    """Results and bounds of one run.
 
     Attributes:
-        seed: Of sensors' noise and motions.
-        outcomes: By estimator.
-        full: Bound for poses and inertia from all sensors, at each moment of accuracy.
+        seed: Seed of the sensors' noise and the motions.
+        outcomes: Results by estimator.
+        full: Bound for poses and inertia from all sensors, at each time for the accuracy.
         two_step: Bound for poses from kinematics, and inertia from all sensors given those poses.
-        recovery_bound: Like ``full``, after the load's change, for an estimator that is told the moment.
+        recovery_bound: Like ``full``, after the load change, for an estimator that knows its time.
     """
 
     seed: int
@@ -136,7 +136,7 @@ def _outcome(scenario: Scenario, estimator: str, moments: Moments, judge: Judge,
 
 
 def _latest(reports: Sequence[dict[str, Estimate]], time: float) -> dict[str, Estimate]:
-    """What all robots published last, up to some time."""
+    """Return the last estimates that all robots published up to a time."""
     latest: dict[str, Estimate] = {}
     for report in reports:
         latest.update({name: estimate for name, estimate in report.items() if estimate.time <= time + 1e-9})
@@ -148,11 +148,11 @@ def _curves(judge: Judge, edges: Edges, reports: Sequence[dict[str, Estimate]]) 
     own_edges = [edge for edge in edges if edge[0] == first]
     times, errors, deviations = [], [], []
     for report in reports:
-        if first not in report:  # others had doubts to tell
+        if first not in report:  # a report of other robots, when their doubts changed
             continue
         found = published_errors(judge, own_edges, {first: report[first]})
         times.append(report[first].time)
-        # The first rows are the first robot's: all of its edges, and the payload as it sees it.
+        # The first robot's rows are the first ones: all of its edges, and the payload in its frame.
         rows = {quantity.name: slice(1 if quantity.of_payload else None) for quantity in QUANTITIES}
         errors.append([q.squares(found.of(q))[rows[q.name]].mean() for q in QUANTITIES])
         deviations.append([q.expected_squares(found.covariances_of(q))[rows[q.name]].mean() for q in QUANTITIES])

@@ -1,4 +1,4 @@
-"""Studies of one scenario with several values of a key, side by side."""
+"""Studies of one scenario with several values of a key, for comparison."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ COLUMNS = ("value", "estimator", *(f"{NAMES[quantity.name][0]}, {NAMES[quantity.
 
 
 class Variant(msgspec.Struct, frozen=True):
-    """The study of one value; ``set`` is the key and its value, as for ``--set``."""
+    """The study of one value; ``set`` is the key with the value, as for ``--set``."""
 
     set: str
     study: StudyReport
@@ -27,7 +27,9 @@ class VariedReport(msgspec.Struct, frozen=True):
 
 
 def rows(report: VariedReport) -> Iterator[tuple[str, ...]]:
-    """RMS errors at the last time and the first noise, and in brackets how many times the bound; see ``COLUMNS``."""
+    """Yield RMS errors at the last time and the first noise, with the ratio to the bound in brackets, see
+    ``COLUMNS``.
+    """
     for variant in report.variants:
         study = variant.study
         cell = next(c for c in study.cells if (c.noise_scale, c.at_s) == (study.noise_scales[0], study.at_s[-1]))

@@ -1,1 +1,1 @@
-"""What commands show in a terminal."""
+"""Output of commands in a terminal."""

@@ -1,4 +1,4 @@
-"""How the load was carried, for the terminal."""
+"""Terminal output of how well the load was carried."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _WHAT = {
 
 
 def print_carry(console: Console, report: CarryReport) -> None:
-    """A row for each phase, a sentence for each load change."""
+    """Print a row for each phase and a sentence for each load change."""
     table = Table(
         title="How the load was carried (root mean squares)",
         title_justify="left",
@@ -51,7 +51,7 @@ def _pushed(force: float, torque: float) -> str:
 
 
 def _sentence(drop: LoadDropReport, *, is_promised: bool) -> str:
-    """One of a run in which it is promised, or not, that they come back to the path."""
+    """Describe a load change; only with both phases is there a limit for being back on the path."""
     back = "not back on it" if drop.back_after_s is None else f"back on it after {drop.back_after_s:.1f} s"
     end = f", {back}" if is_promised else ""
     return f"At {drop.at_s:g} s the load changed to {drop.mass:.2f} kg: {drop.largest_mm:.1f} mm off the path{end}."

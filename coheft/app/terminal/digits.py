@@ -1,4 +1,4 @@
-"""Numbers with as many digits as say something."""
+"""Numbers with as many digits as are significant."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ _MOST_DECIMALS = 6
 
 
 def decimals_for(value: float, digits: int, at_least: int = 0) -> int:
-    """Decimals with which a value shows so many significant digits."""
+    """Return the number of decimals with which a value shows a number of significant digits."""
     if not (math.isfinite(value) and value != 0.0):
         return at_least
     return max(at_least, digits - 1 - math.floor(math.log10(abs(value))))
 
 
 def seconds_of(time: float, duration: float) -> str:
-    """How far a run is [s]; one without an end goes on until somebody stops it."""
+    """Describe the progress of a run [s]; a run without an end shows the time only."""
     return f"{time:.1f} s" if duration >= MAX_DURATION else f"{time:.1f} of {duration:g} s"
 
 
 def error_and_std(error: float, std: float, unit: str) -> tuple[str, str]:
-    """An error and the standard deviation that it is to be compared with.
+    """Format an error and its standard deviation.
 
     Both have the decimals with which the standard deviation shows two digits.
     """
@@ -32,11 +32,11 @@ def error_and_std(error: float, std: float, unit: str) -> tuple[str, str]:
 
 
 def value_and_std(value: float, std: float, at_least: int = 3) -> str:
-    """A value and its standard deviation, in the same unit and with the decimals that two digits of the latter need."""
+    """Format a value and its standard deviation, with the decimals with which the latter shows two digits."""
     decimals = decimals_for(std, 2, at_least=at_least)
     return f"{value:.{min(decimals, _MOST_DECIMALS)}f} ± {std_text(std, decimals)}"
 
 
 def std_text(std: float, decimals: int) -> str:
-    """A standard deviation with so many decimals; it is never rounded to nothing."""
+    """Format a standard deviation with a number of decimals; it is never rounded to zero."""
     return f"{std:.{decimals}f}" if decimals <= _MOST_DECIMALS or std == 0.0 else f"{std:.1e}"

@@ -1,4 +1,4 @@
-"""The table and the sentences at the end of a run."""
+"""The table and the sentences printed at the end of a run."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ LEGEND = (
     "is marked with its size in own std.",
 )
 _SHOWN = 3
-"""Sentences of a kind, and robots that one of them names."""
+"""Largest number of sentences of a kind, and of robots named in a sentence."""
 RECOVERED = "Recovered: mass within 3 %, centre of mass within 20 mm at every robot."
 
 
 def print_report(console: Console, report: Report, folder: Path) -> None:
-    """The final table, and in sentences what else is worth knowing."""
+    """Print the final table and the sentences that complete it."""
     console.print()
     print_table(console, _final_table(report))
     for line in (*LEGEND, *([RECOVERED] if report.load_changes else [])):
@@ -68,7 +68,7 @@ def _final_table(report: Report) -> Table:
 
 
 def robot_rows(robot: RobotReport) -> list[tuple[str, str, str, str, str]]:
-    """What a robot found out: quantity, truth, estimate, error, own standard deviation, for each quantity."""
+    """Return the rows of a robot: quantity, truth, estimate, error and own standard deviation, for each quantity."""
     rows = {"mass": _mass_row(robot), "centre of mass": _com_row(robot), "inertia": _inertia_row(robot)}
     too_far = {each.quantity: each.stds for each in robot.contradictions}
     return [
@@ -109,16 +109,16 @@ def _inertia_row(robot: RobotReport) -> tuple[str, str, str, str, str]:
 
 
 def _missing(robot: RobotReport) -> str:
-    """Why there is no number."""
+    """Describe why there is no estimate."""
     return "not observable" if robot.not_observable else "not known"
 
 
 def _numbers(values: Array, decimals: int = 0) -> str:
-    return " ".join(f"{value:z.{decimals}f}" for value in values)  # z: nothing is minus zero
+    return " ".join(f"{value:z.{decimals}f}" for value in values)  # z: no minus sign for zero
 
 
 def sentences(report: Report) -> list[str]:
-    """What else is worth knowing."""
+    """Return the sentences that complete the table."""
     changes = report.load_changes
     return [
         *_most([_load_change_sentence(change, is_last=change is changes[-1]) for change in changes]),
@@ -174,7 +174,7 @@ def _slip_sentence(slip: SlipReport) -> str:
 
 
 def _estimator_sentence(change: EstimatorUse) -> str:
-    return f"At {change.since_s:g} s all robots started again with the estimator {change.estimator}."
+    return f"At {change.since_s:g} s all robots restarted with the estimator {change.estimator}."
 
 
 def _pose_sentence(report: Report) -> list[str]:
@@ -187,7 +187,7 @@ def _pose_sentence(report: Report) -> list[str]:
 
 
 def _not_observable_sentences(report: Report) -> list[str]:
-    """One example of each kind: what is to be done about it, after the last colon, is the same for all of the kind."""
+    """Return one example of each kind; the advice after the last colon is the same for all of a kind."""
     kinds: dict[str, list[str]] = {}
     for name, robot in report.robots.items():
         for text in robot.not_observable:
@@ -196,7 +196,7 @@ def _not_observable_sentences(report: Report) -> list[str]:
 
 
 def _most(found: list[str], show: int = _SHOWN) -> list[str]:
-    """The first ones, and how many more there are."""
+    """Return the first sentences, and how many more there are."""
     more = len(found) - show
     if more <= 0:
         return found
@@ -204,7 +204,7 @@ def _most(found: list[str], show: int = _SHOWN) -> list[str]:
 
 
 def _convergence_sentences(report: Report) -> list[str]:
-    """What came of it: of all robots together if all have converged, else of each kind that has not."""
+    """Describe the convergence: of all robots together if all have converged, otherwise of groups of robots."""
     if report.converged:
         first = max(robot.converged_at_s or 0.0 for robot in report.robots.values())
         return [f"All robots converged, for the first time at {first:.1f} s."]
@@ -213,7 +213,7 @@ def _convergence_sentences(report: Report) -> list[str]:
 
 
 def _contradictions(robots: Mapping[str, RobotReport]) -> list[str]:
-    """Robots whose errors their own std rules out, with the worst quantity of each."""
+    """Describe robots whose errors contradict their own std, with the worst quantity of each."""
     found = []
     for name, robot in robots.items():
         if robot.contradictions:
@@ -230,14 +230,14 @@ def _contradictions(robots: Mapping[str, RobotReport]) -> list[str]:
 
 
 def _lack(robot: RobotReport) -> str:
-    """What a robot lacks; a pose that it has not found yet may still turn out to be observable."""
+    """Describe what a robot lacks; a pose that it has not found yet may still become observable."""
     if robot.not_observable and robot.state not in (State.STALE, State.FINDING_NEIGHBOURS):
         return "not everything is observable with the motion so far"
     return LACKS.get(robot.state, robot.state)
 
 
 def _not_converged(missing: Mapping[str, RobotReport]) -> str:
-    """Who has not converged, and what each lacks; of why robots are stale, and of motions, other sentences tell."""
+    """Describe which robots have not converged and what they lack; other sentences explain stale ones and motions."""
     names: dict[str, list[str]] = {}
     for name, robot in missing.items():
         names.setdefault(_lack(robot), []).append(name)

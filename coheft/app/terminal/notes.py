@@ -1,4 +1,4 @@
-"""Settings that contradict each other, named before a run."""
+"""Notes about contradictory settings, printed before a run."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from coheft.wire.scenario.schema import Scenario
 
 
 def print_notes(console: Console, scenario: Scenario) -> None:
-    """A line for each; none for a scenario that means what it says."""
+    """Print a line for each note on a scenario."""
     for note in notes(scenario):
         console.print(
             f"Note: {note}.", style="yellow", markup=False, highlight=False, soft_wrap=not console.is_terminal

@@ -1,4 +1,4 @@
-"""How far a command with many runs has come: a bar on a terminal, a count in a narrow one, lines elsewhere."""
+"""Progress of a command with many runs: a bar in a terminal, a count in a narrow one, otherwise lines."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from rich.progress import (
 from rich.table import Column
 
 _LINES = 10
-"""So many are written at most where there is no terminal."""
+"""Largest number of lines without a terminal."""
 _WIDTH_OF_A_BAR = 50
-"""Columns of a window in which there is room for a bar, and for times beside it."""
+"""Smallest width of a window with room for a bar and times."""
 
 
 @contextmanager
@@ -28,13 +28,13 @@ def show_progress(console: Console, what: str, total: int, *, quiet: bool) -> It
     """Show progress while the context lasts.
 
     Args:
-        console: Where.
-        what: Is counted.
+        console: The console to print to.
+        what: Name of the items that are counted.
         total: Their number.
         quiet: Whether to show nothing.
 
     Yields:
-        What has to be told how many are done, and what else to say of them, perhaps nothing.
+        A function to call with the number of finished items and a remark, which may be empty.
     """
     if quiet:
         yield lambda done, remark: None
@@ -56,7 +56,7 @@ def show_progress(console: Console, what: str, total: int, *, quiet: bool) -> It
 
 
 class _Lines:
-    """Writes a line whenever another tenth is done."""
+    """Prints a line for each tenth that is done."""
 
     def __init__(self, console: Console, what: str, total: int) -> None:
         self._console = console

@@ -1,4 +1,4 @@
-"""What a run looks like in a terminal: progress, estimates that converge, what is in doubt."""
+"""A run in a terminal: progress, estimates with their states, reasons for doubts."""
 
 from __future__ import annotations
 
@@ -25,73 +25,73 @@ from coheft.wire.messages.truth import Truth
 from coheft.wire.scenario.schema import MAX_DURATION
 
 _LINE_EVERY = 5.0
-"""Simulated time between two lines of a display that is no terminal [s]."""
+"""Simulated time between two lines without a terminal [s]."""
 _CHECK_EVERY = 0.5
-"""Simulated time between two looks at what is stale [s]: robots notice one after the other."""
+"""Simulated time between two checks for stale estimates [s]: robots notice a problem one after the other."""
 _LASTING = 1.0
-"""What makes estimates stale for less than this is not told in lines [s]: every change of the load does."""
+"""Reasons for stale estimates that last less are not printed as lines [s]; every change of the load causes some."""
 _DRAW_EVERY = 0.2
-"""Wall time between two drawings on a terminal [s]."""
+"""Wall time between two updates in a terminal [s]."""
 _LEAST_LINES = 5
-"""Of a window in which a picture is of use: progress, headings, a robot, how the others are, a reason."""
+"""Smallest number of lines for a table: progress, headings, a robot, a summary of the others, a reason."""
 _DIRECTION = re.compile(r" (along|about) \([^)]*\)")
-"""What every robot says in its own coordinates."""
+"""The part of a reason that depends on the robot's own coordinates."""
 
 
 class Display:
-    """Shows a run while it goes on; this one shows nothing, and is the base of those that do."""
+    """Base class of displays of a run in progress; shows nothing itself."""
 
     def begin(self, status: Status) -> None:
-        """All links stand: what is run."""
+        """Show which run begins; all links are up."""
 
     def note(self, text: str) -> None:
-        """The run does not go on now, and why."""
+        """Show why the run does not continue at present."""
 
     def update(self, record: Record) -> None:
-        """Something new has come."""
+        """Show the present state of the record."""
 
     def problem(self, problem: Problem) -> None:
-        """A process refused something and went on."""
+        """Show a problem that a process reported."""
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Put in order what was set up."""
+        """Clean up."""
 
 
 def make_display(console: Console, *, quiet: bool = False) -> Display:
-    """The display that fits: nothing if quiet, a live table on a terminal, lines elsewhere."""
+    """Make the display: none if quiet, a live table in a terminal, otherwise lines."""
     if quiet:
         return Display()
     return LiveDisplay(console) if console.is_terminal and not console.is_dumb_terminal else LineDisplay(console)
 
 
 class LineDisplay(Display):
-    """One plain line for every five simulated seconds, and others for what happens in between."""
+    """Prints a line for every five simulated seconds, and further lines for events in between."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
         self._lines = 0
         self._note = ""
         self._periods, self._is_noticed = 1, True
-        # Since when there has been a reason for being stale, and robots of which it was told.
+        # Since when there has been a reason for being stale, and the robots for which it has been printed.
         self._since: dict[str, float] = {}
         self._told: dict[str, set[str]] = {}
         self._checked = 0.0
 
     def begin(self, status: Status) -> None:
-        """Print what is run."""
+        """Print which run begins."""
         self._print(_first_line(status))
 
     def note(self, text: str) -> None:
-        """Print it, once."""
+        """Print a note, once."""
         if text != self._note:
             self._print(text)
         self._note = text
 
     def update(self, record: Record) -> None:
-        """Print a line if it is time for one; sooner, what happens to the load, and why estimates are stale."""
+        """Print a line if one is due, and events: changes of the load, and why estimates are stale."""
         if record.time >= (self._lines + 1) * _LINE_EVERY:
             self._lines = int(record.time / _LINE_EVERY)
             self._print(_summary_line(record))
@@ -101,7 +101,7 @@ class LineDisplay(Display):
             self._tell_stale(record)
 
     def problem(self, problem: Problem) -> None:
-        """A process refused something and went on."""
+        """Print a problem that a process reported."""
         self._print(f"{problem.source}: {problem.text}")
 
     def _tell_of_load(self, record: Record) -> None:
@@ -130,10 +130,10 @@ class LineDisplay(Display):
 
 
 class LiveDisplay(Display):
-    """A progress bar over a table of all robots' estimates, drawn again a few times a second.
+    """A progress bar above a table of all robots' estimates, updated a few times per second.
 
-    Where the window has too few lines for all robots, those are shown that are worst off; where it has not even room
-    for one row, a single line stands for all.
+    If the window is too small for all robots, those in the worst state are shown; if it is too small for a single row,
+    one line summarizes all.
     """
 
     def __init__(self, console: Console) -> None:
@@ -142,21 +142,21 @@ class LiveDisplay(Display):
         self._drawn = 0.0
 
     def begin(self, status: Status) -> None:
-        """Print what is run, above the table."""
+        """Print which run begins, above the table."""
         self._console.print(_first_line(status), markup=False, highlight=False)
 
     def note(self, text: str) -> None:
-        """Show it instead of the table."""
+        """Show a note instead of the table."""
         self._live.update(Text(text), refresh=True)
 
     def update(self, record: Record) -> None:
-        """Draw what is known now, unless it was drawn just before."""
+        """Update the table, unless that was done just before."""
         if record.truth is not None and time.monotonic() - self._drawn > _DRAW_EVERY:
             self._live.update(_picture(self._console, record, record.truth), refresh=True)
             self._drawn = time.monotonic()
 
     def problem(self, problem: Problem) -> None:
-        """A process refused something and went on: a line above the table."""
+        """Print a problem that a process reported, above the table."""
         self._console.print(f"[yellow]{escape(problem.source)}[/]: {escape(problem.text)}", highlight=False)
 
     def __enter__(self) -> Self:
@@ -176,7 +176,7 @@ _Beliefs = dict[str, tuple[Estimate, RobotReport]]
 
 
 def _beliefs(record: Record) -> _Beliefs:
-    """The newest estimate of each robot and how it compares."""
+    """Return the newest estimate of each robot, and its comparison with the truth."""
     return {name: (estimate, record.judge.robot([estimate])) for name, estimate in record.beliefs.items()}
 
 
@@ -185,7 +185,7 @@ _WORST_FIRST = list(State)
 
 
 def _why_stale(record: Record) -> dict[str, list[str]]:
-    """Reasons for which estimates are stale, with the robots that give them: as if all saw from the same frame."""
+    """Return the reasons why estimates are stale, with the robots; those that differ in coordinates only are merged."""
     robots: dict[str, dict[str, None]] = {}
     for reason, names in why_stale(record.beliefs).items():
         robots.setdefault(_DIRECTION.sub(" in some directions", reason), {}).update(dict.fromkeys(names))
@@ -197,7 +197,7 @@ def _stale_line(reason: str, names: list[str]) -> str:
 
 
 def _counts(estimates: Sequence[Estimate]) -> str:
-    """How many robots are how."""
+    """Describe how many robots are in each state."""
     states = [State.of(estimate) for estimate in estimates]
     return ", ".join(f"{states.count(state)} {state}" for state in dict.fromkeys(states))
 
@@ -215,7 +215,7 @@ def _summary_line(record: Record) -> str:
 
 
 def _picture(console: Console, record: Record, truth: Truth) -> RenderableType:
-    """All that is shown of a run, in no more lines than the window has; if that is too small, a single line."""
+    """Return the picture of a run, with at most as many lines as the window has; in a small window a single line."""
     beliefs = _beliefs(record)
     lines = max(_LEAST_LINES, console.height - 1)
     stale = [_stale_line(reason, names) for reason, names in _why_stale(record).items()]
@@ -230,7 +230,7 @@ def _picture(console: Console, record: Record, truth: Truth) -> RenderableType:
 
 
 def _at_most(reasons: list[Text], count: int) -> list[Text]:
-    """Those for which there are lines; the last one tells how many more there are."""
+    """Return the reasons that fit into ``count`` lines; the last line tells how many more there are."""
     if len(reasons) <= count:
         return reasons
     shown = reasons[: count - 1]
@@ -238,7 +238,7 @@ def _at_most(reasons: list[Text], count: int) -> list[Text]:
 
 
 def _worst(beliefs: _Beliefs, count: int) -> tuple[_Beliefs, list[Text]]:
-    """Those robots for which there are lines, the worst off first, and a line about the others; all if they fit."""
+    """Return the robots that fit into ``count`` lines, the worst state first, and a line about the others."""
     if len(beliefs) <= count:
         return beliefs, []
     by_state = sorted(beliefs, key=lambda name: _WORST_FIRST.index(State.of(beliefs[name][0])))
@@ -250,7 +250,7 @@ def _worst(beliefs: _Beliefs, count: int) -> tuple[_Beliefs, list[Text]]:
 def _progress(record: Record, truth: Truth) -> Table:
     row = Table.grid(padding=(0, 1))
     if record.duration < MAX_DURATION:
-        row.add_column()  # the bar, which is all that shrinks
+        row.add_column()  # the bar, the only column that shrinks
     for _ in range(2):
         row.add_column(no_wrap=True)
     bar = ProgressBar(total=record.duration, completed=record.time, width=36)

@@ -1,4 +1,4 @@
-"""What robots have found out of their sensors, in sentences."""
+"""Sentences about the sensor errors that robots have estimated."""
 
 from __future__ import annotations
 
@@ -9,12 +9,13 @@ from coheft.estimation.tolerance import SENSOR_NAMES
 from coheft.wire.messages.structs import SensorErrorEstimate
 
 _NOTABLE = 2.0
-"""Errors of so many told standard deviations are told of, if they are known twice as well as before."""
+"""Errors of at least this number of prior standard deviations are reported, if their std is less than half the
+prior."""
 _OFFSET_UNITS = {"gyro": "rad/s", "velocity": "m/s", "acceleration": "m/s²", "force": "N", "torque": "N·m"}
 
 
 def sensor_sentences(robots: Mapping[str, RobotReport]) -> list[str]:
-    """One sentence for each error that is large for what was told, the largest first."""
+    """Return one sentence for each error that is large compared with its tolerance, the largest first."""
     found = [
         (abs(error.value) / error.told, name, error)
         for name, robot in robots.items()

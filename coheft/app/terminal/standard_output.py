@@ -1,4 +1,4 @@
-"""Standard output that cannot be written: commands go on to their end, save their files, and then say so."""
+"""Standard output that cannot be written: commands continue to their end, save their files, and then report it."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from typing import Any, TextIO
 
 
 class _Output(FileIO):
-    """Standard output or error; after the first failure, what is written there goes nowhere.
+    """Standard output or standard error; after the first failure, output is discarded.
 
     Attributes:
-        failure: Why; None as long as all is well.
+        failure: The first error; None if there was none.
     """
 
     failure: OSError | None = None
 
     def write(self, data: Any, /) -> int:
-        """Write, or drop what cannot be written."""
+        """Write data, or discard it after a failure."""
         if self.failure is None:
             try:
                 return super().write(data)
@@ -28,47 +28,47 @@ class _Output(FileIO):
 
 
 def guard_standard_streams() -> None:
-    """Let nothing that is printed fail, whatever has become of standard output and error.
+    """Make sure that printing never fails, even if standard output or standard error is closed.
 
-    Those that are closed are opened such that whatever is written there is lost: or the next socket would get their
-    number, and what is printed.
+    Closed streams are opened on the null device: otherwise the next socket would get their file number, and printed
+    text would go there.
     """
-    if os.name != "posix":  # elsewhere a console is no file
+    if os.name != "posix":  # elsewhere a console is not a file
         return
-    while (number := os.open(os.devnull, os.O_RDONLY)) <= 2:  # the lowest that is free
-        os.set_inheritable(number, True)  # or processes that are started would have the same trouble
+    while (number := os.open(os.devnull, os.O_RDONLY)) <= 2:  # returns the lowest free number
+        os.set_inheritable(number, True)  # otherwise child processes would have the same problem
     os.close(number)
     sys.stdout = _guarded(sys.stdout, 1)
     sys.stderr = _guarded(sys.stderr, 2)
 
 
 def _guarded(stream: TextIO | None, number: int) -> TextIOWrapper:
-    """A stream like another one, which is None if it was closed."""
+    """Return a guarded stream with the settings of another one, which is None if it was closed."""
     encoding, errors, is_by_line = "utf-8", "strict", False
     if isinstance(stream, TextIOWrapper):
         encoding, errors = stream.encoding, stream.errors or errors
         is_by_line = stream.line_buffering or stream.write_through
-    if errors == "strict":  # or a unit that the terminal does not know ends the command
+    if errors == "strict":  # otherwise a character that the terminal does not support would end the command
         errors = "backslashreplace"
     output = BufferedWriter(_Output(number, "w", closefd=False))
     return TextIOWrapper(output, encoding, errors, line_buffering=is_by_line)
 
 
 def lost_output() -> OSError | None:
-    """Why something that was printed has not arrived; None if all has."""
+    """Return the error because of which printed text was lost; None if there was none."""
     try:
         sys.stdout.flush()
-    except OSError as error:  # where nothing guards it
+    except OSError as error:  # if the stream is not guarded
         return error
     raw = getattr(getattr(sys.stdout, "buffer", None), "raw", None)
     return raw.failure if isinstance(raw, _Output) else None
 
 
 def check_standard_output() -> None:
-    """For commands that do nothing but print.
+    """Check that printed text arrives, in commands that only print.
 
     Raises:
-        OSError: What is printed does not arrive.
+        OSError: It does not.
     """
     if failure := lost_output():
         raise failure

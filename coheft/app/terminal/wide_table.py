@@ -1,4 +1,4 @@
-"""Tables that are complete in any window: as they are where they fit, else a line for each value."""
+"""Tables that are complete in any window: if they do not fit, each value is printed on a line of its own."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from rich.table import Column, Table
 from rich.text import Text
 
 _ANY = 10_000
-"""Columns of a window in which everything fits."""
+"""A width at which every table fits."""
 
 
 def print_table(console: Console, table: Table) -> None:
-    """Print a table of plain texts; nothing of it is ever cut.
+    """Print a table of plain texts without cutting any of them.
 
-    Cells wrap between words, unless their column says ``no_wrap``. If the window is too narrow for that, there is a
-    line for each value instead. Where there is no window, the table is as wide as it has to be.
+    Cells wrap between words, unless their column has ``no_wrap``. If the window is still too narrow, each value gets a
+    line of its own. Without a window, the table is as wide as necessary.
     """
     needed = needed_width(console, table)
     if needed > console.width and console.is_terminal:
@@ -24,7 +24,7 @@ def print_table(console: Console, table: Table) -> None:
     ranges = [_widths(console, column) for column in table.columns]
     given = [least for least, _ in ranges]
     edges = needed - sum(given)
-    for widest in range(console.width + 1):  # rich alone would break words to make the widest columns narrower
+    for widest in range(console.width + 1):  # rich itself would break words to make the widest columns narrower
         wider = [max(least, min(most, widest)) for least, most in ranges]
         if sum(wider) + edges <= console.width:
             given = wider
@@ -35,13 +35,15 @@ def print_table(console: Console, table: Table) -> None:
 
 
 def needed_width(console: Console, table: Table) -> int:
-    """Columns of a window that a table needs at least."""
+    """Return the smallest width of a window for a table."""
     everything = Measurement.get(console, console.options.update(width=_ANY), table).maximum
     return everything - sum(_widths(console, column).span for column in table.columns)
 
 
 def _widths(console: Console, column: Column) -> Measurement:
-    """Of a column without padding: the least in which no word is broken, and that in which nothing wraps."""
+    """Return the widths of a column without padding: the smallest one without broken words, and the one without
+    wrapping.
+    """
 
     def measure(cell: RenderableType) -> Measurement:
         return Measurement.get(console, console.options.update(width=_ANY), cell)
@@ -53,7 +55,7 @@ def _widths(console: Console, column: Column) -> Measurement:
 
 
 def _print_lines(console: Console, table: Table) -> None:
-    """A line for each value, an empty one after each row."""
+    """Print a line for each value, and an empty line after each row."""
     if table.title is not None:
         console.print(table.title, style=table.title_style or "bold", highlight=False)
     for row in zip(*(column.cells for column in table.columns), strict=True):

@@ -1,11 +1,11 @@
-"""The motion of the body, and what a robot's sensors read of it at its grasp.
+"""The motion of the body, and the readings of a robot's sensors at its grasp.
 
 A body motion is ``(w, v, a, alpha)`` of one frame fixed to the body, called the body frame here (in practice the grasp
 frame of a reference robot), in its own axes: angular velocity [rad/s], velocity of the origin [m/s], proper
 acceleration of the origin [m/s²], angular acceleration [rad/s²]; shape (n, 12).
 
-Perturbations of a pose are ``(rotation, translation)``, shape (6,), in the axes of the frame that the pose is given
-in: ``R <- exp(rotation) R`` and ``p <- p + translation``. Covariances of poses refer to them.
+Perturbations of a pose are ``(rotation, translation)``, shape (6,), in the axes of the frame in which the pose is
+given: ``R <- exp(rotation) R`` and ``p <- p + translation``. Covariances of poses refer to them.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ MOTION_SIZE = 12
 
 
 def perturbed(pose: Pose, perturbation: Array) -> Pose:
-    """The pose moved by ``(rotation, translation)``, shape (6,) [rad, m]."""
+    """Return the pose moved by ``(rotation, translation)``, shape (6,) [rad, m]."""
     return Pose(rotation_exp(perturbation[:3]) @ pose.rotation, pose.translation + perturbation[3:])
 
 
 def perturbation_between(pose: Pose, other: Pose) -> Array:
-    """The ``(rotation, translation)``, shape (6,) [rad, m], with ``perturbed(pose, it) == other``."""
+    """Return the ``(rotation, translation)``, shape (6,) [rad, m], with ``perturbed(pose, result) == other``."""
     rotation = rotation_log(other.rotation @ pose.rotation.T)
     return np.concatenate([rotation, other.translation - pose.translation])
 
 
 def relative_pose_derivative(pose_i: Pose, pose_j: Pose) -> Array:
-    """How ``pose_j_in_i`` follows when ``F_i`` and ``F_j``, both given in the body frame, are perturbed.
+    """Return the derivative of ``pose_j_in_i`` by perturbations of ``F_i`` and ``F_j``, both given in the body frame.
 
     Returns:
         Shape (6, 12): by the perturbation of ``pose_i``, then of ``pose_j``; the result is in the axes of ``F_i``.
@@ -47,7 +47,7 @@ def relative_pose_derivative(pose_i: Pose, pose_j: Pose) -> Array:
 
 
 def grasp_measurements(pose_i: Pose, motion: Array) -> Array:
-    """What noise-free sensors at ``F_i`` read.
+    """Return the readings of noise-free sensors at ``F_i``.
 
     Args:
         pose_i: Pose of ``F_i`` in the body frame.
@@ -63,14 +63,14 @@ def grasp_measurements(pose_i: Pose, motion: Array) -> Array:
 
 
 def grasp_derivatives(pose_i: Pose, motion: Array) -> tuple[Array, Array]:
-    """Derivatives of ``grasp_measurements``.
+    """Return the derivatives of ``grasp_measurements``.
 
     Args:
         pose_i: Pose of ``F_i`` in the body frame.
         motion: Body motion, shape (n, 12).
 
     Returns:
-        By the pose's perturbation, shape (n, 9, 6), and by the body motion, shape (n, 9, 12).
+        By the perturbation of the pose, shape (n, 9, 6), and by the body motion, shape (n, 9, 12).
     """
     p, to_i = pose_i.translation, pose_i.rotation.T
     w, alpha = motion[:, BODY_W], motion[:, BODY_ALPHA]
@@ -88,7 +88,7 @@ def grasp_derivatives(pose_i: Pose, motion: Array) -> tuple[Array, Array]:
 
 
 def centripetal_derivative(w: Array, p: Array) -> Array:
-    """Derivative of ``w x (w x p)`` by ``w`` (n, 3), for one ``p`` (3,): shape (n, 3, 3)."""
+    """Return the derivative of ``w x (w x p)`` by ``w`` (n, 3), for one ``p`` (3,): shape (n, 3, 3)."""
     along = (w @ p)[:, None, None] * np.eye(3)
     result: Array = along + w[:, :, None] * p - 2.0 * p[:, None] * w[:, None, :]
     return result

@@ -1,4 +1,4 @@
-"""How a grasp frame moves when the load is moved as a whole."""
+"""Motion of a grasp frame when the load moves as a rigid body."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from coheft.estimation.geometry.spatial import Array, Pose, rotation_coefficient
 
 @dataclass(frozen=True, eq=False)
 class CarriedMotion:
-    """Motion of ``F_i`` away from where it is at home, in the axes of its home frame.
+    """Motion of ``F_i`` relative to its home frame, in the axes of the home frame.
 
     Attributes:
         rotation: Rotation vector, shape (n, 3) [rad].
-        position: Of the origin, shape (n, 3) [m].
+        position: Position of the origin, shape (n, 3) [m].
         rotation_rate: Rate of the rotation vector, shape (n, 3) [rad/s].
-        velocity: Of the origin, shape (n, 3) [m/s].
+        velocity: Velocity of the origin, shape (n, 3) [m/s].
         w: Angular velocity, shape (n, 3) [rad/s].
     """
 
@@ -29,14 +29,14 @@ class CarriedMotion:
 
 
 def carried_motion(displacement: Array, rate: Array, pose_i_in_ref: Pose) -> CarriedMotion:
-    """Motion of ``F_i`` on a body of which another frame, ``F_ref``, moves away from home.
+    """Return the motion of ``F_i`` on a body whose frame ``F_ref`` moves away from its home.
 
-    With the displacement ``D`` of ``F_ref`` in its home frame and the pose ``X`` of ``F_i`` in ``F_ref``, which is the
-    same at home as anywhere, ``F_i`` is displaced by ``X^-1 D X`` in its own home frame.
+    With the displacement ``D`` of ``F_ref`` in its home frame and the constant pose ``X`` of ``F_i`` in ``F_ref``,
+    ``F_i`` is displaced by ``X^-1 D X`` in its own home frame.
 
     Args:
-        displacement: Of ``F_ref`` in its home frame: rotation vector [rad], position [m], shape (n, 6).
-        rate: Of both, shape (n, 6).
+        displacement: Displacement of ``F_ref`` in its home frame: rotation vector [rad], position [m], shape (n, 6).
+        rate: Rates of both, shape (n, 6).
         pose_i_in_ref: ``X``.
     """
     turn, shift = displacement[:, :3], displacement[:, 3:]

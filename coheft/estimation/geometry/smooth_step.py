@@ -1,4 +1,4 @@
-"""Smooth steps from 0 to 1, from rest to rest, and their rates: arrays of any shape in, the same shape out."""
+"""Smooth steps from 0 to 1, from rest to rest, and their rates; results have the shape of the argument."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from coheft.estimation.geometry.spatial import Array
 
 
 def cubic_step(share: Array) -> tuple[Array, Array]:
-    """Continuous rate. Returns value and rate at shares of the step's duration; the rate is per duration."""
+    """Return value and rate of a step with a continuous rate, at shares of its duration; the rate is per duration."""
     return share * share * (3.0 - 2.0 * share), 6.0 * share * (1.0 - share)
 
 
 def least_jerk_step(share: Array) -> tuple[Array, Array]:
-    """Continuous acceleration, least jerk (Flash, Hogan 1985). Returns as ``cubic_step``."""
+    """Return value and rate of the step of least jerk (Flash, Hogan 1985), as ``cubic_step``."""
     value = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
     return value, 30.0 * share**2 * (1.0 - share) ** 2

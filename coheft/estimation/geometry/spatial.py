@@ -1,13 +1,13 @@
-"""Rigid-body frames: rotations, poses, and how twists and wrenches are carried between frames.
+"""Rigid-body frames: rotations, poses, and the transformation of twists and wrenches between frames.
 
 Conventions, used everywhere in coheft:
 
-- ``F_i`` is the grasp frame of robot i, fixed to the payload. ``pose_j_in_i`` is the pose of ``F_j`` in ``F_i``; a
-  point is carried by ``x_i = R_ij x_j + p_ij``.
+- ``F_i`` is the grasp frame of robot i, fixed to the payload. ``pose_j_in_i`` is the pose of ``F_j`` in ``F_i``; points
+  transform by ``x_i = R_ij x_j + p_ij``.
 - A twist is ``(w, v)``: angular velocity [rad/s], then velocity of the frame's origin [m/s].
 - A wrench is ``(f, t)``: force [N], then torque about the frame's origin [N·m].
 
-In these orders twists and wrenches are carried by the same 6x6 matrix, ``Pose.adjoint``.
+In these orders twists and wrenches transform with the same 6x6 matrix, ``Pose.adjoint``.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 
 _SMALL_ANGLE = 1e-2
-"""Below it a series is more exact [rad]."""
+"""Angle below which a series is more exact [rad]."""
 _ROTATION_TOLERANCE = 1e-6
 _AXES = np.eye(3)
 _CROSS = np.zeros((3, 9))
@@ -31,7 +31,7 @@ _CROSS[[0, 1, 2], [7, 2, 3]], _CROSS[[0, 1, 2], [5, 6, 1]] = 1.0, -1.0
 
 
 def skew(x: npt.ArrayLike) -> Array:
-    """Cross-product matrix: ``skew(x) @ y == np.cross(x, y)``.
+    """Return the cross-product matrix: ``skew(x) @ y == np.cross(x, y)``.
 
     Args:
         x: Vectors, shape (..., 3).
@@ -49,7 +49,8 @@ CROSS_OF_AXES: Array = skew(np.eye(3))
 
 
 def rotation_coefficients(rotation_vectors: Array) -> tuple[Array, Array, Array]:
-    """``sin x / x``, ``(1 - cos x) / x²`` and ``(x - sin x) / x³`` of the vectors' lengths, without loss at small ones.
+    """Return ``sin x / x``, ``(1 - cos x) / x²`` and ``(x - sin x) / x³`` of the vectors' lengths, accurate for small
+    ones.
 
     Args:
         rotation_vectors: Shape (..., 3) [rad].
@@ -67,7 +68,7 @@ def rotation_coefficients(rotation_vectors: Array) -> tuple[Array, Array, Array]
 
 
 def rotation_exp(rotation_vectors: npt.ArrayLike) -> Array:
-    """Rotation matrices (..., 3, 3) of rotation vectors (..., 3) [rad] (Rodrigues)."""
+    """Return rotation matrices (..., 3, 3) of rotation vectors (..., 3) [rad] (Rodrigues)."""
     vectors = np.asarray(rotation_vectors, dtype=np.float64)
     once, twice, _ = rotation_coefficients(vectors)
     cross = skew(vectors)
@@ -76,7 +77,7 @@ def rotation_exp(rotation_vectors: npt.ArrayLike) -> Array:
 
 
 def rotation_log(rotation: Array) -> Array:
-    """Rotation vector (3,) [rad], of norm at most pi, of a rotation matrix (3, 3)."""
+    """Return the rotation vector (3,) [rad], of norm at most pi, of a rotation matrix (3, 3)."""
     quaternion = quaternion_from_rotation(rotation)
     imaginary = quaternion[1:]
     sine_half = float(np.linalg.norm(imaginary))
@@ -88,9 +89,9 @@ def rotation_log(rotation: Array) -> Array:
 
 
 def quaternion_from_rotation(rotation: Array) -> Array:
-    """Unit quaternion (4,), scalar first and not negative, of a rotation matrix (3, 3).
+    """Return the unit quaternion (4,), scalar first and not negative, of a rotation matrix (3, 3).
 
-    The largest of the four components is found first, so the result is accurate for every rotation (Shepperd 1978).
+    The largest component is computed first, so the result is accurate for every rotation (Shepperd 1978).
     """
     r = rotation
     trace = r[0, 0] + r[1, 1] + r[2, 2]
@@ -111,7 +112,7 @@ def quaternion_from_rotation(rotation: Array) -> Array:
 
 
 def rotation_from_quaternion(quaternion: npt.ArrayLike) -> Array:
-    """Rotation matrices (..., 3, 3) of unit quaternions (..., 4), scalar first."""
+    """Return rotation matrices (..., 3, 3) of unit quaternions (..., 4), scalar first."""
     w, x, y, z = np.moveaxis(np.asarray(quaternion, dtype=np.float64), -1, 0)
     matrix = np.array(
         [
@@ -127,7 +128,7 @@ def rotation_from_quaternion(quaternion: npt.ArrayLike) -> Array:
 class Pose:
     """Pose of one frame in another: a rigid transform of SE(3).
 
-    ``pose_j_in_i`` carries coordinates from ``F_j`` to ``F_i``, and ``pose_j_in_i @ pose_k_in_j == pose_k_in_i``.
+    ``pose_j_in_i`` transforms coordinates from ``F_j`` to ``F_i``, and ``pose_j_in_i @ pose_k_in_j == pose_k_in_i``.
 
     Attributes:
         rotation: ``R_ij``, shape (3, 3).
@@ -135,29 +136,29 @@ class Pose:
     """
 
     SIZE: ClassVar[int] = 12
-    """Count of ``numbers``."""
+    """Length of ``numbers``."""
 
     rotation: Array
     translation: Array
 
     @staticmethod
     def identity() -> Pose:
-        """The pose of a frame in itself."""
+        """Return the pose of a frame in itself."""
         return Pose(np.eye(3), np.zeros(3))
 
     @staticmethod
     def exp(tangent: npt.ArrayLike) -> Pose:
-        """Pose reached by moving for unit time with the constant twist ``(w, v)``, shape (6,)."""
+        """Return the pose reached by moving for unit time with the constant twist ``(w, v)``, shape (6,)."""
         tangent = np.asarray(tangent, dtype=np.float64)
         return Pose(rotation_exp(tangent[:3]), _left_jacobian(tangent[:3]) @ tangent[3:])
 
     def log(self) -> Array:
-        """The twist ``(w, v)``, shape (6,), of which this pose is the exponential; rotation angle at most pi."""
+        """Return the twist ``(w, v)``, shape (6,), whose exponential is this pose; the rotation angle is at most pi."""
         rotation_vector = rotation_log(self.rotation)
         return np.concatenate([rotation_vector, np.linalg.solve(_left_jacobian(rotation_vector), self.translation)])
 
     def inverse(self) -> Pose:
-        """``pose_i_in_j`` of ``pose_j_in_i``."""
+        """Return ``pose_i_in_j`` of ``pose_j_in_i``."""
         return self._inverse
 
     @cached_property
@@ -168,16 +169,16 @@ class Pose:
         return Pose(self.rotation @ other.rotation, self.rotation @ other.translation + self.translation)
 
     def apply(self, points: npt.ArrayLike) -> Array:
-        """Points (..., 3) of ``F_j`` in coordinates of ``F_i``: ``x_i = R_ij x_j + p_ij``."""
+        """Transform points (..., 3) from ``F_j`` to ``F_i``: ``x_i = R_ij x_j + p_ij``."""
         result: Array = np.asarray(points) @ self.rotation.T + self.translation
         return result
 
     @staticmethod
     def of_numbers(numbers: npt.ArrayLike) -> Pose:
-        """Inverse of ``numbers``.
+        """Make a pose from its ``numbers``.
 
         Raises:
-            ValueError: There are not ``SIZE`` of them.
+            ValueError: Their number is not ``SIZE``.
         """
         array = np.array(numbers, dtype=np.float64)
         if array.shape != (Pose.SIZE,):
@@ -185,21 +186,21 @@ class Pose:
         return Pose(array[:9].reshape(3, 3), array[9:])
 
     def is_rigid(self) -> bool:
-        """Whether the rotation is one, and all numbers are finite: what somebody else says may be anything."""
+        """Whether the rotation matrix is valid and all numbers are finite; for poses from outside."""
         if not np.isfinite(self.translation).all():
             return False
         is_orthonormal = np.abs(self.rotation.T @ self.rotation - _AXES).max() < _ROTATION_TOLERANCE
         return bool(is_orthonormal and np.linalg.det(self.rotation) > 0.0)
 
     def numbers(self) -> Array:
-        """Rotation row by row, then translation: shape (12,)."""
+        """Return the rotation row by row, then the translation: shape (12,)."""
         return np.concatenate([self.rotation.ravel(), self.translation])
 
     def adjoint(self) -> Array:
-        """Matrix (6, 6) that carries twists ``(w, v)``, and wrenches ``(f, t)``, from ``F_j`` to ``F_i``.
+        """Return the matrix (6, 6) that transforms twists ``(w, v)``, and wrenches ``(f, t)``, from ``F_j`` to ``F_i``.
 
-        ``w_i = R w_j, v_i = R v_j + p x R w_j`` and ``f_i = R f_j, t_i = R t_j + p x R f_j`` are the same
-        matrix (Murray, Li, Sastry 1994, eqs 2.57 and 2.66, in the orders above); read only.
+        ``w_i = R w_j, v_i = R v_j + p x R w_j`` and ``f_i = R f_j, t_i = R t_j + p x R f_j`` have the same matrix
+        (Murray, Li, Sastry 1994, eqs 2.57 and 2.66, in the orders above). The array is read-only.
         """
         return self._adjoint
 
@@ -213,7 +214,7 @@ class Pose:
 
 
 def _left_jacobian(rotation_vector: Array) -> Array:
-    """``V`` (3, 3) with ``exp(w, v).translation == V(w) v``."""
+    """Return ``V`` (3, 3) with ``exp(w, v).translation == V(w) v``."""
     _, twice, thrice = rotation_coefficients(rotation_vector)
     cross = skew(rotation_vector)
     result: Array = _AXES + twice * cross + thrice * cross @ cross

@@ -15,15 +15,15 @@ class UncertainPose:
 
     Attributes:
         pose: The estimate.
-        covariance: Shape (6, 6), of the error ``(theta, dp)``: ``R_true = exp(theta) R``, theta in the axes of ``F_i``
-            [rad], and ``p_true = p + dp`` [m].
+        covariance: Covariance of the error ``(theta, dp)``, shape (6, 6): ``R_true = exp(theta) R`` with theta in the
+            axes of ``F_i`` [rad], and ``p_true = p + dp`` [m].
     """
 
     pose: Pose
     covariance: Array
 
     def inverse(self) -> UncertainPose:
-        """The same knowledge as ``pose_i_in_j``."""
+        """Return the estimate of ``pose_i_in_j`` with its covariance."""
         rotation_transposed = self.pose.rotation.T
         jacobian = np.zeros((6, 6))
         jacobian[:3, :3] = jacobian[3:, 3:] = -rotation_transposed

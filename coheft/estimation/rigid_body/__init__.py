@@ -1,1 +1,1 @@
-"""Mass properties of one rigid body, its equations of motion, and what motion shows of them."""
+"""Mass properties of one rigid body, its equations of motion, and their observability."""

@@ -16,28 +16,28 @@ from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.rigid_body.mass_properties import pack_symmetric, pseudo_inertia
 
 _THINNEST = 1e-10
-"""Smallest eigenvalue, with ones on the diagonal, of a pseudo-inertia that counts as positive in spite of rounding."""
+"""Smallest eigenvalue, with ones on the diagonal, of a pseudo-inertia that counts as positive despite rounding."""
 _GAP = 1e-6
-"""How far the cost may be from the optimum: in units of log-likelihood, and relative."""
+"""Largest difference of the cost from the optimum: in units of log-likelihood, and relative."""
 _SMALLEST_SHARE = 1e-12
-"""Of the metric, given to all directions, so that it is positive definite in spite of rounding."""
+"""Share of the metric that is added in all directions, so that it is positive definite despite rounding."""
 _GROWTH = 20.0
 _ROUGHLY, _EXACTLY = 0.5, 1e-2
-"""Newton decrements that end the search of a centre: on the way to the last one, and of that."""
+"""Newton decrements that end the search for a centre: for intermediate ones, and for the last one."""
 _NEWTON_STEPS = 40
 _INWARDS = 1e-7
-"""The result is moved by this share of the way to a point well inside, or rounding could push it over the edge."""
+"""Share of the way to an interior point by which the result is moved, so that rounding cannot make it impossible."""
 
 
 def parameters_of(pseudo: Array) -> Array:
-    """Inverse of ``pseudo_inertia``, one matrix: shape (4, 4) to (10,)."""
+    """Return the parameters of a pseudo-inertia: shape (4, 4) to (10,)."""
     sigma = pseudo[:3, :3]
     about_origin = np.trace(sigma) * np.eye(3) - sigma
     return np.concatenate([[pseudo[3, 3]], pseudo[:3, 3], pack_symmetric(about_origin)])
 
 
 def is_possible(parameters: Array) -> bool:
-    """Whether there is a body with ``theta``, shape (10,): mass and pseudo-inertia safely positive."""
+    """Whether a body with ``theta``, shape (10,), can exist: mass and pseudo-inertia are safely positive."""
     pseudo = pseudo_inertia(parameters)
     diagonal = pseudo.diagonal()
     if not diagonal.min() > 0.0:
@@ -47,19 +47,19 @@ def is_possible(parameters: Array) -> bool:
 
 
 def nearest_possible(parameters: Array, information: Array, length: float) -> Array:
-    """The possible ``theta`` of the highest likelihood.
+    """Return the possible ``theta`` of the highest likelihood.
 
     Args:
-        parameters: Estimate of ``theta``, shape (10,), perhaps impossible; returned as it is if it is possible.
+        parameters: Estimate of ``theta``, shape (10,); returned unchanged if it is possible.
         information: Its information matrix, shape (10, 10), symmetric, at least positive semi-definite.
-        length: Rough size of the body [m], to balance metres against kilograms.
+        length: Rough size of the body [m], to balance metres and kilograms.
 
     Returns:
         Shape (10,), strictly possible.
     """
     if is_possible(parameters):
         return parameters
-    # Coordinates in which the point to start from is the identity: no units, no stretched directions.
+    # Coordinates in which the starting point is the identity, without units and with balanced directions.
     to_theta = _coordinates_around(_clipped(parameters, length))
     target = np.linalg.solve(to_theta, parameters).astype(np.float64)
     metric = to_theta.T @ information @ to_theta
@@ -77,7 +77,7 @@ def nearest_possible(parameters: Array, information: Array, length: float) -> Ar
 
 
 def _symmetric_basis() -> Array:
-    """Orthonormal basis of the symmetric 4x4 matrices, shape (10, 4, 4)."""
+    """Return an orthonormal basis of the symmetric 4x4 matrices, shape (10, 4, 4)."""
     rows, columns = np.triu_indices(4)
     basis = np.zeros((10, 4, 4))
     basis[np.arange(10), rows, columns] = basis[np.arange(10), columns, rows] = np.where(
@@ -89,11 +89,11 @@ def _symmetric_basis() -> Array:
 _BASIS = _symmetric_basis()
 _FLAT_BASIS = _BASIS.reshape(10, 16)
 _BASIS_TRACE: Array = np.trace(_BASIS, axis1=1, axis2=2)
-"""Also the coordinates of the identity."""
+"""Traces of the basis, which are also the coordinates of the identity."""
 
 
 def _clipped(parameters: Array, length: float) -> Array:
-    """Pseudo-inertia well inside and near ``theta``, whatever that is: small eigenvalues are lifted."""
+    """Return an interior pseudo-inertia near any ``theta``: small eigenvalues are raised."""
     balance = np.array([length, length, length, 1.0])
     values, vectors = np.linalg.eigh(pseudo_inertia(parameters) / (balance[:, None] * balance))
     lifted = np.maximum(values, max(1e-2 * float(values[-1]), 1e-6))
@@ -102,7 +102,7 @@ def _clipped(parameters: Array, length: float) -> Array:
 
 
 def _coordinates_around(pseudo: Array) -> Array:
-    """Matrix (10, 10): coordinates z to the ``theta`` of ``T (sum_k z_k basis_k) T^T``, where ``T T^T = pseudo``."""
+    """Return the matrix (10, 10) from z to the ``theta`` of ``T (sum_k z_k basis_k) T^T``, where ``T T^T = pseudo``."""
     root = np.linalg.cholesky(pseudo)
     return np.stack([parameters_of(matrix) for matrix in root @ _BASIS @ root.T], axis=1)
 
@@ -112,14 +112,15 @@ def _cost(point: Array, target: Array, metric: Array) -> float:
 
 
 def _centred(point: Array, target: Array, metric: Array, tolerance: float) -> Array:
-    """Minimise ``cost - log det`` with Newton's method from a point strictly inside; the result is inside as well."""
+    """Minimize ``cost - log det`` with Newton's method from an interior point; the result is interior, too."""
     for _ in range(_NEWTON_STEPS):
         inverse = np.linalg.inv((point @ _FLAT_BASIS).reshape(4, 4))
         gradient = metric @ (point - target) - _FLAT_BASIS @ inverse.ravel()
         curvature = (inverse @ _BASIS @ inverse).reshape(10, 16) @ _FLAT_BASIS.T
         step = -np.linalg.solve(metric + curvature, gradient)
         decrement = np.sqrt(max(-float(gradient @ step), 0.0))
-        # The damped step of a self-concordant function stays inside (Nesterov, Nemirovskii 1994); so do short steps.
+        # The damped step of a self-concordant function stays inside (Nesterov, Nemirovskii 1994), and so do short
+        # steps.
         point = point + (step / (1.0 + decrement) if decrement > 0.25 else step)
         if decrement < tolerance:
             break

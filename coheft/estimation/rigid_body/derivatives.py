@@ -1,4 +1,4 @@
-"""How mass properties change with the parameters and the frame that they are seen with."""
+"""Derivatives of mass properties by their parameters and by the frame in which they are given."""
 
 from __future__ import annotations
 
@@ -15,11 +15,13 @@ _DOUBLE_CROSS = pack_symmetric(
 ).transpose(2, 0, 1)
 """Shape (6, 3, 3): ``result @ h`` is the derivative of the packed ``[h]x [h]x`` by ``h``."""
 _POSES = 64
-"""What follows from so many poses is kept."""
+"""Number of poses for which results are cached."""
 
 
 def barycentric_derivative(inertia: Inertia) -> Array:
-    """Derivative (10, 10) of ``(m, m h, I_o)`` by ``(m, h, J)``, with ``J`` packed, at the centre of mass."""
+    """Return the derivative (10, 10) of ``(m, m h, I_o)`` by ``(m, h, J)``, with ``J`` about the centre of mass,
+    packed.
+    """
     m, h = inertia.mass, inertia.com
     of_square = _DOUBLE_CROSS @ h
     derivative = np.eye(INERTIA_SIZE)
@@ -31,7 +33,7 @@ def barycentric_derivative(inertia: Inertia) -> Array:
 
 
 def central_derivative(inertia: Inertia) -> Array:
-    """Inverse of ``barycentric_derivative``: of ``(m, h, J)`` by ``(m, m h, I_o)``, shape (10, 10)."""
+    """Return the inverse of ``barycentric_derivative``: of ``(m, h, J)`` by ``(m, m h, I_o)``, shape (10, 10)."""
     m, h = inertia.mass, inertia.com
     of_square = _DOUBLE_CROSS @ h
     derivative = np.eye(INERTIA_SIZE)
@@ -43,7 +45,8 @@ def central_derivative(inertia: Inertia) -> Array:
 
 
 def seen_inertia_derivative(pose_i: Pose, inertia: Inertia) -> Array:
-    """How ``(m, h_i, J_i)`` follows when ``F_i`` and ``(m, h, J)``, both given in the body frame, are perturbed.
+    """Return the derivative of ``(m, h_i, J_i)`` by perturbations of ``F_i`` and ``(m, h, J)``, given in the body
+    frame.
 
     Returns:
         Shape (10, 16): by the perturbation of ``pose_i``, then by ``(m, h, J)``.
@@ -58,7 +61,7 @@ def seen_inertia_derivative(pose_i: Pose, inertia: Inertia) -> Array:
 
 @lru_cache(maxsize=_POSES)
 def _of_axes(pose_i: Pose) -> Array:
-    """What of ``seen_inertia_derivative`` does not depend on the inertia; read only."""
+    """Return the part of ``seen_inertia_derivative`` that does not depend on the inertia. The array is read-only."""
     to_i = pose_i.rotation.T
     derivative = np.zeros((INERTIA_SIZE, 6 + INERTIA_SIZE))
     derivative[0, 6] = 1.0

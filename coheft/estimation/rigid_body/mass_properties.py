@@ -1,4 +1,4 @@
-"""Mass properties of a rigid body, seen from any frame, and its equations of motion.
+"""Mass properties of a rigid body in any frame, and its equations of motion.
 
 A symmetric 3x3 inertia ``J`` is packed as ``(xx, yy, zz, xy, xz, yz)``.
 """
@@ -14,29 +14,29 @@ import numpy.typing as npt
 from coheft.estimation.geometry.spatial import Array, Pose, skew
 
 PACKED_ROWS, PACKED_COLUMNS = np.array([0, 1, 2, 0, 0, 1]), np.array([0, 1, 2, 1, 2, 2])
-"""Which entries of a symmetric 3x3 matrix are packed."""
+"""Indices of the packed entries of a symmetric 3x3 matrix."""
 _PLACES = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])
 
 
 def pack_symmetric(matrix: Array) -> Array:
-    """``(xx, yy, zz, xy, xz, yz)`` of symmetric matrices, shape (..., 3, 3) to (..., 6)."""
+    """Return ``(xx, yy, zz, xy, xz, yz)`` of symmetric matrices, shape (..., 3, 3) to (..., 6)."""
     packed: Array = matrix.reshape(*matrix.shape[:-2], 9).take(3 * PACKED_ROWS + PACKED_COLUMNS, axis=-1)
     return packed
 
 
 def unpack_symmetric(packed: Array) -> Array:
-    """Inverse of ``pack_symmetric``, shape (..., 6) to (..., 3, 3)."""
+    """Return the symmetric matrices of packed ones, shape (..., 6) to (..., 3, 3)."""
     matrix: Array = packed.take(_PLACES, axis=-1)
     return matrix
 
 
 TIMES_IN_MATRIX: Array = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
-"""How often each packed element is in the matrix: ``packed**2 @ TIMES_IN_MATRIX`` is its Frobenius norm, squared."""
+"""Multiplicity of each packed element: ``packed**2 @ TIMES_IN_MATRIX`` is the squared Frobenius norm of the matrix."""
 _OF_ELEMENTS = unpack_symmetric(np.eye(6)).reshape(18, 3).T
 
 
 def inertia_operator(x: npt.ArrayLike) -> Array:
-    """``Om(x)`` with ``Om(x) @ pack_symmetric(J) == J @ x``.
+    """Return ``Om(x)`` with ``Om(x) @ pack_symmetric(J) == J @ x``.
 
     Args:
         x: Vectors, shape (..., 3).
@@ -51,7 +51,7 @@ def inertia_operator(x: npt.ArrayLike) -> Array:
 
 
 def euler_regressor(w: Array, alpha: Array) -> Array:
-    """``Om(alpha) + [w]x Om(w)``: times ``pack_symmetric(J)`` it is Euler's ``J alpha + w x J w`` (Fan et al., eq. 30).
+    """Return ``Om(alpha) + [w]x Om(w)``, which gives Euler's ``J alpha + w x J w`` (Fan et al., eq. 30).
 
     Args:
         w: Angular velocity in the axes of ``J``, shape (..., 3) [rad/s].
@@ -64,7 +64,7 @@ def euler_regressor(w: Array, alpha: Array) -> Array:
 
 
 def unit_point(place: Array) -> Array:
-    """Inertia about the origin of a mass of 1 kg at ``place`` (3,), packed: ``|p|^2 1 - p p^T``, shape (6,)."""
+    """Return the packed inertia about the origin of 1 kg at ``place`` (3,): ``|p|^2 1 - p p^T``, shape (6,)."""
     products = place[PACKED_ROWS] * place[PACKED_COLUMNS]
     packed: Array = -products
     packed[:3] += products[:3].sum()
@@ -72,13 +72,13 @@ def unit_point(place: Array) -> Array:
 
 
 def packed_rotation(rotation: Array) -> Array:
-    """``K(R)`` (6, 6) with ``K(R) @ pack_symmetric(J) == pack_symmetric(R @ J @ R.T)``."""
+    """Return ``K(R)`` (6, 6) with ``K(R) @ pack_symmetric(J) == pack_symmetric(R @ J @ R.T)``."""
     turned = rotation @ unpack_symmetric(np.eye(6)) @ rotation.T
     return pack_symmetric(turned).T
 
 
 def pseudo_inertia(parameters: Array) -> Array:
-    """4x4 pseudo-inertia ``[[Sigma, m h], [m h^T, m]]`` of ``(m, m h, I_o)``, shape (..., 10) to (..., 4, 4).
+    """Return the pseudo-inertia ``[[Sigma, m h], [m h^T, m]]`` of ``(m, m h, I_o)``, shape (..., 10) to (..., 4, 4).
 
     ``Sigma`` is the second moment of mass about the frame's origin (Wensing, Kim, Slotine 2017).
     """
@@ -98,7 +98,7 @@ class Inertia:
     Attributes:
         mass: ``m`` [kg].
         com: Centre of mass ``h_i`` in ``F_i``, shape (3,) [m].
-        tensor: ``J_i``, inertia **at the centre of mass** in the axes of ``F_i``, shape (3, 3) [kg·m²].
+        tensor: ``J_i``, inertia **about the centre of mass** in the axes of ``F_i``, shape (3, 3) [kg·m²].
     """
 
     mass: float
@@ -107,45 +107,49 @@ class Inertia:
 
     @staticmethod
     def of_box(mass: float, size: npt.ArrayLike, pose: Pose) -> Inertia:
-        """A homogeneous box with edge lengths ``size`` (3,) [m], centred at ``pose``."""
+        """Make the inertia of a homogeneous box with edge lengths ``size`` (3,) [m], centred at ``pose``."""
         squares = np.square(np.asarray(size, dtype=np.float64))
         tensor = np.diag(mass / 12.0 * (squares.sum() - squares))
         return Inertia(mass, np.zeros(3), tensor).carried(pose)
 
     @staticmethod
     def from_barycentric(parameters: npt.ArrayLike) -> Inertia:
-        """Inverse of ``barycentric``."""
+        """Make an inertia from its ``barycentric`` parameters."""
         parameters = np.asarray(parameters, dtype=np.float64)
         mass = float(parameters[0])
         com = parameters[1:4] / mass
         return Inertia(mass, com, unpack_symmetric(parameters[4:] - mass * unit_point(com)))
 
     def barycentric(self) -> Array:
-        """``(m, m h, I_o)``, shape (10,): what enters the dynamics linearly, ``I_o`` about the frame's origin."""
+        """Return ``(m, m h, I_o)``, shape (10,), with ``I_o`` about the frame's origin: the dynamics are linear in
+        these.
+        """
         about_origin = pack_symmetric(self.tensor) + self.mass * unit_point(self.com)
         return np.concatenate([[self.mass], self.mass * self.com, about_origin])
 
     def central(self) -> Array:
-        """``(m, h, J)``, shape (10,), with ``J`` packed."""
+        """Return ``(m, h, J)``, shape (10,), with ``J`` packed."""
         return np.concatenate([[self.mass], self.com, pack_symmetric(self.tensor)])
 
     def carried(self, pose_j_in_i: Pose) -> Inertia:
-        """The same body, known in ``F_j``, seen from ``F_i``: ``h_i = R h_j + p``, ``J_i = R J_j R^T``."""
+        """Transform from ``F_j`` to ``F_i``: ``h_i = R h_j + p``, ``J_i = R J_j R^T``."""
         rotation = pose_j_in_i.rotation
         return Inertia(self.mass, pose_j_in_i.apply(self.com), rotation @ self.tensor @ rotation.T)
 
     def spatial(self) -> Array:
-        """6x6 inertia that takes a twist ``(w, v)`` of ``F_i`` to momentum ``(angular about origin, linear)``."""
+        """Return the 6x6 inertia that maps a twist ``(w, v)`` of ``F_i`` to momentum ``(angular about origin,
+        linear)``.
+        """
         moment = self.mass * skew(self.com)
         about_origin = self.tensor - moment @ skew(self.com)
         return np.block([[about_origin, moment], [-moment, self.mass * np.eye(3)]])
 
     def pseudo_inertia(self) -> Array:
-        """4x4 pseudo-inertia; a body exists if and only if it is positive semi-definite."""
+        """Return the 4x4 pseudo-inertia; a body can exist if and only if it is positive semi-definite."""
         return pseudo_inertia(self.barycentric())
 
     def wrench(self, w: Array, a: Array, alpha: Array) -> Array:
-        """Total wrench ``(F, T)`` about the frame's origin that the motion needs (Newton-Euler).
+        """Return the total wrench ``(F, T)`` about the frame's origin for a motion (Newton-Euler).
 
         Args:
             w: Angular velocity in ``F_i``, shape (..., 3) [rad/s].
@@ -162,5 +166,5 @@ class Inertia:
 
 
 def combined(bodies: Iterable[Inertia]) -> Inertia:
-    """The bodies, known in one common frame, fixed to each other."""
+    """Return the inertia of bodies that are fixed to each other, all given in one frame."""
     return Inertia.from_barycentric(np.sum([body.barycentric() for body in bodies], axis=0))

@@ -1,12 +1,11 @@
-"""Inertia from motions and wrenches: one linear model.
+"""The linear model of motions and wrenches in the inertial parameters.
 
 Barycentric model, unknown ``theta = (m, m h, I_o)`` about the origin of ``F_i`` (Atkeson, An, Hollerbach 1986):
 
     F = m a + ([alpha]x + [w]x^2) (m h),    T = I_o alpha + w x I_o w + (m h) x a
 
-and, if asked for, a constant offset ``(F_0, T_0)`` of the total wrench, the sum of what all force-torque sensors read
-in excess. Residuals are linear in ``FEATURES`` = 19 numbers per sample: 1, ``a``, ``alpha``, six products of ``w``,
-``F``, ``T``.
+and optionally a constant offset ``(F_0, T_0)`` of the total wrench, the sum of the offsets of all force-torque sensors.
+Residuals are linear in ``FEATURES`` = 19 numbers per sample: 1, ``a``, ``alpha``, six products of ``w``, ``F``, ``T``.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ from coheft.estimation.rigid_body.mass_properties import (
 
 FEATURES = 19
 WRENCH_FEATURES = slice(13, 19)
-"""Where the total wrench stands among them."""
+"""Columns of the total wrench among the features."""
 INERTIA_SIZE = 10
 OFFSET_SIZE = 6
 _ONE, _A, _ALPHA, _PRODUCTS = 0, slice(1, 4), slice(4, 7), slice(7, 13)
@@ -35,12 +34,14 @@ _IDENTITY = np.eye(6)
 
 
 def symmetric_products(w: Array) -> Array:
-    """``w w^T`` packed as ``(xx, yy, zz, xy, xz, yz)``, shape (n, 3) to (n, 6)."""
+    """Return ``w w^T`` packed as ``(xx, yy, zz, xy, xz, yz)``, shape (n, 3) to (n, 6)."""
     return w.take(PACKED_ROWS, axis=1) * w.take(PACKED_COLUMNS, axis=1)
 
 
 def _products_regressor() -> Array:
-    """Shape (6, 6, 10): ``symmetric_products(w)[k] * result[k]`` add up to the regressor's part that ``w`` makes."""
+    """Return shape (6, 6, 10): ``symmetric_products(w)[k] * result[k]`` add up to the part of the regressor due to
+    ``w``.
+    """
     regressor = np.zeros((6, 6, INERTIA_SIZE))
     for k, product in enumerate(unpack_symmetric(np.eye(6))):
         regressor[k, :3, 1:4] = product - np.trace(product) * np.eye(3)
@@ -58,7 +59,7 @@ _OF_PRODUCTS = _products_regressor()
 
 
 def features(motion: Array, wrench: Array) -> Array:
-    """Features of samples, shape (n, 19).
+    """Return the features of samples, shape (n, 19).
 
     Args:
         motion: Body motion ``(w, v, a, alpha)`` at ``F_i``, shape (n, 12).
@@ -73,7 +74,7 @@ def features(motion: Array, wrench: Array) -> Array:
 
 
 def spatial_inertia(parameters: Array) -> Array:
-    """``M`` (6, 6) with ``(F, T) = M (a, alpha)`` of a body with ``theta`` (10,) that does not turn yet."""
+    """Return ``M`` (6, 6) with ``(F, T) = M (a, alpha)`` of a body with ``theta`` (10,) and no angular velocity."""
     spatial: Array = parameters[0] * _IDENTITY
     spatial[3:, :3] = moment = skew(parameters[1:4])
     spatial[:3, 3:] = -moment
@@ -83,7 +84,7 @@ def spatial_inertia(parameters: Array) -> Array:
 
 @lru_cache
 def regressor_coefficients(with_offset: bool) -> Array:
-    """Shape (19, 6, u + 1): features times these add up to ``[regressor | wrench]``; read only."""
+    """Return shape (19, 6, u + 1): features times these add up to ``[regressor | wrench]``. The array is read-only."""
     size = INERTIA_SIZE + (OFFSET_SIZE if with_offset else 0) + 1
     result = np.zeros((FEATURES, 6, size))
     axes = np.eye(3)

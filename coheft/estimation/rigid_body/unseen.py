@@ -1,4 +1,4 @@
-"""What of mass, centre of mass and inertia is not seen yet, in words, and how large a load may be."""
+"""Unobservable parts of mass, centre of mass and inertia in words, and an estimate of a load's size."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.rigid_body.mass_properties import TIMES_IN_MATRIX, pack_symmetric, unpack_symmetric
 
 _SEEN = 0.3
-"""No number is claimed for what has a standard deviation above this share of its scale."""
+"""Parameters with a standard deviation above this share of their scale are not published."""
 _SMALLEST = 0.25
-"""No load is guessed to be smaller [m]."""
+"""Smallest size that is assumed for a load [m]."""
 
 Quantity = Literal["mass", "com", "inertia"]
 
 
 @dataclass(frozen=True, eq=False)
 class Unseen:
-    """Something that the motion so far does not show.
+    """A parameter that is not observable from the motion so far.
 
     Attributes:
-        quantity: It is part of this.
-        what: In words, axes in the coordinates of the estimate's frame.
-        remedy: A motion that would show it.
+        quantity: The quantity to which it belongs.
+        what: Description, with axes in the frame of the estimate.
+        remedy: A motion that makes it observable.
     """
 
     quantity: Quantity
@@ -35,10 +35,11 @@ class Unseen:
 
 
 def middle_and_size(poses: Sequence[Pose]) -> tuple[Array, float]:
-    """About where the load is, and how large [m]: middle (3,) of the grasps, and their root mean square distance to it.
+    """Return the middle (3,) of the grasps, and their root mean square distance to it, as an estimate of the load's
+    place and size [m].
 
-    A large load may be held in one place: what is guessed too small would be trusted too much, and one that is guessed
-    too large only costs time until all is seen.
+    A large load may be held in one place: too small a size would give too much confidence, too large a size only costs
+    time.
     """
     places = np.array([pose.translation for pose in poses])
     middle: Array = places.mean(axis=0)
@@ -46,10 +47,10 @@ def middle_and_size(poses: Sequence[Pose]) -> tuple[Array, float]:
 
 
 def unseen_quantities(covariance: Array, mass: float, length: float) -> tuple[Unseen, ...]:
-    """Name the directions of ``(m, h, J)`` that are too uncertain to be called seen.
+    """Describe the directions of ``(m, h, J)`` whose uncertainty is too large.
 
     Args:
-        covariance: Of ``(m, h, J)``, ``J`` packed, shape (10, 10).
+        covariance: Covariance of ``(m, h, J)``, ``J`` packed, shape (10, 10).
         mass: Rough mass [kg].
         length: Rough size of the body [m].
     """
@@ -69,7 +70,7 @@ def unseen_quantities(covariance: Array, mass: float, length: float) -> tuple[Un
 
     values, vectors = np.linalg.eigh(covariance[4:, 4:])
     matrices = unpack_symmetric(vectors.T[values > limit])
-    # A body that only turns about u shows J u: what is hidden is symmetric and has u in its null space.
+    # A body that only turns about u shows J u: the unobservable part is symmetric and has u in its null space.
     _, axes = np.linalg.eigh(np.einsum("kij,kjl->il", matrices, matrices))
     moments = pack_symmetric(axes.T[:, :, None] * axes.T[:, None, :]) * TIMES_IN_MATRIX
     variances = np.einsum("ki,ij,kj->k", moments, covariance[4:, 4:], moments)
@@ -85,6 +86,6 @@ def unseen_quantities(covariance: Array, mass: float, length: float) -> tuple[Un
 def _named(quantity: str, preposition: str, axes: list[Array]) -> list[str]:
     if len(axes) == 3:
         return [quantity]
-    # The sign of an axis means nothing: let its largest component be positive.
+    # The sign of an axis is arbitrary: make its largest component positive.
     signed = [axis * np.sign(axis[np.argmax(np.abs(axis))]) for axis in axes]
     return [f"{quantity} {preposition} ({x:.2f}, {y:.2f}, {z:.2f})" for x, y, z in np.round(signed, 2) + 0.0]

@@ -1,4 +1,4 @@
-"""What the files of a recording call its parts, and checks of what they hold. ``docs/data-format.md`` has the list."""
+"""Names of the parts of a recording in files, and checks of their contents. ``docs/data-format.md`` lists them."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ TRUTH = "truth"
 
 
 def channels_of(robot: RobotRecord) -> dict[str, Array]:
-    """What a robot recorded, as files have it: arrays (n, width), in the order of ``COLUMNS``, without times."""
+    """Return a robot's recorded channels: arrays (n, width), in the order of ``COLUMNS``, without times."""
     found = {channel: getattr(robot, channel) for channel in COLUMNS}
     return {
         channel: _swapped(samples) if channel == "wrench" else samples
@@ -36,10 +36,10 @@ def channels_of(robot: RobotRecord) -> dict[str, Array]:
 
 
 def robot_of(name: str, table: Mapping[str, Array]) -> RobotRecord:
-    """Inverse of ``channels_of``, of its arrays and ``t`` (n,). The shapes of channels are not checked.
+    """Make a robot's record from channels and ``t`` (n,). The shapes of channels are not checked.
 
     Raises:
-        RecordingError: The times cannot be used, or there is a channel that no robot has.
+        RecordingError: The times are invalid, or a channel is unknown.
     """
     unknown = set(table) - set(COLUMNS) - {TIME}
     if unknown:
@@ -57,20 +57,20 @@ def robot_of(name: str, table: Mapping[str, Array]) -> RobotRecord:
 
 
 def gravity_of(array: Array) -> Array:
-    """Gravity, shape (3,) [m/s²].
+    """Check gravity, shape (3,) [m/s²].
 
     Raises:
-        RecordingError: It is something else.
+        RecordingError: It is invalid.
     """
     _check("'gravity'", array, (3,))
     return array
 
 
 def noise_of(array: Array) -> SensorNoise:
-    """Noise from its standard deviations, shape (5,).
+    """Make the noise from its standard deviations, shape (5,).
 
     Raises:
-        RecordingError: They are something else.
+        RecordingError: They are invalid.
     """
     if array.shape != (5,) or not np.all(np.isfinite(array) & (array > 0.0)):
         raise RecordingError(
@@ -81,10 +81,10 @@ def noise_of(array: Array) -> SensorNoise:
 
 
 def holds_of(array: Array) -> tuple[tuple[float, float], ...]:
-    """From when to when the load was still, from an array (k, 2), in its unit; one that is empty may have any shape.
+    """Check intervals in which the load was still, an array (k, 2) in its unit; an empty one may have any shape.
 
     Raises:
-        RecordingError: It is something else.
+        RecordingError: They are invalid.
     """
     if array.size == 0:
         return ()
@@ -98,14 +98,14 @@ def holds_of(array: Array) -> tuple[tuple[float, float], ...]:
 
 
 def truth_of(arrays: Mapping[str, Array], robots: int) -> Truth | None:
-    """What a simulation knew: from ``poses`` (N, 12), ``t`` and ``mass`` (k,), ``com`` (k, 3), ``inertia`` (k, 3, 3).
+    """Make the truth from ``poses`` (N, 12), ``t`` and ``mass`` (k,), ``com`` (k, 3), ``inertia`` (k, 3, 3).
 
     Args:
-        arrays: By these names; none: nothing is known.
-        robots: How many there are, N.
+        arrays: Arrays by these names; empty if the truth is unknown.
+        robots: Number of robots, N.
 
     Raises:
-        RecordingError: Some are missing, unknown, of a wrong shape, or not finite.
+        RecordingError: Arrays are missing, unknown, of a wrong shape, or not finite.
     """
     if not arrays:
         return None
@@ -144,5 +144,5 @@ def _check(what: str, array: Array, shape: tuple[int, ...]) -> None:
 
 
 def _swapped(wrench: Array) -> Array:
-    """Moment and force the other way round: files name the moment first."""
+    """Swap torque and force: files have the torque first."""
     return np.concatenate([wrench[:, 3:], wrench[:, :3]], axis=1)

@@ -1,4 +1,4 @@
-"""Sensors of robots that were recorded one by one, as one recording: what that takes is said in the log."""
+"""Combination of sensors that were recorded separately to one recording; changes of times are logged."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from coheft.estimation.batch.recording import RobotRecord
 from coheft.wire.process.log import LOG
 
 _EPOCH = 1e8
-"""Times beyond this are those of a clock that counts from 1970 [s]: three years."""
+"""Larger times are those of a clock that counts from 1970 [s]: three years."""
 
 
 def align(streams: Mapping[str, Mapping[str, Stream]]) -> tuple[dict[str, RobotRecord], float]:
-    """Bring all sensors to the same times; those that count from 1970 then count from the first sample.
+    """Resample all sensors at the same times; times that count from 1970 then count from the first sample.
 
     Args:
-        streams: By robot and channel.
+        streams: Streams by robot and channel.
 
     Returns:
         The robots, and what was taken from their times [s].

@@ -24,7 +24,7 @@ from coheft.wire.data.units import holds_in_seconds, span_of
 
 _SHARED = ("gravity", "holds", "noise")
 _BEGINNINGS = (b"PK\x03\x04", b"PK\x05\x06", b"\x93NUMPY")
-"""Of zip archives, as ``.npz`` files are, full and empty, and of single arrays; numpy takes all else for pickles."""
+"""First bytes of zip archives such as ``.npz`` files, full and empty, and of single arrays; other files are refused."""
 _EXPECTED = (
     "expected what 'coheft run --save-data' or np.savez writes, a folder of CSV files, an MCAP file or a bag of ROS"
 )
@@ -34,14 +34,14 @@ _DAMAGED = (
     *(ValueError, TypeError, KeyError, EOFError, RuntimeError, MemoryError, SyntaxError),
     *(zipfile.BadZipFile, zlib.error, struct.error, tokenize.TokenError),
 )
-"""What numpy and zipfile raise on files that are cut, changed, encrypted, or something else."""
+"""Exceptions of numpy and zipfile for files that are incomplete, damaged, encrypted, or something else."""
 
 
 def read_recording(path: Path) -> Recording:
     """Read and check a recording.
 
     Raises:
-        RecordingError: It cannot be read, or not used; says what, and why.
+        RecordingError: It cannot be read or used; the message says why.
     """
     try:
         recording = read_folder(path) if path.is_dir() else recording_of(load_arrays(path))
@@ -56,17 +56,17 @@ def read_recording(path: Path) -> Recording:
 def write_recording(recording: Recording, path: Path) -> None:
     """Write a recording, to an ``.npz`` file, or to a folder of CSV files if the path has no suffix.
 
-    CSV files hold samples and holds only. What was there is replaced when the new recording is complete, not before.
+    CSV files contain samples and holds only. Existing files are replaced only when the new recording is complete.
 
     Raises:
-        RecordingError: It cannot be written, or the folder has CSV files that are of no recording.
+        RecordingError: It cannot be written, or the folder contains CSV files that do not belong to a recording.
     """
     if path.suffix not in ("", ".npz"):
         raise RecordingError(f"{path}: expected a file that ends with .npz, or a folder, without suffix")
     try:
         if path.suffix:
             arrays: dict[str, Any] = dict(_arrays(recording))
-            target = Path(os.path.realpath(path))  # a link stays one
+            target = Path(os.path.realpath(path))  # keeps a symbolic link
             replace_files({target: lambda file: np.savez_compressed(file, **arrays)})
         else:
             write_folder(recording, path)
@@ -77,7 +77,7 @@ def write_recording(recording: Recording, path: Path) -> None:
 
 
 def _arrays(recording: Recording) -> dict[str, Array]:
-    """All of a recording, by the names that the file gives it."""
+    """Return all arrays of a recording, by their names in files."""
     arrays = {"gravity": recording.gravity}
     for name, robot in recording.robots.items():
         arrays[f"{name}/{TIME}"] = robot.time
@@ -97,10 +97,10 @@ def _arrays(recording: Recording) -> dict[str, Array]:
 
 
 def read_arrays(path: Path) -> tuple[dict[str, dict[str, Array]], Array]:
-    """What an ``.npz`` file holds of each robot, by channel, as it is there: without times, if it has none. Gravity.
+    """Return each robot's channels in an ``.npz`` file, unchanged, possibly without times, and gravity.
 
     Raises:
-        RecordingError: It is none, or holds something else.
+        RecordingError: It is not a recording.
         OSError: It cannot be read.
     """
     tables, shared = _parts(load_arrays(path))
@@ -113,7 +113,7 @@ def _gravity(shared: Mapping[str, Array]) -> Array:
 
 
 def _parts(arrays: Mapping[str, Array]) -> tuple[dict[str, dict[str, Array]], dict[str, Array]]:
-    """What is of robots, and of the truth, by name and channel; and what is of the whole."""
+    """Return the arrays of robots and of the truth, by name and channel, and those of the whole recording."""
     tables: dict[str, dict[str, Array]] = {}
     shared: dict[str, Array] = {}
     for key, array in arrays.items():
@@ -128,10 +128,10 @@ def _parts(arrays: Mapping[str, Array]) -> tuple[dict[str, dict[str, Array]], di
 
 
 def recording_of(arrays: Mapping[str, npt.ArrayLike]) -> Recording:
-    """The recording that arrays hold, by the names that an ``.npz`` file has for them; not checked yet.
+    """Make a recording from arrays, by their names in an ``.npz`` file; not checked yet.
 
     Raises:
-        RecordingError: There are none of robots, or they are no numbers, or have other names.
+        RecordingError: There are no robots, or arrays are not numbers, or have unknown names.
     """
     given = {key: np.asarray(values) for key, values in arrays.items()}
     tables, shared = _parts(_as_numbers(given, "not a recording"))
@@ -149,14 +149,14 @@ def recording_of(arrays: Mapping[str, npt.ArrayLike]) -> Recording:
 
 
 def load_arrays(path: Path) -> dict[str, Array]:
-    """All arrays of an ``.npz`` file, by their keys.
+    """Return all arrays of an ``.npz`` file, by their keys.
 
     Raises:
-        RecordingError: It is damaged, or holds something else.
+        RecordingError: It is damaged, or contains something else.
         OSError: It cannot be read.
     """
     try:
-        with path.open("rb") as file:  # numpy itself leaves damaged ones open
+        with path.open("rb") as file:  # numpy itself does not close damaged files
             if not file.read(max(map(len, _BEGINNINGS))).startswith(_BEGINNINGS):
                 raise RecordingError(f"not an .npz file; {_EXPECTED}")
             file.seek(0)
@@ -176,10 +176,10 @@ def load_arrays(path: Path) -> dict[str, Array]:
 
 
 def _as_numbers(arrays: Mapping[str, npt.NDArray[Any]], what: str) -> dict[str, Array]:
-    """The same as real numbers; ``what`` begins the error.
+    """Convert an array to real numbers; ``what`` begins the error.
 
     Raises:
-        RecordingError: They are something else.
+        RecordingError: It is something else.
     """
     for key, array in arrays.items():
         if array.dtype.kind not in _NUMBERS:

@@ -1,4 +1,4 @@
-"""Recordings as folders: a CSV file per robot, or per topic of ROS, and maybe ``holds.csv``.
+"""Recordings as folders: a CSV file per robot, or per ROS topic, and optionally ``holds.csv``.
 
 ``docs/data-format.md`` describes them.
 """
@@ -27,14 +27,14 @@ from coheft.wire.process.log import LOG
 _HOLDS = "holds"
 _HOLDS_HEADER = ("start", "end")
 _END = "\r\n"
-"""Of a line, as RFC 4180 has it."""
+"""End of a line by RFC 4180."""
 
 
 def read_folder(folder: Path) -> Recording:
-    """Read a recording, all robots of which are in files of their own.
+    """Read a recording with separate files for each robot.
 
     Raises:
-        RecordingError: A file cannot be used; says which, and why.
+        RecordingError: A file cannot be used; the message says which, and why.
         OSError: A file cannot be read.
     """
     files = _tables(folder)
@@ -51,7 +51,7 @@ def read_folder(folder: Path) -> Recording:
 
 
 def _holds_in(file: Path, robots: Mapping[str, RobotRecord], since: float) -> tuple[tuple[float, float], ...]:
-    """Holds by the time of the samples, which count from ``since`` [s]; holds may count from there or from 0."""
+    """Return holds in the time of the samples, which count from ``since`` [s]; holds may count from there or from 0."""
     holds, (start, end) = _read_holds(file), span_of(robots)
     if not since:
         return holds_in_seconds(file.name, holds, (start, end))
@@ -63,7 +63,7 @@ def _holds_in(file: Path, robots: Mapping[str, RobotRecord], since: float) -> tu
 
 
 def _tables(folder: Path) -> list[Path]:
-    """CSV files, whether their ending is written large or small."""
+    """Return CSV files, with endings in upper or lower case."""
     if not folder.is_dir():
         return []
     return sorted(
@@ -72,10 +72,10 @@ def _tables(folder: Path) -> list[Path]:
 
 
 def write_folder(recording: Recording, folder: Path) -> None:
-    """Write samples and holds, in place of the recording that is in the folder already, if there is one.
+    """Write samples and holds, replacing a recording in the folder.
 
     Raises:
-        RecordingError: There are CSV files which would be read as part of the recording, but are none.
+        RecordingError: The folder contains CSV files that would be read as part of the recording.
         OSError: A file cannot be written.
     """
     for name in recording.robots:
@@ -91,10 +91,10 @@ def write_folder(recording: Recording, folder: Path) -> None:
 
 
 def check_folder(folder: Path) -> list[Path]:
-    """Check that a recording can be written into a folder: the files that it takes the place of.
+    """Check that a recording can be written into a folder; return the files that it replaces.
 
     Raises:
-        RecordingError: There are CSV files which would be read as part of the recording, but are none.
+        RecordingError: The folder contains CSV files that would be read as part of the recording.
         OSError: A file cannot be read.
     """
     old = _tables(folder)
@@ -108,7 +108,7 @@ def check_folder(folder: Path) -> list[Path]:
 
 
 def _is_ours(file: Path) -> bool:
-    """Whether a file begins as the ones written here do, to the byte: what others made is not to be removed."""
+    """Whether a file begins exactly as those written here: other files are not removed."""
     if not file.is_file():
         return False
     with file.open("rb") as opened:
@@ -128,7 +128,7 @@ def _robot_writer(robot: RobotRecord) -> Callable[[BinaryIO], None]:
 
 
 def _writer(header: tuple[str, ...], rows: Array) -> Callable[[BinaryIO], None]:
-    """What writes a CSV file with numbers (n, columns) that are read as they were."""
+    """Return a function that writes a CSV file of numbers (n, columns) without loss of precision."""
 
     def write(file: BinaryIO) -> None:
         file.write((",".join(header) + _END).encode())
@@ -138,7 +138,7 @@ def _writer(header: tuple[str, ...], rows: Array) -> Callable[[BinaryIO], None]:
 
 
 def _read_robots(files: Sequence[Path]) -> tuple[dict[str, RobotRecord], float]:
-    """Robots by name, and the time from which theirs count [s]: not 0 if clocks count from 1970, as those of ROS."""
+    """Return robots by name, and the start of their times [s]: not 0 if clocks count from 1970, as in ROS."""
     tables = {file: read_table(file) for file in files}
     if not any(is_of_ros(table) for table in tables.values()):
         return {file.stem: _robot_of(file.stem, table) for file, table in tables.items()}, 0.0
@@ -166,7 +166,7 @@ def _read_robots(files: Sequence[Path]) -> tuple[dict[str, RobotRecord], float]:
 
 
 def _streams(robot: RobotRecord) -> dict[str, Stream]:
-    """What a robot recorded, each channel on its own."""
+    """Return a robot's recorded channels separately."""
     found = {channel: getattr(robot, channel) for channel in COLUMNS}
     return {channel: Stream(robot.time, values) for channel, values in found.items() if values is not None}
 
@@ -176,20 +176,20 @@ def _robot_of(name: str, table: Table) -> RobotRecord:
 
 
 def read_channels(folder: Path) -> dict[str, dict[str, Array]]:
-    """What files of a folder hold of each robot, by channel, as it is there: without times, if it has none.
+    """Return each robot's channels in the files of a folder, unchanged, possibly without times.
 
     Raises:
-        RecordingError: A file is no table of what a robot measures.
+        RecordingError: A file is not a table of a robot's measurements.
         OSError: A file cannot be read.
     """
     return {file.stem: _channels(_known(read_table(file))) for file in _tables(folder) if file.stem != _HOLDS}
 
 
 def _known(table: Table) -> Table:
-    """A table, if all of its columns are known.
+    """Return a table, if all of its columns are known.
 
     Raises:
-        RecordingError: One is not.
+        RecordingError: A column is unknown.
     """
     known = _header(COLUMNS)
     unknown = [column for column in table.names if column not in known]
@@ -202,7 +202,7 @@ def _known(table: Table) -> Table:
 
 
 def _channels(table: Table) -> dict[str, Array]:
-    """What a robot recorded, by channel, with ``t`` if it is there."""
+    """Return a robot's recorded channels, with ``t`` if there are times."""
     if not table.rows:
         raise RecordingError(f"{table.file}: expected a line with the names of columns, then numbers")
     channels: dict[str, Array] = {TIME: table.numbers([TIME])[:, 0]} if TIME in table.names else {}

@@ -1,4 +1,4 @@
-"""Files that are replaced as a whole: whatever happens meanwhile, none of them is ever there in part."""
+"""Atomic replacement of files: an incomplete file never appears, whatever happens."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from pathlib import Path
 from typing import BinaryIO
 
 _parts: set[Path] = set()
-"""What is being written now, and not yet complete."""
+"""Files that are being written and not yet complete."""
 
 
 def replace_files(writers: Mapping[Path, Callable[[BinaryIO], None]], old: Iterable[Path] = ()) -> None:
-    """Write files, each beside its place first. If one cannot be written, all that was there stays as it was.
+    """Write files, each beside its place first. If one cannot be written, all existing files stay unchanged.
 
     Args:
-        writers: What writes each file, by its path.
-        old: Files that go as soon as all new ones are written.
+        writers: Function that writes a file, by path.
+        old: Files to remove when all new ones are written.
 
     Raises:
-        OSError: A file cannot be written, or an old one not be removed.
+        OSError: A file cannot be written, or an old one cannot be removed.
     """
     parts = {path.with_name(f"{path.name}.part"): path for path in writers}
     try:
@@ -28,9 +28,9 @@ def replace_files(writers: Mapping[Path, Callable[[BinaryIO], None]], old: Itera
             with part.open("wb") as file:
                 writers[path](file)
                 file.flush()
-                os.fsync(file.fileno())  # else a power cut may leave the new name without what belongs to it
-        _parts.difference_update(parts)  # from now on they are all there is
-        for path in old:  # before the first new one comes: who is killed in between leaves no mixture
+                os.fsync(file.fileno())  # otherwise a power failure may leave a file without its content
+        _parts.difference_update(parts)  # complete from now on
+        for path in old:  # removed before the first new file appears: an interruption leaves no mixture
             path.unlink()
         for part, path in parts.items():
             part.replace(path)
@@ -41,6 +41,6 @@ def replace_files(writers: Mapping[Path, Callable[[BinaryIO], None]], old: Itera
 
 
 def remove_parts() -> None:
-    """Remove what is not complete, because the process is about to leave at once."""
+    """Remove incomplete files, because the process is about to exit at once."""
     for part in _parts.copy():
         part.unlink(missing_ok=True)

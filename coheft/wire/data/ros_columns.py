@@ -1,4 +1,4 @@
-"""Columns as ``rostopic echo -p`` names them: a file per topic, stamps in nanoseconds, texts between numbers."""
+"""Columns as named by ``rostopic echo -p``: one file per topic, stamps in nanoseconds, texts between numbers."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ _OTHER_NAMES = {
     "transform.rotation": "orientation",
     "linear_acceleration": "accel.linear",
 }
-"""What poses of other types, and accelerations of an IMU, are called: the same here."""
+"""Names in poses of other types, and in accelerations of an IMU, that are treated in the same way."""
 _WORDS = frozenset(
     [
         *("wrench", "wrenches", "ft", "force", "forces", "torque", "pose", "poses", "tcp", "twist", "velocity"),
         *("accel", "acceleration", "imu", "stamped", "topic"),
     ]
 )
-"""Words in a file's name that tell of the topic, not of the robot."""
+"""Words in a file's name that belong to the topic, not to the robot."""
 
 
 def is_of_ros(table: Table) -> bool:
@@ -44,19 +44,21 @@ def is_of_ros(table: Table) -> bool:
 
 
 def robot_named(stem: str) -> str:
-    """Which robot a file is of: its name without words as ``wrench`` and ``pose``: ``left`` of ``left_wrench``."""
+    """Return the robot of a file: its name without words such as ``wrench`` and ``pose``: ``left`` of
+    ``left_wrench``.
+    """
     words = [word for word in re.split(r"[-_. ]+", stem) if word]
     kept = [word for word in words if word.lower() not in _WORDS]
     return "_".join(kept) or stem
 
 
 def streams_of(table: Table) -> dict[str, Stream]:
-    """What a topic's messages measured, by channel, with the stamps of their headers, in seconds.
+    """Return the measurements of a topic's messages by channel, with the stamps of their headers in seconds.
 
-    Without stamps, the times at which messages were received are taken; a line of the log says so.
+    Without stamps, the times of receipt are used, which is logged.
 
     Raises:
-        RecordingError: Columns are missing, or hold something else than numbers; times do not grow.
+        RecordingError: Columns are missing, or do not contain numbers; times do not increase.
     """
     columns = _known_columns(table)
     found: dict[str, Array] = {}
@@ -88,7 +90,7 @@ def streams_of(table: Table) -> dict[str, Stream]:
 
 
 def _known_columns(table: Table) -> dict[str, str]:
-    """Columns by the last parts of their names, as ``_PARTS`` has them: ``force.x`` for ``field.wrench.force.x``."""
+    """Return columns by the last parts of their names, as in ``_PARTS``: ``force.x`` for ``field.wrench.force.x``."""
     ends = {f"{part}.{axis}" for parts in _PARTS.values() for part, axes in parts for axis in axes}
     found: dict[str, str] = {}
     for name in table.names:
@@ -107,7 +109,7 @@ def _known_columns(table: Table) -> dict[str, str]:
 
 
 def _times(table: Table) -> Array:
-    """When samples were measured, shape (n,) [s]."""
+    """Return the times of samples, shape (n,) [s]."""
     stamps = [name for name in table.names if name.endswith(_STAMP)]
     names = [*stamps[:1], *(name for name in (_RECEIVED,) if name in table.names)]
     if not names:

@@ -1,4 +1,4 @@
-"""Holds that are recorded apart: a line, or a stretch of samples, for each orientation in which the load was held."""
+"""Holds that are recorded separately: a line, or an interval of samples, for each orientation of the load."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from coheft.wire.data.file import read_arrays, read_recording
 from coheft.wire.data.folder import read_channels
 
 _GAP = 10.0
-"""Holds are apart if nothing was recorded for so many samples."""
+"""Number of missing samples that separate two holds."""
 _TURN = np.radians(2.0)
-"""Lines that differ by more are holds each [rad]: no one moves as fast from sample to sample."""
+"""Lines with a larger rotation between them are separate holds [rad]: no robot moves as fast between samples."""
 _NEEDED = ("pose", "wrench")
 
 
 def read_statics(path: Path) -> Statics:
     """Read holds, from an ``.npz`` file or a folder of CSV files: poses and wrenches of each robot.
 
-    Without times, or if the load turns from line to line, each line is a hold. Else a hold lasts until there is a gap;
-    if there is none, it is as long as forces do not change.
+    Without times, or if the load rotates from line to line, each line is a hold. Otherwise a hold lasts until there is
+    a gap; if there are no gaps, as long as forces do not change.
 
     Raises:
-        RecordingError: They cannot be used; says what, and why.
+        RecordingError: They cannot be used; the message says why.
         OSError: They cannot be read.
     """
     tables, gravity = (read_channels(path), np.array(GRAVITY)) if path.is_dir() else read_arrays(path)
@@ -58,12 +58,12 @@ def read_statics(path: Path) -> Statics:
 
 
 def _spans(time: Array | None, pose: Array, name: str) -> list[tuple[int, int]] | None:
-    """First and one past the last line of each hold; None: it was recorded without gaps.
+    """Return first and one past the last line of each hold; None if it was recorded without gaps.
 
     Args:
-        time: Of each line, in any unit; None: not recorded.
-        pose: At each line, shape (n, 7).
-        name: Whose they are, for words.
+        time: Times of the lines, in any unit; None if not recorded.
+        pose: Poses of the lines, shape (n, 7).
+        name: Name of the robot in messages.
     """
     count = len(pose)
     if time is None or count < 2 or np.median(_turns(pose)) > _TURN:
@@ -78,7 +78,7 @@ def _spans(time: Array | None, pose: Array, name: str) -> list[tuple[int, int]] 
 
 
 def _turns(pose: Array) -> Array:
-    """By how much each line is turned against the one before, shape (n - 1,) [rad]."""
+    """Return the rotation of each line relative to the one before, shape (n - 1,) [rad]."""
     along = np.abs(np.einsum("ki,ki->k", pose[:-1, 3:], pose[1:, 3:]))
     turns: Array = 2.0 * np.arccos(np.minimum(along, 1.0))
     return turns

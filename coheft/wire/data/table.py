@@ -1,4 +1,4 @@
-"""Tables of numbers in CSV files, as people and programs write them."""
+"""Tables of numbers in CSV files from people and programs."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ class Table:
     """A CSV file with a line of names.
 
     Attributes:
-        file: Name of the file, for words.
-        names: Of the columns.
-        rows: The number of each line in the file, from 1, and what is in it, as text; as many as there are names.
+        file: Name of the file in messages.
+        names: Names of the columns.
+        rows: Number of each line in the file, from 1, and its texts, as many as there are names.
     """
 
     file: str
@@ -28,10 +28,10 @@ class Table:
     rows: Sequence[tuple[int, Sequence[str]]]
 
     def numbers(self, names: Sequence[str]) -> Array:
-        """Some of the columns, shape (n, columns).
+        """Return some of the columns, shape (n, columns).
 
         Raises:
-            RecordingError: Something in them is no number; says which line and column.
+            RecordingError: A value is not a number; the message names line and column.
         """
         places = [self.names.index(name) for name in names]
         found = np.empty((len(self.rows), len(names)))
@@ -49,10 +49,10 @@ class Table:
 
 
 def read_table(path: Path) -> Table:
-    """Read a CSV file. Blank lines, spaces around values, and commas at the ends of lines do not matter.
+    """Read a CSV file. Blank lines, spaces around values, and commas at the ends of lines are ignored.
 
     Raises:
-        RecordingError: It is no table of values separated by commas.
+        RecordingError: It is not a table of values separated by commas.
         OSError: It cannot be read.
     """
     try:

@@ -1,4 +1,4 @@
-"""In which unit times are: seconds, unless nothing could be told from samples as slow, or nothing was recorded then."""
+"""Units of times: seconds, unless samples would be too slow to be useful, or no sample is at those times."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from coheft.wire.process.log import LOG
 
 _UNITS = ((1.0, "seconds"), (1e-3, "milliseconds"), (1e-6, "microseconds"), (1e-9, "nanoseconds"))
 _SLOWEST = 0.25
-"""Longest time from sample to sample from which motion could be told [s]."""
+"""Longest time between samples that is useful [s]."""
 _ROUNDING = 1e-9
 
 
 def samples_in_seconds(name: str, time: Array) -> Array:
-    """Times of samples (n,) in seconds; a line of the log says so if they were in another unit.
+    """Return the times of samples (n,) in seconds; another unit is logged.
 
     Args:
-        name: Whose they are, for words.
-        time: In whatever unit.
+        name: Name of the robot in messages.
+        time: Times in any unit.
     """
     if len(time) < 2:
         return time
@@ -38,7 +38,7 @@ def samples_in_seconds(name: str, time: Array) -> Array:
 
 
 def span_of(robots: Mapping[str, RobotRecord]) -> tuple[float, float]:
-    """From when to when any robot recorded something [s]; (0, 0) if none did."""
+    """Return the first and the last time at which any robot recorded samples [s]; (0, 0) if none did."""
     times = [robot.time for robot in robots.values() if len(robot.time)]
     return min((float(time.min()) for time in times), default=0.0), max(
         (float(time.max()) for time in times), default=0.0
@@ -48,18 +48,18 @@ def span_of(robots: Mapping[str, RobotRecord]) -> tuple[float, float]:
 def holds_in_seconds(
     name: str, holds: Sequence[tuple[float, float]], span: tuple[float, float]
 ) -> tuple[tuple[float, float], ...]:
-    """Holds in seconds; a line of the log says so if they were in another unit.
+    """Return holds in seconds; another unit is logged.
 
-    The unit is the one in which most of them are within the time that was recorded; if that is none, they are no holds
-    of this recording.
+    The unit is the one with which most holds are within the recorded time; without such a unit, they do not belong to
+    this recording.
 
     Args:
-        name: Where they are given, for words.
-        holds: From when to when, in whatever unit.
-        span: From when to when something was recorded [s].
+        name: Name of their source in messages.
+        holds: Start and end of each hold, in any unit.
+        span: First and last recorded time [s].
 
     Raises:
-        RecordingError: None of them is of a time at which something was recorded, in any unit.
+        RecordingError: No hold is within the recorded time, in any unit.
     """
     if not holds:
         return ()

@@ -1,1 +1,1 @@
-"""Every message between the processes of a run: its struct, its bytes, its largest size."""
+"""All messages between the processes of a run: their structs, encoding and size limits."""

@@ -1,4 +1,4 @@
-"""The arrays of a message: which types and shapes they have, and where each begins in the block that holds them all."""
+"""The arrays of a message: their types, their shapes, and their offsets in the block that holds them all."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from coheft.wire.messages.frame import WORD, padded
 
 AnyArray = npt.NDArray[Any]
 DTYPES: dict[int, np.dtype[Any]] = {1: np.dtype("<f8"), 2: np.dtype("<f4"), 3: np.dtype("<i4"), 4: np.dtype("<i8")}
-"""Of arrays, by the code of their type; numbers of other kinds are sent in double precision."""
+"""Types of arrays, by code; arrays of other types are sent in double precision."""
 CODES = {dtype: code for code, dtype in DTYPES.items()}
 DOUBLE = DTYPES[1]
 MAX_DIMENSIONS = 4
-"""Of an array."""
+"""Largest number of dimensions of an array."""
 
 
 class Place(NamedTuple):
-    """Where an array is: type and shape, and where it begins among all arrays of its message [B]."""
+    """Type and shape of an array, and its offset in the block of all arrays of its message [B]."""
 
     dtype: np.dtype[Any]
     shape: tuple[int, ...]
@@ -30,7 +30,7 @@ class Place(NamedTuple):
 
 
 class Places(NamedTuple):
-    """Where all arrays of a message are, and what they take [B]."""
+    """Places of all arrays of a message, and their total size [B]."""
 
     each: tuple[Place, ...]
     size: int
@@ -38,7 +38,7 @@ class Places(NamedTuple):
 
 @lru_cache(maxsize=1024)
 def described(shapes: tuple[tuple[np.dtype[Any], tuple[int, ...]], ...]) -> bytes:
-    """Types and shapes, as they travel: for each array its type and number of dimensions, and what these are."""
+    """Encode types and shapes as words: for each array its type's code, its number of dimensions, its dimensions."""
     words: list[int] = []
     for dtype, shape in shapes:
         words += CODES[dtype], len(shape), *shape
@@ -46,10 +46,10 @@ def described(shapes: tuple[tuple[np.dtype[Any], tuple[int, ...]], ...]) -> byte
 
 
 def places_of(shapes: bytes) -> Places:
-    """Inverse of ``described``.
+    """Decode what ``described`` has encoded.
 
     Raises:
-        ValueError: These are no types and shapes.
+        ValueError: The bytes are not valid types and shapes.
     """
     words = struct.unpack(f"<{len(shapes) // WORD}I", shapes)
     places: list[Place] = []
@@ -70,5 +70,5 @@ _SHORT = 256
 
 
 def known_places(shapes: bytes) -> Places:
-    """The same as ``places_of``, for shapes that come again and again."""
+    """Return the same as ``places_of``, faster for shapes that are repeated."""
     return _known(shapes) if len(shapes) <= _SHORT else places_of(shapes)

@@ -1,9 +1,10 @@
-"""Messages to bytes and back.
+"""Conversion of messages to bytes and back.
 
-``Writer`` and ``Reader`` are the only way out of a process and into one; a reader raises ``MessageError`` for anything
-that is not exactly the message that was expected. The checksum covers the key under which the message is said, too, and
-a key begins with the name of the run: what was damaged on its way, or said in an older run, by another process or under
-another topic, is refused even where it would still be a message. It is no signature: that is what TLS is for.
+All messages leave a process through ``Writer`` and enter one through ``Reader``, which raises ``MessageError`` for
+anything but a valid message of the expected kind. The checksum includes the key under which the message is sent, and a
+key begins with the name of the run. So a message that is damaged, or comes from an older run, another process or
+another topic, is refused even if it could be decoded. The checksum is not a signature; the secure profile uses TLS for
+that.
 """
 
 from __future__ import annotations
@@ -32,21 +33,21 @@ def _kind(kind: type[Message]) -> Kind:
 
 
 class Writer:
-    """Makes bytes of messages that are said under one key."""
+    """Encodes the messages that are sent under one key."""
 
     def __init__(self, key: str) -> None:
         self._seal = Seal(key)
 
     def write(self, message: Message) -> bytes:
-        """The message as bytes."""
+        """Return the message as bytes."""
         return _kind(type(message)).encode(message, self._seal)
 
 
 class Reader(Generic[M]):
-    """Finds the messages in what comes under one key.
+    """Decodes the messages that are received under one key.
 
     Args:
-        kind: What is expected: a message, or a union of some.
+        kind: The expected type: a message, or a union of messages.
         key: The key.
     """
 
@@ -56,17 +57,19 @@ class Reader(Generic[M]):
         self._seal = Seal(key)
 
     def read(self, data: bytes) -> M:
-        """The message in ``data``.
+        """Decode a message.
 
         Raises:
-            MessageError: The bytes are damaged or were said under another key, for instance in another run; or they
-                are no such message, or one of another protocol version.
+            MessageError: The bytes are damaged, were sent under another key (for instance in another run), are another
+                message, or have another protocol version.
         """
         message = self._of_known_fields(data)
         return cast(M, self._in_words(data) if message is None else message)
 
     def _of_known_fields(self, data: bytes) -> Message | None:
-        """The message if it is sound and its fields are known: all is checked, but nothing said."""
+        """Decode a message whose fields are known from an earlier one; return None otherwise, also for invalid
+        bytes.
+        """
         if len(data) < HEADER.size:
             return None
         checksum, version, code, words, run, size, block, number = HEADER.unpack_from(data)
@@ -82,7 +85,7 @@ class Reader(Generic[M]):
             return None
 
     def _in_words(self, data: bytes) -> Message:
-        """The same as ``read``, step by step."""
+        """Decode a message step by step, with an error that names the problem."""
         frame = self._seal.unwrapped(data, self._name)
         kind = self._kinds.get(frame.code)
         if kind is None:
@@ -100,54 +103,55 @@ _reader: Any = lru_cache(maxsize=256)(Reader)
 
 
 def encode(message: Message, key: str) -> bytes:
-    """The message as bytes, to be said under ``key``, see ``Writer``."""
+    """Return the message as bytes, to be sent under ``key``, see ``Writer``."""
     return _writer(key).write(message)
 
 
 def decode(data: bytes, kind: type[M], key: str) -> M:
-    """The message in ``data``, which came under ``key``, see ``Reader``.
+    """Decode a message that was received under ``key``, see ``Reader``.
 
     Raises:
-        MessageError: It is none of that kind.
+        MessageError: The bytes are not a message of that kind.
     """
     message: M = _reader(kind, key).read(data)
     return message
 
 
 def is_finite(array: Array) -> bool:
-    """Whether all numbers of an array are."""
-    # The sum of squares is so nearly always: one pass instead of three. It may overflow though no number has.
+    """Whether all numbers of an array are finite."""
+    # Nearly always the sum of squares is finite: one pass instead of three. It may overflow although all numbers are
+    # finite.
     return math.isfinite(np.vdot(array, array)) or bool(np.isfinite(array).all())
 
 
 def check_array(array: Array, shape: tuple[int, ...], name: str) -> None:
-    """Check an array that came over the wire.
+    """Check a received array.
 
     Raises:
-        MessageError: Its shape is not ``shape``, or a number in it is not finite.
+        MessageError: Its shape is not ``shape``, or it contains numbers that are not finite.
     """
     if array.shape != shape:
         raise MessageError(f"{name}.shape is {array.shape} but expected {shape}")
     if not is_finite(array):
         count = int(np.size(array) - np.isfinite(array).sum())
-        raise MessageError(f"{name} holds {count} numbers that are not finite")
+        raise MessageError(f"{name} contains {count} numbers that are not finite")
 
 
 def check_field(name: str, found: object, expected: object) -> None:
-    """Check a field of a message that came over the wire.
+    """Check a field of a received message.
 
     Raises:
-        MessageError: It is not what is expected here.
+        MessageError: It is not as expected.
     """
     if found != expected:
         raise MessageError(f"{name} is {found!r} but expected {expected!r}")
 
 
 def check_choice(name: str, found: object, choices: Collection[object]) -> None:
-    """Check that a field of a message that came over the wire is one of those that it can be.
+    """Check that a field of a received message is one of the allowed values.
 
     Raises:
-        MessageError: It is another.
+        MessageError: It is not.
     """
     if found not in choices:
         raise MessageError(f"{name} is {found!r} but expected one of {', '.join(map(repr, choices))}")

@@ -1,4 +1,4 @@
-"""What can be computed with of an estimate: shapes fit, numbers are finite, and rotations are some."""
+"""Checks that an estimate can be used: shapes are right, numbers are finite, and rotations are valid."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from coheft.wire.messages.codec import check_array
 from coheft.wire.messages.structs import PayloadEstimate, PoseEstimate
 
 ROTATION_TOLERANCE = 1e-6
-"""By so much a rotation may be off."""
+"""Largest deviation of a valid rotation matrix from orthonormality."""
 _LARGEST = 1e15
 _IDENTITY = np.eye(3)
 
 
 def check_payload(payload: PayloadEstimate) -> None:
-    """Check what a robot believes of the payload.
+    """Check a robot's estimate of the payload.
 
     Raises:
-        MessageError: No one can compute with it.
+        MessageError: It cannot be used.
     """
     check_number(payload.mass, "mass")
     size = 1
@@ -37,10 +37,10 @@ def check_payload(payload: PayloadEstimate) -> None:
 
 
 def check_pose(pose: PoseEstimate, name: str) -> None:
-    """Check what a robot believes of the pose of the one called ``name``.
+    """Check a robot's estimate of the pose of the neighbour ``name``.
 
     Raises:
-        MessageError: No one can compute with it.
+        MessageError: It cannot be used.
     """
     check_numbers(pose.translation, (3,), f"translation of {name!r}")
     _check_covariance(pose.covariance, 6, f"pose of {name!r}")
@@ -48,33 +48,33 @@ def check_pose(pose: PoseEstimate, name: str) -> None:
 
 
 def check_rotation(rotation: Array, name: str) -> None:
-    """Check the rotation (3, 3) of whoever is called ``name``.
+    """Check the rotation (3, 3) of the neighbour ``name``.
 
     Raises:
-        MessageError: It is none.
+        MessageError: It is not a rotation matrix.
     """
     check_numbers(rotation, (3, 3), f"rotation of {name!r}")
     difference = np.abs(rotation.T @ rotation - _IDENTITY).max()
     (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
     determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
     if difference > ROTATION_TOLERANCE or determinant < 0.0:
-        raise MessageError(f"rotation of {name!r} is none: expected an orthonormal matrix whose determinant is 1")
+        raise MessageError(f"rotation of {name!r} is not valid: expected an orthonormal matrix with determinant 1")
 
 
 def check_numbers(array: Array, shape: tuple[int, ...], name: str) -> None:
-    """Check an array and the size of its numbers.
+    """Check the shape of an array and the size of its numbers.
 
     Raises:
-        MessageError: It has another shape, or holds what is not finite or too large.
+        MessageError: It has another shape, or contains numbers that are not finite or too large.
     """
-    if array.shape == shape and np.abs(array).max() < _LARGEST:  # which no number is that is not finite
+    if array.shape == shape and np.abs(array).max() < _LARGEST:  # false for numbers that are not finite
         return
     check_array(array, shape, name)
     check_number(float(np.abs(array).max()), f"largest number of {name}")
 
 
 def check_number(value: float, name: str) -> None:
-    """Check that a number is finite, and not too large.
+    """Check that a number is finite and not too large.
 
     Raises:
         MessageError: It is not.

@@ -1,6 +1,6 @@
-"""Messages as they were wrapped up to protocol version 5: in recordings of that time, never on a link.
+"""Format of messages up to protocol version 5, which is found in old recordings but not on links.
 
-A checksum, then MessagePack: a map of all fields with the version among them, arrays as extension types.
+A checksum, then MessagePack: a map of all fields including the version, with arrays as extension types.
 """
 
 from __future__ import annotations
@@ -19,31 +19,31 @@ from coheft.wire.messages.structs import Message
 
 LAST_VERSION = 5
 _DTYPES: dict[int, np.dtype[Any]] = {1: np.dtype("<f8"), 2: np.dtype("<f4"), 3: np.dtype("<i4"), 4: np.dtype("<i8")}
-"""Of arrays, by the code of their extension type."""
+"""Types of arrays, by code of their extension type."""
 _MALFORMED = (msgspec.DecodeError, ValueError, struct.error, RecursionError)
 
 M = TypeVar("M", bound=Message)
 
 
 def is_former(data: bytes) -> bool:
-    """Whether it begins as messages without a header did."""
+    """Whether the bytes begin as messages without a header do."""
     return len(data) > CHECKSUM.size and is_map(data[CHECKSUM.size])
 
 
 def decode_former(data: bytes, kind: type[M], key: str) -> M:
-    """The message in ``data``.
+    """Decode a message in the old format.
 
     Args:
-        data: Of which ``is_former`` holds.
-        kind: What is expected.
-        key: Under which it was said.
+        data: Bytes for which ``is_former`` is true.
+        kind: The expected type of message.
+        key: The key under which it was sent.
 
     Raises:
-        MessageError: It is damaged, or no such message, or of an older version.
+        MessageError: The bytes are damaged, are another message, or have an older version.
     """
     body = data[CHECKSUM.size :]
     if CHECKSUM.unpack_from(data)[0] != zlib.crc32(body, zlib.crc32(key.encode())):
-        raise MessageError(f"not a {kind.__name__}: its checksum does not fit")
+        raise MessageError(f"not a {kind.__name__}: its checksum is wrong")
     try:
         fields = msgspec.msgpack.decode(body)
         if (version := fields.pop("version", LAST_VERSION)) != LAST_VERSION:
@@ -57,7 +57,7 @@ def decode_former(data: bytes, kind: type[M], key: str) -> M:
 
 def _array(code: int, data: memoryview) -> npt.NDArray[Any]:
     if code not in _DTYPES or not data:
-        raise ValueError(f"an extension of type {code} is no array")
+        raise ValueError(f"an extension of type {code} is not an array")
     dimensions = data[0]
     shape = struct.unpack_from(f"<{dimensions}I", data, 1)
     return np.frombuffer(data, dtype=_DTYPES[code], offset=1 + 4 * dimensions).reshape(shape).copy()

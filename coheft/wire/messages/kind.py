@@ -1,7 +1,7 @@
-"""How the messages of one kind become bytes and are found in bytes, behind their header.
+"""Encoding and decoding of the messages of one kind, without the header.
 
-Of kinds that come block after block the fields, arrays aside, hardly ever change: they are encoded, decoded and
-validated once, and then known.
+In kinds that are sent in every block, the fields other than arrays hardly ever change: they are encoded, decoded and
+validated once, and then looked up.
 """
 
 from __future__ import annotations
@@ -18,21 +18,21 @@ from coheft.wire.messages.frame import HEADER, Frame, Seal, padded
 from coheft.wire.messages.structs import Message
 
 MALFORMED = (msgspec.DecodeError, ValueError, struct.error, RecursionError)
-"""What decoding raises for bytes that are no message; the last for absurdly deep nesting."""
+"""Exceptions that decoding raises for invalid bytes; ``RecursionError`` for excessive nesting."""
 _NEXT_ARRAY = msgspec.msgpack.Ext(1, b"")
-"""What stands for an array among the fields: the first one stands for the first array, and so on."""
+"""Placeholder of an array among the fields: the first one stands for the first array, and so on."""
 _KNOWN = 256
-"""Fields of a kind that are known at most: all that neighbours hand on, one robot's line after the other."""
+"""Largest number of fields of a kind that are kept: enough for the records of all robots that neighbours forward."""
 _LONGEST_KNOWN = 2**13
-"""Longer ones are not kept [B]."""
+"""Longer fields are not kept [B]."""
 
 
 class _Known(NamedTuple):
-    """Fields that have come before.
+    """Fields that were decoded before.
 
     Attributes:
-        constants: Those that are no arrays.
-        names: Of each array the field, and if that is a table of some, its name there.
+        constants: The fields that are not arrays.
+        names: For each array the field, and if the field is a dictionary of arrays, the key.
     """
 
     constants: dict[str, Any]
@@ -40,10 +40,10 @@ class _Known(NamedTuple):
 
 
 class Kind:
-    """How messages of one kind travel.
+    """Encodes and decodes messages of one kind.
 
     Attributes:
-        kind: It.
+        kind: The type of the messages.
     """
 
     def __init__(self, kind: type[Message]) -> None:
@@ -70,7 +70,7 @@ class Kind:
     # --- to bytes ---
 
     def encode(self, message: Message, seal: Seal) -> bytes:
-        """A message as bytes."""
+        """Return a message as bytes."""
         block = getattr(message, self._block) if self._block else 0
         number = getattr(message, self._number) if self._number else 0
         arrays: list[AnyArray] = []
@@ -85,7 +85,7 @@ class Kind:
         return seal.wrapped(self.kind.code, block, number, fields, shapes, arrays)
 
     def _known_fields(self, message: Message, arrays: list[AnyArray]) -> bytes:
-        """The same as ``_encoded``, of a message of a steady kind: arrays are fields, or in tables."""
+        """Return the same as ``_encoded``, for a kind whose arrays are fields, or values of dictionaries."""
         key: list[object] = []
         for name in self._constants:
             value = getattr(message, name)
@@ -98,7 +98,7 @@ class Kind:
             arrays += table.values()
         try:
             fields = self._written.get(tuple(key))
-        except TypeError:  # a list within a list, say: nothing that can be looked up
+        except TypeError:  # not hashable, for instance a list within a list
             return self._encoded(message, [])
         if fields is None:
             fields = self._encoded(message, [])
@@ -109,7 +109,7 @@ class Kind:
         return fields
 
     def _encoded(self, message: Message, arrays: list[AnyArray]) -> bytes:
-        """The fields of a message; appends the arrays in them."""
+        """Return the encoded fields of a message, and append its arrays to ``arrays``."""
 
         def next_array(value: Any) -> msgspec.msgpack.Ext:
             if not isinstance(value, np.ndarray):
@@ -117,21 +117,21 @@ class Kind:
             arrays.append(value)
             return _NEXT_ARRAY
 
-        # Arrays come last, first those that are fields, then tables, as ``_known_fields`` has them.
+        # Arrays come last: first those that are fields, then dictionaries, in the order of ``_known_fields``.
         names = (*self._constants, *self._arrays, *self._tables)
         return msgspec.msgpack.Encoder(enc_hook=next_array).encode({name: getattr(message, name) for name in names})
 
     # --- from bytes ---
 
     def of_known_fields(self, data: bytes, first: int, end: int, block: int, number: int) -> Message | None:
-        """The message in bytes that are sound; None if its fields, which end at ``first``, are not known.
+        """Return the message if its fields, which end at ``first``, were decoded before, else None.
 
         Args:
-            data: It.
-            first: Where the fields end, and shapes begin [B].
-            end: Where shapes end [B].
-            block: In the header.
-            number: The same.
+            data: Bytes with a valid checksum.
+            first: End of the fields and start of the shapes [B].
+            end: End of the shapes [B].
+            block: ``block`` in the header.
+            number: ``number`` in the header.
         """
         known = self._known.get(data[HEADER.size : first])
         if known is None:
@@ -152,61 +152,62 @@ class Kind:
         return self._with_header(values, block, number)
 
     def decode(self, frame: Frame) -> Message:
-        """The message in a frame of this kind; its fields are known from now on if they are of those that come again.
+        """Decode a frame of this kind, and keep its fields if the kind is steady.
 
         Raises:
-            ValueError, msgspec.DecodeError, struct.error, RecursionError: It is none.
+            ValueError, msgspec.DecodeError, struct.error, RecursionError: The frame is invalid.
         """
         places = places_of(frame.shapes)
         if places.size != len(frame.arrays):
             raise ValueError(f"its arrays take {places.size} bytes but there are {len(frame.arrays)}")
-        # A copy of them all, so that none keeps the message alive, and all begin where an array of our own would: sums
-        # over arrays that begin at odd addresses may differ in their last digit.
+        # A copy of all arrays, so that none keeps the message alive and all are aligned like other arrays: sums over
+        # unaligned
+        # arrays may differ in the last digit.
         data = bytearray(frame.arrays)
         arrays: list[AnyArray] = [np.ndarray(shape, dtype, data, begin) for dtype, shape, begin in places.each]
         left = iter(arrays)
 
         def next_array(code: int, header: memoryview) -> AnyArray:
             if code != _NEXT_ARRAY.code or len(header):
-                raise ValueError(f"extension {code} of {len(header)} bytes is not an array: expected 1 of none")
+                raise ValueError(f"extension {code} of {len(header)} bytes is not an array: expected 1 of 0 bytes")
             array = next(left, None)
             if array is None:
-                raise ValueError(f"it names more than the {len(arrays)} arrays that there are")
+                raise ValueError(f"it names more than its {len(arrays)} arrays")
             return array
 
         fields = msgspec.msgpack.Decoder(self._fields, ext_hook=next_array).decode(frame.fields)
         if next(left, None) is not None:
-            raise ValueError(f"it names fewer than the {len(arrays)} arrays that there are")
+            raise ValueError(f"it names fewer than its {len(arrays)} arrays")
         values = {name: getattr(fields, name) for name in self._names}
         if self.kind.is_steady and len(frame.fields) <= _LONGEST_KNOWN:
             if len(self._known) >= _KNOWN:
                 self._known.clear()
-            self._known[frame.fields] = self._what_is_known(values, arrays)
+            self._known[frame.fields] = self._to_known(values, arrays)
         return self._with_header(values, frame.block, frame.number)
 
-    def _what_is_known(self, values: dict[str, Any], arrays: list[AnyArray]) -> _Known:
-        """What there is to know of fields, and of the order in which they name arrays.
+    def _to_known(self, values: dict[str, Any], arrays: list[AnyArray]) -> _Known:
+        """Return the fields in the form that is kept, with the order in which they name arrays.
 
         Raises:
-            ValueError: An array has no name, because two had the same.
+            ValueError: Two arrays have the same name.
         """
         names: dict[int, tuple[str, str | None]] = {id(values[name]): (name, None) for name in self._arrays}
         for table in self._tables:
             names |= {id(array): (table, name) for name, array in values[table].items()}
         if len(names) != len(arrays):
-            raise ValueError(f"it has {len(arrays)} arrays but {len(names)} names of them")
+            raise ValueError(f"it has {len(arrays)} arrays but {len(names)} names for them")
         constants = {name: values[name] for name in self._constants}
         return _Known(constants, [names[id(array)] for array in arrays])
 
     def _with_header(self, values: dict[str, Any], block: int, number: int) -> Message:
-        """The message with these fields, and those from the header.
+        """Return the message with these fields and those from the header.
 
         Raises:
-            ValueError: There is something in the header for which this kind has no field.
+            ValueError: The header has a number for which this kind has no field.
         """
         for name, value in ((self._block, block), (self._number, number)):
             if name is not None:
                 values[name] = value
             elif value:
-                raise ValueError(f"its header has {value} where this kind has nothing")
+                raise ValueError(f"its header has {value} for a field that this kind does not have")
         return self.kind(**values)

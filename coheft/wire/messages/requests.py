@@ -1,4 +1,4 @@
-"""What observers and the operator ask the server and the agents, and the answers, as msgspec structs."""
+"""Requests of observers and of the operator to the server and the agents, with the answers, as msgspec structs."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from coheft.wire.messages.truth import LoadState
 
 
 class StatusRequest(Message, frozen=True):
-    """How is the run?"""
+    """Ask for the status of the run."""
 
     code: ClassVar[int] = 30
 
 
 class InjectRequest(Message, frozen=True):
-    """Put a load onto the payload at the next block."""
+    """Add a load to the payload at the next block."""
 
     code: ClassVar[int] = 31
 
@@ -31,7 +31,7 @@ class InjectRequest(Message, frozen=True):
 
 
 class RemoveRequest(Message, frozen=True):
-    """Take a load away at the next block."""
+    """Remove a load at the next block."""
 
     code: ClassVar[int] = 32
 
@@ -39,7 +39,7 @@ class RemoveRequest(Message, frozen=True):
 
 
 class HoldRequest(Message, frozen=True):
-    """Let a robot take its hand off the payload, or take hold of it again, at the next block."""
+    """Let a robot release the payload, or grasp it again, at the next block."""
 
     code: ClassVar[int] = 33
 
@@ -48,7 +48,7 @@ class HoldRequest(Message, frozen=True):
 
 
 class EstimatorRequest(Message, frozen=True):
-    """Let all robots forget what they know and begin anew with another estimator, at the next block."""
+    """Restart all robots with an empty memory and another estimator at the next block."""
 
     code: ClassVar[int] = 34
 
@@ -59,7 +59,7 @@ class EstimatorRequest(Message, frozen=True):
 
 
 class PauseRequest(Message, frozen=True):
-    """Stop the clock, or let it go on."""
+    """Pause or resume the run."""
 
     code: ClassVar[int] = 35
 
@@ -76,24 +76,24 @@ Request = StatusRequest | InjectRequest | RemoveRequest | HoldRequest | Estimato
 
 
 class Status(Message, frozen=True):
-    """The server's answer to every request that it carried out, and its last word to all observers.
+    """The server's answer to every request that it has carried out; also sent to all observers at the end of the run.
 
     Attributes:
-        scenario: Its name.
-        state: Whether time runs.
+        scenario: The scenario's name.
+        state: State of the run.
         block: Number of blocks that have been simulated.
-        time: Simulated so far [s].
-        duration: Of the whole run [s].
-        real_time_factor: Simulated time over the wall time for which the clock ran.
-        late_blocks: References that came too late, over all robots: not blocks, whatever its name says.
-        loads: On the payload.
-        slots_free: How many more fit.
-        waiting_for: Robots that it cannot begin or go on without, or that have not answered the newest block yet.
-        estimator: Which one the robots use, from the next block on at the latest.
-        estimators: Which ones may be chosen.
-        scene: What does not change.
-        unsaved: Why the data file that was asked for is not there; empty if it is, or none was asked for.
-        failure: Why the run broke off; empty if it did not.
+        time: Simulated time [s].
+        duration: Duration of the whole run [s].
+        real_time_factor: Simulated time divided by the wall time for which the clock ran.
+        late_blocks: Number of late references over all robots. In spite of its name it does not count blocks.
+        loads: Loads on the payload.
+        slots_free: Number of loads that can still be added.
+        waiting_for: Robots without which the run cannot begin or continue, or that have not answered the newest block.
+        estimator: Estimator that the robots use, at the latest from the next block on.
+        estimators: Estimators that may be chosen.
+        scene: The constant part of the scene.
+        unsaved: Why the data file could not be written; empty if it was, or none was requested.
+        failure: Why the run was aborted; empty if it was not.
     """
 
     code: ClassVar[int] = 40
@@ -120,7 +120,7 @@ class Status(Message, frozen=True):
 
 
 class Refusal(Message, frozen=True):
-    """The answer to a request that was not carried out, and why."""
+    """The answer to a request that was refused, with the reason."""
 
     code: ClassVar[int] = 41
 
@@ -131,13 +131,13 @@ class Refusal(Message, frozen=True):
 
 
 class LinkRequest(Message, frozen=True):
-    """Hang up on a neighbour, and dial it no more until the opposite is asked.
+    """Cut the link with a neighbour, or restore it.
 
-    Only the one of the two that dials can do so; to both it is as if the wire between them were cut.
+    Only the agent that dials the other one can do so. To both it looks as if the network between them were cut.
 
     Attributes:
-        neighbour: The other end.
-        cut: Whether to cut the link, or to mend it.
+        neighbour: Name of the neighbour.
+        cut: True to cut the link, False to restore it.
     """
 
     code: ClassVar[int] = 42
@@ -147,11 +147,11 @@ class LinkRequest(Message, frozen=True):
 
 
 class CutLinks(Message, frozen=True):
-    """An agent's answer to a request that it carried out.
+    """An agent's answer to a request that it has carried out.
 
     Attributes:
-        robot: Who answers.
-        neighbours: On whom it has hung up.
+        robot: The robot that answers.
+        neighbours: Neighbours whose links are cut.
     """
 
     code: ClassVar[int] = 43

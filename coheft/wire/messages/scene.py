@@ -1,4 +1,4 @@
-"""Where robots hold the payload, what it looks like, and what else does not change during a run."""
+"""What does not change during a run: the robots, their grasps, and the shape of the payload."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import numpy as np
 
 
 class BoxShape(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What a part of the payload looks like.
+    """A box that is part of the payload's shape.
 
     Attributes:
-        size: Its edge lengths [m].
-        position: Of its centre in the payload's frame [m].
-        rotation_deg: Of its edges against the payload's axes, rotation vector [degrees].
+        size: Edge lengths [m].
+        position: Position of its centre in the payload's frame [m].
+        rotation_deg: Orientation of its edges in the payload's frame, rotation vector [degrees].
     """
 
     size: tuple[float, float, float]
@@ -27,16 +27,16 @@ def _no_triangles() -> np.ndarray[Any, Any]:
 
 
 class Scene(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What does not change during a run: what is held, and by whom.
+    """The constant part of the scene.
 
     Attributes:
-        robots: Who holds the payload.
-        rotations: Of the true pose of each robot's ``F_i`` in the payload's frame, (N, 3, 3).
-        translations: Of the same, (N, 3) [m].
-        neighbours: Who talks with whom.
-        boxes: What the payload is made of; empty if no more is known of it than its mass properties.
-        triangles: What a payload from a file looks like, in its frame, (k, 3, 3) in single precision [m]; often none.
-        home: Where the payload's frame was in the world when the robots took hold, its axes along the world's [m].
+        robots: Names of the robots that hold the payload.
+        rotations: Rotations of the true poses of the robots' ``F_i`` in the payload's frame, (N, 3, 3).
+        translations: Translations of the same poses, (N, 3) [m].
+        neighbours: The graph.
+        boxes: Boxes that make up the payload; empty if only its mass properties are given.
+        triangles: Surface of a payload from a file, in its frame, (k, 3, 3) in single precision [m]; often empty.
+        home: Initial position of the payload's frame in the world, with axes parallel to the world's [m].
     """
 
     robots: list[str]
@@ -49,11 +49,11 @@ class Scene(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class SlippedGrasp(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Where a robot holds the payload since its grasp has slipped.
+    """A robot's grasp on the payload after it has slipped.
 
     Attributes:
-        rotation: Of its ``F_i`` in the payload's frame, (3, 3).
-        translation: Of the same, (3,) [m].
+        rotation: Rotation of its ``F_i`` in the payload's frame, (3, 3).
+        translation: Translation of its ``F_i``, (3,) [m].
     """
 
     rotation: np.ndarray[Any, Any]

@@ -1,7 +1,7 @@
-"""How large the messages between neighbours can become: what is larger is no message of the run, and is dropped unread.
+"""Size limits of the messages between neighbours; larger messages are dropped unread.
 
-Rows of all robots, or numbers under way in the network's sums, make up nearly all of it. Of what all robots tell each
-other about themselves, a message holds so many lines at most, each with the names of a robot's neighbours.
+Nearly all of a message are rows of all robots, or numbers in progress of the network's sums. A message holds a limited
+number of the robots' records, each with the names of the robot's neighbours.
 """
 
 from __future__ import annotations
@@ -17,26 +17,28 @@ from coheft.wire.scenario.plugins import BUILT_IN
 from coheft.wire.scenario.schema import Scenario
 
 LEAST_LIMIT = 256 * 1024
-"""Limit for all other messages, and for those of neighbours where these are smaller [B]."""
+"""Limit for all other messages, and for those of neighbours if these are smaller [B]."""
 LARGEST = 4_000_000
-"""What a scenario may need [B]: two messages of one neighbour must find room in the inbox."""
+"""Largest limit that a scenario may need [B]: two messages of one neighbour have to fit into the inbox."""
 MANY = 64
-"""In larger teams exact sums go up a tree and down again: all rounds but two stay with the robots."""
+"""In larger teams, exact sums use a tree, in which a message carries two values instead of all rounds."""
 PER_MESSAGE = 32
-"""Of what all robots tell each other, so many lines at most travel in a message."""
+"""Largest number of robots' records in a message."""
 MOST_TOLD = 450
-"""With more unknowns than these a robot that is new is not told what is known: it would take megabytes."""
+"""With more unknowns, a robot that joins does not receive the team's estimate, which would take megabytes."""
 _NUMBER, _ROW, _ROW_WITH_RATES = 8, 104, 200
-"""A number of the consensus; a row with its label [B]."""
-_PER_LINE = 4096
-"""For a robot's line in gossip and in the tables that are handed on [B]."""
+"""Sizes of a number of the consensus, and of a row with its label, without and with rates [B]."""
+_PER_RECORD = 4096
+"""Size of a robot's record in gossip and in forwarded tables [B]."""
 _PER_NAME = 40
-"""For a neighbour's name in such a line [B]."""
+"""Size of a neighbour's name in such a record [B]."""
 _REST = 65536
 
 
-def _of_rows(scenario: Scenario) -> int:
-    """Rows of all robots that are told twice, as many again that come late, and what a newcomer is told [B]."""
+def _row_arrays(scenario: Scenario) -> int:
+    """Return the size of all robots' rows, sent twice, as much again for late ones, and the estimate for a new robot
+    [B].
+    """
     rows = rows_per_block(scenario.sensors.block, scenario.sensors.rate)  # as many or, in large teams, fewer
     errors = SensorErrors.of(scenario.sensors.tolerance, scenario.sensors.drift)
     unknowns = min((6 + errors.count) * scenario.robot_count + 19, MOST_TOLD)
@@ -44,34 +46,38 @@ def _of_rows(scenario: Scenario) -> int:
     return 4 * scenario.robot_count * rows * row + _NUMBER * (unknowns**2 + 8 * unknowns)
 
 
-def _of_consensus(scenario: Scenario) -> int:
-    """Wrench, angular acceleration and whether both are measured, for each sample and round; and the samples [B]."""
+def _consensus_arrays(scenario: Scenario) -> int:
+    """Return the size of wrench, angular acceleration and validity for each sample and round, and of the samples
+    [B].
+    """
     per_sample = scenario.fan2017.rounds * 10 + KINEMATICS_SIZE
     return _NUMBER * scenario.sensors.block * per_sample
 
 
-ARRAYS: dict[str, Callable[[Scenario], int]] = {"efficient": _of_rows, "fan2017": _of_consensus}
-"""By estimator that comes with coheft, what its arrays need [B]."""
+ARRAYS: dict[str, Callable[[Scenario], int]] = {"efficient": _row_arrays, "fan2017": _consensus_arrays}
+"""Size of the arrays of each estimator that comes with coheft [B]."""
 
 
 def largest_message(scenario: Scenario) -> int:
-    """No message between neighbours is larger [B]; an estimator of the user's own has as much room as ``efficient``."""
+    """Return the size of the largest message between neighbours [B]; a user's estimator has the limit of
+    ``efficient``.
+    """
     arrays = ARRAYS[scenario.estimator if scenario.estimator in BUILT_IN["estimator"] else "efficient"]
     return arrays(scenario) + _besides_arrays(scenario)
 
 
 def message_limit(scenario: Scenario) -> int:
-    """What neighbours may send in one message, whichever estimator the run comes to use [B]."""
+    """Return the limit of messages between neighbours, whichever estimator is used during the run [B]."""
     needed = [largest_message(structs.replace(scenario, estimator=name)) for name in BUILT_IN["estimator"]]
     return max(LEAST_LIMIT, min(max(needed), LARGEST))
 
 
 def largest_arrays(scenario: Scenario) -> int:
-    """What an estimator of the user's own may send in one message [B]: all that the rest of it does not need."""
+    """Return the size that a user's estimator may send in one message [B]: the limit minus all other content."""
     return message_limit(scenario) - _besides_arrays(scenario)
 
 
 def _besides_arrays(scenario: Scenario) -> int:
-    """What else a message may hold [B]."""
-    lines = min(scenario.robot_count, PER_MESSAGE) * (_PER_LINE + _PER_NAME * scenario.robot_count)
+    """Return the size of the content of a message other than arrays [B]."""
+    lines = min(scenario.robot_count, PER_MESSAGE) * (_PER_RECORD + _PER_NAME * scenario.robot_count)
     return lines + _REST

@@ -1,4 +1,4 @@
-"""Messages that processes of a run send, as msgspec structs; ``codec`` turns them into bytes."""
+"""Messages that the processes of a run send, as msgspec structs; ``codec`` converts them to bytes."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ class Message(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     """Base of all messages.
 
     Attributes:
-        code: Of its kind; no two have the same, and none that is in use gets another meaning.
-        in_header: Names of its fields that travel as the header's ``block`` and ``number``, see ``frame``.
-        is_steady: Whether its other fields, numbers of arrays aside, hardly ever change.
+        code: Code of its kind; unique, and never reused for another kind.
+        in_header: Names of its fields that are sent as the header's ``block`` and ``number``, see ``frame``.
+        is_steady: Whether its other fields, apart from arrays, hardly ever change.
     """
 
     code: ClassVar[int]
@@ -28,14 +28,14 @@ class Message(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 
 
 class Ready(Message, frozen=True):
-    """Robot to server: give me measurements.
+    """Robot to server: asks for measurements.
 
     Attributes:
-        robot: Who asks.
-        missing: Its neighbours that it cannot talk with yet. A run begins when no robot misses another; a robot that
-            comes back to one that goes on gets measurements at once.
-        attempt: Grows whenever it begins to ask anew, because it has started or lost its link: it has forgotten what it
-            was sent before.
+        robot: The robot that asks.
+        missing: Its neighbours that it is not linked with yet. A run begins when no robot misses a neighbour; a robot
+            that returns to a run in progress receives measurements at once.
+        attempt: Grows whenever the robot begins to ask anew, because it has started or lost its link; it has forgotten
+            earlier measurements.
     """
 
     code: ClassVar[int] = 1
@@ -50,14 +50,14 @@ class Measurements(Message, frozen=True):
     """Server to robot: its own sensors' samples of one block, see ``MeasurementBlock``.
 
     Attributes:
-        robot: Whose sensors.
-        block: Grows; some may be missing.
+        robot: The robot whose sensors they are from.
+        block: Index of the block; grows, with gaps if blocks were missed.
         samples: Shape (B, 15).
-        world: Number of the simulated world. Another one means that the server has started again: nothing that was
-            learned of the old world holds.
-        attempt: Of the robot's ``Ready``, by which it knows measurements that were meant for it before it asked anew.
+        world: Number of the simulated world. A new number means that the server has restarted: everything learned in
+            the old world is invalid.
+        attempt: ``attempt`` of the robot's ``Ready``; measurements of an earlier attempt are not used.
         holding: Whether its hand held the payload during the block.
-        estimator: Which one to use from this block on, the same for all robots; empty: that of its configuration.
+        estimator: Estimator to use from this block on, the same for all robots; empty for that of its configuration.
     """
 
     code: ClassVar[int] = 2
@@ -77,11 +77,11 @@ class Measurements(Message, frozen=True):
 
 
 class Reference(Message, frozen=True):
-    """Robot to server: the answer to one block of measurements, and what its arm shall do ``lag`` blocks later.
+    """Robot to server: answers one block of measurements, with what the arm shall do ``lag`` blocks later.
 
     Attributes:
-        block: The block for which the reference holds.
-        answers: The block of measurements that this answers.
+        block: The block to which the reference applies.
+        answers: The block of measurements that it answers.
         motion: Shape (B, 12): displacement from the home pose, rotation vector [rad] then position [m] in the axes of
             the home frame, and the rates of both.
         wrench: Feed-forward wrench ``(f, t)`` on the payload in ``F_i``, shape (6,) [N, N·m].
@@ -110,14 +110,14 @@ class Stop(Message, frozen=True):
 
 
 class Hello(Message, frozen=True):
-    """Agent to each neighbour: I am here, and these neighbours I have heard.
+    """Agent to each neighbour: announces the sender, and the neighbours whose messages it receives.
 
-    Twice a second, however long steps take; more often while there are no measurements; and at once when a link comes
-    up, or in answer to one who does not hear the sender yet.
+    Sent twice per second, however long steps take; more often while there are no measurements; and at once when a link
+    comes up, or in answer to a neighbour that does not receive the sender's messages yet.
 
     Attributes:
-        sender: Who speaks.
-        heard: Whom it has heard.
+        sender: The sending robot.
+        heard: Neighbours whose messages it receives.
         incarnation: As in ``NeighbourMessage``.
     """
 
@@ -131,19 +131,19 @@ class Hello(Message, frozen=True):
 
 
 class LinkState(msgspec.Struct, frozen=True, forbid_unknown_fields=True, order=True):
-    """What one robot tells everyone about itself, handed on from neighbour to neighbour.
+    """A robot's record about itself, forwarded from neighbour to neighbour to all robots.
 
     Attributes:
-        robot: Whom it is about.
+        robot: The robot.
         sequence: Grows with every change; within an incarnation the highest wins.
         neighbours: Names of its neighbours.
-        ready_block: From this block on it can take part in the sums of a team; -1 while it cannot.
-        incarnation: Grows when the robot's agent starts again with an empty memory; the highest wins.
-        holding: Whether it has hold of the load. One whose agent is dead still holds what it held.
-        since: Block from which this is so.
-        team: Number of the membership that it is ready for, see ``coheft.consensus.gossip``.
-        signature: Of the robot, over all of the above, in the secure profile.
-        certificate: Of the robot (DER), in the secure profile: those who are no neighbours of it have not seen it.
+        ready_block: Block from which it can take part in the sums of a team; -1 while it cannot.
+        incarnation: Grows when the robot's agent restarts with an empty memory; the highest wins.
+        holding: Whether it holds the load. A robot whose agent is dead still holds what it held.
+        since: Block from which ``holding`` has its value.
+        team: Checksum of the membership that it is ready for, see ``coheft.consensus.gossip``.
+        signature: The robot's signature of all of the above, in the secure profile.
+        certificate: The robot's certificate (DER), in the secure profile, for robots that are not its neighbours.
     """
 
     robot: str
@@ -162,11 +162,11 @@ class NeighbourMessage(Message, frozen=True):
     """Agent to each neighbour, once per block.
 
     Attributes:
-        sender: Who speaks.
+        sender: The sending robot.
         block: The block after which it was sent.
-        gossip: News about robots, see ``LinkState``.
-        channels: The estimator's arrays by name; it says in which frame they are.
-        incarnation: Grows when the sender starts again with an empty memory; what an older one said is void.
+        gossip: New records about robots, see ``LinkState``.
+        channels: The estimator's arrays by name; the estimator defines their frames.
+        incarnation: Grows when the sender restarts with an empty memory; messages of earlier incarnations are void.
     """
 
     code: ClassVar[int] = 11
@@ -180,17 +180,18 @@ class NeighbourMessage(Message, frozen=True):
     incarnation: int = 0
 
 
-# --- observer plane: everyone -> whoever watches; agents cannot hear it -----------------------------------------
+# --- observer plane: server and agents -> observers; agents cannot receive it ------------------------------------
 
 
 class PayloadEstimate(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Mass properties of the payload in ``F_i`` with their covariance, as far as the motion has shown them.
+    """Mass properties of the payload in ``F_i`` with their covariance, as far as they are observable.
 
     Attributes:
-        mass: [kg].
-        com: (3,) [m], None while a direction is unseen.
-        tensor: (3, 3) at the centre of mass [kg·m²], None while a part of it or the centre of mass is unseen.
-        covariance: (k, k) of what is there of ``(m, h, J packed as xx yy zz xy xz yz)``, k = 1, 4 or 10.
+        mass: Mass [kg].
+        com: Centre of mass (3,) [m], None while a direction is unobservable.
+        tensor: Inertia (3, 3) about the centre of mass [kg·m²], None while a part of it or the centre of mass is
+            unobservable.
+        covariance: Covariance (k, k) of the known part of ``(m, h, J packed as xx yy zz xy xz yz)``, k = 1, 4 or 10.
     """
 
     mass: float
@@ -200,7 +201,7 @@ class PayloadEstimate(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class PoseEstimate(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Pose of a neighbour's grasp frame in one's own.
+    """Pose of a neighbour's grasp frame in the robot's own.
 
     Attributes:
         rotation: ``R_ij`` (3, 3).
@@ -214,20 +215,20 @@ class PoseEstimate(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class LoadChangeNotice(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """An agent noticed that the load changed: noticed after ``noticed_at`` [s], changed at about ``changed_at`` [s]."""
+    """Notice of a load change: noticed after ``noticed_at`` [s], happened at about ``changed_at`` [s]."""
 
     noticed_at: float
     changed_at: float
 
 
 class SlipNotice(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """An agent noticed that a grasp has slipped.
+    """Notice of a slipped grasp.
 
     Attributes:
-        robot: Whose.
-        noticed_at: When something was found to have changed [s].
-        named_at: When it was told from a change of the load [s].
-        slipped_at: When it slipped, about [s].
+        robot: The robot whose grasp slipped.
+        noticed_at: When a change was noticed [s].
+        named_at: When it was distinguished from a change of the load [s].
+        slipped_at: Approximate time of the slip [s].
     """
 
     robot: str
@@ -237,14 +238,14 @@ class SlipNotice(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class SensorErrorEstimate(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What a robot has found out of one constant error of its sensors.
+    """A robot's estimate of one constant error of its sensors.
 
     Attributes:
-        key: As in ``sensors.tolerance``.
-        axis: Of the grasp frame; two letters for cross-talk, empty if the error has no axis.
-        value: In the unit of the key.
+        key: Name of the error, as in ``sensors.tolerance``.
+        axis: Axis of the grasp frame; two letters for cross-talk, empty if the error has no axis.
+        value: Estimate in the unit of the key.
         std: Its standard deviation.
-        told: The standard deviation that the robot was told.
+        told: The standard deviation in the tolerance.
     """
 
     key: str
@@ -255,32 +256,32 @@ class SensorErrorEstimate(msgspec.Struct, frozen=True, forbid_unknown_fields=Tru
 
 
 class Estimate(Message, frozen=True):
-    """What one agent believes after one block.
+    """An agent's estimate after one block.
 
     Attributes:
-        robot: Whose belief.
-        block: The last block that it had seen.
+        robot: The robot.
+        block: The last block that it had processed.
         time: End of that block [s].
         phase: ``poses`` while relative poses are being found, then ``inertia``.
-        converged: All numbers are known as well as the scenario asks.
+        converged: Whether all standard deviations are within the scenario's limits.
         members: Size of the team as learned by gossip, 0 while unknown.
         payload: Mass properties in ``F_i``, None while unknown.
         poses: Neighbours' grasp frames in ``F_i``.
         total_block: Block to which ``total_wrench`` belongs, -1 if none.
         total_wrench: Total wrench (6,) about the origin of ``F_i``, as sensors read it, at the end of ``total_block``:
             with ``efficient`` the mean over its newest row, with ``seed`` of its last sample.
-        not_observable: What the motion so far cannot tell, in words.
+        not_observable: Descriptions of parameters that the motion so far does not show.
         load_changes: Changes of the load noticed so far.
         slips: Slips of grasps noticed so far.
-        problems: Messages refused so far.
+        problems: Number of messages refused so far.
         status: ``starting`` until there is a first estimate of the payload. While it is ``valid``, the truth is within
             five of its own standard deviations. ``stale``: the agent cannot know whether it still holds; payload and
             poses are the last valid ones.
         reasons: Why it is not valid, or has not converged, in words, for instance "r3 is silent since 12.34 s".
         valid_block: Block to which payload and poses belong, the last valid one when stale; -1 if there is none.
-        silent: Neighbours that it does not hear.
-        estimator: By which method.
-        sensor_errors: What it has found out of its sensors, where it was told that they may be off.
+        silent: Neighbours whose messages are missing.
+        estimator: Name of the estimator.
+        sensor_errors: Estimates of the sensors' errors, for those with a tolerance.
     """
 
     code: ClassVar[int] = 20
@@ -312,17 +313,17 @@ class Estimate(Message, frozen=True):
 
     @property
     def is_converged(self) -> bool:
-        """Good enough, and valid."""
+        """Whether the estimate has converged and is valid."""
         return self.converged and self.status == "valid"
 
 
 class Problem(Message, frozen=True):
-    """A process refused something and went on, or the run ends: who, and why.
+    """Report that a process refused something, or why the run ends.
 
     Attributes:
-        source: Whose words these are.
-        text: What is wrong.
-        is_end: The run ends with it; whoever supervises the run learns that from the process itself.
+        source: The process that reports.
+        text: Description of the problem.
+        is_end: Whether the run ends with it; the supervisor learns that from the process itself.
     """
 
     code: ClassVar[int] = 21

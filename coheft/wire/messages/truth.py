@@ -24,10 +24,10 @@ class LoadState(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     Attributes:
         id: Its number.
-        mass: What there is of it [kg]; 0 when all has leaked away.
-        position: Of its centre in the payload's frame [m].
+        mass: Its present mass [kg]; 0 when all has leaked out.
+        position: Position of its centre in the payload's frame [m].
         size: Its edge lengths [m].
-        leak: What it loses [kg/s].
+        leak: Rate at which it loses mass [kg/s].
     """
 
     id: int
@@ -38,21 +38,21 @@ class LoadState(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Truth(Message, frozen=True):
-    """Server to observers, once per block; no agent can read it.
+    """Server to observers, once per block; agents cannot receive it.
 
     Attributes:
-        block: The block, all of whose samples were taken with this payload.
+        block: The block; the payload was constant during it.
         time: End of the block [s].
         payload: True mass properties.
-        loads: Loads that lie on the payload.
-        position: Of the payload's frame in the world at the block's last sample, (3,) [m].
+        loads: Loads on the payload.
+        position: Position of the payload's frame in the world at the block's last sample, (3,) [m].
         quaternion: Its orientation, scalar first, (4,).
-        total_wrench: Sum of the **measured** wrenches of the last sample, of all robots that hold it, carried with the
-            true poses to the payload's frame, (6,).
-        samples: What every robot measured last in the block, by robot in the order of the scene, (N, 15), each in its
-            own frame, columns as in ``MeasurementBlock``.
-        loads_since: Since when these loads, and no others, have lain there [s]: an observer may have missed blocks.
-            None in recordings of protocol version 5, which do not say.
+        total_wrench: Sum of the **measured** wrenches of the last sample, of all robots that hold the payload,
+            transformed with the true poses to the payload's frame, (6,).
+        samples: Every robot's last sample of the block, in the order of the scene, (N, 15), each in its own frame,
+            columns as in ``MeasurementBlock``.
+        loads_since: Time of the last change of the loads [s], because an observer may have missed blocks. None in
+            recordings of protocol version 5, which do not contain it.
         slipped: Grasps that have slipped so far, by robot; all others are as in the scene.
     """
 

@@ -1,1 +1,1 @@
-"""How any process of a run begins, reports problems and ends."""
+"""Start, problem reports and end of a process of a run."""

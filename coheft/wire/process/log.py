@@ -1,4 +1,4 @@
-"""The log of a process: a line for everything worth knowing, on stderr, which the supervisor writes into a file."""
+"""The log of a process: one line per event on stderr, which the supervisor writes to a file."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ import sys
 from typing import Literal
 
 LOG = logging.getLogger("coheft")
-"""Of a process of a run: warnings for what is wrong but survived, errors for what ends it."""
+"""Logger of a process of a run: warnings for problems that it survives, errors for those that end it."""
 LogLevel = Literal["debug", "info", "warning", "error"]
-"""The least important lines that are written."""
+"""The lowest level of lines that are written."""
 
 
 def log_to_stderr(level: LogLevel = "info") -> None:
-    """Write lines of this level or above to stderr, one for each record, as they are."""
+    """Write log records of this level or above to stderr, one line each, without prefix."""
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(logging.Formatter("%(message)s"))
     LOG.handlers[:] = [handler]

@@ -1,7 +1,7 @@
-"""Memory that is free goes back to the system, so that processes do not grow in the course of a long run.
+"""Return of free memory to the system, so that processes do not grow in a long run.
 
-The allocator of the C library on Linux keeps what is free between things that stay: a few bytes per block, without end.
-And it keeps a heap for every thread: what one of Zenoh's threads has freed, another one cannot use.
+The C library's allocator on Linux keeps free memory between allocated objects: a few bytes per block, without limit. It
+also keeps a separate heap for every thread, so that memory freed by one of Zenoh's threads cannot be used by another.
 """
 
 from __future__ import annotations
@@ -12,15 +12,15 @@ import time
 from collections.abc import Callable
 
 _EVERY = 20.0
-"""It takes some milliseconds each time [s]."""
+"""Time between two trims [s]; each takes some milliseconds."""
 _HEAPS = -8
-"""What ``mallopt`` calls the largest number of heaps."""
+"""``M_ARENA_MAX``, the parameter of ``mallopt`` for the largest number of heaps."""
 
 
 def give_back_memory() -> None:
-    """From now on let all threads share one heap, and give free memory back now and then, where the C library can.
+    """Let all threads share one heap, and return free memory to the system regularly, where the C library can.
 
-    To be called before there are threads.
+    To be called before threads are started.
     """
     trim = trimming()
     if trim is not None:
@@ -29,7 +29,7 @@ def give_back_memory() -> None:
 
 
 def trimming() -> Callable[[], object] | None:
-    """What gives free memory back at once; None where there is no such thing, or no need."""
+    """Return a function that returns free memory to the system at once; None if the platform has none."""
     try:
         malloc_trim = ctypes.CDLL(None).malloc_trim
     except (AttributeError, OSError, TypeError):

@@ -1,4 +1,4 @@
-"""What a process says of what goes wrong: to its log and to observers, and no more than somebody can read."""
+"""Rate-limited reports of a process's problems, to its log and to observers."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ RATE = 5.0
 
 
 class ProblemLog:
-    """Tells observers and the log what is wrong.
+    """Reports problems to observers and to the log.
 
-    Somebody who sends rubbish without end must not fill the disk: what is too much is counted, and the count is told
-    with the next line.
+    A sender of invalid messages must not fill the disk: problems beyond the rate are counted, and the next line reports
+    their number.
     """
 
     def __init__(self, source: str, sender: Sender) -> None:
@@ -27,25 +27,25 @@ class ProblemLog:
         self._sender = sender
         self._allowed = float(BURST)
         self._last = time.monotonic()
-        self._untold = 0
+        self._suppressed = 0
 
     def tell(self, text: str) -> None:
-        """Say it, or only count it."""
+        """Report a problem, or only count it."""
         self.count += 1
         now = time.monotonic()
         self._allowed = min(BURST, self._allowed + RATE * (now - self._last))
         self._last = now
         if self._allowed < 1.0:
-            self._untold += 1
+            self._suppressed += 1
             return
         self._allowed -= 1.0
-        if self._untold:
-            text += f" (and {self._untold} more problems before)"
-            self._untold = 0
-        text = one_line(text)  # it may quote what a stranger has sent
+        if self._suppressed:
+            text += f" (and {self._suppressed} more problems before)"
+            self._suppressed = 0
+        text = one_line(text)  # it may quote received text
         LOG.warning("%s", text)
         self._sender.send(Problem(source=self._source, text=text))
 
     def tell_end(self, text: str) -> None:
-        """Say to observers why the run ends: the log has it otherwise."""
+        """Report to observers why the run ends; the log contains it already."""
         self._sender.send(Problem(source=self._source, text=text, is_end=True))

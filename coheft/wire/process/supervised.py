@@ -1,4 +1,4 @@
-"""How a process of a run begins and ends: told what to do on stdin, and never outliving whoever told it."""
+"""Start and end of a process of a run: it reads its configuration from stdin, and ends when stdin is closed."""
 
 from __future__ import annotations
 
@@ -21,28 +21,29 @@ from coheft.wire.process.memory import give_back_memory
 
 C = TypeVar("C", bound=msgspec.Struct)
 BEAT = 0.2
-"""Time between two signs of life of a supervisor that gives them [s]."""
+"""Time between two heartbeats of a supervisor that sends them [s]."""
 _STOPPED = 1.5
-"""A supervisor of which nothing has come for so long is stopped [s]."""
+"""Time without a heartbeat after which the supervisor counts as stopped [s]."""
 _beats: list[float] = []
-"""When the last sign of life came, as ``time.monotonic()`` [s]; empty if none ever did."""
+"""Time of the last heartbeat, as ``time.monotonic()`` [s]; empty if there was none."""
 COMMENT_AFTER = 5.0
-"""Who has not been met after so long may never come [s]: it is said whom the process waits for."""
+"""Time after which a process logs what it is still waiting for [s]."""
 ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"), "1")
-"""Environment of such a process, whatever numpy was built with: products are small, and processes fill the cores."""
+"""Environment variables that limit numerical libraries to one thread: matrices are small, and processes use all
+cores."""
 UNUSABLE = 2
-"""Exit status of a process that cannot use what it was told, or an estimator or a motion of the user's own that it was
-told to use: to start it again would not help."""
+"""Exit status of a process that cannot use its configuration, or a user's estimator or motion named there: restarting
+it would not help."""
 KILLED_BY = 128
-"""A process that a signal ended has this plus the signal's number as its exit status, as shells have it."""
+"""A process that a signal ended has this plus the signal's number as its exit status, as in shells."""
 TERMINATED = KILLED_BY + signal.SIGTERM
-"""Exit status of a process that was told to end before it was done."""
+"""Exit status of a process that was terminated before it was done."""
 
 
 def supervised_main(kind: type[C], run: Callable[[C], None]) -> NoReturn:
-    """Read a configuration, one line of JSON, from stdin; run with it until done, or until stdin ends.
+    """Read a configuration, one line of JSON, from stdin; run with it until done, or until stdin is closed.
 
-    SIGINT is left to the supervisor, who gets it too. The exit status is 0, 1 after an error that was foreseen,
+    SIGINT is ignored, because the supervisor receives it, too. The exit status is 0, 1 after a ``CoheftError``,
     ``UNUSABLE``, or ``TERMINATED`` after SIGTERM.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -54,11 +55,11 @@ def supervised_main(kind: type[C], run: Callable[[C], None]) -> NoReturn:
         LOG.error("expected %s as one line of JSON on stdin: %s", kind.__name__, error)
         sys.exit(UNUSABLE)
     log_to_stderr(getattr(config, "log_level", "info"))
-    _run_in_batches()
+    _use_batch_scheduling()
     give_back_memory()
     gc.collect()
-    gc.freeze()  # what has been imported stays: to look through it again and again takes a tenth of a process's time
-    threading.Thread(target=_leave_with_stdin, daemon=True).start()
+    gc.freeze()  # imported modules stay: collecting them repeatedly takes a tenth of a process's time
+    threading.Thread(target=_exit_with_stdin, daemon=True).start()
     try:
         run(config)
     except CoheftError as error:
@@ -68,23 +69,23 @@ def supervised_main(kind: type[C], run: Callable[[C], None]) -> NoReturn:
 
 
 def is_supervisor_stopped() -> bool:
-    """Whether a supervisor that gave signs of life does so no more, though it is there."""
+    """Whether a supervisor that sent heartbeats has stopped doing so, although stdin is still open."""
     return bool(_beats) and time.monotonic() - _beats[0] > _STOPPED
 
 
-def _run_in_batches() -> None:
-    """Let this process, and all threads it starts from now on, finish what they are at before others of their kind.
+def _use_batch_scheduling() -> None:
+    """Let this process and its threads finish their work before others of the same scheduling class interrupt them.
 
-    Where there are more processes than cores, each would interrupt the others with every message, and find its caches
-    cold again. A process that finds a core idle starts at once all the same.
+    With more processes than cores, each message would otherwise interrupt another process, which then finds its caches
+    cold. An idle core is still used at once.
     """
     if sys.platform == "linux":
-        with suppress(OSError):  # some containers forbid it
+        with suppress(OSError):  # not permitted in some containers
             os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
 
 
-def _leave_with_stdin() -> None:
-    """Wait for the end of stdin, then leave at once: whoever wanted the run is gone."""
+def _exit_with_stdin() -> None:
+    """Wait for the end of stdin, then exit at once, because the supervisor is gone."""
     while os.read(sys.stdin.fileno(), 4096):
         _beats[:] = [time.monotonic()]
     with suppress(OSError):

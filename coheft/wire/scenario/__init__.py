@@ -1,1 +1,1 @@
-"""Scenarios: their keys, the checks on them, and the payloads and plug-ins that they name."""
+"""Scenarios: their keys and checks, payloads from files, and plugins."""

@@ -1,4 +1,4 @@
-"""Whether the arms of a scenario can hold the payload, and the loads that come onto it."""
+"""Checks that the arms of a scenario can hold the payload, and all loads that are added to it."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from coheft.wire.scenario.strength import Strength
 
 
 def check_arms(scenario: Scenario, origin: str) -> None:
-    """Check that the payload neither flies apart in the springs of the arms nor falls out of them.
+    """Check that the arms' springs neither throw the payload nor let it fall.
 
     Raises:
-        ScenarioError: It does.
+        ScenarioError: They do.
     """
     robots, payload = scenario.robots, scenario.payload.inertia()
     try:
@@ -30,13 +30,13 @@ def check_arms(scenario: Scenario, origin: str) -> None:
     except np.linalg.LinAlgError as error:
         raise ScenarioError(
             f"{origin}: key 'robots.stiffness': found {list(robots.stiffness)}, 'robots.damping' = "
-            f"{list(robots.damping)} and a payload of {payload.mass:g} kg: no one can tell how these move; expected "
-            f"numbers less large, or less small"
+            f"{list(robots.damping)} and a payload of {payload.mass:g} kg: their motion cannot be computed; expected "
+            f"smaller or larger numbers"
         ) from error
 
 
 def _check_weights(scenario: Scenario, payload: Inertia, strength: Strength, origin: str) -> None:
-    """Check the payload, then each load together with what is there when it comes."""
+    """Check the payload, then each load together with the loads present when it is added."""
     complaint = strength.complaint(payload)
     if complaint:
         raise ScenarioError(f"{origin}: key 'payload': found {payload.mass:g} kg, which is {complaint}")
@@ -58,6 +58,6 @@ def _check_weights(scenario: Scenario, payload: Inertia, strength: Strength, ori
 
 
 def _left(load: LoadChange, time: float) -> Inertia:
-    """What has not leaked from a load by then."""
+    """Return the part of a load that has not leaked out at a time."""
     mass = max(0.0, (load.mass or 0.0) - load.leak * (time - load.at))
     return Inertia.of_box(mass, load.size, Pose(np.eye(3), np.array(load.position)))

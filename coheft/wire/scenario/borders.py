@@ -1,13 +1,13 @@
-"""When something that may come at any time takes effect: at the border of a block, or at a sample."""
+"""Times at which events take effect: at the start of a block, or at a sample."""
 
 from __future__ import annotations
 
 import math
 
 _ROUNDING = 1e-9
-"""A border so long before a time is not before it [s]: borders and times are multiples of rounded numbers."""
+"""Tolerance for the rounding of times [s]."""
 
 
 def first_border(time: float, duration: float) -> int:
-    """Number of the first border that is not before a time [s], where border ``k`` is at ``k * duration`` [s]."""
+    """Return the index of the first border at or after a time [s], where border ``k`` is at ``k * duration`` [s]."""
     return math.ceil((time - _ROUNDING) / duration)

@@ -1,4 +1,4 @@
-"""A common path along which all robots carry the payload, as a scenario asks for it."""
+"""Settings of a common path along which all robots carry the payload."""
 
 from __future__ import annotations
 

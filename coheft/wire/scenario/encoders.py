@@ -1,4 +1,4 @@
-"""Errors of wrists that know from encoders where they are, and from their drives' springs what they push with."""
+"""Errors of wrists with encoders for their pose and drives with springs for their force."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is wrong with the keys and values of a scenario, in plain words."""
+"""Error messages about the keys and values of a scenario."""
 
 from __future__ import annotations
 
@@ -18,29 +18,29 @@ _GONE = {
     "efficient.start_translation_mm": "the estimator has no sums any more that begin with rough poses",
     "efficient.refit_share": "all is fitted anew whenever there are 15 % more measurements",
 }
-"""Keys of former releases, and why they are not needed any more."""
+"""Keys of earlier releases that are no longer needed, with the reasons."""
 _RENAMED = {
     "efficient.offsets": "a robot is told how far its sensors may be off, 'offsets = true' being the same as "
     "sensors.tolerance = { force_offset = 1.2, torque_offset = 0.06 }",
     "sensors.offset": "errors are drawn with standard deviations, a largest one of 2 N being about the same as "
     "sensors.errors = { force_offset = 1.2 }",
 }
-"""Keys of former releases, and what there is now."""
+"""Keys of earlier releases, with their replacements."""
 _SHOWN = 100
-"""Characters of a key or a value that an error shows."""
+"""Number of characters of a key or a value that an error shows."""
 
 
 def explain(error: msgspec.ValidationError, table: dict[str, object], section: type[msgspec.Struct] = Scenario) -> str:
-    """Name the key, what was found there and what was expected.
+    """Return a message with the key, the value that was found and what was expected.
 
     Args:
-        error: Of msgspec.
-        table: What was to be a section.
-        section: Which one.
+        error: The error of msgspec.
+        table: The table that was to become a section.
+        section: The type of the section.
     """
     message = str(error)
     match = re.search(r" - at `\$(.*)`$", message, re.DOTALL)
-    place = match.group(1).lstrip(".").replace("[...]", "") if match else ""  # msgspec's for any key of a table
+    place = match.group(1).lstrip(".").replace("[...]", "") if match else ""  # [...] is any key of a table
     text = message[: match.start()] if match else message
     unknown = re.search(r"unknown field `(.*)`", text, re.DOTALL)
     if unknown is not None:
@@ -62,13 +62,13 @@ def explain(error: msgspec.ValidationError, table: dict[str, object], section: t
 
 
 def did_you_mean(found: str, available: list[str]) -> str:
-    """A hint, with a space before it, or nothing."""
+    """Return a hint with a leading space, or an empty text."""
     close = difflib.get_close_matches(found, available, n=1)
     return f" Did you mean '{close[0]}'?" if close else ""
 
 
 def _expected(text: str, place: str, kind: types.Type | None) -> str:
-    """What may stand at a place of a kind, about which msgspec says ``text``."""
+    """Describe the values allowed for a kind about which msgspec complains with ``text``."""
     key = re.sub(r"\[[^]]*\]$", "", place)
     if place.startswith("robots.sites["):
         return "expected names of sites of the model, as text; places go under 'robots.grasps'"
@@ -98,7 +98,7 @@ def _expected(text: str, place: str, kind: types.Type | None) -> str:
 
 
 def _type_at(section: type[msgspec.Struct], place: str) -> types.Type | None:
-    """What the section has at a place; None if there is no such key."""
+    """Return the type of a key of a section; None if there is no such key."""
     kind: types.Type = types.type_info(section)
     for part in re.findall(r"[^.\[\]]+", place):
         match _parted(_without_null(kind)):
@@ -115,14 +115,14 @@ def _type_at(section: type[msgspec.Struct], place: str) -> types.Type | None:
 
 
 def _parted(kind: types.Type | None) -> types.Type | None:
-    """Of several types the one that has parts."""
+    """Return the type that has fields, among several types."""
     if not isinstance(kind, types.UnionType):
         return kind
     return next((each for each in kind.types if isinstance(each, types.StructType)), kind)
 
 
 def _without_null(kind: types.Type) -> types.Type:
-    """What is meant by a type that may also be missing."""
+    """Return the type without None."""
     if not isinstance(kind, types.UnionType):
         return kind
     others = tuple(each for each in kind.types if not isinstance(each, types.NoneType))
@@ -130,10 +130,10 @@ def _without_null(kind: types.Type) -> types.Type:
 
 
 def _shown(value: object) -> str:
-    """The value for an error."""
+    """Format a value for an error."""
     try:
         text = as_toml(value)
-    except ValueError:  # Python writes no decimal numbers of more than 4300 digits
+    except ValueError:  # Python does not print integers of more than 4300 digits
         return "a number of thousands of digits"
     return _short(text)
 

@@ -1,4 +1,4 @@
-"""Settings of the estimators that come with coheft, and when an estimate is good enough."""
+"""Settings of the estimators that come with coheft, and of convergence."""
 
 from __future__ import annotations
 

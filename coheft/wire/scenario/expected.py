@@ -1,4 +1,4 @@
-"""What was expected in place of what was found, in plain words: msgspec and cyclopts name types and signs."""
+"""Descriptions of expected values: replaces the names of types and signs of msgspec and cyclopts."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ KINDS = {
     "array": "a list",
     "object": "a section",
 }
-"""By the names that Python has for them, or msgspec."""
+"""Descriptions of types, by their names in Python or msgspec."""
 _SIGNS = {">": "greater than", ">=": "of at least", "<": "less than", "<=": "of at most"}
 
 
 def expected_number(kind: str, sign: str, limit: str) -> str:
-    """For instance: expected a whole number of at least 2.
+    """Return a description, for instance: expected a whole number of at least 2.
 
     Args:
         kind: ``int`` or ``float``.
-        sign: Of the comparison with the limit.
-        limit: As text.
+        sign: Sign of the comparison with the limit.
+        limit: The limit as text.
     """
     return f"expected {KINDS[kind]} {_SIGNS[sign]} {limit.removesuffix('.0')}"
 
 
 def expected_by_msgspec(text: str) -> str:
-    """A complaint of msgspec, without the place; one that is not about a type or a range stays as it is."""
+    """Rephrase a message of msgspec, without the place; messages not about a type or a range are returned unchanged."""
     match = re.match(r"Expected `(\w+)(?: \| \w+)*`(?: (>=|<=|>|<) (\S+))?", text)
     if match is None:
         return f"{text[0].lower()}{text[1:]}"

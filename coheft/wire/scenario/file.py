@@ -26,19 +26,19 @@ from coheft.wire.scenario.schema import Scenario
 from coheft.wire.scenario.set_values import set_values
 
 CONFIG_FOLDER = (Path(__file__).parents[2] / "configs").resolve()
-"""Where the shipped scenarios are."""
+"""Folder of the shipped scenarios."""
 
 
 def available_scenarios() -> dict[str, Path]:
-    """The shipped scenarios by name."""
+    """Return the files of the shipped scenarios, by name."""
     return {path.stem: path for path in sorted(CONFIG_FOLDER.glob("*.toml"))}
 
 
 def scenario_path(source: str | Path) -> Path:
-    """Where a scenario is read from: a TOML file, or a shipped one by its name.
+    """Return the path of a scenario: a TOML file, or a shipped one by its name.
 
     Raises:
-        ScenarioError: There is no such name.
+        ScenarioError: There is no shipped scenario of that name.
     """
     path = Path(source)
     if path.suffix == ".toml":
@@ -61,10 +61,10 @@ def load_scenario(source: str | Path, values: Sequence[str] = ()) -> Scenario:
 
 
 def read_text(path: Path) -> str:
-    """What a scenario's file holds.
+    """Return the text of a scenario's file.
 
     Raises:
-        ScenarioError: It cannot be read, or is no text.
+        ScenarioError: It cannot be read, or is not text.
     """
     try:
         data = path.read_bytes()
@@ -81,13 +81,13 @@ def read_text(path: Path) -> str:
 
 
 def parse_scenario(text: str, origin: str, folder: Path = Path(), values: Sequence[str] = ()) -> Scenario:
-    """Scenario from TOML text.
+    """Make a scenario from TOML text.
 
     Args:
-        text: What the file holds.
-        origin: Names it in errors.
-        folder: What the paths in it are relative to.
-        values: To be put into it, see ``set_values``.
+        text: Content of the file.
+        origin: Name of the scenario in errors.
+        folder: Folder of relative paths.
+        values: Values to set, see ``set_values``.
 
     Raises:
         ScenarioError: It is not TOML, or not a scenario, or a file that it names cannot be used.
@@ -98,26 +98,26 @@ def parse_scenario(text: str, origin: str, folder: Path = Path(), values: Sequen
 
 
 def parse_table(text: str, origin: str) -> dict[str, Any]:
-    """Nested dictionaries and lists from TOML text, sections by their present names.
+    """Return nested dictionaries and lists from TOML text, with present names of sections.
 
     Raises:
         ScenarioError: It is not TOML.
     """
     try:
         table = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # also for a number of too many digits, and for deep nesting
+    except (ValueError, RecursionError) as error:  # also raised for too many digits, and for deep nesting
         raise ScenarioError(f"{origin}: not valid TOML: {error}") from error
     rename_sections(table, origin)
     return table
 
 
 def scenario_of(table: dict[str, Any], origin: str, folder: Path = Path()) -> Scenario:
-    """Scenario from nested dictionaries and lists, checked, with the files read that it names.
+    """Make a scenario from nested dictionaries and lists, with all checks, and read the files that it names.
 
     Args:
-        table: As ``parse_table`` returns it.
-        origin: Names it in errors.
-        folder: What the paths in it are relative to.
+        table: The table, as returned by ``parse_table``.
+        origin: Name of the scenario in errors.
+        folder: Folder of relative paths.
 
     Raises:
         ScenarioError: It is not a scenario, or a file that it names cannot be used.
@@ -133,12 +133,12 @@ def scenario_of(table: dict[str, Any], origin: str, folder: Path = Path()) -> Sc
 
 
 def complete_scenario(scenario: Scenario, origin: str, folder: Path) -> Scenario:
-    """Check a scenario as it was written, and read the files that it names.
+    """Check a scenario, and read the files that it names.
 
     Args:
-        scenario: The types of its keys are right.
-        origin: Names it in errors.
-        folder: What the paths in it are relative to.
+        scenario: The scenario, with the right types.
+        origin: Name of the scenario in errors.
+        folder: Folder of relative paths.
 
     Raises:
         ScenarioError: It cannot be used, or a file that it names cannot.

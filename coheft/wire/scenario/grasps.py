@@ -1,4 +1,4 @@
-"""Where the robots of a scenario hold the payload."""
+"""The robots' grasps in a scenario."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ from coheft.wire.scenario.schema import Perimeter, Scenario
 
 
 def place_grasps(scenario: Scenario) -> tuple[Pose, ...]:
-    """True pose of each robot's grasp frame ``F_i`` in the payload's frame, in the order of the robots' names."""
+    """Return the true pose of each robot's grasp frame ``F_i`` in the payload's frame, in the order of robots'
+    names.
+    """
     perimeter = scenario.robots.perimeter
     if perimeter is None:
         return tuple(grasp.pose() for grasp in scenario.robots.grasps)
@@ -17,7 +19,7 @@ def place_grasps(scenario: Scenario) -> tuple[Pose, ...]:
 
 
 def _around(perimeter: Perimeter) -> tuple[Pose, ...]:
-    """Grasps at equal distances along the rim, counter-clockwise; orientations uniform over all rotations."""
+    """Return grasps at equal distances along the rim, counter-clockwise, with uniformly distributed orientations."""
     rng = np.random.default_rng(perimeter.seed)
     distances = (np.arange(perimeter.count) + 0.5) / perimeter.count * 2.0 * sum(perimeter.extent)
     grasps = []
@@ -31,7 +33,9 @@ def _around(perimeter: Perimeter) -> tuple[Pose, ...]:
 
 
 def _rim_point(extent: tuple[float, float], distance: float) -> Array:
-    """Point (2,) of a centred rectangle's rim at a distance from the corner ``(-, -)``, counter-clockwise."""
+    """Return the point (2,) of a centred rectangle's rim at a distance from the corner ``(-, -)``,
+    counter-clockwise.
+    """
     width, depth = extent
     corners = np.array([[-width, -depth], [width, -depth], [width, depth], [-width, depth], [-width, -depth]]) / 2.0
     along = np.cumsum([0.0, width, depth, width, depth])

@@ -1,4 +1,4 @@
-"""The JSON schema of scenarios, by which editors complete, explain and check them."""
+"""The JSON schema of scenarios, with which editors complete, explain and check them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 
 def scenario_schema() -> dict[str, Any]:
-    """The schema: keys, kinds of values and their ranges. What must hold between keys is for coheft itself to check."""
+    """Return the schema: keys, kinds of values and their ranges. Conditions between keys are checked by coheft only."""
     schema = msgspec.json.schema(Scenario)
     for section in set(_sections(types.type_info(Scenario))):
         found = schema["$defs"][section.__name__]
@@ -23,7 +23,7 @@ def scenario_schema() -> dict[str, Any]:
         for key, meaning in meanings(section).items():
             found["properties"][key]["description"] = meaning.replace("``", "`")
         for value in found["properties"].values():
-            if "pattern" in value:  # schemas have the expressions of JavaScript
+            if "pattern" in value:  # JSON schemas use regular expressions of JavaScript
                 value["pattern"] = value["pattern"].replace(r"\Z", "$")
     return {"$schema": _DIALECT, "title": "A scenario of coheft", **schema}
 

@@ -1,4 +1,4 @@
-"""Whether the motions of a scenario are such that arms can follow them.
+"""Checks that arms can follow the motions of a scenario.
 
 Millimetres and degrees, where metres and radians are expected, are a common mistake: the server refuses what such
 motions ask for, or the robots turn the payload over.
@@ -23,14 +23,14 @@ _CUBIC, _CUBIC_RATE = cubic_step(_STEPS)
 
 
 def check_motion(scenario: Scenario, origin: str) -> None:
-    """Check that no robot can come to ask for what the server refuses; motions of the user's own are not known here.
+    """Check that no motion exceeds what the server accepts; users' motions are unknown here.
 
-    Of a common path, what the first robot is asked for is checked.
+    For a common path, the first robot's motion is checked.
 
     Raises:
-        ScenarioError: One can.
+        ScenarioError: A motion does.
     """
-    with np.errstate(all="ignore"):  # numbers may be as large as there are
+    with np.errstate(all="ignore"):  # numbers may be arbitrarily large
         _check_alone(scenario, Reach(scenario.robots), origin)
         _check_carry(scenario, Reach(scenario.robots), origin)
 
@@ -40,7 +40,7 @@ def _check_alone(scenario: Scenario, reach: Reach, origin: str) -> None:
     turns, shifts = max(motion.axes[:3]), max(motion.axes[3:])
     if motion.via_points is not None:
         via = motion.via_points
-        # Times are scaled so that all robots are done at the same time.
+        # Times are scaled so that all robots finish at the same time.
         scale = (sum(via.transit) + sum(via.dwell)) / (2.0 * (via.transit[1] + via.dwell[1]))
         shortest = min(scale * via.transit[0], via.hold_transit)
         gain = shifts * _gain_between_points(reach.position_delay, shortest)
@@ -66,24 +66,24 @@ def _check_carry(scenario: Scenario, reach: Reach, origin: str) -> None:
 
 
 def _gain_of_wave(delay: float, frequency: float, ramp: float) -> float:
-    """Largest displacement and delayed rate together of sinusoids with a smooth start, in units of their amplitude."""
+    """Return the largest sum of displacement and delayed rate of sinusoids with a smooth start, per amplitude."""
     wave = float(np.hypot(1.0, 2.0 * np.pi * frequency * delay))
     return max(wave, float(np.max(_CUBIC * wave + delay * _CUBIC_RATE / ramp))) if ramp > 0.0 else wave
 
 
 def _gain_of_path(delay: float, period: float, ramp: float) -> float:
-    """The same for a common path."""
+    """Return the largest sum of displacement and delayed rate of a common path."""
     wave = float(np.hypot(1.0, 2.0 * np.pi / period * delay))
     return max(wave, float(np.max(_LEAST_JERK * wave + delay * _LEAST_JERK_RATE / ramp)))
 
 
 def _gain_between_points(delay: float, shortest: float) -> float:
-    """The same for a way from one end of the range to the other, in that time [s]."""
+    """Return the largest sum of displacement and delayed rate of a move across the range in a given time [s]."""
     return float(np.max(np.abs(2.0 * _LEAST_JERK - 1.0) + 2.0 * delay * _LEAST_JERK_RATE / shortest))
 
 
 def _check(origin: str, key: str, found: float, gain: float, limit: float, unit: str, meant: str) -> None:
-    """Check that an amplitude, times what comes to it, is within a limit."""
+    """Check that an amplitude times a factor is within a limit."""
     if found == 0.0 or found * gain <= limit:
         return
     raise ScenarioError(

@@ -1,4 +1,4 @@
-"""Settings that contradict each other, though a run is possible: what somebody may not have meant."""
+"""Notes about valid settings that contradict each other, and may not be intended."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ _MOST_NAMED = 3
 
 
 def notes(scenario: Scenario) -> list[str]:
-    """Sentences for people, each about settings of a valid scenario that contradict each other; usually none."""
+    """Return one sentence for each contradiction between settings of a valid scenario; usually none."""
     return [*_untold_errors(scenario), *_exact_method(scenario), *_never(scenario)]
 
 
 def _untold_errors(scenario: Scenario) -> list[str]:
-    """Errors of sensors of which robots are not told."""
+    """Note sensor errors that the robots do not know."""
     sensors = scenario.sensors
     if not isinstance(sensors.errors, SensorTolerance):
         return []
@@ -38,7 +38,7 @@ def _untold_errors(scenario: Scenario) -> list[str]:
 
 
 def _exact_method(scenario: Scenario) -> list[str]:
-    """A method for exact sensors, on sensors that are not."""
+    """Note an estimator for exact sensors that is used with inexact ones."""
     if scenario.estimator != "fan2017":
         return []
     kinds = [
@@ -55,7 +55,7 @@ def _exact_method(scenario: Scenario) -> list[str]:
 
 
 def _never(scenario: Scenario) -> list[str]:
-    """Changes of the load after the end."""
+    """Note changes of the load after the end."""
     late = [change.at for change in scenario.load_changes if change.at >= scenario.duration]
     if not late:
         return []

@@ -1,4 +1,4 @@
-"""What is held, as a scenario says it."""
+"""The payload in a scenario."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ class Box(Section, frozen=True):
     rotation_deg: Vector = (0.0, 0.0, 0.0)
 
     def pose(self) -> Pose:
-        """Pose of the box in the payload's frame."""
+        """Return the pose of the box in the payload's frame."""
         return pose_of(self.position, self.rotation_deg)
 
     def inertia(self) -> Inertia:
-        """Its mass properties in the payload's frame."""
+        """Return the mass properties of the box in the payload's frame."""
         return Inertia.of_box(self.mass, self.size, self.pose())
 
 
@@ -54,7 +54,7 @@ class MassProperties(Section, frozen=True):
 
     @classmethod
     def of(cls, inertia: Inertia) -> Self:
-        """The ones of a body whose tensor and centre of mass are known in the payload's frame."""
+        """Make the properties of a body whose inertia is known in the payload's frame."""
         principal, axes = np.linalg.eigh(inertia.tensor)
         axes *= np.sign(np.linalg.det(axes))  # a rotation, not a reflection
         return cls(
@@ -65,7 +65,7 @@ class MassProperties(Section, frozen=True):
         )
 
     def inertia(self) -> Inertia:
-        """The same in the payload's frame."""
+        """Return the inertia in the payload's frame."""
         at_com = Inertia(self.mass, np.zeros(3), np.diag(np.array(self.principal, dtype=np.float64)))
         return at_com.carried(pose_of(self.com, self.axes_deg))
 
@@ -104,11 +104,11 @@ class Payload(Section, frozen=True):
     surface: str = ""
 
     def inertia(self) -> Inertia:
-        """Mass properties in the payload's frame, without loads."""
+        """Return the mass properties in the payload's frame, without loads."""
         return self.properties.inertia() if self.properties else combined(box.inertia() for box in self.boxes)
 
 
 def vector_of(values: Array) -> Vector:
-    """Three numbers (3,) as a scenario holds them."""
+    """Convert three numbers (3,) to the type of a scenario's vectors."""
     x, y, z = values.tolist()
     return x, y, z

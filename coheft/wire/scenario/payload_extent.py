@@ -1,7 +1,7 @@
-"""How large a payload is, and whether hands that are to hold it, and loads on it, can be meant to be where they are.
+"""Size of a payload, and checks that grasps and loads are at plausible places.
 
-Lengths in millimetres, where metres are expected, are a common mistake in files: a run with them goes on for long
-before it fails in some other way.
+Lengths in millimetres instead of metres are a common mistake in files, and a run with such lengths may fail late and in
+other ways.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from coheft.wire.scenario.schema import Scenario
 from coheft.wire.scenario.section import pose_of
 
 LARGEST = 20.0
-"""Length of the largest payload [m]."""
+"""Largest length of a payload [m]."""
 _SMALLEST = 0.005
-"""Length of the smallest payload from a file [m]."""
+"""Smallest length of a payload from a file [m]."""
 ARM_ROOM = 0.3
-"""Grasps and loads may be so far outside of however small a payload [m]: frames of wrists lie behind the hand."""
+"""Distance from any payload at which grasps and loads are allowed [m]: wrist frames are behind the hand."""
 _UNSEEN = 10.0
-"""Mass properties tell less than a shape does: light parts may reach so many times as far."""
+"""Factor for the extent of a payload that is given by mass properties only: light parts may extend further."""
 
 
 @dataclass(frozen=True)
@@ -35,8 +35,8 @@ class Extent:
 
     Attributes:
         lower: Its smallest coordinates, shape (3,) [m].
-        upper: Its largest ones.
-        margin: So far outside of it a grasp or a load may be [m].
+        upper: Its largest coordinates, shape (3,) [m].
+        margin: Distance outside of it at which a grasp or a load is allowed [m].
     """
 
     lower: Array
@@ -45,15 +45,15 @@ class Extent:
 
     @classmethod
     def around(cls, points: Array) -> Self:
-        """The smallest one around points, shape (n, 3), in the payload's frame [m]."""
+        """Return the smallest box around points, shape (n, 3), in the payload's frame [m]."""
         lower, upper = points.min(axis=0), points.max(axis=0)
         return cls(lower, upper, max(ARM_ROOM, float(np.max(upper - lower))))
 
     @classmethod
     def like(cls, properties: MassProperties) -> Self:
-        """The one around the homogeneous box that has these mass properties."""
+        """Return the box around the homogeneous box with given mass properties."""
         moments = np.array(properties.principal, dtype=np.float64)
-        # Of a box J_x = m (y² + z²) / 12, and so on.
+        # For a box, J_x = m (y² + z²) / 12, and so on.
         edges = np.sqrt(np.maximum(6.0 / properties.mass * (moments.sum() - 2.0 * moments), 0.0))
         box = cls.around(corners(pose_of(properties.com, properties.axes_deg), edges))
         return cls(box.lower, box.upper, _UNSEEN * box.margin)
@@ -64,17 +64,17 @@ class Extent:
         return float(np.max(self.upper - self.lower))
 
     def distance(self, point: Iterable[float]) -> float:
-        """How far outside of it a point is [m]; 0 inside."""
+        """Return the distance of a point from the box [m]; 0 inside."""
         position = np.array(tuple(point), dtype=np.float64)
         return float(np.linalg.norm(np.maximum(0.0, np.maximum(self.lower - position, position - self.upper))))
 
     def check_size(self, place: str, what: str, advice: str) -> None:
-        """Check that somebody can carry it.
+        """Check that the payload is small enough to be carried.
 
         Args:
-            place: Where the scenario says what it is.
-            what: Names it.
-            advice: What may be wrong.
+            place: Key of the scenario.
+            what: Name in errors.
+            advice: Possible cause.
 
         Raises:
             ScenarioError: It is too large.
@@ -83,10 +83,10 @@ class Extent:
             raise ScenarioError(f"{place}: {what} is {self.length:g} m long, expected at most {LARGEST:g} m: {advice}")
 
     def check_file_size(self, place: str, what: str, advice_if_large: str, advice_if_small: str) -> None:
-        """Check that a payload from a file has the size of something that robots hold together.
+        """Check that a payload from a file has a plausible size.
 
         Raises:
-            ScenarioError: It is too large or too small, so the file's unit will be another one.
+            ScenarioError: It is too large or too small, so the file probably has another unit.
         """
         self.check_size(place, what, advice_if_large)
         if self.length < _SMALLEST:
@@ -98,9 +98,9 @@ class Extent:
         """Check that a grasp or a load is not too far outside.
 
         Args:
-            place: Where the scenario says it.
-            what: Names it.
-            position: In the payload's frame [m].
+            place: Key of the scenario.
+            what: Name in errors.
+            position: Position in the payload's frame [m].
 
         Raises:
             ScenarioError: It is.
@@ -110,7 +110,9 @@ class Extent:
             raise ScenarioError(f"{place}: {what} {complaint}")
 
     def complaint(self, position: Iterable[float]) -> str:
-        """What is wrong with a position of a grasp or a load [m], to go on with after its name; empty if nothing is."""
+        """Describe what is wrong with the position of a grasp or a load [m], as the end of a sentence; empty if it is
+        valid.
+        """
         with np.errstate(over="ignore"):
             distance = self.distance(position)
         if distance <= self.margin:
@@ -121,7 +123,9 @@ class Extent:
         )
 
     def size_complaint(self, size: Iterable[float]) -> str:
-        """What is wrong with the edge lengths of a load [m], likewise: it may fill all places where it may be."""
+        """Describe what is wrong with the edge lengths of a load [m], as the end of a sentence; empty if they are
+        valid.
+        """
         longest, limit = max(size), self.length + 2.0 * self.margin
         if longest <= limit:
             return ""
@@ -132,17 +136,17 @@ class Extent:
 
 
 def corners(pose: Pose, edges: Iterable[float]) -> Array:
-    """Corners of a box, shape (8, 3), from the pose of its centre and its edge lengths [m]."""
+    """Return the corners of a box, shape (8, 3), from the pose of its centre and its edge lengths [m]."""
     halves = np.array(list(product((-0.5, 0.5), repeat=3))) * np.array(tuple(edges), dtype=np.float64)
     moved: Array = halves @ pose.rotation.T + pose.translation
     return moved
 
 
 def check_places(scenario: Scenario, origin: str) -> None:
-    """Check the size of a payload of boxes or mere mass properties, and where it is held.
+    """Check the size and the grasps of a payload that is given by boxes or mass properties.
 
     Raises:
-        ScenarioError: Something is so far off that it cannot be meant.
+        ScenarioError: A length or position is implausible.
     """
     payload = scenario.payload
     with np.errstate(all="ignore"):
@@ -158,7 +162,7 @@ def check_places(scenario: Scenario, origin: str) -> None:
 
 
 def check_load_places(scenario: Scenario, origin: str) -> None:
-    """Check where the load changes of a scenario put loads, and how large these are.
+    """Check position and size of the loads of a scenario's load changes.
 
     Raises:
         ScenarioError: One is too far outside of the payload, or too large for it.
@@ -174,7 +178,7 @@ def check_load_places(scenario: Scenario, origin: str) -> None:
 
 
 def _extent_of(payload: Payload) -> Extent | None:
-    """Of boxes or mere mass properties; None while it is to be read from a file."""
+    """Return the extent of boxes or mass properties; None for a payload from a file."""
     if payload.properties is not None:
         return Extent.like(payload.properties)
     if payload.boxes:
@@ -193,7 +197,7 @@ def check_holds(scenario: Scenario, extent: Extent, origin: str) -> None:
 
 
 def _holds(scenario: Scenario) -> Iterator[tuple[str, str, Iterable[float]]]:
-    """Key, name and position of each grasp, or of the middles of the sides of a rim."""
+    """Yield key, name and position of each grasp, or of the midpoints of the sides of a rim."""
     for number, grasp in enumerate(scenario.robots.grasps):
         yield f"robots.grasps[{number}].position", f"found {list(grasp.position)}, which", grasp.position
     perimeter = scenario.robots.perimeter

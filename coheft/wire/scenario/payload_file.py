@@ -1,4 +1,4 @@
-"""Payloads from files of the user's own: a body of a model, or a mesh, becomes numbers when a scenario is read.
+"""Payloads from users' files: reads a body of a model, or a mesh, when a scenario is loaded.
 
 What comes after, on whatever host, knows mass properties, grasps and some triangles to draw, and opens no file.
 Libraries for files are imported only if a scenario names one, and never by an agent.
@@ -21,15 +21,15 @@ from coheft.wire.scenario.schema import Scenario
 
 
 def read_files(scenario: Scenario, origin: str, folder: Path) -> Scenario:
-    """The scenario with mass properties and grasps in place of the files and sites that it names.
+    """Return the scenario with mass properties and grasps in place of the files and sites that it names.
 
     Args:
-        scenario: As written, see ``checks.check_choices``.
-        origin: Names the scenario's source in errors.
-        folder: What paths are relative to.
+        scenario: The scenario as written, see ``checks.check_choices``.
+        origin: Name of the scenario's source in errors.
+        folder: Folder of relative paths.
 
     Raises:
-        ScenarioError: A file cannot be read, or what it holds cannot be carried.
+        ScenarioError: A file cannot be read, or its payload cannot be carried.
     """
     payload, robots = scenario.payload, scenario.robots
     if payload.mjcf is not None:
@@ -71,7 +71,7 @@ def read_files(scenario: Scenario, origin: str, folder: Path) -> Scenario:
 
 
 def _existing(folder: Path, name: str, place: str) -> Path:
-    """Path of a file that can be opened."""
+    """Return the path of a file, which has to be readable."""
     path = folder / name
     try:
         path.open("rb").close()

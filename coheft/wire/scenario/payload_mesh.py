@@ -1,4 +1,4 @@
-"""The closed surface of a payload, from a file as other programs write it, and what is inside of it.
+"""The closed surface of a payload from a file, and the mass properties of its inside.
 
 A surface is a soup of triangles: files repeat a vertex for every triangle, with rounding. It may have several shells,
 which may touch. A point belongs to the payload if the surface winds around it once. Where it winds around it twice,
@@ -26,21 +26,21 @@ IntArray = npt.NDArray[np.integer]
 _SAME_VERTEX = 1e-6
 """Vertices are the same if they are closer than this share of the largest coordinate; files hold seven digits."""
 _BESIDE = 1e-4
-"""How far inside of a triangle a shell is looked at, as a share of the shell's size."""
+"""Depth of test points behind a triangle, as a share of the shell's size."""
 _LOOKED_AT = 16
-"""Triangles of a shell behind which it is looked at, the largest ones."""
+"""Number of the largest triangles of a shell that get test points."""
 _DARTS = 128
-"""Points that are drawn where two shells may overlap."""
+"""Number of random points where two shells may overlap."""
 _MOST_PAIRS = 2000
 _MOST_ANGLES = 1_000_000
-"""Solid angles that are computed at a time."""
+"""Number of solid angles that are computed at a time."""
 
 
 def read_triangles(path: Path) -> Array:
-    """Corners of a file's triangles, shape (n, 3, 3), in its own unit: STL, OBJ, PLY, or MuJoCo's MSH.
+    """Return the corners of a file's triangles, shape (n, 3, 3), in its own unit: STL, OBJ, PLY, or MuJoCo's MSH.
 
     Raises:
-        ValueError: It cannot be read as what its name says.
+        ValueError: It cannot be read as the format that its suffix names.
     """
     if path.suffix.lower() == ".msh":
         return _read_msh(path)
@@ -48,7 +48,7 @@ def read_triangles(path: Path) -> Array:
 
     try:
         surface = trimesh.load_mesh(path, process=False, skip_materials=True)
-    except Exception as error:  # its readers let whatever happens in them out
+    except Exception as error:  # the readers may raise anything
         raise ValueError(f"it cannot be read as {path.suffix or 'a mesh'}: {error or type(error).__name__}") from error
     triangles = np.array(getattr(surface, "triangles", ()), dtype=np.float64)
     if triangles.size == 0:
@@ -71,16 +71,16 @@ def _read_msh(path: Path) -> Array:
 
 
 def filled(triangles: Array, mass: float | None, density: float | None, place: str) -> Inertia:
-    """Mass properties of what a surface encloses, homogeneous, in its own frame.
+    """Return the mass properties of the homogeneous inside of a surface, in its own frame.
 
     Args:
         triangles: Corners (n, 3, 3) [m], counterclockwise as seen from outside.
         mass: Its mass [kg], or None if its density is given.
         density: Its density [kg/m³].
-        place: Where the scenario names it.
+        place: Key of the scenario, for errors.
 
     Raises:
-        ScenarioError: Nothing is inside, or it is not clear what.
+        ScenarioError: The surface encloses nothing, or is ambiguous.
     """
     import trimesh
 
@@ -88,7 +88,7 @@ def filled(triangles: Array, mass: float | None, density: float | None, place: s
     _check_closed(faces, place)
     _check_shells(triangles, _shells(faces), place)
     with np.errstate(all="ignore"):
-        middle = points.mean(axis=0)  # far from the frame's origin, digits would be lost
+        middle = points.mean(axis=0)  # avoids a loss of digits far from the frame's origin
         solid = trimesh.triangles.mass_properties(triangles - middle)
         volume = np.float64(solid["volume"])
         amount = mass if mass is not None else float(cast("float", density) * volume)
@@ -100,7 +100,7 @@ def filled(triangles: Array, mass: float | None, density: float | None, place: s
 
 
 def _faces(triangles: Array) -> tuple[IntArray, Array]:
-    """Numbers of the vertices of all triangles (n, 3), and places of vertices (m, 3)."""
+    """Return the indices of the vertices of all triangles (n, 3), and the positions of vertices (m, 3)."""
     points, same = np.unique(triangles.reshape(-1, 3), axis=0, return_inverse=True)
     pairs = cKDTree(points).query_pairs(_SAME_VERTEX * float(np.abs(points).max()), output_type="ndarray")
     links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(points),) * 2)
@@ -109,7 +109,7 @@ def _faces(triangles: Array) -> tuple[IntArray, Array]:
 
 
 def _edges(faces: IntArray) -> tuple[IntArray, IntArray, IntArray]:
-    """Numbers of the edges of all triangles; whether each goes forth (1), back (-1) or nowhere (0); its triangle."""
+    """Return the numbers of all triangles' edges, their directions (1, -1, or 0 for no length), and their triangles."""
     ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2)
     lower, upper = ends.min(axis=1), ends.max(axis=1)
     _, number = np.unique(lower * (faces.max() + 1) + upper, return_inverse=True)
@@ -138,7 +138,7 @@ def _check_closed(faces: IntArray, place: str) -> None:
 
 
 def _shells(faces: IntArray) -> IntArray:
-    """Number of every triangle's shell (n,): triangles are of one shell if an edge is theirs alone."""
+    """Return the number of every triangle's shell (n,): triangles belong together if an edge is only theirs."""
     number, way, triangle = _edges(faces)
     number, triangle = number[way != 0], triangle[way != 0]
     order = np.argsort(number, kind="stable")
@@ -171,7 +171,7 @@ def _check_shells(triangles: Array, shell_of: IntArray, place: str) -> None:
 
 
 def _points_inside(shell: Array) -> Array:
-    """Points just behind the largest triangles of a shell that winds backwards, shape (k, 3)."""
+    """Return points just behind the largest triangles of a shell that winds backwards, shape (k, 3)."""
     normals = np.cross(shell[:, 1] - shell[:, 0], shell[:, 2] - shell[:, 0])
     lengths = np.linalg.norm(normals, axis=1)
     largest = np.argsort(lengths)[-_LOOKED_AT:]
@@ -182,7 +182,7 @@ def _points_inside(shell: Array) -> Array:
 
 
 def _overlap(solid: list[Array], triangles: Array) -> tuple[float, str | None]:
-    """Volume that is in two shells at least, and where, in words; None if there is none."""
+    """Return the volume that is in at least two shells, and a description of its place; None if there is none."""
     if len(solid) < 2:
         return 0.0, None
     lower = np.array([shell.min(axis=(0, 1)) for shell in solid])
@@ -210,7 +210,7 @@ def _where(points: Array) -> str:
 
 
 def _winding(points: Array, triangles: Array) -> Array:
-    """How often a surface (n, 3, 3) winds around points (p, 3), shape (p,): the sum of its solid angles over 4 π.
+    """Return how often a surface (n, 3, 3) winds around points (p, 3), shape (p,): its solid angles divided by 4 π.
 
     Source: Van Oosterom and Strackee, "The solid angle of a plane triangle", IEEE Trans. Biomed. Eng. 30 (1983), (8).
     """

@@ -1,4 +1,4 @@
-"""MuJoCo's models of payloads, from files as other people write them.
+"""MuJoCo models of payloads, from users' files.
 
 A model is compiled for its mass properties and shapes alone: what it looks like does not matter, so pictures may be
 missing. What MuJoCo warns of is written to the log.
@@ -21,12 +21,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class PayloadModel:
-    """A compiled model, and what MuJoCo does not keep of its file.
+    """A compiled model, with parts of its file that MuJoCo does not keep.
 
     Attributes:
-        compiled: Its bodies have names, all different.
+        compiled: The model; its bodies have unique names.
         floating: Bodies that have a free joint.
-        without_looks: The same, where shapes that collide with nothing weigh nothing; None if it cannot be.
+        without_looks: The model with massless visual shapes, which collide with nothing; None if it cannot be compiled.
         with_exact_meshes: The same, where meshes are filled up to their surfaces, which MuJoCo does by default for
             convex ones only; None if their surfaces have no inside.
     """
@@ -38,7 +38,7 @@ class PayloadModel:
 
 
 def read_model(path: Path) -> PayloadModel:
-    """The model of an MJCF or URDF file.
+    """Read the model of an MJCF or URDF file.
 
     A body without a name is called ``body N``, counted from 1 in the order of the file. Bodies that are fixed to others
     stay bodies of their own, so a free joint below a link that is fixed to the world, as URDF files have it, is taken
@@ -64,7 +64,7 @@ def read_model(path: Path) -> PayloadModel:
 
 
 def _variant(spec: mujoco.MjSpec, change: Callable[[mujoco.MjSpec], None]) -> mujoco.MjModel | None:
-    """The model after a change to its file; None if MuJoCo cannot use that."""
+    """Return the model after a change to its file; None if MuJoCo cannot compile it."""
     with warnings.catch_warnings(action="ignore"), _without_log_file():
         changed = spec.copy()
         change(changed)
@@ -75,7 +75,7 @@ def _variant(spec: mujoco.MjSpec, change: Callable[[mujoco.MjSpec], None]) -> mu
 
 
 def _leave_out_pictures(spec: mujoco.MjSpec) -> None:
-    """Give every texture one colour, so that no picture is read."""
+    """Give every texture one colour, so that no image is read."""
     import mujoco
 
     for texture in spec.textures:
@@ -99,7 +99,7 @@ def _take_off_free_joint(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> bool:
 
 
 def _leave_out_looks(spec: mujoco.MjSpec) -> None:
-    """Let shapes weigh nothing that collide with nothing, but for a body that has no others."""
+    """Make visual shapes, which collide with nothing, massless, except in bodies that have no others."""
     for body in spec.bodies:
         looks = [geom for geom in body.geoms if not (geom.contype or geom.conaffinity)]
         if len(looks) < len(body.geoms):

@@ -1,7 +1,7 @@
-"""Estimators and motions of the user's own: which are installed, and by which names.
+"""Users' estimators and motions that are installed, and their names.
 
-A package offers them as entry points of the groups in ``GROUPS``. Names are read from its metadata; it is imported only
-by whoever uses it.
+A package registers them as entry points of the groups in ``GROUPS``. Names are read from its metadata; it is imported
+only where it is used.
 """
 
 from __future__ import annotations
@@ -17,35 +17,36 @@ if TYPE_CHECKING:
 Kind = Literal["estimator", "motion"]
 GROUPS: dict[Kind, str] = {"estimator": "coheft.estimators", "motion": "coheft.motions"}
 SECTIONS = {"efficient": "efficient", "fan2017": "fan2017"}
-"""Estimators that come with coheft, and where scenarios have their settings; ``messages.size`` tells what they send."""
+"""Estimators that come with coheft, with the sections of their settings; ``messages.size`` has their message sizes."""
 BUILT_IN: dict[Kind, tuple[str, ...]] = {"estimator": tuple(SECTIONS), "motion": ()}
-"""Names that are taken."""
+"""Names that users' plugins may not have."""
 
 
 def is_available(kind: Kind, name: str) -> bool:
-    """Whether there is an estimator, or motion, of this name; packages are looked through only if need be."""
+    """Whether an estimator or motion of this name exists; installed packages are searched only if necessary."""
     return name in BUILT_IN[kind] or bool(_points(kind, name))
 
 
 def available(kind: Kind) -> list[str]:
-    """All names, the built-in ones first."""
+    """Return all names, the built-in ones first."""
     own = sorted({point.name for point in _installed(kind)} - set(BUILT_IN[kind]))
     return [*BUILT_IN[kind], *own]
 
 
 def usable_in_run(estimator: str) -> list[str]:
-    """Estimators that the robots of a run can use that has begun with ``estimator``.
+    """Return the estimators that the robots of a run can use that started with ``estimator``.
 
-    Of one's own only that one: settings of others are not there, and they may not be installed on all hosts.
+    Of users' estimators only that one: settings of others are not available, and they may not be installed on all
+    hosts.
     """
     return list(dict.fromkeys([*BUILT_IN["estimator"], estimator]))
 
 
 def load_plugin(kind: Kind, name: str) -> Any:
-    """What an installed package offers under a name.
+    """Load what an installed package registers under a name.
 
     Raises:
-        PluginError: No one offers it, or two packages do, or it cannot be imported.
+        PluginError: No package registers the name, or several do, or it cannot be imported.
     """
     points = _points(kind, name)
     if not points:
@@ -55,7 +56,7 @@ def load_plugin(kind: Kind, name: str) -> Any:
         raise PluginError(f"several packages offer the {kind} {name!r}: {packages}; uninstall all but one")
     try:
         return points[0].load()
-    except Exception as error:  # whatever somebody else's module raises
+    except Exception as error:  # a user's module may raise anything
         raise PluginError(
             f"the {kind} {name!r}, {points[0].value} of {_package(points[0])}, cannot be imported: "
             f"{told(error, points[0].module)}{_moved(error)}"
@@ -63,7 +64,7 @@ def load_plugin(kind: Kind, name: str) -> Any:
 
 
 def _moved(error: Exception) -> str:
-    """A hint if a module is not found that is somewhere else now, or a name of it."""
+    """Return a hint if a missing module or name has been moved."""
     name = error.name if isinstance(error, ImportError) else None
     if name is None or name.partition(".")[0] not in ("coheft", "agents", "consensus", "physics_server"):
         return ""
@@ -71,11 +72,11 @@ def _moved(error: Exception) -> str:
 
 
 def told(error: Exception, module: str) -> str:
-    """An exception from somebody else's code in one line, with the place where it was raised.
+    """Describe an exception from a user's code in one line, with the place where it was raised.
 
     Args:
         error: The exception.
-        module: Name of theirs. The last place in its package counts: what is wrong is there, not in what it calls.
+        module: Name of the user's module. The last place in its package is shown, not places in code that it calls.
     """
     frames = [(frame, line) for frame, line in walk_tb(error.__traceback__)]
     package = module.partition(".")[0]
@@ -88,12 +89,12 @@ def told(error: Exception, module: str) -> str:
 
 
 def _points(kind: Kind, name: str) -> list[EntryPoint]:
-    """Entry points of a name; one that is found twice, for its package is on the path twice, counts once."""
+    """Return the entry points of a name; duplicates of a package that is on the path twice count once."""
     return list({point.value: point for point in _installed(kind) if point.name == name}.values())
 
 
 def _installed(kind: Kind) -> EntryPoints:
-    from importlib.metadata import entry_points  # takes its time to load, and most agents do not need it
+    from importlib.metadata import entry_points  # slow to load, and most agents do not need it
 
     return entry_points(group=GROUPS[kind])
 

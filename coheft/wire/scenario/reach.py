@@ -1,7 +1,7 @@
-"""What an arm can be asked to do at all: what the server refuses of robots, and the loader of scenarios.
+"""Limits of references: the server refuses larger ones, and scenarios with such motions are refused.
 
-Far more than any useful motion, and so little that one robot that asks for it cannot tear the payload from the others:
-held by N springs, the payload goes an N-th of the way, and no more than twice as far before it comes to rest.
+They allow much more than any useful motion, but a robot that uses them fully cannot tear the payload from the others:
+held by N springs, the payload moves by an N-th of the displacement, and at most twice as far before it comes to rest.
 """
 
 from __future__ import annotations
@@ -12,15 +12,15 @@ from coheft.wire.messages.structs import Reference
 from coheft.wire.scenario.schema import Robots
 
 MAX_POSITION = 2.0
-"""From the home pose, along an axis of the home frame [m]."""
+"""Largest displacement from the home pose along an axis of the home frame [m]."""
 MAX_ROTATION = 2.0 * np.pi
-"""Of an entry of the rotation vector [rad]."""
+"""Largest component of the rotation vector [rad]."""
 _LONGEST_SAMPLE = 0.01
-"""At the lowest rate of the sensors [s]."""
+"""Period of the lowest sensor rate [s]."""
 
 
 class Reach:
-    """The limits of a scenario's arms.
+    """Limits of references for a scenario's arms.
 
     A rate counts with the displacement to which the arm's damping makes it equal, a wrench with that to which its
     stiffness does: where there is no stiffness, there is no feed-forward either.
@@ -43,7 +43,7 @@ class Reach:
         self._wrench = np.repeat([k_t * MAX_POSITION, k_r * MAX_ROTATION], 3)  # wrenches name the force first
 
     def excess(self, reference: Reference) -> str | None:
-        """What the arm cannot do in a reference of the right shapes, in words; None if it can do it all."""
+        """Describe why the arm cannot follow a reference of the right shapes; None if it can."""
         motion, wrench = np.abs(reference.motion), np.abs(reference.wrench)
         asked = motion[:, :6] + self._delay * motion[:, 6:]
         if (asked <= self._displacement).all() and (wrench <= self._wrench).all():

@@ -1,4 +1,6 @@
-"""Scenarios: what is held, by whom, how they talk, what happens. ``coheft.wire.scenario.file`` reads them from TOML."""
+"""Scenarios: payload, robots, links, sensors, motions and events. ``coheft.wire.scenario.file`` reads them from
+TOML.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,7 @@ SENSOR_RATES: tuple[int, ...] = get_args(SensorRate)
 PHYSICS_RATE = 1000
 """Physics steps per second."""
 MAX_ROBOTS = 1024
-"""Far more than one machine can serve; a bound, so that no number in a file can fill the memory."""
+"""Limit far above what one machine can run, so that a number in a file cannot fill the memory."""
 SlipLength = Annotated[float, Meta(ge=-0.1, le=0.1)]
 SlipAngle = Annotated[float, Meta(ge=-10, le=10)]
 MAX_DURATION = 1e7
@@ -43,7 +45,7 @@ class Grasp(Section, frozen=True):
     rotation_deg: Vector = (0.0, 0.0, 0.0)
 
     def pose(self) -> Pose:
-        """Pose of ``F_i`` in the payload's frame."""
+        """Return the pose of ``F_i`` in the payload's frame."""
         return pose_of(self.position, self.rotation_deg)
 
 
@@ -178,13 +180,13 @@ class LoadChange(Section, frozen=True):
 
 
 class Slip(Section, frozen=True):
-    """A slip of a grasp: from then on the robot holds the payload elsewhere, and no robot is told.
+    """A slip of a grasp: from then on the robot holds the payload at another place, without being informed.
 
     Attributes:
         at: Time [s]; takes effect at the next start of a block.
-        robot: Whose grasp slips.
-        translation: By how much its grasp frame moves, in its own axes [m]; at most 0.1 m along each.
-        rotation_deg: By how much it turns, rotation vector in its own axes [degrees]; at most 10° about each.
+        robot: Name of the robot.
+        translation: Displacement of its grasp frame, in its own axes [m]; at most 0.1 m along each.
+        rotation_deg: Rotation of its grasp frame, rotation vector in its own axes [degrees]; at most 10° about each.
     """
 
     at: NotNegative
@@ -193,7 +195,7 @@ class Slip(Section, frozen=True):
     rotation_deg: tuple[SlipAngle, SlipAngle, SlipAngle] = (0.0, 0.0, 0.0)
 
     def pose(self) -> Pose:
-        """Pose of the grasp frame after it in the one before."""
+        """Return the pose of the new grasp frame in the previous one."""
         return pose_of(self.translation, self.rotation_deg)
 
 
@@ -255,12 +257,12 @@ class Scenario(Section, frozen=True):
 
     @property
     def noise(self) -> SensorNoise:
-        """The sensors' noise, scale included."""
+        """The sensors' noise, including the factor ``noise_scale``."""
         return self.sensors.noise.scaled(self.sensors.noise_scale)
 
     @property
     def sensor_errors(self) -> SensorTolerance:
-        """What the sensors' true errors are drawn from."""
+        """Standard deviations from which the sensors' true errors are drawn."""
         match self.sensors.errors:
             case "drawn":
                 return self.sensors.tolerance
@@ -271,7 +273,7 @@ class Scenario(Section, frozen=True):
 
     @property
     def sensor_drift(self) -> SensorDrift:
-        """How far the sensors' errors really wander."""
+        """True drift of the sensors' errors."""
         return self.sensors.drift if self.sensors.errors == "drawn" else SensorDrift()
 
     @property
@@ -282,6 +284,6 @@ class Scenario(Section, frozen=True):
 
     @property
     def robot_names(self) -> tuple[str, ...]:
-        """``r1``, ``r2``, …, as many digits as needed for alphabetical order to be the numbers' order."""
+        """``r1``, ``r2``, …, with enough digits that alphabetical order is numerical order."""
         digits = len(str(self.robot_count))
         return tuple(f"r{i + 1:0{digits}d}" for i in range(self.robot_count))

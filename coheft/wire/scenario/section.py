@@ -1,4 +1,4 @@
-"""What all parts of a scenario are made of."""
+"""Common parts of all sections of a scenario."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ NotNegative = Annotated[float, Meta(ge=0)]
 Seed = Annotated[int, Meta(ge=0, lt=2**32)]
 Name = Annotated[str, Meta(pattern=r"^[a-z][a-z0-9_-]{0,31}\Z")]
 NAME_IN_WORDS = "text: a lower-case letter, then up to 31 lower-case letters, digits, - or _"
-"""What a ``Name`` is."""
+"""Description of a valid ``Name``."""
 Lengths = tuple[Positive, Positive, Positive]
 
 
 class Section(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Base of all parts of a scenario: unknown keys are errors."""
+    """Base class of all sections of a scenario: unknown keys are errors."""
 
 
 def pose_of(position: Vector, rotation_deg: Vector) -> Pose:
-    """Pose from a position [m] and a rotation vector [degrees]."""
+    """Make a pose from a position [m] and a rotation vector [degrees]."""
     return Pose(rotation_exp(np.radians(rotation_deg)), np.array(position, dtype=np.float64))

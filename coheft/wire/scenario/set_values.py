@@ -13,18 +13,18 @@ from coheft.wire.scenario.toml_value import as_toml
 
 _KEY = re.compile(r"[A-Za-z0-9_-]+(\.[A-Za-z0-9_-]+|\[\d{1,9}\])*", re.ASCII)
 _BARE = re.compile(r"[A-Za-z][\w./-]*")
-"""Text that may stand without quotes."""
+"""Text that needs no quotes."""
 
 
 def set_values(table: dict[str, Any], texts: Sequence[str]) -> None:
-    """Put values into a table that was read from TOML; whether they may stand there is for others to say.
+    """Put values into a table that was read from TOML; they are checked later.
 
     Args:
-        table: A scenario, as nested dictionaries and lists; it is changed.
-        texts: Each a key, an equals sign, and a value as TOML has it; names need no quotes.
+        table: A scenario, as nested dictionaries and lists; modified in place.
+        texts: Texts of a key, an equals sign, and a value in TOML syntax; names need no quotes.
 
     Raises:
-        ScenarioError: A text is none of this kind, or its key leads to nothing that could have parts.
+        ScenarioError: A text has another form, or its key leads into a value without parts.
     """
     for text in texts:
         key, equals, value = (part.strip() for part in text.partition("="))
@@ -34,10 +34,11 @@ def set_values(table: dict[str, Any], texts: Sequence[str]) -> None:
 
 
 def varied_values(text: str) -> list[str]:
-    """Texts for ``set_values``, one for each value of ``KEY=a,b,c``; commas in brackets, braces or quotes divide none.
+    """Return texts for ``set_values``, one for each value of ``KEY=a,b,c``; commas in brackets or quotes do not
+    separate.
 
     Raises:
-        ScenarioError: It has no key, or not at least two different values.
+        ScenarioError: There is no key, or less than two different values.
     """
     key, _, rest = (part.strip() for part in text.partition("="))
     values = [value.strip() for value in _parts(rest)]
@@ -49,7 +50,7 @@ def varied_values(text: str) -> list[str]:
 
 
 def _parts(text: str) -> list[str]:
-    """What commas divide that are outside of brackets, braces and quotes."""
+    """Split a text at commas outside of brackets, braces and quotes."""
     parts, depth, quote = [""], 0, ""
     for char in text:
         if quote:
@@ -81,13 +82,13 @@ def put_value(table: dict[str, Any], key: str, value: object, where: str) -> Non
     """Put a value into a table that was read from TOML.
 
     Args:
-        table: A scenario, as nested dictionaries and lists; it is changed.
-        key: As in ``set_values``.
-        value: What shall stand there.
-        where: Names it in errors.
+        table: A scenario, as nested dictionaries and lists; modified in place.
+        key: Key as in ``set_values``.
+        value: The value.
+        where: Name of the source in errors.
 
     Raises:
-        ScenarioError: The key leads to nothing that could have parts.
+        ScenarioError: The key leads into a value without parts.
     """
     if not _KEY.fullmatch(key):
         raise ScenarioError(f"{where}: found the key {key!r}, expected one such as 'sensors.noise_scale'")
@@ -102,7 +103,7 @@ def put_value(table: dict[str, Any], key: str, value: object, where: str) -> Non
 
 
 def _inner(node: Any, part: str | int, where: str) -> Any:
-    """What is under a part of a key; sections that are left out are begun."""
+    """Return the value at a part of a key; missing sections are added."""
     _check(node, part, where)
     if isinstance(node, dict) and node.get(part) is None:
         node[part] = {}
@@ -123,5 +124,5 @@ def _check(node: Any, part: str | int, where: str) -> None:
 
 
 def _joined(path: Sequence[str | int]) -> str:
-    """A key as errors write it."""
+    """Format a key for errors."""
     return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in path).lstrip(".") or "(top)"

@@ -1,4 +1,4 @@
-"""Whether arms are too stiff, or damped too strongly, for what they hold: then the physics' steps are too long."""
+"""Check that the arms are not too stiff, or damped too strongly, for the time step of the physics."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ _ROUNDING = 1e-6
 
 
 def check_stability(scenario: Scenario, grasps: Sequence[Pose], origin: str) -> None:
-    """Refuse arms with which the payload would fly apart at once.
+    """Refuse arms with which the simulation would be unstable.
 
     Args:
-        scenario: What is held, and how stiff and how strongly damped the arms are. Arms of seven joints pass.
-        grasps: Of all robots in the payload's frame.
-        origin: Names the scenario's source in errors.
+        scenario: The scenario. Seven-joint arms are not checked.
+        grasps: Grasps of all robots in the payload's frame.
+        origin: Name of the scenario's source in errors.
 
     Raises:
-        ScenarioError: They are too stiff, or damped too strongly. It tells which would do.
+        ScenarioError: They are too stiff, or damped too strongly. The message names values that are not.
     """
     payload, robots = scenario.payload.inertia(), scenario.robots
     if robots.arms == "seven-joint":
@@ -33,7 +33,7 @@ def check_stability(scenario: Scenario, grasps: Sequence[Pose], origin: str) -> 
     dampers = np.linalg.solve(mass, gains_at_payload(grasps, robots.damping)).astype(np.float64)
     if _growth(springs, dampers) <= 1.0 + _ROUNDING:
         return
-    # With dampers that stop a motion within a step at the earliest, nothing swings from step to step.
+    # With dampers that stop a motion in at least one step, no oscillation grows from step to step.
     share = min(1.0, PHYSICS_RATE / float(np.abs(np.linalg.eigvals(dampers)).max(initial=1e-300)))
     while _growth(share * springs, share * dampers) > 1.0 + _ROUNDING:
         share *= 0.5
@@ -46,7 +46,7 @@ def check_stability(scenario: Scenario, grasps: Sequence[Pose], origin: str) -> 
 
 
 def gains_at_payload(grasps: Sequence[Pose], gains: tuple[float, float]) -> Array:
-    """What all arms' gains (translation, rotation) add up to for the payload's twist ``(w, v)``, shape (6, 6)."""
+    """Return the sum of all arms' gains (translation, rotation) for the payload's twist ``(w, v)``, shape (6, 6)."""
     at_grasp = np.repeat([gains[1], gains[0]], 3)
     adjoints = [grasp.inverse().adjoint() for grasp in grasps]
     result: Array = np.sum([adjoint.T @ (at_grasp[:, None] * adjoint) for adjoint in adjoints], axis=0)
@@ -54,7 +54,7 @@ def gains_at_payload(grasps: Sequence[Pose], gains: tuple[float, float]) -> Arra
 
 
 def _growth(springs: Array, dampers: Array) -> float:
-    """Largest factor by which a step of Euler's method, positions after velocities, makes a small motion grow.
+    """Return the largest growth factor of a small motion in a step of Euler's method, positions after velocities.
 
     Args:
         springs: ``M^-1 K``, shape (6, 6).
@@ -67,13 +67,13 @@ def _growth(springs: Array, dampers: Array) -> float:
 
 
 def _told(gains: tuple[float, float], share: float = 1.0) -> str:
-    """As in a scenario's file; rounded down to two digits if only a share of it is wanted."""
+    """Format a value as in a scenario's file; rounded down to two digits if it is scaled."""
     shown = (gain if share == 1.0 else rounded_down(share * gain) for gain in gains)
     return f"[{', '.join(f'{gain:g}' for gain in shown)}]"
 
 
 def rounded_down(value: float) -> float:
-    """To two digits; 0 if there are none."""
+    """Round to two digits; 0 if there are none."""
     if not 0.0 < value < math.inf:
         return 0.0
     unit = 10.0 ** (math.floor(math.log10(value)) - 1)

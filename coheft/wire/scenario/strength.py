@@ -1,7 +1,8 @@
-"""Whether arms can hold up what is put onto them: under a weight their springs give way, the payload sinks and tilts.
+"""Check that arms can hold the loads on them: under a weight their springs give way, so that the payload sinks and
+tilts.
 
-Grams, where kilograms are expected, are a common mistake: a run with them is lost within a second. What is refused
-here is lost for sure; what is not may still be lost, by how the robots move.
+Grams instead of kilograms are a common mistake, and a run with them is lost within a second. Loads that are refused
+here would certainly be lost; others may still be lost, depending on the motion.
 """
 
 from __future__ import annotations
@@ -19,48 +20,48 @@ from coheft.wire.scenario.schema import Robots
 from coheft.wire.scenario.stability import gains_at_payload, rounded_down
 
 MAX_DISTANCE = 5.0
-"""Farther than this [m] from its home the payload has run away."""
+"""Distance from its home beyond which the payload is lost [m]."""
 MAX_ANGLE = 2.5
-"""Turned by more than this [rad] the payload tumbles: near pi the rotation springs push the wrong way round."""
+"""Rotation beyond which the payload is lost [rad]: near pi the rotation springs push the wrong way round."""
 SETTLING_TIME = 2.0
-"""Time that the payload has to sag into the robots' springs before a run [s]."""
+"""Time for which the payload settles in the robots' springs before a run [s]."""
 GRAVITY = 9.81
-"""[m/s²]"""
+"""Gravity [m/s²]."""
 _SURE, _SAFE = 1.05, 0.8
-"""Shares of ``MAX_DISTANCE`` and ``MAX_ANGLE``: a payload that is foreseen to go beyond the first is refused, and the
-mass that is recommended instead stays within the second."""
+"""Shares of ``MAX_DISTANCE`` and ``MAX_ANGLE``: a payload that is predicted to exceed the first is refused, and the
+recommended mass stays within the second."""
 _STEP = 0.01
-"""Of a fall that is foreseen [s]."""
+"""Time step of a predicted fall [s]."""
 _WATCHED = 10.0
-"""A payload that is not lost so long after a load has come will not be lost by its weight [s]."""
+"""Time after which a payload that has not been lost will not be lost by its weight [s]."""
 _HALVINGS = 5
-"""Of the range in which the heaviest load is sought."""
+"""Resolution of the search for the heaviest load, as a share of the range."""
 
 
 @dataclass(frozen=True, eq=False)
 class _State:
-    """Of a payload: where it is in its home frame, and its twist ``(w, v)`` in its own axes, shape (6,)."""
+    """State of a payload: its pose in its home frame, and its twist ``(w, v)`` in its own axes, shape (6,)."""
 
     rotation: Array
     position: Array
     twist: Array
 
     def is_within(self, share: float) -> bool:
-        """Whether it is less than a share of that far away at which it is lost."""
+        """Whether the payload is within a share of the limits at which it is lost."""
         distance, angle = float(np.linalg.norm(self.position)), float(np.linalg.norm(rotation_log(self.rotation)))
         return distance < share * MAX_DISTANCE and angle < share * MAX_ANGLE
 
     def moved(self, step: Array) -> tuple[Array, Array]:
-        """Rotation and position after a small motion (6,) in its own axes."""
+        """Return rotation and position after a small motion (6,) in its own axes."""
         return self.rotation @ rotation_exp(step[:3]), self.position + self.rotation @ step[3:]
 
 
 class Strength:
-    """What the springs of a team's arms can hold up.
+    """Loads that the springs of a team's arms can hold.
 
     Args:
-        grasps: Of all robots that hold the payload, in the payload's frame.
-        robots: Their stiffness and damping.
+        grasps: Grasps of all robots that hold the payload, in the payload's frame.
+        robots: Stiffness and damping of their arms.
     """
 
     def __init__(self, grasps: Sequence[Pose], robots: Robots) -> None:
@@ -78,15 +79,15 @@ class Strength:
 
     @classmethod
     def of(cls, grasps: Sequence[Pose], robots: Robots) -> Self | None:
-        """Of a team's arms; None for seven-joint arms: no weight tears a payload from hands that are welded to it."""
+        """Make the strength of a team's arms; None for seven-joint arms, whose hands are welded to the payload."""
         return cls(grasps, robots) if grasps and robots.arms != "seven-joint" else None
 
     def complaint(self, load: Inertia, before: Inertia | None = None) -> str:
-        """What is wrong with a load's weight, to go on with after it; empty if nothing is.
+        """Describe what is wrong with a load's weight, as the end of a sentence; empty if it can be held.
 
         Args:
-            load: What comes, in the payload's frame.
-            before: What hangs at rest in the springs by then; None: nothing, the load is the payload itself.
+            load: The new load, in the payload's frame.
+            before: The body that hangs at rest in the springs; None if the load is the payload itself.
         """
         with np.errstate(all="ignore"):
             if self._holds(load, before, _SURE):
@@ -101,7 +102,7 @@ class Strength:
         )
 
     def _holds(self, load: Inertia, before: Inertia | None, share: float) -> bool:
-        """Whether the payload stays within that share of where it is lost, as far as can be foreseen."""
+        """Whether the payload is predicted to stay within a share of the limits at which it is lost."""
         after = load if before is None else combined([before, load])
         if self._is_light(after):
             return True
@@ -113,28 +114,28 @@ class Strength:
         return settled is not None and self._falls(after, settled, _WATCHED, share) is not None
 
     def _is_light(self, inertia: Inertia) -> bool:
-        """Whether the springs hardly give way, and nothing has to be foreseen."""
+        """Whether the springs hardly give way, so that no prediction is needed."""
         weight = GRAVITY * inertia.mass
         middle = self._sum / self._count
         sag = weight / (self._count * self._robots.stiffness[0])
-        # More than what the weight would turn it by if its lever did not become shorter.
+        # An upper bound of the rotation, because the weight's lever becomes shorter.
         tilt = weight * float(np.linalg.norm(inertia.com - middle)) / max(self._least_turning, 1e-300)
         return tilt < 0.2 * MAX_ANGLE and sag + tilt * float(np.linalg.norm(middle)) < 0.2 * MAX_DISTANCE
 
     def _pull(self, inertia: Inertia, rotation: Array, position: Array) -> Array:
-        """Wrench ``(t, f)`` of springs and weight at the payload's origin in its own axes, shape (6,)."""
+        """Return the wrench ``(t, f)`` of springs and weight at the payload's origin in its own axes, shape (6,)."""
         k_t, k_r = self._robots.stiffness
         weight = -GRAVITY * inertia.mass * rotation[2]
         shift = rotation.T @ position
         spread = self._products @ rotation
         force = k_t * (rotation.T @ self._sum - self._sum - self._count * shift)
-        # Each spring pulls its hand to where it was at home, seen from the payload as it is now.
+        # Each spring pulls its hand to its home position, given in the payload's present frame.
         torque = k_t * (_axial(spread) - skew(self._sum) @ shift)
         torque -= self._count * k_r * rotation_log(rotation)
         return np.concatenate([torque + skew(inertia.com) @ weight, force + weight])
 
     def _at_rest(self, inertia: Inertia) -> _State | None:
-        """Where the springs hold it; None if that is not found."""
+        """Return the equilibrium in the springs; None if it is not found."""
         state = _State(np.eye(3), np.zeros(3), np.zeros(6))
         try:
             give = np.linalg.inv(self._springs)
@@ -148,10 +149,10 @@ class Strength:
         return None
 
     def _falls(self, inertia: Inertia, state: _State, seconds: float, share: float) -> _State | None:
-        """Where it has come to after some time, stopped there; None if it was not within that share all the time.
+        """Return the state after some time, set to rest; None if the payload exceeded the share meanwhile.
 
-        Euler's implicit method, springs and dampers taken as they are at home: stable for whatever small things hang in
-        strong springs.
+        It uses Euler's implicit method with the springs and dampers of the home pose, which is stable also for light
+        payloads in strong springs.
         """
         mass, resistance = inertia.spatial(), self._dampers + _STEP * self._springs
         try:
@@ -160,7 +161,7 @@ class Strength:
             return None
         for _ in range(round(seconds / _STEP)):
             twist = state.twist
-            # Momentum that stays as it is turns, seen from the payload.
+            # A constant momentum rotates in the payload's frame.
             angular, linear = skew(mass[:3] @ twist), skew(mass[3:] @ twist)
             carried = np.concatenate([angular @ twist[:3] + linear @ twist[3:], linear @ twist[:3]])
             pull = self._pull(inertia, state.rotation, state.position) + carried
@@ -172,7 +173,7 @@ class Strength:
 
 
 def _axial(matrix: Array) -> Array:
-    """``sum of a x b`` where the matrix is the sum of ``a b^T``, shape (3,)."""
+    """Return ``sum of a x b`` where the matrix is the sum of ``a b^T``, shape (3,)."""
     return np.array([matrix[1, 2] - matrix[2, 1], matrix[2, 0] - matrix[0, 2], matrix[0, 1] - matrix[1, 0]])
 
 
@@ -181,7 +182,7 @@ def _share_of(load: Inertia, share: float) -> Inertia:
 
 
 def _most(mass: float, is_held: Callable[[float], bool]) -> float:
-    """The largest mass [kg] of which a share is held, rounded down to two digits; 0 if hardly anything is."""
+    """Return the largest mass [kg] of which a share is held, rounded down to two digits; 0 if hardly any is."""
     share = 1.0
     while not is_held(0.5 * share):
         share *= 0.5

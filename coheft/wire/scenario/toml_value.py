@@ -1,4 +1,4 @@
-"""Values as they are written in TOML."""
+"""Formatting of values in TOML syntax."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from datetime import date, time
 
 
 def as_toml(value: object) -> str:
-    """A value that was read from TOML as its file may have it, in one line; None, which no file has: ``nothing``.
+    """Format a value that was read from TOML in one line; None, which TOML does not have, is ``nothing``.
 
     Raises:
-        ValueError: A number has more than 4300 digits: Python does not write it in decimals.
+        ValueError: A number has more than 4300 digits, which Python does not print.
     """
     match value:
         case None:
@@ -35,6 +35,6 @@ def _pair(item: tuple[str, object]) -> str:
 
 
 def _quoted(text: str) -> str:
-    """Text between quotes, what cannot be printed as escapes."""
+    """Return a text in quotes, with escapes for unprintable characters."""
     quoted = json.dumps(text, ensure_ascii=False)
     return "".join(char if char.isprintable() else f"\\U{ord(char):08x}" for char in quoted)

@@ -1,4 +1,4 @@
-"""Motion from point to point, as a scenario asks for it."""
+"""Settings of a motion from point to point."""
 
 from __future__ import annotations
 

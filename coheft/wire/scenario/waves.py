@@ -1,6 +1,6 @@
-"""The sinusoids of one robot's reference motion: drawn when a run is planned, and told to the robot's agent.
+"""The sinusoids of one robot's reference motion: drawn when a run is planned, and part of the agent's configuration.
 
-A generator of random numbers takes a tenth of the memory of an agent, which needs it for nothing else.
+A random number generator would take a tenth of an agent's memory, and is not needed for anything else.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ class Waves(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Two sinusoids per axis: rotation about x, y, z, translation along them.
 
     Attributes:
-        frequencies: Of both [Hz].
-        phases: Of both [rad].
+        frequencies: Frequencies of both [Hz].
+        phases: Phases of both [rad].
     """
 
     frequencies: tuple[_Axes, _Axes]
@@ -24,7 +24,7 @@ class Waves(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def draw_waves(frequency: tuple[float, float], seed: int) -> Waves:
-    """Frequencies from a range [Hz], and any phases; equal seeds draw alike."""
+    """Draw frequencies from a range [Hz], and phases; equal seeds give equal results."""
     rng = np.random.default_rng(seed)
     frequencies = rng.uniform(*frequency, size=(2, 6))
     phases = rng.uniform(0.0, 2.0 * np.pi, size=(2, 6))

@@ -1,1 +1,1 @@
-"""Zenoh sessions, who may say what on them, and the queues behind them."""
+"""Zenoh sessions, their access rules, and the queues of received messages."""

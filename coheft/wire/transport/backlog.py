@@ -1,4 +1,4 @@
-"""What a source has said and no one has read yet: bounded in memory, and in turn with all other sources."""
+"""The queue of unread messages of one source: bounded in memory, and read in turn with those of all other sources."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ import zenoh
 from coheft.wire.transport.callback_thread import keep_thread_state
 
 ROOM = 8 * 2**20
-"""For what one source has said and no one has read yet [B]: minutes of a listener's absence, and no more of its memory
-than that, however much is said."""
+"""Limit of the unread messages of one source [B]: enough for minutes without reading, and a bound of the memory however
+much is sent."""
 _OVERHEAD = 512
 _BUFFER = 2**16
-"""What a query takes at least: one of Zenoh's receive buffers [B]."""
+"""Smallest size of a query: one of Zenoh's receive buffers [B]."""
 
 
 class Said(NamedTuple):
-    """A message as it came."""
+    """A message as received."""
 
     key: zenoh.KeyExpr
     data: bytes
@@ -29,21 +29,22 @@ class Said(NamedTuple):
 
 @dataclass(frozen=True)
 class Lost:
-    """Word that so many items are lost, because there was no room."""
+    """Reports that ``count`` items were dropped because the queue was full."""
 
     count: int
 
 
 class Backlog:
-    """What one source has said and no one has read yet; when there is no room, the oldest goes.
+    """The unread messages of one source; when it is full, the oldest is dropped.
 
-    ``put`` is called by Zenoh's own threads. A backlog that is not empty has one turn in the queue of all of them, so
-    that no source waits for more than one message of each other source; with every turn goes one ``take``. Items are
-    lost only while a newer one stays, because none is larger than ``ROOM``; word of that takes a turn of its own.
+    ``put`` is called by Zenoh's own threads. A backlog that is not empty has one place in the queue of all backlogs, so
+    that no source waits for more than one message of each other source; each place is used for one ``take``. No item is
+    larger than ``ROOM``, so items are dropped only if a newer one is kept; the report of dropped items takes a place of
+    its own.
 
     Args:
-        source: Its name.
-        turns: The queue.
+        source: The source's name.
+        turns: The queue of all backlogs.
     """
 
     def __init__(self, source: str, turns: SimpleQueue[Backlog]) -> None:
@@ -55,7 +56,7 @@ class Backlog:
         self._lost = 0
 
     def put(self, item: object) -> None:
-        """Add a sample, a query, or an event as it is."""
+        """Add a sample, a query, or an event."""
         keep_thread_state()
         if isinstance(item, zenoh.Sample):
             # A copy, because the sample would keep a whole receive buffer alive.
@@ -74,11 +75,11 @@ class Backlog:
 
     @property
     def size(self) -> int:
-        """What it takes [B]."""
+        """Size of all unread messages [B]."""
         return self._size
 
     def take(self) -> object:
-        """The oldest item; before it, word of those that were ``Lost``."""
+        """Return the oldest item, or first the number of dropped items as ``Lost``."""
         with self._lock:
             if self._lost:
                 lost, self._lost = Lost(self._lost), 0

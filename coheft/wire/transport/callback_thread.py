@@ -1,4 +1,4 @@
-"""Threads that Zenoh calls us from keep what Python needs to know of them."""
+"""Persistent Python state for threads from which Zenoh calls Python."""
 
 from __future__ import annotations
 
@@ -6,17 +6,18 @@ import ctypes
 import sys
 import threading
 
-_kept = threading.local()
+_state = threading.local()
 
 
 def keep_thread_state() -> None:
-    """Let the calling thread, if Zenoh has started it, keep its Python state until it ends; to be called in a callback.
+    """Keep the Python state of the calling thread until it ends, if Zenoh has started it; to be called in a callback.
 
-    Python makes a state for a thread that it does not know, and drops it when the callback returns: with each message
-    that takes memory from the system, a page fault, and gives it back. One more hold on the state, which is never let
-    go, keeps it (``PyGILState_Ensure`` in the Python/C API). Other implementations of Python do without.
+    Python creates a state for a thread that it does not know, and deletes it when the callback returns. With each
+    message this takes memory from the system and gives it back, which causes page faults. One additional reference to
+    the state, which is never released, keeps it (``PyGILState_Ensure`` in the Python/C API). Other implementations of
+    Python do not need this.
     """
-    if not hasattr(_kept, "is_kept"):
-        _kept.is_kept = True
+    if not hasattr(_state, "is_kept"):
+        _state.is_kept = True
         if sys.implementation.name == "cpython":
             ctypes.pythonapi.PyGILState_Ensure()

@@ -1,9 +1,9 @@
-"""A link that we dial, with a session of its own, so that it can be begun anew without touching any other.
+"""A link that this process dials, with a session of its own, so that it can be renewed without affecting other links.
 
-When the wire between two hosts is cut, Zenoh closes what is left of the link at one end, and that can take until the
+When the network between two hosts is cut, Zenoh closes the rest of the link at one end, which can take until the
 operating system has given up sending: seconds to minutes. Whoever dials in meanwhile with the identity of the old link
-is turned away, or taken for one more wire of it and never told who listens to what: one direction stays mute, for good.
-A new session has a new identity, and none of these troubles.
+is rejected, or treated as an additional connection of it and not informed about subscriptions, so that one direction
+never works again. A new session has a new identity and avoids both.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ from coheft.wire.transport.sessions import Sender, open_session, session_id
 
 
 class DialledLink:
-    """A link with the one who listens at an endpoint.
+    """A link with the process that listens at an endpoint.
 
     Args:
-        endpoint: Where to dial.
-        guard: Who may be there, and say what.
-        inbox: What hears.
-        listen: Lets the inbox hear a new session.
-        senders: What speaks.
-        largest: Messages that are larger are dropped [B].
+        endpoint: The endpoint to dial.
+        guard: Access rules; None for the open profile.
+        inbox: Receives messages.
+        listen: Subscribes the inbox to a new session.
+        senders: Send on this link.
+        largest: Larger messages are dropped [B].
 
     Attributes:
-        session: Identity of the present session; empty after hanging up.
+        session: Identity of the present session; empty after ``hang_up``.
 
     Raises:
         LinkError: The endpoint is malformed.
@@ -69,9 +69,9 @@ class DialledLink:
         self.session = session_id(self._session)
 
     def hang_up(self) -> None:
-        """Hear and say nothing more, until the link is renewed.
+        """Stop receiving and sending, until the link is renewed.
 
-        The session is closed in the background, because that takes seconds when no one is at the other end.
+        The session is closed in the background, because that takes seconds if the other end is dead.
         """
         if not self.session:
             return
@@ -82,10 +82,10 @@ class DialledLink:
         Thread(target=self._open.close, daemon=True).start()
 
     def renew(self) -> None:
-        """Dial anew, with a new identity."""
+        """Dial again, with a new identity."""
         self.hang_up()
         self._dial()
 
     def close(self) -> None:
-        """End the link, and wait until it has ended."""
+        """Close the link, and wait until it is closed."""
         self._open.close()

@@ -1,6 +1,6 @@
-"""A robot's own driver in place of the physics server: feeds one agent with measurements, and gets its references.
+"""A robot's own driver in place of the physics server: sends measurements to one agent, and receives its references.
 
-It listens where the agent dials its server, so the agent does not notice any difference. One loop per robot::
+It listens at the endpoint at which the agent dials its server, so that the agent runs unchanged. One loop per robot::
 
     with open_driver(config) as driver:
         driver.wait_for_agent()
@@ -36,12 +36,12 @@ _TICK = 0.5
 
 
 class Driver:
-    """The sensors and the arm of one robot, see ``open_driver``. All of its methods are for one thread.
+    """The sensors and the arm of one robot, see ``open_driver``. Not thread-safe: use it in one thread.
 
     Attributes:
         name: The robot's name.
-        rate: Samples per second that its agent expects.
-        samples: Samples per block that it expects.
+        rate: Samples per second that the agent expects.
+        samples: Samples per block that the agent expects.
     """
 
     def __init__(self, config: AgentProcessConfig, session: zenoh.Session, inbox: Inbox) -> None:
@@ -62,35 +62,36 @@ class Driver:
         )
 
     def wait_for_agent(self, seconds: float = math.inf) -> None:
-        """Wait until the agent can be fed, and talks with all its neighbours.
+        """Wait until the agent can receive measurements and is linked with all its neighbours.
 
         Raises:
-            LinkError: It takes longer than that.
+            LinkError: It takes longer than ``seconds``.
         """
         self._wait(lambda: self._link.is_settled, seconds, "is not ready")
 
     def reference(self, block: int, seconds: float = 10.0) -> Reference | None:
-        """What the arm shall do during a block, as soon as the agent has said so: its answer to an earlier block.
+        """Return what the arm shall do during a block, when the agent has answered the block that determines it.
 
         Returns:
-            Its reference; None if it has none, as for the first blocks: then the arm holds still where it is.
+            The reference; None if there is none, as for the first blocks: the arm then has to hold its position.
 
         Raises:
-            LinkError: It takes longer than that.
+            LinkError: It takes longer than ``seconds``.
         """
         wanted = block - self._lag
         self._wait(lambda: self._link.is_ready and self._link.answered >= wanted, seconds, f"has not answered {wanted}")
         return self._link.take_reference(block)
 
     def send(self, block: int, samples: Array) -> None:
-        """Give the agent its measurements of a block.
+        """Send the agent its measurements of a block.
 
         Args:
-            block: Its number; block k holds the samples from ``k B / rate`` seconds on. The same for all robots.
+            block: The block's number, the same for all robots; block k holds the samples from ``k B / rate`` seconds
+                on.
             samples: Shape (B, 15), columns as in ``MeasurementBlock``.
 
         Raises:
-            MessageError: They have another shape, or are not finite.
+            MessageError: The samples have another shape, or are not finite.
         """
         check_array(samples, (self.samples, SAMPLE_SIZE), f"samples of block {block}")
         self._next = block + 1
@@ -100,25 +101,25 @@ class Driver:
         """Wait for the answer to the last block.
 
         Raises:
-            LinkError: It takes longer than that.
+            LinkError: It takes longer than ``seconds``.
         """
         self._wait(lambda: not self._link.owes_answer, seconds, "has not answered the last block")
 
     def stop(self, reason: str) -> None:
-        """Tell the agent that it is over: its process ends."""
+        """Tell the agent that the run is over, which ends its process."""
         self._link.send_stop(reason)
 
     def _wait(self, condition: Callable[[], bool], seconds: float, what: str) -> None:
-        """Take in what comes until a condition holds."""
+        """Process events until a condition is true."""
         deadline = time.monotonic() + seconds
-        self._take_in(0.0)
+        self._receive(0.0)
         while not condition():
             left = deadline - time.monotonic()
             if left <= 0.0:
                 raise LinkError(f"the agent of {self.name} {what} within {seconds:g} s")
-            self._take_in(min(left, _TICK))
+            self._receive(min(left, _TICK))
 
-    def _take_in(self, seconds: float) -> None:
+    def _receive(self, seconds: float) -> None:
         match self._inbox.receive(seconds):
             case Received(_, message):
                 was_ready = self._link.is_ready
@@ -136,14 +137,14 @@ class Driver:
 
 @contextmanager
 def open_driver(config: AgentProcessConfig, credentials: Credentials | None = None) -> Iterator[Driver]:
-    """Listen where a robot's agent dials its server.
+    """Listen at the endpoint at which a robot's agent dials its server.
 
     Args:
-        config: The agent's, as ``coheft run --write-configs`` writes it.
-        credentials: The server's, see ``credentials_in``, if the agents have theirs; None: the open profile.
+        config: The agent's configuration, as written by ``coheft run --write-configs``.
+        credentials: The server's credentials, see ``credentials_in``, in the secure profile; None for the open profile.
 
     Raises:
-        LinkError: Somebody listens there already.
+        LinkError: Another process listens there.
     """
     name, inbox = config.agent.name, Inbox()
     guard = guard_server_for_robot(credentials, Keys(config.run), name)

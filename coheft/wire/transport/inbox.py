@@ -1,4 +1,4 @@
-"""All that a process hears, decoded and checked; no source can crowd out the others, or fill the memory."""
+"""All messages that a process receives, decoded and checked; no source can delay the others, or fill the memory."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from coheft.wire.transport.sessions import REFUSAL, Role, session_id
 
 
 class Received(msgspec.Struct, frozen=True):
-    """A message, from the source whose key it came under."""
+    """A message, with the source to which its key belongs."""
 
     source: str
     message: Message
@@ -27,7 +27,7 @@ class Received(msgspec.Struct, frozen=True):
 
 @dataclass(frozen=True)
 class Refused:
-    """What came from a source is not what its key promises, or more than there is room for, or it may not come here."""
+    """A refused message: invalid, too many for the queue, or not allowed here."""
 
     source: str
     error: MessageError
@@ -35,12 +35,12 @@ class Refused:
 
 @dataclass(frozen=True)
 class LinkChange:
-    """A process has come to, or gone from, the session called ``source``, which now has so many ``links``.
+    """A process has connected to the session called ``source``, or disconnected; it now has ``links`` links.
 
     Attributes:
-        source: What the session is called.
-        links: How many processes are there.
-        session: Identity of the session: another one may have taken its place since.
+        source: Name of the session.
+        links: Number of connected processes.
+        session: Identity of the session, which may have been replaced since.
     """
 
     source: str
@@ -50,12 +50,12 @@ class LinkChange:
 
 @dataclass(frozen=True)
 class Presence:
-    """A source has come within one hop, or has gone: one of its links stands, or none.
+    """A source has become reachable within one hop, or unreachable.
 
     Attributes:
-        source: Who.
-        is_here: Whether it has come.
-        session: Identity of the session that saw it: another one may have taken its place since.
+        source: Name of the source.
+        is_here: Whether it is reachable.
+        session: Identity of the session that noticed it, which may have been replaced since.
     """
 
     source: str
@@ -65,14 +65,14 @@ class Presence:
 
 @dataclass(frozen=True)
 class Question:
-    """A request that waits for its answer, and the role in which it was asked."""
+    """A request that waits for an answer, and the role of the sender."""
 
     role: Role
     request: Message
     _query: zenoh.Query
 
     def answer(self, message: Message) -> None:
-        """Answer it, once."""
+        """Answer the request; to be called once."""
         _answer(self._query, message)
 
 
@@ -80,10 +80,10 @@ Event = Received | Refused | LinkChange | Presence | Question
 
 
 class Inbox:
-    """All that a process hears, on all of its sessions: one thread, the caller's, handles it.
+    """All messages that a process receives on all of its sessions, handled by one thread, the caller's.
 
-    Zenoh's own threads do no more than to put things into a queue, which costs a few microseconds per message; decoding
-    is done by the caller of ``receive``. What one source says stays in order.
+    Zenoh's threads only put items into a queue, which takes some microseconds per message; the caller of ``receive``
+    decodes them. Messages of one source stay in order.
     """
 
     def __init__(self) -> None:
@@ -91,16 +91,16 @@ class Inbox:
         self._backlogs: dict[str, Backlog] = {}
         self._readers: dict[str, tuple[str, Reader[Message]]] = {}
         self._roles: dict[str, tuple[Role, Any]] = {}
-        self._kept: dict[str, list[Any]] = {}  # by session; a subscriber that no one holds goes silent
+        self._kept: dict[str, list[Any]] = {}  # by session; a subscriber without a reference is closed
 
     def listen(self, session: zenoh.Session, source: str, kinds: dict[str, type[Message]]) -> None:
-        """Hear one source.
+        """Receive the messages of one source.
 
         Args:
-            session: Where.
-            source: Name under which events are reported.
-            kinds: What is expected under which key; keys differ in their last part only. One subscription serves them
-                all: when a message under one key has come through, those under the others will.
+            session: The session.
+            source: Name of the source in events.
+            kinds: Expected type of message by key; the keys differ in their last part only. They share one
+                subscription, so that if messages under one key arrive, those under the others do, too.
 
         Raises:
             ValueError: The keys differ in more than their last part.
@@ -117,8 +117,8 @@ class Inbox:
         )
 
     def watch_links(self, session: zenoh.Session, source: str, guard: Guard | None = None) -> None:
-        """Hear of processes that come and go at a session; with its guard, only of those that may come."""
-        linked: set[str] = set()  # the session's own list may lag behind its events
+        """Receive changes of a session's links; with a guard, only of processes that are allowed."""
+        linked: set[str] = set()  # the session's own list may be older than the event
         own = session_id(session)
         backlog = self._backlog(source)
 
@@ -135,14 +135,14 @@ class Inbox:
         self._keep(session, session.info.declare_link_events_listener(put, history=True))
 
     def announce(self, session: zenoh.Session, key: str) -> None:
-        """Be there for all who watch the presence under a key, as long as a link with them stands."""
+        """Announce this process to all that watch its presence under a key, while their link is up."""
         self._keep(session, session.liveliness().declare_token(key))
 
     def watch_presence(self, session: zenoh.Session, source: str, key: str) -> None:
-        """Hear whether a source that announces itself under a key is there.
+        """Receive changes of the presence of a source that announces itself under a key.
 
-        On a session with several links this tells whose link it is; one that is cut takes its token along at once, one
-        that is frozen when its lease ends.
+        On a session with several links this tells which link is concerned. When a link is cut, it is noticed at once;
+        when the other process is frozen, at the end of its lease.
         """
         backlog, own = Backlog(source, self._turns), session_id(session)
 
@@ -153,7 +153,7 @@ class Inbox:
         self._keep(session, session.liveliness().declare_subscriber(key, handler, history=True))
 
     def watch_strangers(self, session: zenoh.Session, guard: Guard | None) -> None:
-        """Hear of participants who dial a session though nothing of it is for them."""
+        """Report participants that dial a session at which they are not allowed."""
         backlog = self._backlog("strangers")
         if guard is None:
             return
@@ -161,25 +161,25 @@ class Inbox:
         def put(event: zenoh.LinkEvent) -> None:
             name = event.link.auth_identifier
             if name not in guard.names and event.kind == zenoh.SampleKind.PUT:
-                text = f"it dialled where only {', '.join(sorted(guard.names))} may"
+                text = f"it dialled an endpoint that only {', '.join(sorted(guard.names))} may dial"
                 backlog.put(Refused(str(name), MessageError(text)))
 
         self._keep(session, session.info.declare_link_events_listener(put, history=True))
 
     def serve(self, session: zenoh.Session, roles: dict[str, Role], kind: Any = Request) -> None:
-        """Hear questions.
+        """Receive requests.
 
         Args:
-            session: Where.
-            roles: In which role they are asked, by key.
-            kind: What is asked: a message, or a union of tagged ones.
+            session: The session.
+            roles: Role of the sender, by key.
+            kind: Expected type: a message, or a union of messages.
         """
         for key, role in roles.items():
             self._roles[key] = role, kind
             self._keep(session, session.declare_queryable(key, self._handler(role), complete=True))
 
     def forget(self, session: zenoh.Session) -> None:
-        """Hear nothing more on a session; what it has said already stays."""
+        """Stop receiving on a session; events that have arrived stay in the queue."""
         for declared in self._kept.pop(session_id(session), []):
             declared.undeclare()
 
@@ -193,11 +193,11 @@ class Inbox:
         return self._backlogs.setdefault(source, Backlog(source, self._turns))
 
     def backlog(self, source: str) -> int:
-        """Memory taken by what a source has said and no one has read yet [B]."""
+        """Return the size of the unread messages of a source [B]."""
         return self._backlogs[source].size
 
     def receive(self, timeout: float | None = None) -> Event | None:
-        """The next event, or None if there is none within ``timeout`` [s] (None: wait without limit)."""
+        """Return the next event, or None if there is none within ``timeout`` [s] (None: wait without limit)."""
         try:
             backlog = self._turns.get(timeout=timeout) if timeout != 0.0 else self._turns.get_nowait()
         except Empty:
@@ -209,7 +209,7 @@ class Inbox:
             return self._decode_query(item, backlog.source)
         if isinstance(item, Lost):
             return Refused(
-                backlog.source, MessageError(f"{item.count} messages are lost: it says more than can be read")
+                backlog.source, MessageError(f"{item.count} messages are lost: it sends faster than this process reads")
             )
         return cast(LinkChange | Presence | Refused, item)
 
@@ -217,7 +217,7 @@ class Inbox:
         key = str(said.key)
         source, reader = self._readers.get(key, (key, None))
         if reader is None:
-            return Refused(source, MessageError(f"nothing is expected under the key '{key}'"))
+            return Refused(source, MessageError(f"no message is expected under the key '{key}'"))
         try:
             return Received(source, reader.read(said.data))
         except MessageError as error:
@@ -228,7 +228,7 @@ class Inbox:
         key = str(query.key_expr)
         try:
             if key not in self._roles:
-                raise MessageError(f"nothing is answered under the key '{key}'")
+                raise MessageError(f"no request is expected under the key '{key}'")
             role, kind = self._roles[key]
             return Question(role, decode(payload, kind, key), query)
         except MessageError as error:

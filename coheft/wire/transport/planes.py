@@ -1,8 +1,8 @@
-"""Who may say what to whom on each plane: the secure profile's rules, drawn from the graph.
+"""Access rules of the secure profile on each plane, derived from the graph.
 
-Each function gives the parties at the far ends of one session; what is said under a key that is not named here does not
-arrive. Without credentials there is no guard: the open profile
-trusts whoever reaches the port, which is right on one machine's loopback interface only.
+Each function returns the parties at the far ends of one session; messages under other keys are dropped. Without
+credentials there is no guard: the open profile trusts every process that can connect, and is meant for the loopback
+interface only.
 """
 
 from __future__ import annotations
@@ -17,17 +17,19 @@ SERVER = "server"
 
 
 def guard_server_for_robot(credentials: Credentials | None, keys: Keys, robot: str) -> Guard | None:
-    """Robot plane, the server's end of one robot's link."""
+    """Return the rules of the robot plane at the server's end of one robot's link."""
     return _guard(credentials, [Party(robot, says=_up(keys, robot), hears=_down(keys, robot))])
 
 
 def guard_robot(credentials: Credentials | None, keys: Keys, robot: str) -> Guard | None:
-    """Robot plane, the robot's end."""
+    """Return the rules of the robot plane at the robot's end."""
     return _guard(credentials, [Party(SERVER, says=_down(keys, robot), hears=_up(keys, robot))])
 
 
 def guard_neighbours(credentials: Credentials | None, keys: Keys, own: str, others: Iterable[str]) -> Guard | None:
-    """Neighbour plane: every neighbour speaks for itself only, and hears us alone."""
+    """Return the rules of the neighbour plane: each neighbour sends under its own name only, and receives from us
+    only.
+    """
     hears, watches = (keys.agent(own, "*"),), (keys.agent(own, "alive"),)
     return _guard(
         credentials,
@@ -39,25 +41,29 @@ def guard_neighbours(credentials: Credentials | None, keys: Keys, own: str, othe
 
 
 def guard_server_for_observers(credentials: Credentials | None, keys: Keys) -> Guard | None:
-    """Observer plane, the server's end: each role asks under a key of its own, so its requests tell who asks."""
-    return _guard(credentials, [Party(role, hears=_of_server(keys), asks=(keys.request(role),)) for role in ROLES])
+    """Return the rules of the observer plane at the server's end. Each role has its own request key."""
+    return _guard(credentials, [Party(role, hears=_server_topics(keys), asks=(keys.request(role),)) for role in ROLES])
 
 
 def guard_agent_for_observers(credentials: Credentials | None, keys: Keys, agent: str) -> Guard | None:
-    """Observer plane, an agent's end: only the operator may ask it for anything."""
+    """Return the rules of the observer plane at an agent's end: only the operator may send requests."""
     return _guard(
-        credentials, [Party(role, hears=_of_agent(keys, agent), asks=_asked(keys, agent, role)) for role in ROLES]
+        credentials,
+        [Party(role, hears=_agent_topics(keys, agent), asks=_agent_requests(keys, agent, role)) for role in ROLES],
     )
 
 
 def guard_observer(credentials: Credentials | None, keys: Keys, role: Role, agents: Iterable[str]) -> Guard | None:
-    """Observer plane, the observer's end: no agent can pass for another one, or for the server."""
-    server = Party(SERVER, says=_of_server(keys), answers=(keys.request(role),))
+    """Return the rules of the observer plane at the observer's end: no agent can imitate another one, or the server."""
+    server = Party(SERVER, says=_server_topics(keys), answers=(keys.request(role),))
     return _guard(
         credentials,
         [
             server,
-            *(Party(agent, says=_of_agent(keys, agent), answers=_asked(keys, agent, role)) for agent in agents),
+            *(
+                Party(agent, says=_agent_topics(keys, agent), answers=_agent_requests(keys, agent, role))
+                for agent in agents
+            ),
         ],
     )
 
@@ -74,13 +80,13 @@ def _down(keys: Keys, robot: str) -> tuple[str, ...]:
     return keys.robot(robot, "measurements"), keys.robot(robot, "stop")
 
 
-def _of_server(keys: Keys) -> tuple[str, ...]:
+def _server_topics(keys: Keys) -> tuple[str, ...]:
     return tuple(keys.observe_server(topic) for topic in ("truth", "problem", "end"))
 
 
-def _asked(keys: Keys, agent: str, role: Role) -> tuple[str, ...]:
+def _agent_requests(keys: Keys, agent: str, role: Role) -> tuple[str, ...]:
     return (keys.request_agent(agent),) if role == "operator" else ()
 
 
-def _of_agent(keys: Keys, agent: str) -> tuple[str, ...]:
+def _agent_topics(keys: Keys, agent: str) -> tuple[str, ...]:
     return keys.observe_agent(agent, "estimate"), keys.observe_agent(agent, "problem")

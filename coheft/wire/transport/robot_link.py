@@ -1,4 +1,4 @@
-"""The other end of a robot's link, where its sensors and its arm are: what it was sent, what it has answered."""
+"""The server's end of a robot's link: the measurements that were sent, and the references that were received."""
 
 from __future__ import annotations
 
@@ -17,26 +17,26 @@ _MOTION_SIZE = 12
 
 
 class RobotLink:
-    """One robot's session and the state of the talk with it.
+    """One robot's session, and the state of the communication with it.
 
     Args:
         name: The robot's name.
-        session: Where it dials in.
-        inbox: Hears what it says, under its name.
-        keys: Of the run.
-        world: Number of the world that is measured; another one tells agents to begin anew.
-        lag: Blocks from a measurement to the reference that answers it.
+        session: The session at which the robot dials in.
+        inbox: Receives its messages, under its name.
+        keys: The keys of the run.
+        world: Number of the simulated world; a new number makes agents restart.
+        lag: Number of blocks from a measurement to the reference that answers it.
         block: Samples per block.
-        excess: Says what an arm cannot do in a reference whose numbers are finite; None if it can do it all.
+        excess: Describes why an arm cannot follow a finite reference; returns None if it can.
 
     Attributes:
-        name: Its name.
-        is_ready: It asks for measurements, and can hear us.
-        is_linked: Somebody is at the other end.
-        missing: Neighbours that it cannot talk with yet, as it says.
-        answered: The last block of measurements that it has answered or will never answer, -1 if none.
-        joined: The block with which it began to take part.
-        is_refused: No arm can follow its latest reference.
+        name: The robot's name.
+        is_ready: Whether it asks for measurements, and can receive them.
+        is_linked: Whether a process is at the other end.
+        missing: Neighbours that it is not linked with yet.
+        answered: The last block of measurements that it has answered or will not answer any more, -1 if none.
+        joined: The first block in which it took part.
+        is_refused: Whether its latest reference cannot be followed.
     """
 
     def __init__(
@@ -64,7 +64,7 @@ class RobotLink:
         self._motion_shape = (block, _MOTION_SIZE)
         self._excess = excess
         self._sent = -1
-        # By block; None for those that no arm can follow.
+        # By block; None for references that no arm can follow.
         self._references: dict[int, Reference | None] = {}
         self._measurements = Sender(session, keys.robot(name, "measurements"), may_drop=False)
         self._stop = Sender(session, keys.robot(name, "stop"), may_drop=False)
@@ -72,26 +72,26 @@ class RobotLink:
 
     @property
     def is_settled(self) -> bool:
-        """Whether it is ready and misses none."""
+        """Whether the robot is ready and linked with all its neighbours."""
         return self.is_ready and not self.missing
 
     @property
     def owes_answer(self) -> bool:
-        """Whether it has measurements that it has not answered."""
+        """Whether it has received measurements that it has not answered."""
         return self.answered < self._sent
 
     def note_links(self, count: int) -> None:
-        """Note how many processes are at the other end."""
+        """Note the number of processes at the other end."""
         self.is_linked = count > 0
         if not self.is_linked:
             self.is_ready = False
             self.answered = self._sent
 
     def take(self, message: Message) -> None:
-        """Take in what it said.
+        """Process the robot's message.
 
         Raises:
-            MessageError: It does not fit here and now.
+            MessageError: The message is not valid here and now.
         """
         match message:
             case Ready():
@@ -105,12 +105,12 @@ class RobotLink:
                 self._keep(message)
 
     def join(self, block: int) -> None:
-        """Take part from a block on; the blocks before were simulated without it."""
+        """Let the robot take part from a block on."""
         self.joined = block
         self.answered = block - 1
 
     def _begin_attempt(self, attempt: int) -> None:
-        """Forget what it owes when it asks anew: it will never answer what it was sent before."""
+        """When the robot asks anew, expect no answers to earlier measurements."""
         if attempt != self._attempt:
             self._attempt = attempt
             self.answered = self._sent
@@ -118,7 +118,7 @@ class RobotLink:
     def _check(self, reference: Reference) -> None:
         check_field("robot", reference.robot, self.name)
         if not self.owes_answer:
-            raise MessageError(f"answers is {reference.answers} but block {self._sent} was answered already")
+            raise MessageError(f"answers is {reference.answers} but block {self._sent} has already been answered")
         if not self.answered < reference.answers <= self._sent:
             raise MessageError(
                 f"answers is {reference.answers} but expected a block from {self.answered + 1} to {self._sent}"
@@ -128,10 +128,10 @@ class RobotLink:
         check_field("wrench.shape", reference.wrench.shape, (6,))
 
     def _keep(self, reference: Reference) -> None:
-        """Keep a reference for its block. One that no arm can follow is an answer, but told once, and left out.
+        """Keep a reference for its block. One that no arm can follow counts as an answer, but is not used.
 
         Raises:
-            MessageError: It is the first one of these.
+            MessageError: It is the first of a series that no arm can follow.
         """
         excess: str | None = f"the reference of block {reference.block} is not finite"
         if is_finite(reference.motion) and is_finite(reference.wrench):
@@ -139,24 +139,24 @@ class RobotLink:
         self._references[reference.block] = reference if excess is None else None
         was_refused, self.is_refused = self.is_refused, excess is not None
         if excess is not None and not was_refused:
-            raise MessageError(f"{excess}: its arm holds still until it asks for something that an arm can do")
+            raise MessageError(f"{excess}: its arm holds still until it gets a reference that it can follow")
 
     def is_late(self, block: int) -> bool:
-        """Whether its reference of a block should have come, and has not."""
+        """Whether the robot's reference of a block is late."""
         return self.is_ready and block >= self.joined + self._lag and block not in self._references
 
     def take_reference(self, block: int) -> Reference | None:
-        """Its reference of a block, None if none that an arm can follow has come; earlier blocks' are forgotten."""
+        """Return the robot's reference of a block, None if there is no usable one; earlier blocks' are deleted."""
         self._references = {index: other for index, other in self._references.items() if index >= block}
         return self._references.get(block)
 
     def send_measurements(self, measurements: Measurements, estimator: str = "") -> None:
-        """Send it its own measurements; ``estimator`` is the one to use, if not that of its configuration."""
+        """Send the robot its measurements; ``estimator`` is the one to use, if not that of its configuration."""
         self._sent = measurements.block
         self._measurements.send(
             structs.replace(measurements, world=self._world, attempt=self._attempt, estimator=estimator)
         )
 
     def send_stop(self, reason: str) -> None:
-        """Tell it that the run is over."""
+        """Tell the robot that the run is over."""
         self._stop.send(Stop(reason=reason))

@@ -1,8 +1,8 @@
-"""The secure profile of a session: who may dial or be dialled, and which keys may pass between whom.
+"""The secure profile of a session: which participants may connect, and which keys each may use.
 
-Two locks, one behind the other. Mutual TLS lets in only those who hold a certificate of the team's own authority; then
-Zenoh's access control lets each of them say, hear, ask and answer what its ``Party`` lists, by the name in its
-certificate, and nothing else: what is not listed does not even reach the session.
+There are two barriers. Mutual TLS admits only holders of a certificate of the team's own authority. Zenoh's access
+control then allows each of them, by the name in its certificate, what its ``Party`` lists; everything else does not
+reach the session.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from coheft.errors import CoheftError
 
 
 class Credentials(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Files by which a participant is known and knows others.
+    """Files with which a participant authenticates itself and others.
 
     Attributes:
         authority: Certificate of the authority that all participants trust.
-        certificate: The participant's own; its common name is the participant's name.
+        certificate: The participant's certificate; its common name is the participant's name.
         key: Its private key.
     """
 
@@ -31,31 +31,33 @@ class Credentials(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
 
 
 def credentials_in(folder: Path, name: str) -> Credentials:
-    """A participant's credentials in a folder that ``coheft keys`` made; absolute paths.
+    """Return a participant's credentials in a folder made by ``coheft keys``, with absolute paths.
 
     Raises:
-        CoheftError: The folder does not hold them.
+        CoheftError: A file is missing.
     """
     folder = folder.resolve()
     paths = folder / "authority.crt", folder / f"{name}.crt", folder / f"{name}.key"
     missing = [path.name for path in paths if not path.is_file()]
     if missing:
-        raise CoheftError(f"there is no {' and no '.join(missing)} in {folder}: no one can be {name} without")
+        raise CoheftError(
+            f"{folder} contains no {' and no '.join(missing)}, needed by {name}: 'coheft keys' makes them"
+        )
     return Credentials(authority=str(paths[0]), certificate=str(paths[1]), key=str(paths[2]))
 
 
 @dataclass(frozen=True)
 class Party:
-    """A participant at the other end of a session, and all that may pass between it and this end.
+    """A participant at the other end of a session, and the keys that both ends may use.
 
     Attributes:
         name: Common name in its certificate.
-        shows: Keys under which it may show that it is there.
-        watches: Keys under which it may see that we are there.
-        says: Keys under which it may tell us something.
-        hears: Keys under which we may tell it something.
-        asks: Keys under which it may ask us.
-        answers: Keys under which we may ask it.
+        shows: Keys under which it may announce its presence.
+        watches: Keys under which it may see our presence.
+        says: Keys under which it may send messages to us.
+        hears: Keys under which we may send messages to it.
+        asks: Keys under which it may send requests to us.
+        answers: Keys under which we may send requests to it.
     """
 
     name: str
@@ -69,19 +71,19 @@ class Party:
 
 @dataclass(frozen=True)
 class Guard:
-    """What makes a session secure: who we are, and who may be at the other ends."""
+    """The security of a session: our credentials, and the parties that may be at the other ends."""
 
     credentials: Credentials
     parties: tuple[Party, ...]
 
     @property
     def names(self) -> frozenset[str]:
-        """Who may be at the other ends."""
+        """Names of the parties that may be at the other ends."""
         return frozenset(party.name for party in self.parties)
 
     @property
     def link_settings(self) -> dict[str, object]:
-        """Zenoh's ``transport.link``: TLS 1.3 both ways and no other protocol."""
+        """Zenoh's ``transport.link``: mutual TLS 1.3 and no other protocol."""
         own = {"private_key": self.credentials.key, "certificate": self.credentials.certificate}
         tls = {f"{side}_{name}": path for side in ("listen", "connect") for name, path in own.items()}
         return {
@@ -97,7 +99,7 @@ class Guard:
 
     @property
     def access_settings(self) -> dict[str, object]:
-        """Zenoh's ``access_control``: whatever is not allowed here is denied, both ways."""
+        """Zenoh's ``access_control``: denies everything in both directions that is not allowed here."""
         rules = {party.name: list(_rules(party)) for party in self.parties}
         return {
             "enabled": True,
@@ -111,7 +113,7 @@ class Guard:
 
 
 def _rules(party: Party) -> Iterator[dict[str, object]]:
-    """What is allowed to a party: ``ingress`` is what comes from it, ``egress`` what goes to it."""
+    """Return what is allowed to a party: ``ingress`` is what it sends, ``egress`` what it receives."""
     allowed = [
         ("ingress", "liveliness_token", party.shows),
         ("egress", "declare_liveliness_subscriber", party.shows),
@@ -140,5 +142,5 @@ def _rules(party: Party) -> Iterator[dict[str, object]]:
 
 
 def _places(keys: Iterable[str]) -> tuple[str, ...]:
-    """What a listener subscribes to: one subscription serves all keys that differ in their last part only."""
+    """Return the keys of subscriptions: one subscription serves all keys that differ in their last part only."""
     return tuple(sorted({f"{key.rpartition('/')[0]}/*" for key in keys}))

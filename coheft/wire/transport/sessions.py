@@ -1,7 +1,7 @@
-"""Zenoh sessions between processes: explicit links, no discovery, nothing that is handed on to a third party.
+"""Zenoh sessions between processes: explicit links, no discovery, no forwarding to third parties.
 
-A process opens at least one session per plane (see ``coheft.wire.messages.structs``), so that nothing crosses from one
-plane to another. What it says goes out through a ``Sender``; what it hears comes through one ``Inbox``.
+A process opens at least one session per plane (see ``coheft.wire.messages.structs``), so that no message crosses from
+one plane to another. It sends through a ``Sender`` and receives through one ``Inbox``.
 """
 
 from __future__ import annotations
@@ -15,9 +15,10 @@ from dataclasses import dataclass
 from threading import Lock, Thread
 from typing import Any, Literal, TypeVar, get_args
 
-# Few threads for all of Zenoh's work: fewer switches between threads per message. Not one, because each listener that
-# freezes takes a thread until its link is cut, and with none left all other links fall silent and are cut too.
-# Read when the first session opens.
+# Few threads for all of Zenoh's work, so that there are few thread switches per message. Not a single one, because each
+# frozen listener occupies a thread until its link is cut; with none left all other links would become silent and be
+# cut.
+# Zenoh reads the variable when the first session opens.
 os.environ.setdefault(
     "ZENOH_RUNTIME", "(rx:(worker_threads:4),tx:(handover:rx),acc:(handover:rx),app:(handover:rx),net:(handover:rx))"
 )
@@ -32,46 +33,48 @@ from coheft.wire.messages.structs import Message
 from coheft.wire.transport.security import Guard
 
 Role = Literal["observer", "operator"]
-"""As what somebody asks the server: an observer may only ask how the run is."""
+"""The role of a client of the server: observers may only ask for the status."""
 ROLES: tuple[Role, ...] = get_args(Role)
 
 M = TypeVar("M", bound=Message)
 
 REFUSAL = zenoh.Encoding("coheft/refusal")
-"""Marks what is refused by one of us: Zenoh itself answers questions that have waited too long for an answer."""
+"""Encoding of our own refusals; Zenoh itself also answers requests that have timed out."""
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
 
 _SETTINGS: dict[str, object] = {
     "mode": "peer",
-    # Together these three keep every message to one hop: peers neither look for others nor tell each other of others,
-    # and no peer serves as a gateway to those who dial it, not even to clients.
+    # Together these three settings keep every message to one hop: peers neither look for others nor inform each other,
+    # and
+    # no peer serves as a gateway to those that dial it, not even to clients.
     "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
     "gateway": {"south": []},
-    # Opening takes half a second otherwise while somebody does not answer yet: all that use links wait for them anyway.
+    # Otherwise opening takes half a second while an endpoint does not answer, although users of a link wait for it
+    # anyway.
     "open": {"return_conditions": {"connect_scouted": False}},
 }
 _LINK_SETTINGS: dict[str, object] = {
     "tx": {
-        "lease": 1000,  # [ms]: a frozen process is noticed after this
-        # [us]: enough for a listener that is short of time, too little for a frozen one to hold up the run.
+        "lease": 1000,  # [ms]: time after which a frozen process is noticed
+        # [us]: enough for a listener that is short of CPU time, too little for a frozen one to delay the run.
         "queue": {
             "congestion_control": {
                 "drop": {"wait_before_drop": 50_000},
-                # [us]: a link that has been too slow for so long that megabytes wait for it is cut and dialled anew.
-                # Well below the lease: a link that is back while a message still waits for the old one stays mute.
+                # [us]: a link that is so slow that megabytes are waiting is cut and dialled again. Much less than the
+                # lease: a link that is restored while a message waits for the old one does not work.
                 "block": {"wait_before_close": 200_000},
             }
         },
     },
 }
 _DIAL_SETTINGS: dict[str, object] = {
-    # Dial without end, in the background: processes start in any order.
+    # Dial without limit, in the background: processes start in any order.
     "timeout_ms": -1,
     "exit_on_failure": False,
     "retry": {"period_init_ms": 20, "period_max_ms": 50, "period_increase_factor": 1.5},
 }
-_FAREWELL = 1.0
-"""Time to close a session [s]: whoever is frozen at the other end takes no farewell, for which Zenoh waits 10 s."""
+_CLOSE_TIMEOUT = 1.0
+"""Time to close a session [s]; Zenoh would wait 10 s for a frozen process at the other end."""
 
 
 @contextmanager
@@ -81,17 +84,17 @@ def open_session(
     guard: Guard | None = None,
     largest: int = LEAST_LIMIT,
 ) -> Iterator[zenoh.Session]:
-    """A session whose only links are those that are given; closed at the end of the context.
+    """Open a session with the given links only; closed at the end of the context.
 
     Args:
-        listen: Endpoints where others may dial in, such as ``tcp/127.0.0.1:20000``, or ``tls/127.0.0.1:20000`` if there
-            is a guard.
-        connect: Endpoints to dial, until somebody answers.
-        guard: Who may be at the other ends, and say what; None: whoever comes, and everything.
-        largest: Messages that are larger are dropped before they are put together [B].
+        listen: Endpoints at which others may dial in, such as ``tcp/127.0.0.1:20000``, or ``tls/127.0.0.1:20000`` with
+            a guard.
+        connect: Endpoints to dial until they answer.
+        guard: Access rules; None for the open profile, without restrictions.
+        largest: Larger messages are dropped before they are assembled [B].
 
     Raises:
-        LinkError: An endpoint is malformed, or somebody listens there already.
+        LinkError: An endpoint is malformed, or another process listens there.
     """
     listen, connect = list(listen), list(connect)
     settings = {
@@ -116,24 +119,25 @@ def open_session(
     finally:
         closing = Thread(target=_close, args=(session,), daemon=True)
         closing.start()
-        closing.join(_FAREWELL)
+        closing.join(_CLOSE_TIMEOUT)
 
 
 def _close(session: zenoh.Session) -> None:
-    with suppress(zenoh.ZError):  # Zenoh has given up
+    with suppress(zenoh.ZError):  # raised if Zenoh gives up
         session.close()  # type: ignore[no-untyped-call]
 
 
 def session_id(session: zenoh.Session) -> str:
-    """Its identity; no two sessions have the same."""
+    """Return the identity of a session, which is unique."""
     return str(session.zid())
 
 
 def check_name(name: str) -> str:
-    """A name that can be part of a key.
+    """Return a name if it can be part of a key.
 
     Raises:
-        CoheftError: It has other characters than letters, digits, ``-`` and ``_``: they could change the key's meaning.
+        CoheftError: It has characters other than letters, digits, ``-`` and ``_``, which could change the key's
+            meaning.
     """
     if not _NAME.fullmatch(name):
         raise CoheftError(f"{name!r} cannot be a name: expected letters, digits, '-' and '_', a letter or digit first")
@@ -150,38 +154,40 @@ class Keys:
         check_name(self.run)
 
     def robot(self, name: str, topic: str) -> str:
-        """Robot plane. Up: ``ready``, ``reference``; down: ``measurements``, ``stop``."""
+        """Return a key of the robot plane. To the server: ``ready``, ``reference``; to the robot: ``measurements``,
+        ``stop``.
+        """
         return f"{self.run}/robot/{check_name(name)}/{topic}"
 
     def agent(self, name: str, topic: str) -> str:
-        """Neighbour plane: ``hello``, ``block``; under ``alive`` nothing is said, see ``Inbox.watch_presence``."""
+        """Return a key of the neighbour plane: ``hello``, ``block``, or ``alive`` for ``Inbox.watch_presence``."""
         return f"{self.run}/agent/{check_name(name)}/{topic}"
 
     def observe_agent(self, name: str, topic: str) -> str:
-        """Observer plane of an agent: ``estimate``, ``problem``."""
+        """Return a key of an agent's observer plane: ``estimate``, ``problem``."""
         return f"{self.run}/observe/agent/{check_name(name)}/{topic}"
 
     def observe_server(self, topic: str) -> str:
-        """Observer plane of the server: ``truth``, ``problem``, ``end``."""
+        """Return a key of the server's observer plane: ``truth``, ``problem``, ``end``."""
         return f"{self.run}/observe/server/{topic}"
 
     def request(self, role: Role) -> str:
-        """Where the server answers those who ask in a role."""
+        """Return the key of requests to the server in a role."""
         return f"{self.run}/server/request/{role}"
 
     def request_agent(self, name: str) -> str:
-        """Where an agent answers the operator."""
+        """Return the key of the operator's requests to an agent."""
         return f"{self.run}/request/agent/{check_name(name)}"
 
 
 class Sender:
-    """Says messages of one kind under one key, from any thread.
+    """Sends messages of one kind under one key, from any thread.
 
     Args:
-        session: The plane's session; None: those that are attached later.
-        key: What to say it under.
-        may_drop: When a listener does not keep up, lose messages rather than wait for it. Right for observers: one
-            that is frozen must not hold up the run.
+        session: The plane's session; None if sessions are attached later.
+        key: The key.
+        may_drop: Whether to lose messages rather than wait when a listener does not keep up. True for observers,
+            because a frozen one must not delay the run.
     """
 
     def __init__(self, session: zenoh.Session | None, key: str, *, may_drop: bool) -> None:
@@ -193,19 +199,19 @@ class Sender:
             self.attach(session)
 
     def attach(self, session: zenoh.Session) -> None:
-        """Say it on one more session, too."""
+        """Send on one more session."""
         publisher = session.declare_publisher(self._key, congestion_control=self._control, express=True)
         with self._lock:
             self._publishers[session_id(session)] = publisher
 
     def detach(self, session: zenoh.Session) -> None:
-        """Say nothing more on a session."""
+        """Stop sending on a session."""
         with self._lock:
             publisher = self._publishers.pop(session_id(session))
         publisher.undeclare()  # type: ignore[no-untyped-call]
 
     def send(self, message: Message) -> None:
-        """Say it to all who listen now."""
+        """Send a message to all present listeners."""
         data = self._writer.write(message)
         with self._lock:
             for publisher in self._publishers.values():
@@ -213,33 +219,33 @@ class Sender:
 
     @property
     def has_listener(self) -> bool:
-        """Whether anybody listens now."""
+        """Whether there is a listener now."""
         statuses: list[Any] = [publisher.matching_status for publisher in self._publishers.values()]
         return any(status.matching for status in statuses)  # objects, though the type stub says bool
 
 
 def ask(session: zenoh.Session, key: str, request: Request, timeout: float = 2.0) -> Status | Refusal:
-    """Ask the server, see ``ask_for``."""
+    """Send a request to the server, see ``ask_for``."""
     return ask_for(Status, session, key, request, timeout)
 
 
 def ask_for(kind: type[M], session: zenoh.Session, key: str, request: Message, timeout: float = 2.0) -> M | Refusal:
-    """Ask whoever answers under a key.
+    """Send a request and return the answer.
 
     Args:
-        kind: Of the answer.
-        session: Where to ask.
-        key: Under which the request is answered.
-        request: What is asked.
-        timeout: How long to wait [s].
+        kind: Type of the answer.
+        session: The session to use.
+        key: The key under which requests are answered.
+        request: The request.
+        timeout: Time to wait for the answer [s].
 
     Raises:
         LinkError: There is no answer within ``timeout`` [s].
-        MessageError: The answer makes no sense.
+        MessageError: The answer is invalid.
     """
     for reply in session.get(key, payload=encode(request, key), timeout=timeout):
         if reply.ok is not None:
             return decode(reply.ok.payload.to_bytes(), kind, key)
-        if reply.err is not None and reply.err.encoding == REFUSAL:  # else these are Zenoh's own words, of a timeout
+        if reply.err is not None and reply.err.encoding == REFUSAL:  # otherwise Zenoh reports a timeout
             return decode(reply.err.payload.to_bytes(), Refusal, key)
     raise LinkError(f"no answer to the request under '{key}' within {timeout:g} s")

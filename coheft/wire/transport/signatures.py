@@ -1,8 +1,8 @@
-"""What a robot says about itself, signed with the key of its certificate: the secure profile's proof for third parties.
+"""Signatures of robots' records about themselves: the proof for third parties in the secure profile.
 
-A link's certificate proves who is at its other end. What robots say about themselves travels further, through others'
-hands; so each record carries its robot's signature, which holds for one run, and the certificate that it is checked by.
-Besides ``coheft.app.run.keys`` the only module that needs the package ``cryptography``.
+A link's certificate proves the identity of the process at its other end. But records about robots are forwarded by
+others. So each record carries its robot's signature, which is valid for one run, and the certificate to check it with.
+Besides ``coheft.app.run.keys``, this is the only module that needs the package ``cryptography``.
 """
 
 from __future__ import annotations
@@ -29,18 +29,18 @@ _PROOF = frozenset(["signature", "certificate"])
 """Fields of a record that are not signed."""
 _HOW = ec.ECDSA(hashes.SHA256())
 _LARGEST_CERTIFICATE = 2048
-"""Of a participant, as ``coheft keys`` makes them, a quarter of that [B]."""
+"""Largest size of a participant's certificate [B]; those made by ``coheft keys`` are a quarter of it."""
 
 
 class Signatures:
-    """Signs one robot's records, and checks those of the others of its run.
+    """Signs one robot's records, and checks those of other robots of its run.
 
     Args:
-        run: Prefix of all keys of the run: what was signed in another one does not hold here.
-        credentials: The robot's own.
+        run: Prefix of all keys of the run; signatures of another run are invalid.
+        credentials: The robot's own credentials.
 
     Raises:
-        CoheftError: They cannot be read.
+        CoheftError: The credentials cannot be read.
     """
 
     def __init__(self, run: str, credentials: Credentials) -> None:
@@ -51,19 +51,19 @@ class Signatures:
         except (OSError, TypeError, ValueError) as error:
             raise CoheftError(f"{credentials.certificate} and its key cannot sign: {error}") from error
         if not isinstance(key, ec.EllipticCurvePrivateKey):
-            raise CoheftError(f"{credentials.key} holds another kind of key than 'coheft keys' makes")
+            raise CoheftError(f"{credentials.key} contains another type of key than 'coheft keys' makes")
         self._run = run
         self._key = key
         self._certificate = own.public_bytes(serialization.Encoding.DER)
         self._known: dict[str, tuple[bytes, x509.Certificate]] = {}
 
     def signed(self, record: LinkState) -> LinkState:
-        """The robot's own record with its signature and certificate."""
+        """Return the robot's own record with its signature and certificate."""
         signature = self._key.sign(self._content(record), _HOW)
         return msgspec.structs.replace(record, signature=signature, certificate=self._certificate)
 
     def problem(self, record: LinkState) -> str | None:
-        """Why a record is not the word of the robot that it is about, None if it is."""
+        """Return why a record cannot be from the robot that it is about, None if it is."""
         if not record.signature:
             return f"{record.robot} has not signed it"
         known = self._known.get(record.robot)
@@ -71,26 +71,26 @@ class Signatures:
             try:
                 known = record.certificate, self._checked(record)
             except (ValueError, TypeError, InvalidSignature):
-                return f"it is signed with no certificate of {record.robot}"
+                return f"its certificate is not one of {record.robot}"
         certificate = known[1]
         if not certificate.not_valid_before_utc <= datetime.now(UTC) <= certificate.not_valid_after_utc:
-            return f"it is signed with a certificate of {record.robot} that does not hold now"
+            return f"its certificate of {record.robot} is not valid now"
         key = certificate.public_key()
         assert isinstance(key, ec.EllipticCurvePublicKey)
         try:
             key.verify(record.signature, self._content(record), _HOW)
         except InvalidSignature:
-            return f"its signature is none of {record.robot} in this run"
+            return f"its signature is not one of {record.robot} in this run"
         self._known[record.robot] = known
         return None
 
     def _checked(self, record: LinkState) -> x509.Certificate:
-        """The certificate that a record bears.
+        """Return the certificate of a record.
 
         Raises:
-            ValueError: It is none, or another participant's.
-            TypeError: It is signed in another way than the team's authority does.
-            InvalidSignature: Someone else has signed it.
+            ValueError: It is not a certificate, or another participant's.
+            TypeError: Its signature is of another type than those of the team's authority.
+            InvalidSignature: The team's authority has not signed it.
         """
         if len(record.certificate) > _LARGEST_CERTIFICATE:
             raise ValueError(f"{len(record.certificate)} B")
@@ -99,10 +99,10 @@ class Signatures:
         if certificate.subject != x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, record.robot)]):
             raise ValueError(certificate.subject.rfc4514_string())
         if not isinstance(certificate.public_key(), ec.EllipticCurvePublicKey):
-            raise TypeError("no elliptic curve")
+            raise TypeError("not an elliptic curve key")
         return certificate
 
     def _content(self, record: LinkState) -> bytes:
-        """What is signed: the run, and all that the record says."""
+        """Return the signed bytes: the run, and the fields of the record."""
         said = [value for name, value in msgspec.structs.asdict(record).items() if name not in _PROOF]
         return msgspec.msgpack.encode(("link state", self._run, *said))
