@@ -24,6 +24,7 @@ from coheft.estimation.batch.recording import Recording
 
 _MENDINGS = 2
 """A clock that poses show is finished by forces: it may be that of the poses alone, or of all that is recorded."""
+_UNSEEN = "motion and gravity do not show where all robots hold the load, or that it has a weight"
 
 
 def judged(
@@ -64,13 +65,13 @@ def _judged(
     try:
         evidence = found.evidence or Evidence.of(recording, cutoff)
         verdict = stuck_motion(recording)
-        if not evidence.is_seen:
-            return replace(found, verdict=verdict), evidence
+        if not evidence.is_seen and verdict is None:
+            return replace(found, not_judged=_UNSEEN), evidence
         verdict = verdict or judge(evidence, assume)
         if verdict.cause == Cause.UNKNOWN and recording.has("pose"):
             verdict = _inverse(recording, cutoff) or verdict
     except (ValueError, RecordingError) as error:
-        return replace(found, remarks=(*found.remarks, f"Not judged: {error}.")), None
+        return replace(found, not_judged=str(error)), None
     if not verdict.is_refuted:
         return replace(with_hidden(found, verdict), verdict=verdict), evidence
     suspicions = tuple(one for one in found.suspicions if one != verdict.words)
@@ -128,6 +129,8 @@ def _checked(verdict: Verdict | None, cause: str) -> Verdict:
     if verdict.cause != cause:
         possible = "" if cause in MENDABLE else f"; it can be any of: {', '.join(MENDABLE)}"
         raise RecordingError(f"--assume {cause}: that does not explain the recording{possible}. {verdict.words}")
+    if verdict.mass is None and cause in (Cause.SCALE, Cause.FORCE_SCALE):
+        raise RecordingError(f"--assume {cause}: nothing says whose readings to correct, so do it. {verdict.words}")
     return verdict
 
 

@@ -7,7 +7,7 @@ ratio; what it costs grows with its unknowns, and with the number of robots that
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -229,3 +229,13 @@ class Suspects:
     def _from(self, time: float, columns: Array) -> Fit:
         later = expit((self._misfit.signals.time - time) / _STEP)
         return self._misfit.fit(columns * later[:, None, None])
+
+
+def forces_instead(moments: Suspect) -> Suspect:
+    """All forces too small, where all moments are too large: the same to any motion, but of another load."""
+    factor = float(moments.value[0])
+    body = moments.fit.solution[:BODY_NUMBERS]
+    by_factor = np.column_stack([factor * np.eye(BODY_NUMBERS), factor**2 * body])
+    fit = replace(moments.fit, solution=factor * body, covariance=by_factor @ moments.fit.covariance @ by_factor.T)
+    gain = moments.gain if 0.0 < factor < np.inf else -np.inf
+    return Suspect(Cause.FORCE_SCALE, None, fit, gain, np.array([1.0 / factor if factor else np.inf]))
