@@ -130,7 +130,8 @@ def test_robots_worse_than_their_bounds_are_suspected(miscalibrated: Recording) 
     doubt = "No calibration errors within the bounds explain this recording: the force offset "
     for bounds, beyond in ((Bounds(), False), (Bounds(force_offset=0.01), True)):
         found = identify(miscalibrated, Options(method="pose", calibrate=True, bounds=bounds))
-        assert any(text.startswith(doubt) for text in found.doubts) == beyond
+        assert any(text.startswith(doubt) for text in found.suspicions) == beyond
+        assert (found.doubts != ()) == beyond
 
 
 def test_a_force_scale_beyond_its_bound_is_refuted_until_the_bound_covers_it(miscalibrated: Recording) -> None:

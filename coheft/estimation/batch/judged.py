@@ -129,7 +129,7 @@ def _checked(verdict: Verdict | None, cause: str) -> Verdict:
     if verdict.cause != cause:
         possible = "" if cause in MENDABLE else f"; it can be any of: {', '.join(MENDABLE)}"
         raise RecordingError(f"--assume {cause}: that does not explain the recording{possible}. {verdict.words}")
-    if verdict.mass is None and cause in (Cause.SCALE, Cause.FORCE_SCALE):
+    if verdict.is_open:
         raise RecordingError(f"--assume {cause}: nothing says whose readings to correct, so do it. {verdict.words}")
     return verdict
 

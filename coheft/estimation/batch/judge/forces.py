@@ -90,6 +90,7 @@ def judge_forces(evidence: Evidence, assumed: str | None) -> Verdict:
     rest = f"; the second best cause, {second.cause.value}, is hardly worse" if margin < _CLOSE else ""
     return replace(
         _verdict_of(best, robot, homes, float(np.sqrt(plain.inside))),
+        is_open=is_open,
         margin=margin,
         second=second.cause.value,
         mass=mass,
