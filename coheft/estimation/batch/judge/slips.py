@@ -1,4 +1,4 @@
-"""A grasp that slips: from some time on, a robot's grasp frame is elsewhere in the load, its view of the load a step."""
+"""A grasp that slips: from some time on it is elsewhere in the load, and the robot's view of the load has a step."""
 
 from __future__ import annotations
 
