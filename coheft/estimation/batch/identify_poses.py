@@ -96,7 +96,7 @@ def _check_duration(recording: Recording, signals: Signals) -> None:
 def _without_doubts(recording: Recording, signals: Signals, grasps: HandEye, cutoff: float) -> Identification:
     poses = grasps.team.poses
     fit = parameters_fit(signals, poses)
-    covariance = fit.covariance + covariance_by_poses(signals, grasps.team)
+    covariance = fit.covariance + covariance_by_poses(signals, grasps.team, fit.weight)
     return Identification(
         method="pose",
         names=recording.names,
