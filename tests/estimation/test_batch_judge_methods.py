@@ -106,7 +106,7 @@ def test_forces_in_another_unit_than_moments_are_not_weighed_unasked() -> None:
     """All forces in kilograms look like all moments in another unit: what the load weighs depends on it."""
     recording = held_recording(4)
     for name in recording.names:
-        in_kilograms = wrench_of(recording, name) * np.repeat([1.0, 1.0 / 9.80665], 3)
+        in_kilograms = wrench_of(recording, name) * np.repeat([1.0 / 9.80665, 1.0], 3)
         recording = with_wrench(recording, name, in_kilograms)
     verdict = identify(recording, Options()).verdict
     assert verdict is not None
@@ -116,6 +116,20 @@ def test_forces_in_another_unit_than_moments_are_not_weighed_unasked() -> None:
         found = identify(recording, Options(assume=cause))
         assert found.doubts == ()
         assert (deviations(recording, found) < 5.0) == (cause == "force scale")
+
+
+def test_a_unit_of_all_forces_is_not_seen_but_what_is_denser_than_any_material_is(of_twists: Recording) -> None:
+    def times(factor: float) -> Recording:
+        recording = of_twists
+        for name in recording.names:
+            recording = with_wrench(recording, name, factor * wrench_of(recording, name))
+        return recording
+
+    in_kilograms = identify(times(1.0 / 9.80665), Options(method="instruments"))
+    assert in_kilograms.doubts == ()
+    assert any("a factor of all forces and moments" in remark for remark in in_kilograms.remarks)
+    in_millinewtons = identify(times(1e3), Options(method="instruments"))
+    assert any("denser than any material" in doubt for doubt in in_millinewtons.doubts)
 
 
 def test_which_of_two_robots_to_correct_is_not_guessed() -> None:

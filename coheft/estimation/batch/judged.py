@@ -9,6 +9,7 @@ import numpy as np
 
 from coheft.errors import RecordingError
 from coheft.estimation.batch.body import centre_of
+from coheft.estimation.batch.doubts import solid_density
 from coheft.estimation.batch.identification import HiddenError, Identification
 from coheft.estimation.batch.identify import at_first_grasp
 from coheft.estimation.batch.judge.cause import Cause
@@ -19,6 +20,7 @@ from coheft.estimation.batch.judge.motions import judge_motions
 from coheft.estimation.batch.judge.poses import judge_poses
 from coheft.estimation.batch.judge.sensors import stuck_motion, stuck_sensor
 from coheft.estimation.batch.judge.verdict import Verdict
+from coheft.estimation.batch.payload import Payload
 from coheft.estimation.batch.pose_conventions import inverse_poses
 from coheft.estimation.batch.recording import Recording
 
@@ -145,7 +147,9 @@ def with_hidden(found: Identification, verdict: Verdict) -> Identification:
             std = float(np.sqrt(max(variance, 0.0)))
             if std > worst[number].std:
                 worst[number] = HiddenError(cause.value, std)
-    return replace(found, hidden=tuple(worst), remarks=(*found.remarks, _what_is_hidden(worst)))
+    return replace(
+        found, hidden=tuple(worst), remarks=(*found.remarks, _what_is_hidden(worst), *_common_scale(found.payload))
+    )
 
 
 def _what_is_hidden(hidden: Sequence[HiddenError]) -> str:
@@ -155,6 +159,16 @@ def _what_is_hidden(hidden: Sequence[HiddenError]) -> str:
         f"This recording would not show sensors that are off by little, which may add standard deviations of "
         f"{mass.std:.2g} kg ({mass.cause}) to the mass, {1e3 * com.std:.2g} mm ({com.cause}) to the centre of mass and "
         f"{tensor.std:.2g} kg·m² ({tensor.cause}) to moments of inertia."
+    )
+
+
+def _common_scale(payload: Payload) -> tuple[str, ...]:
+    """What no recording shows, and what a reader may judge it by, in words."""
+    if not (payload.is_seen("mass") and payload.is_seen("inertia")):
+        return ()
+    return (
+        f"Nor does any show a factor of all forces and moments, as of another unit. A solid ellipsoid with these mass "
+        f"properties would have a density of {solid_density(payload):.2g} kg/m³: is that likely?",
     )
 
 
