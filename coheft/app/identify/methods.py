@@ -107,16 +107,19 @@ def fitted(
         case "likelihood":
             found = identify_sensors(recording)
             if options.method is None and found.noise_ratio > MOST_NOISE:
-                found = _without_noise(recording, options, found.noise_ratio)
+                found = _without_noise(recording, options, found)
     return found if statics is None else with_statics(found, statics)
 
 
-def _without_noise(recording: Recording, options: Options, ratio: float) -> Identification:
-    """By instruments, which need not know the noise, as it is not what the recording names."""
-    found = identify_with_instruments(recording, options.cutoff or CUTOFF)
+def _without_noise(recording: Recording, options: Options, refuted: Identification) -> Identification:
+    """By instruments, which need not know the noise, as it is not what the recording names, if it is long enough."""
+    try:
+        found = identify_with_instruments(recording, options.cutoff or CUTOFF)
+    except RecordingError:
+        return refuted
     remark = (
-        f"Residuals are {ratio:.2f} times as large as 'noise' of the recording explains, so that --method likelihood "
-        f"does not suit it."
+        f"Residuals are {refuted.noise_ratio:.2f} times as large as 'noise' of the recording explains, so that "
+        f"--method likelihood does not suit it."
     )
     return replace(found, remarks=(*found.remarks, remark))
 
