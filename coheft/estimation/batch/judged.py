@@ -26,6 +26,8 @@ from coheft.estimation.batch.recording import Recording
 
 _MENDINGS = 2
 """A clock that poses show is finished by forces: it may be that of the poses alone, or of all that is recorded."""
+_SURELY = 3.0
+"""Standard deviations."""
 _UNSEEN = "motion and gravity do not show where all robots hold the load, or that it has a weight"
 
 
@@ -167,8 +169,8 @@ def _common_scale(payload: Payload) -> tuple[str, ...]:
     if not (payload.is_seen("mass") and payload.is_seen("inertia")):
         return ()
     return (
-        f"Nor does any show a factor of all forces and moments, as of another unit. A solid ellipsoid with these mass "
-        f"properties would have a density of {solid_density(payload):.2g} kg/m³: is that likely?",
+        f"Nor does any show a factor of all forces and moments, as of another unit: a solid ellipsoid with these mass "
+        f"properties would have at least {solid_density(payload, _SURELY):,.0f} kg/m³.",
     )
 
 

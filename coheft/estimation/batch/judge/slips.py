@@ -54,7 +54,7 @@ def find_slip(views: Views, grasps: Sequence[Pose]) -> Slip | None:
     solution = score @ inverse
     # A step of one robot moves the mean of all, from which views count, too.
     gains = np.sum(solution * score, axis=-1) * count / (count - 1)
-    start, robot = np.unravel_index(int(np.argmax(gains)), gains.shape)
+    start, robot = map(int, np.unravel_index(int(np.argmax(gains)), gains.shape))
     before = float(np.sum(views.rest**2))
     if before - gains[start, robot] > _LEFT * before:
         return None
@@ -62,7 +62,7 @@ def find_slip(views: Views, grasps: Sequence[Pose]) -> Slip | None:
     # Perturbations are those of the load as the robot sees it, about the load's origin.
     shift = jump[3:] + np.cross(jump[:3], grasps[robot].translation)
     turn = float(np.degrees(np.linalg.norm(jump[:3])))
-    return Slip(int(robot), float(time[inner[start]]) - 0.5 * BATCH, turn, float(np.linalg.norm(shift)))
+    return Slip(robot, float(time[inner[start]]) - 0.5 * BATCH, turn, float(np.linalg.norm(shift)))
 
 
 def _from_each_on(samples: Array) -> Array:
