@@ -66,9 +66,9 @@ LISTED = (
     *("offset", "tared", "drift", "lever", "lever of all", "scale", "sign", "moment unit", "moment unit of all"),
     *("base axes", "base axes of all", "turned", "exchanged", "wrench clock", "wrench clock of all", "clock"),
     *("compensated", "load change", "slip", "not level", "tilted", "inverse", "inverse of all", "quaternions"),
-    *("dead", "frozen"),
+    *("dead", "frozen", "length scale"),
 )
-UNLISTED = ("crosstalk", "saturation", "one axis", "clock rate", "length scale", "two")
+UNLISTED = ("crosstalk", "saturation", "one axis", "clock rate", "two")
 _BY_POSES = {"base axes", "base axes of all", "compensated", "slip", "not level", "tilted", "inverse", "inverse of all"}
 _BY_POSES |= {"quaternions", "length scale"}
 
@@ -225,6 +225,6 @@ def _with(
             )
         case "length scale":
             ruler = 1.0 + sign * between(rng, 0.005, 0.05)
-            return before(lambda r: {"pose": pose_of(r) * np.repeat([ruler, 1.0], [3, 4])}), None, ()
+            return before(lambda r: {"pose": pose_of(r) * np.repeat([ruler, 1.0], [3, 4])}), None, ("length scale",)
         case _:
             raise ValueError(f"expected one of {LISTED + UNLISTED}, found {kind!r}")

@@ -170,6 +170,8 @@ def test_csv_files_that_cannot_be_used_are_refused(tmp_path: Path, text: str, me
         (b"t,wx,ax,ay,az,wx\n0,1,2,3,4,5\n", "r1.csv: column 'wx' is there 2 times, expected once"),
         ("t,ax,ay,az\n0,1,2,3\n".encode("utf-16"), "r1.csv: not UTF-8 text .* save it again as 'CSV UTF-8"),
         ("t,ax,ay,az,größe\n0,1,2,3,4\n".encode("latin-1"), "r1.csv: not UTF-8 text"),
+        (b"0,1,2,3\n0.1,1,2,4\n", "r1.csv: the first line holds numbers, expected the names of the columns"),
+        (b",t,ax,ay,az\n0,0,1,2,3\n", r"r1.csv: found a column without a name.*index=False"),
         (b"t;ax;ay;az\n0;1;2;3\n", "found 't;ax;ay;az' as the first line, expected names separated by commas"),
         (b"t,ax,ay,az\n0,1,2," + 140_000 * b"3", "no table of numbers separated by commas: field larger"),
         (b"\x1b[2J,t\n0,1\n", r"column '\\x1b\[2J' is unknown"),
@@ -189,8 +191,9 @@ def test_csv_files_of_other_programs_are_refused_with_advice(tmp_path: Path, tex
         "t,ax,ay,az,\n0,1,2,3,\n0.1,1,2,4,\n",
         " t , ax, ay ,az\n 0 , 1,2, 3\n0.1,1,2,4 \n , , ,\n",
         "t,ax,ay,az\n0,1,2,3,\n0.1,1,2,4\n",
+        "# taken on Monday\n# t,ax,ay,az\n0,1,2,3\n0.1,1,2,4\n# the end\n",
     ],
-    ids=["blank lines", "commas at the end", "spaces", "some commas at the end"],
+    ids=["blank lines", "commas at the end", "spaces", "some commas at the end", "comments"],
 )
 @pytest.mark.parametrize("name", ["r1.csv", "r1.CSV"])
 def test_csv_files_as_people_write_them(tmp_path: Path, name: str, text: str) -> None:

@@ -127,10 +127,23 @@ def test_shorter_motions_are_refused_and_how_long_to_record_is_told(miscalibrate
 
 
 def test_robots_worse_than_their_bounds_are_suspected(miscalibrated: Recording) -> None:
-    remark = "No calibration errors within the bounds"
+    doubt = "No calibration errors within the bounds explain this recording: the force offset "
     for bounds, beyond in ((Bounds(), False), (Bounds(force_offset=0.01), True)):
         found = identify(miscalibrated, Options(method="pose", calibrate=True, bounds=bounds))
-        assert any(text.startswith(remark) for text in found.remarks) == beyond
+        assert any(text.startswith(doubt) for text in found.suspicions) == beyond
+        assert (found.doubts != ()) == beyond
+
+
+def test_a_force_scale_beyond_its_bound_is_refuted_until_the_bound_covers_it(miscalibrated: Recording) -> None:
+    robot = miscalibrated.robots["r1"]
+    assert robot.wrench is not None
+    robots = {**miscalibrated.robots, "r1": replace(robot, wrench=1.1 * robot.wrench)}
+    wrong = replace(miscalibrated, robots=robots).between(0.0, 60.0)
+    refuted = identify(wrong, Options(calibrate=True))
+    assert any("the force scale of r1 would be" in doubt for doubt in refuted.doubts)
+    covered = identify(wrong, Options(calibrate=True, bounds=Bounds(force_scale=0.15)))
+    assert covered.doubts == ()
+    assert honest(wrong, covered)
 
 
 @pytest.mark.slow

@@ -130,6 +130,22 @@ def test_meshes_that_are_not_filled_exactly_are_remarked(
         assert "there would be 7 kg" in caplog.text
 
 
+@pytest.mark.parametrize(
+    ("at", "inertia", "message"),
+    [("100 0 0", 0.1, "the centre of mass is 99.8 m outside"), ("0 0 0", 1e5, "of a box .* but its shapes are 0.4 m")],
+)
+def test_mass_properties_in_other_units_than_shapes_are_refused(
+    at: str, inertia: float, message: str, tmp_path: Path
+) -> None:
+    text = (
+        f'<robot name="crate"><link name="crate"><inertial><origin xyz="{at}"/><mass value="6"/><inertia '
+        f'ixx="{inertia}" iyy="{inertia}" izz="{inertia}" ixy="0" ixz="0" iyz="0"/></inertial><collision><geometry>'
+        f'<box size="0.4 0.3 0.2"/></geometry></collision></link></robot>'
+    )
+    with pytest.raises(ScenarioError, match=message):
+        load(tmp_path, text, "crate.urdf")
+
+
 @pytest.mark.parametrize("size", [0.0004, 300.0])
 def test_other_units_are_refused(size: float, tmp_path: Path) -> None:
     model = world(f'<body name="b"><geom type="box" size="{size} {size / 2} {size / 4}" mass="4"/></body>')

@@ -12,6 +12,7 @@ from benchmarks.recording_faults import LISTED, faulty
 from benchmarks.recordings import deviations, try_recording
 from coheft.app.identify.choices import Method, Options
 from coheft.app.identify.methods import identify
+from coheft.errors import RecordingError
 from coheft.estimation.batch.recording import Recording
 from coheft.estimation.geometry.spatial import Array
 from tests.estimation.batch_team import held_recording
@@ -87,7 +88,54 @@ def test_what_is_too_short_to_be_judged_is_said() -> None:
     short = recorded(team, "white", by_twists=True).between(0.0, 4.5)
     found = identify(short, Options(method="likelihood"))
     assert found.verdict is None
-    assert any(remark.startswith("Not judged: ") for remark in found.remarks)
+    assert "Record at least 6 s" in found.not_judged
+
+
+@pytest.mark.parametrize("seed", [2006, 3046])
+def test_noise_that_is_not_what_the_recording_says_is_not_believed(seed: int) -> None:
+    """Vibration is no white noise: likelihood would be more than eight of its standard deviations off."""
+    recording = recorded(draw_team(seed), "vibrating", by_twists=True)
+    assert identify(recording, Options(method="likelihood")).doubts != ()
+    found = identify(recording, Options())
+    assert found.method == "instruments"
+    assert found.doubts == ()
+    assert deviations(recording, found) < 5.0
+
+
+def test_forces_in_another_unit_than_moments_are_not_weighed_unasked() -> None:
+    """All forces in kilograms look like all moments in another unit: what the load weighs depends on it."""
+    recording = held_recording(4)
+    for name in recording.names:
+        in_kilograms = wrench_of(recording, name) * np.repeat([1.0 / 9.80665, 1.0], 3)
+        recording = with_wrench(recording, name, in_kilograms)
+    verdict = identify(recording, Options()).verdict
+    assert verdict is not None
+    assert (verdict.cause, verdict.robot, verdict.mass) == ("moment scale", None, None)
+    assert "or forces 0.10" in verdict.words
+    for cause in ("moment scale", "force scale"):
+        found = identify(recording, Options(assume=cause))
+        assert found.doubts == ()
+        assert (deviations(recording, found) < 5.0) == (cause == "force scale")
+
+
+def test_a_unit_of_all_forces_is_not_seen_but_what_is_denser_than_any_material_is(of_twists: Recording) -> None:
+    def times(factor: float) -> Recording:
+        recording = of_twists
+        for name in recording.names:
+            recording = with_wrench(recording, name, factor * wrench_of(recording, name))
+        return recording
+
+    in_kilograms = identify(times(1.0 / 9.80665), Options(method="instruments"))
+    assert in_kilograms.doubts == ()
+    assert any("a factor of all forces and moments" in remark for remark in in_kilograms.remarks)
+    in_millinewtons = identify(times(1e3), Options(method="instruments"))
+    assert any("denser than any material" in doubt for doubt in in_millinewtons.doubts)
+
+
+def test_which_of_two_robots_to_correct_is_not_guessed() -> None:
+    case = faulty("scale", 9027, by_twists=False)
+    with pytest.raises(RecordingError, match="nothing says whose readings to correct"):
+        identify(case.recording, Options(assume="scale"))
 
 
 def test_whose_moments_are_in_another_unit_is_named() -> None:

@@ -41,9 +41,9 @@ def identify(
 ) -> int:
     """Identify a load from a recording: where the robots held it, its mass, centre of mass and inertia.
 
-    Exit status 0 if everything was identified; 3 if something is not observable, or if the numbers should not be
-    trusted, and the report says why. A recording that cannot be of one load, for instance because forces have the wrong
-    sign, is an error.
+    Exit status 0 if everything was identified, and nothing in the recording speaks against it; 3 if something is not
+    observable, if the numbers should not be trusted, or if nothing could check them, and the report says why. A
+    recording that cannot be of one load, for instance because forces have the wrong sign, is an error.
 
     Parameters
     ----------
@@ -116,4 +116,5 @@ def identify(
     finally:  # if one of them cannot be written, the other may
         if report is not None:
             write_identification(report, recorded, found, result)
-    return EXIT_NOT_CONVERGED if result.not_observable or result.doubts else EXIT_CONVERGED
+    is_accepted = not (result.not_observable or result.doubts or result.not_judged)
+    return EXIT_CONVERGED if is_accepted else EXIT_NOT_CONVERGED

@@ -116,7 +116,8 @@ def of_recording(report: IdentifyReport, robot: str | None, source: str) -> Foun
         raise _not_known(first, report.not_observable)
     std = np.sqrt(np.diagonal(np.array(load.covariance)))
     possible = "what was solved for is no body that can exist; this is the most likely one that is"
-    remarks = (*(() if load.was_possible else (possible,)), *report.remarks)
+    unjudged = () if report.not_judged is None else (f"not judged: {report.not_judged}",)
+    remarks = (*(() if load.was_possible else (possible,)), *unjudged, *report.remarks)
     inertia = Inertia(load.mass_kg, np.array(load.com_m), np.array(load.inertia))
     deviations = (load.mass_std_kg, np.array(load.com_std_m), unpack_symmetric(std[4:]))
     return _checked(inertia, deviations, first, source, remarks)

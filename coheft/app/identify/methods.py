@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from coheft.app.identify.choices import Bounds, Method, Options
@@ -10,7 +12,7 @@ from coheft.estimation.batch.calibration import Tolerances
 from coheft.estimation.batch.identification import Identification
 from coheft.estimation.batch.identify import identify_batch, identify_with_instruments
 from coheft.estimation.batch.identify_poses import identify_poses
-from coheft.estimation.batch.identify_sensors import identify_sensors
+from coheft.estimation.batch.identify_sensors import MOST_NOISE, identify_sensors
 from coheft.estimation.batch.identify_statics import identify_statics, with_statics
 from coheft.estimation.batch.judged import judged
 from coheft.estimation.batch.recording import Recording
@@ -104,7 +106,22 @@ def fitted(
             found = identify_poses(recording, tolerances, options.cutoff or CUTOFF)
         case "likelihood":
             found = identify_sensors(recording)
+            if options.method is None and found.noise_ratio > MOST_NOISE:
+                found = _without_noise(recording, options, found)
     return found if statics is None else with_statics(found, statics)
+
+
+def _without_noise(recording: Recording, options: Options, refuted: Identification) -> Identification:
+    """By instruments, which need not know the noise, as it is not what the recording names, if it is long enough."""
+    try:
+        found = identify_with_instruments(recording, options.cutoff or CUTOFF)
+    except RecordingError:
+        return refuted
+    remark = (
+        f"Residuals are {refuted.noise_ratio:.2f} times as large as 'noise' of the recording explains, so that "
+        f"--method likelihood does not suit it."
+    )
+    return replace(found, remarks=(*found.remarks, remark))
 
 
 def _tolerances(bounds: Bounds) -> Tolerances:

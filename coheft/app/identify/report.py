@@ -161,6 +161,7 @@ class IdentifyReport(msgspec.Struct, frozen=True):
         not_observable: What the recording does not show, and what would show it.
         doubts: What speaks against all of it: then no number is to be trusted.
         verdict: On the forces; None if they were not judged.
+        not_judged: Why they were not, so that nothing checks the numbers; None if they were.
         remarks: What else should be known.
         loops: Loops of three pairs of robots; none where a method finds all poses at once.
         holds_s: Times from which to which the load was still, ``[from, to]`` each [s]; none where they are not used.
@@ -179,6 +180,7 @@ class IdentifyReport(msgspec.Struct, frozen=True):
     not_observable: list[str]
     doubts: list[str]
     verdict: VerdictReport | None
+    not_judged: str | None
     remarks: list[str]
     loops: list[LoopReport]
     holds_s: list[list[float]]
@@ -216,6 +218,7 @@ def make_report(source: str, recording: Recording, found: Identification) -> Ide
         not_observable=_not_observable(found),
         doubts=list(found.doubts),
         verdict=None if found.verdict is None else _verdict(found.verdict, found.hidden),
+        not_judged=found.not_judged or None,
         remarks=[*_loose_loops(recording, found), *found.remarks, *_changes(recording)],
         loops=[
             LoopReport(

@@ -38,8 +38,9 @@ def print_identification(console: Console, report: IdentifyReport) -> None:
             f"{report.payload.deviations_off:.1f} standard deviations away."
         )
     unseen = (f"Not observable: {what}" for what in report.not_observable)
+    unjudged = [] if report.not_judged is None else [f"Not judged, so that nothing checks it: {report.not_judged}."]
     doubts = (f"Do not trust these numbers: {what}" for what in report.doubts)
-    for text in (*unseen, *report.remarks, *doubts):
+    for text in (*unseen, *report.remarks, *unjudged, *doubts):
         console.print(text, markup=False)
 
 

@@ -113,8 +113,8 @@ def fit_calibrated(
         fit = instrumental_fit(columns, output, others(columns), weight, signals.rate, Prior(mean, information))
         parameters = fit.solution[:INERTIA_SIZE]
         stretch += float(fit.solution[_GRAVITY])
-        used, weight = weight, _deserved_weight(fit.residual, output, signals.rate)
-    return _in_true_lengths(fit, stretch, information, used)
+        weight = _deserved_weight(fit.residual, output, signals.rate)
+    return _in_true_lengths(fit, stretch, information)
 
 
 def _force_columns(wrenches: Array, rotations: Array, poses: Sequence[Pose]) -> Array:
@@ -147,7 +147,7 @@ def _power(scale: float) -> Array:
     return np.repeat([1.0 / scale, 1.0, scale], [1, 3, 6])
 
 
-def _in_true_lengths(fit: LinearFit, stretch: float, prior: Array, weight: Array) -> CalibratedFit:
+def _in_true_lengths(fit: LinearFit, stretch: float, prior: Array) -> CalibratedFit:
     """In true lengths, of a fit in measured ones; ``prior`` is the information on its unknowns before the data."""
     scale, count = 1.0 / stretch, (len(prior) - _FORCES) // 4
     least = np.zeros(len(prior))
@@ -167,5 +167,5 @@ def _in_true_lengths(fit: LinearFit, stretch: float, prior: Array, weight: Array
         numbers=np.concatenate([parameters, [scale], fit.solution[_FORCES:]]),
         covariance=derivative @ covariance @ derivative.T,
         residual=fit.residual,
-        weight=weight,
+        weight=fit.weight,
     )

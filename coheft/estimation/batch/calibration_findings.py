@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from coheft.estimation.batch.calibrated_fit import CalibratedFit
-from coheft.estimation.batch.calibration import POSITION_SCALE, Tolerances
+from coheft.estimation.batch.calibration import POSITION_SCALE, UNIFORM_BOUND, Tolerances
 from coheft.estimation.batch.hand_eye import HandEye
 from coheft.estimation.batch.hand_eye_equations import position_scale_rows
 from coheft.estimation.batch.identification import CalibrationFinding
@@ -57,3 +57,18 @@ def calibration_findings(
                 CalibrationFinding(name, f"force offset {'xyz'[axis]}", "N", value, std, tolerances.force_offset)
             )
     return tuple(found)
+
+
+def beyond_bounds(findings: Sequence[CalibrationFinding]) -> str:
+    """That no errors within the bounds explain a recording, and which of them is farthest beyond, in words.
+
+    Zeros, whose distribution has no bounds, are left out.
+    """
+    bounded = [finding for finding in findings if not finding.what.startswith("zero")]
+    worst = max(bounded, key=lambda finding: (abs(finding.value) - UNIFORM_BOUND * finding.before) / finding.std)
+    return (
+        f"No calibration errors within the bounds explain this recording: the {worst.what} of {worst.robot} would be "
+        f"{worst.value:.3g} {worst.unit} (std {worst.std:.2g}), the bound is {UNIFORM_BOUND * worst.before:.3g} "
+        f"{worst.unit}, and nothing says how far the others are beyond theirs. Check that robot; or, if all may be as "
+        f"far off, say so by wider bounds, as --force-scale or --position-scale"
+    )

@@ -14,6 +14,8 @@ _FAR = 10.0
 """Standard deviations from all bodies that can exist, from which on noise is no explanation."""
 _FARTHEST = 20.0
 """No load is longer [m]: a unit will be another one, as with the boxes of scenarios."""
+_DENSEST = 2.3e4
+"""No material is denser [kg/m³]."""
 _METRES = "Are all lengths in metres, moments in N·m, and angular velocities in rad/s?"
 
 
@@ -30,6 +32,19 @@ def unsettled(team: TeamPoses, is_settled: bool) -> tuple[str, ...]:
         "Poses were still changing when their fit was broken off. Are poses and twists those of grasp frames, and do "
         "all clocks agree? Did a robot let go (--from and --to choose a part)?",
     )
+
+
+def solid_density(payload: Payload, slack: float = 0.0) -> float:
+    """Density of the homogeneous ellipsoid with these mass properties [kg/m³]: others are denser somewhere.
+
+    Args:
+        payload: Whose inertia is seen.
+        slack: So many standard deviations larger it may be.
+    """
+    mass, tensor = payload.inertia.mass, payload.inertia.tensor
+    second = np.maximum(0.5 * np.trace(tensor) - np.linalg.eigvalsh(tensor), 0.0) + slack * payload.std[4:].max()
+    volume = 4.0 / 3.0 * np.pi * np.sqrt(np.prod(5.0 * second / mass))
+    return float(mass / max(volume, 1e-300))
 
 
 def doubts_about(names: Sequence[str], team: TeamPoses, payload: Payload) -> tuple[str, ...]:
@@ -54,6 +69,12 @@ def doubts_about(names: Sequence[str], team: TeamPoses, payload: Payload) -> tup
     away = float(np.linalg.norm(payload.inertia.com - middle))
     if away > _FARTHEST and payload.is_seen("com") and not far:
         doubts.append(f"The centre of mass would be {away:.0f} m from where robots hold the load. {_METRES}")
+    density = solid_density(payload, slack=_FAR) if payload.is_seen("inertia") else 0.0
+    if density > _DENSEST and not doubts:
+        doubts.append(
+            f"Mass and moments of inertia would be those of something of at least {density:.3g} kg/m³, denser than any "
+            f"material: are forces in newtons?"
+        )
     if payload.deviations_off > _FAR:
         doubts.append(
             f"The mass properties are physically impossible, by {payload.deviations_off:.0f} of their standard "

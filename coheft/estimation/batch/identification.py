@@ -66,10 +66,12 @@ class Identification:
         remarks: What the reader should know, in words.
         suspicions: What in the method's own fit speaks against it, in words.
         verdict: Of a judge who asks whether forces are those of one rigid body; None if it could not be asked.
+        not_judged: Why it could not, in words; empty if it could.
         hidden: For each of ``(m, h, J)``, what may be wrong without being seen; empty if not judged, or refuted.
         time: Of the residuals, shape (n,) [s].
         residual: Of the total wrench (force, torque), or of the torque alone, shape (n, 6) or (n, 3).
         evidence: What a judge looks at, where the method has found it already.
+        noise_ratio: Of the residuals to what the noise that the recording names explains; 1 where no method asks.
     """
 
     method: str
@@ -82,10 +84,12 @@ class Identification:
     remarks: tuple[str, ...] = ()
     suspicions: tuple[str, ...] = ()
     verdict: Verdict | None = None
+    not_judged: str = ""
     hidden: tuple[HiddenError, ...] = ()
     time: Array = field(default_factory=lambda: np.zeros(0))
     residual: Array = field(default_factory=lambda: np.zeros((0, 3)))
     evidence: Evidence | None = None
+    noise_ratio: float = 1.0
 
     @property
     def doubts(self) -> tuple[str, ...]:

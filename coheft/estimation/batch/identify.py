@@ -93,7 +93,7 @@ def identify_with_instruments(recording: Recording, cutoff: float = CUTOFF) -> I
     grasps, loops = grasps_from_twists(signals, with_instruments=True)
     team = grasps.team
     fit = parameters_fit(signals, team.poses)
-    covariance = fit.covariance + covariance_by_poses(signals, team)
+    covariance = fit.covariance + covariance_by_poses(signals, team, fit.weight)
     return Identification(
         method="instruments",
         names=recording.names,
@@ -108,28 +108,33 @@ def identify_with_instruments(recording: Recording, cutoff: float = CUTOFF) -> I
 
 @dataclass(frozen=True, eq=False)
 class ParametersFit:
-    """``(m, h, J)`` (10,) in the first robot's frame, its covariance given poses, and the residual wrench (n, 6)."""
+    """``(m, h, J)`` (10,) in the first robot's frame, its covariance given poses, and the residual wrench (n, 6).
+
+    ``weight`` (6,) is that of the wrench's components.
+    """
 
     numbers: Array
     covariance: Array
     residual: Array
+    weight: Array
 
 
-def parameters_fit(signals: Signals, poses: Sequence[Pose]) -> ParametersFit:
+def parameters_fit(signals: Signals, poses: Sequence[Pose], weight: Array | None = None) -> ParametersFit:
     """All ten parameters from motion and gravity, every robot with all others as instruments."""
     centre = centre_of(poses)
     from_centre = [centre.inverse() @ pose for pose in poses]
-    fit = fit_parameters(body_motions(signals, from_centre), total_wrench(_wrench(signals), from_centre), signals.rate)
+    total = total_wrench(_wrench(signals), from_centre)
+    fit = fit_parameters(body_motions(signals, from_centre), total, signals.rate, weight)
     numbers, derivative = at_first_grasp(Inertia.from_barycentric(fit.solution), centre)
     covariance = fit.covariance + hidden_covariance(fit.hidden, float(fit.solution[0]))
-    return ParametersFit(numbers, derivative @ covariance @ derivative.T, fit.residual)
+    return ParametersFit(numbers, derivative @ covariance @ derivative.T, fit.residual, fit.weight)
 
 
-def covariance_by_poses(signals: Signals, team: TeamPoses) -> Array:
-    """What uncertain poses add to the covariance (10, 10) of a ``parameters_fit``."""
+def covariance_by_poses(signals: Signals, team: TeamPoses, weight: Array) -> Array:
+    """What uncertain poses add to the covariance (10, 10) of a ``parameters_fit`` with this weight."""
 
     def solve(poses: Sequence[Pose]) -> Array:
-        return parameters_fit(signals, poses).numbers
+        return parameters_fit(signals, poses, weight).numbers
 
     by_poses = derivative_by_poses(solve, team.poses)
     result: Array = by_poses @ team.covariance @ by_poses.T + turned_covariance(solve, team)

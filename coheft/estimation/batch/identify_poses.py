@@ -20,7 +20,7 @@ from coheft.estimation.batch.calibration import (
     gimbal_angles,
 )
 from coheft.estimation.batch.calibration_bounds import cut_to_bounds
-from coheft.estimation.batch.calibration_findings import calibration_findings
+from coheft.estimation.batch.calibration_findings import beyond_bounds, calibration_findings
 from coheft.estimation.batch.doubts import unsettled
 from coheft.estimation.batch.hand_eye import HandEye, fit_hand_eye
 from coheft.estimation.batch.hand_eye_equations import ERRORS, GRASP, position_scale_rows, unknowns_of
@@ -53,10 +53,6 @@ _IDENTIFIABLE = (
     "too much in common (it looks like mass), offsets that lift or weigh. For these the stated uncertainty is that of "
     "the tolerances.",
 )
-_BEYOND = (
-    "No calibration errors within the bounds explain this recording, so they were taken for Gaussian: are the robots "
-    "worse than the bounds say?"
-)
 
 
 def identify_poses(
@@ -84,7 +80,7 @@ def identify_poses(
     else:
         found = _with_doubts(recording, grasps, tolerances, cutoff)
     suspicions = (*suspicions_about(grasps), *unsettled(grasps.team, grasps.is_settled))
-    return replace(found, loops=tuple(loops), suspicions=suspicions)
+    return replace(found, loops=tuple(loops), suspicions=(*suspicions, *found.suspicions))
 
 
 def _check_duration(recording: Recording, signals: Signals) -> None:
@@ -100,7 +96,7 @@ def _check_duration(recording: Recording, signals: Signals) -> None:
 def _without_doubts(recording: Recording, signals: Signals, grasps: HandEye, cutoff: float) -> Identification:
     poses = grasps.team.poses
     fit = parameters_fit(signals, poses)
-    covariance = fit.covariance + covariance_by_poses(signals, grasps.team)
+    covariance = fit.covariance + covariance_by_poses(signals, grasps.team, fit.weight)
     return Identification(
         method="pose",
         names=recording.names,
@@ -137,14 +133,16 @@ def _with_doubts(recording: Recording, grasps: HandEye, tolerances: Tolerances, 
     covariance = covariance + by_poses @ _given_errors(grasps) @ by_poses.T + turned_covariance(numbers_with, team)
     # A wrong zero of the first robot's gimbal turns the frame that everything is given in.
     inertia = of_central_numbers(numbers)
+    calibration = calibration_findings(recording.names, grasps, fit, tolerances)
     turned = seen_inertia_derivative(Pose.identity(), inertia)[:, :3] * grasps.errors_std[0, ZERO]
     return Identification(
         method="pose",
         names=recording.names,
         team=team,
         payload=make_payload(inertia, covariance + turned @ turned.T, team.poses),
-        calibration=calibration_findings(recording.names, grasps, fit, tolerances),
-        remarks=(*_IDENTIFIABLE, *(() if cut else (_BEYOND,))),
+        calibration=calibration,
+        remarks=_IDENTIFIABLE,
+        suspicions=() if cut else (beyond_bounds(calibration),),
         time=signals.time,
         residual=fit.residual,
         evidence=_after_calibration(recording, grasps, fit, team, tolerances, cutoff),

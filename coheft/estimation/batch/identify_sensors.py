@@ -19,16 +19,13 @@ from coheft.estimation.rigid_body.derivatives import central_derivative
 from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.estimation.rigid_body.unseen import unseen_quantities
 
-_TOO_LARGE = 1.3
-"""Residuals are suspicious from this share of what noise explains on,"""
-_FAR_TOO_LARGE = 3.0
-"""and no number is to be trusted from this one on: no sensor's noise is known so badly."""
-
+MOST_NOISE = 1.3
+"""Residuals that are so many times as large as noise explains are not white noise of the level that is named."""
 _HIDDEN = 1e6
 """What is not seen of poses has so many times the variance that a fit lets it have: a stand-in for infinity."""
 _SUSPECTS = (
     ": did the load change (--from and --to choose a part), or are the sensors worse than 'noise' says? "
-    "This method estimates no scales, offsets or mountings of sensors."
+    "This method estimates no scales, offsets or mountings of sensors; --method instruments asks for no noise."
 )
 
 
@@ -60,9 +57,10 @@ def identify_sensors(recording: Recording) -> Identification:
     to_central = central_derivative(inertia)
     covariance = to_central @ estimate.covariance[places.theta, places.theta] @ to_central.T
     size = float(np.sqrt(np.mean(np.square(found.residual) / np.diag(found.expected))))
+    covariance *= max(1.0, size) ** 2
     remark = f"Residuals of the total wrench are {size:.2f} times as large as the sensors' noise explains"
-    remark += _SUSPECTS if size > _TOO_LARGE else "."
-    is_refuted = size > _FAR_TOO_LARGE
+    is_refuted = size > MOST_NOISE
+    remark += _SUSPECTS if is_refuted else "."
     return Identification(
         method="likelihood",
         names=recording.names,
@@ -77,4 +75,5 @@ def identify_sensors(recording: Recording) -> Identification:
         suspicions=((remark,) if is_refuted else ()) + unsettled(team, found.is_settled),
         time=recording.time[: len(found.residual) * found.row_samples].reshape(-1, found.row_samples).mean(axis=1),
         residual=found.residual,
+        noise_ratio=size,
     )

@@ -37,12 +37,14 @@ class LinearFit:
         covariance: Shape (u, u), without what hidden directions add.
         residual: What the model leaves, shape (n, rows).
         hidden: Unit directions of which the data say nothing at all, as columns, shape (u, k).
+        weight: Of each row, shape (rows,).
     """
 
     solution: Array
     covariance: Array
     residual: Array
     hidden: Array
+    weight: Array
 
 
 def fit_tensor(motion: Array, wrench: Array, com: Array, rate: float) -> LinearFit:
@@ -62,13 +64,14 @@ def fit_tensor(motion: Array, wrench: Array, com: Array, rate: float) -> LinearF
     return instrumental_fit(matrix[None], moment, matrix[None], np.ones(3), rate)
 
 
-def fit_parameters(motions: Array, wrench: Array, rate: float) -> LinearFit:
+def fit_parameters(motions: Array, wrench: Array, rate: float, weight: Array | None = None) -> LinearFit:
     """``theta = (m, m h, I_o)`` from motion and gravity, every robot with all others as instruments.
 
     Args:
         motions: Of the body frame as each robot sees it, shape (N, n, 12), N at least 2.
         wrench: Total, about its origin, shape (n, 6).
         rate: Samples per second.
+        weight: Of the wrench's components, shape (6,); None: what their residuals deserve.
 
     Returns:
         u = 10.
@@ -78,6 +81,8 @@ def fit_parameters(motions: Array, wrench: Array, rate: float) -> LinearFit:
     """
     regressors = np.array([regressor(motion) for motion in motions])
     instruments = others(regressors)
+    if weight is not None:
+        return instrumental_fit(regressors, wrench, instruments, weight, rate)
     weight = np.ones(6)
     for _ in range(_REWEIGHTINGS):
         fit = instrumental_fit(regressors, wrench, instruments, weight, rate)
@@ -129,7 +134,7 @@ def instrumental_fit(
     residuals = output - regressors @ solution
     scores = np.einsum("ikru,ikr->ku", weighted, residuals, optimize=True)
     covariance = inverse @ (batch_scatter(scores, rate) + np.diag(prior.information)) @ inverse.T
-    return LinearFit(solution, covariance, residuals.mean(axis=0), hidden)
+    return LinearFit(solution, covariance, residuals.mean(axis=0), hidden, weight)
 
 
 def _inverse_and_hidden(matrix: Array, is_held: npt.NDArray[np.bool_], least: float) -> tuple[Array, Array]:

@@ -9,6 +9,7 @@ import numpy as np
 
 from coheft.errors import RecordingError
 from coheft.estimation.batch.body import centre_of
+from coheft.estimation.batch.doubts import solid_density
 from coheft.estimation.batch.identification import HiddenError, Identification
 from coheft.estimation.batch.identify import at_first_grasp
 from coheft.estimation.batch.judge.cause import Cause
@@ -19,11 +20,15 @@ from coheft.estimation.batch.judge.motions import judge_motions
 from coheft.estimation.batch.judge.poses import judge_poses
 from coheft.estimation.batch.judge.sensors import stuck_motion, stuck_sensor
 from coheft.estimation.batch.judge.verdict import Verdict
+from coheft.estimation.batch.payload import Payload
 from coheft.estimation.batch.pose_conventions import inverse_poses
 from coheft.estimation.batch.recording import Recording
 
 _MENDINGS = 2
 """A clock that poses show is finished by forces: it may be that of the poses alone, or of all that is recorded."""
+_SURELY = 3.0
+"""Standard deviations."""
+_UNSEEN = "motion and gravity do not show where all robots hold the load, or that it has a weight"
 
 
 def judged(
@@ -64,13 +69,13 @@ def _judged(
     try:
         evidence = found.evidence or Evidence.of(recording, cutoff)
         verdict = stuck_motion(recording)
-        if not evidence.is_seen:
-            return replace(found, verdict=verdict), evidence
+        if not evidence.is_seen and verdict is None:
+            return replace(found, not_judged=_UNSEEN), evidence
         verdict = verdict or judge(evidence, assume)
         if verdict.cause == Cause.UNKNOWN and recording.has("pose"):
             verdict = _inverse(recording, cutoff) or verdict
     except (ValueError, RecordingError) as error:
-        return replace(found, remarks=(*found.remarks, f"Not judged: {error}.")), None
+        return replace(found, not_judged=str(error)), None
     if not verdict.is_refuted:
         return replace(with_hidden(found, verdict), verdict=verdict), evidence
     suspicions = tuple(one for one in found.suspicions if one != verdict.words)
@@ -128,6 +133,8 @@ def _checked(verdict: Verdict | None, cause: str) -> Verdict:
     if verdict.cause != cause:
         possible = "" if cause in MENDABLE else f"; it can be any of: {', '.join(MENDABLE)}"
         raise RecordingError(f"--assume {cause}: that does not explain the recording{possible}. {verdict.words}")
+    if verdict.is_open:
+        raise RecordingError(f"--assume {cause}: nothing says whose readings to correct, so do it. {verdict.words}")
     return verdict
 
 
@@ -142,7 +149,9 @@ def with_hidden(found: Identification, verdict: Verdict) -> Identification:
             std = float(np.sqrt(max(variance, 0.0)))
             if std > worst[number].std:
                 worst[number] = HiddenError(cause.value, std)
-    return replace(found, hidden=tuple(worst), remarks=(*found.remarks, _what_is_hidden(worst)))
+    return replace(
+        found, hidden=tuple(worst), remarks=(*found.remarks, _what_is_hidden(worst), *_common_scale(found.payload))
+    )
 
 
 def _what_is_hidden(hidden: Sequence[HiddenError]) -> str:
@@ -152,6 +161,16 @@ def _what_is_hidden(hidden: Sequence[HiddenError]) -> str:
         f"This recording would not show sensors that are off by little, which may add standard deviations of "
         f"{mass.std:.2g} kg ({mass.cause}) to the mass, {1e3 * com.std:.2g} mm ({com.cause}) to the centre of mass and "
         f"{tensor.std:.2g} kg·m² ({tensor.cause}) to moments of inertia."
+    )
+
+
+def _common_scale(payload: Payload) -> tuple[str, ...]:
+    """What no recording shows, and what a reader may judge it by, in words."""
+    if not (payload.is_seen("mass") and payload.is_seen("inertia")):
+        return ()
+    return (
+        f"Nor does any show a factor of all forces and moments, as of another unit: a solid ellipsoid with these mass "
+        f"properties would have at least {solid_density(payload, _SURELY):,.0f} kg/m³.",
     )
 
 

@@ -37,5 +37,6 @@ def check_jumps(recording: Recording) -> None:
             raise RecordingError(
                 f"'pose' of {name} jumps at {robot.time[first + steps]:g} s, by {np.degrees(turn[first]):.3g}° and "
                 f"{shift[first]:.3g} m within {seconds:g} s: choose a part without jumps with --from and --to. If it "
-                f"jumps all the time, are positions in metres, and quaternions in the order qx qy qz qw?"
+                f"jumps all the time, are times in seconds, positions in metres, and quaternions in the order "
+                f"qx qy qz qw?"
             )

@@ -37,9 +37,9 @@ def plausible_signals(recording: Recording, cutoff: float) -> Signals:
     check_recording(recording)
     check_units(recording)
     check_jumps(recording)
-    if recording.has("pose"):
-        check_conventions(recording, cutoff)
     signals = signals_of(recording, cutoff)
+    if recording.has("pose"):
+        check_conventions(recording, cutoff, signals)
     if signals.wrench is not None:
         check_weight(recording, signals.wrench, signals.a)
     return signals

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from coheft.errors import RecordingError
 from coheft.estimation.batch.pairs import kabsch, position_between
 from coheft.estimation.batch.recording import Recording
-from coheft.estimation.batch.signals import signals_of
+from coheft.estimation.batch.signals import Signals, signals_of
 from coheft.estimation.geometry.spatial import Array
 
 _MISFIT = 0.3
@@ -51,17 +51,18 @@ _CONVENTIONS: tuple[tuple[Callable[[Array], Array], str, str], ...] = (
 """How poses may have been given: what makes the expected ones of them, and words."""
 
 
-def check_conventions(recording: Recording, cutoff: float) -> None:
+def check_conventions(recording: Recording, cutoff: float, signals: Signals) -> None:
     """Check that no other convention explains the robots' motions far better.
 
     Args:
         recording: With poses.
         cutoff: Of the filter [Hz].
+        signals: Of it.
 
     Raises:
-        RecordingError: One does; says which, and whose poses are given like that. Or the recording is too short.
+        RecordingError: One does; says which, and whose poses are given like that.
     """
-    given = _twists(recording, cutoff)
+    given = _twists(recording, cutoff) if recording.has("twist") else _twists_of(signals)
     found = _misfit(given)
     if found < _MISFIT:
         return
@@ -98,7 +99,10 @@ def _converted(recording: Recording, convert: Callable[[Array], Array]) -> Recor
 def _twists(recording: Recording, cutoff: float) -> Array:
     """Twists that follow from poses alone, shape (N, n, 6)."""
     robots = {name: replace(robot, twist=None, dtwist=None) for name, robot in recording.robots.items()}
-    signals = signals_of(replace(recording, robots=robots), cutoff)
+    return _twists_of(signals_of(replace(recording, robots=robots), cutoff))
+
+
+def _twists_of(signals: Signals) -> Array:
     return np.concatenate([signals.w, signals.v], axis=-1)
 
 

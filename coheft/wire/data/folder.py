@@ -193,6 +193,11 @@ def _known(table: Table) -> Table:
     """
     known = _header(COLUMNS)
     unknown = [column for column in table.names if column not in known]
+    if "" in unknown:
+        raise RecordingError(
+            f"{table.file}: found a column without a name, expected one for each: pandas writes its index like that "
+            f"unless told index=False"
+        )
     if unknown:
         raise RecordingError(
             f"{table.file}: column '{one_line(unknown[0])}' is unknown; found {one_line(', '.join(table.names))}; "

@@ -51,6 +51,8 @@ class Table:
 def read_table(path: Path) -> Table:
     """Read a CSV file. Blank lines, spaces around values, and commas at the ends of lines are ignored.
 
+    Lines that begin with # are comments, but for one with the names of columns, as ``numpy.savetxt`` writes it.
+
     Raises:
         RecordingError: It is not a table of values separated by commas.
         OSError: It cannot be read.
@@ -58,7 +60,7 @@ def read_table(path: Path) -> Table:
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
             reader = csv.reader(file)
-            lines = [(reader.line_num, row) for row in reader if any(map(str.strip, row))]
+            lines = _without_comments([(reader.line_num, row) for row in reader if any(map(str.strip, row))])
     except UnicodeDecodeError as error:
         raise RecordingError(
             f"{path.name}: not UTF-8 text ({error.reason} at byte {error.start}), but UTF-16 or Latin-1 perhaps, as "
@@ -76,6 +78,8 @@ def read_table(path: Path) -> Table:
             f"{path.name}: found '{one_line(header[0])}' as the first line, expected names separated by commas: save "
             f"it again as 'CSV UTF-8 (comma delimited)', with decimal points"
         )
+    if all(map(_is_number, header)):
+        raise RecordingError(f"{path.name}: the first line holds numbers, expected the names of the columns")
     twice = [name for name in header if header.count(name) > 1]
     if twice:
         raise RecordingError(
@@ -89,6 +93,18 @@ def read_table(path: Path) -> Table:
             raise RecordingError(f"{path.name}: line {line}: found {len(values)} values, expected {len(header)}")
         rows.append((line, values))
     return Table(path.name, tuple(header), rows)
+
+
+def _without_comments(lines: Sequence[tuple[int, list[str]]]) -> list[tuple[int, list[str]]]:
+    """Numbered lines without comments; the last comment before the numbers names the columns if nothing else does."""
+    kept = [line for line in lines if not line[1][0].lstrip().startswith("#")]
+    if not kept or not all(map(_is_number, filter(str.strip, kept[0][1]))):
+        return kept
+    before = [(number, row) for number, row in lines if number < kept[0][0]]
+    if before:
+        number, row = before[-1]
+        kept.insert(0, (number, [row[0].lstrip().removeprefix("#"), *row[1:]]))
+    return kept
 
 
 def _is_number(text: str) -> bool:

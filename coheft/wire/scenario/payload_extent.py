@@ -94,6 +94,20 @@ class Extent:
                 f"{place}: {what} is {self.length:g} m long, expected at least {_SMALLEST:g} m: {advice_if_small}"
             )
 
+    def check_properties(self, place: str, properties: MassProperties) -> None:
+        """Check that mass properties from a file can be those of something with the shapes in it.
+
+        Raises:
+            ScenarioError: The centre of mass is too far outside, or moments of inertia are of something far larger.
+        """
+        self.check_position(place, "the centre of mass", properties.com)
+        length = Extent.like(properties).length
+        if length > _UNSEEN * self.length:
+            raise ScenarioError(
+                f"{place}: its moments of inertia are those of a box {length:.3g} m long, but its shapes are "
+                f"{self.length:.3g} m long: moments of inertia are in kg·m²"
+            )
+
     def check_position(self, place: str, what: str, position: Iterable[float]) -> None:
         """Check that a grasp or a load is not too far outside.
 

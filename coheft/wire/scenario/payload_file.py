@@ -44,6 +44,7 @@ def read_files(scenario: Scenario, origin: str, folder: Path) -> Scenario:
         extent, surface = body.extent(properties), body.surface()
         advice = "lengths in models are in metres"
         extent.check_file_size(place, "the body", advice, advice)
+        extent.check_properties(place, properties)
         body.remark_doubts(place)
         if robots.sites:
             grasps = body.grasps(robots.sites, extent, f"{origin}: key 'robots.sites'")

@@ -23,6 +23,7 @@ class Cause(StrEnum):
     DRIFT = "drift"
     NOT_LEVEL = "homes not level"
     INVERSE = "inverse poses"
+    LENGTH_SCALE = "length scale"
     SLIP = "slip"
     DEAD = "sensor dead"
     MOTION = "motion sensor"

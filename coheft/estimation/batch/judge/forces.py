@@ -12,9 +12,9 @@ from coheft.estimation.batch.judge.cause import Cause
 from coheft.estimation.batch.judge.evidence import Evidence
 from coheft.estimation.batch.judge.mend import MENDABLE, mend
 from coheft.estimation.batch.judge.sensors import silent_sensor
-from coheft.estimation.batch.judge.suspects import Suspect, Suspects
+from coheft.estimation.batch.judge.suspects import Suspect, Suspects, forces_instead
 from coheft.estimation.batch.judge.verdict import Verdict
-from coheft.estimation.batch.judge.words import angle_deg, is_ambiguous, words_of
+from coheft.estimation.batch.judge.words import angle_deg, is_ambiguous, is_unit_of_all, words_of
 from coheft.estimation.batch.judge.wrench_misfit import BODY_NUMBERS, Fit, WrenchMisfit
 from coheft.estimation.batch.recording import Recording
 from coheft.estimation.geometry.spatial import Array
@@ -70,6 +70,8 @@ def judge_forces(evidence: Evidence, assumed: str | None) -> Verdict:
     if level is not None:
         return level
     found = suspects.all()
+    if assumed == Cause.FORCE_SCALE:
+        found += [forces_instead(one) for one in found if is_unit_of_all(one)]
     sure = [one for one in found if one.gain > BARS.gain]
     if not sure and not (plain.excess > BARS.excess and misfit.share() > BARS.share):
         return _accepted(evidence, plain, found, assumed)
@@ -82,11 +84,13 @@ def judge_forces(evidence: Evidence, assumed: str | None) -> Verdict:
     second = next(one for one in others if one in mending or one.gain < best.gain)  # others leave more than noise
     robot, words = words_of(best, recording, misfit)
     margin = best.gain - second.gain
-    mass = None if is_ambiguous(best, recording) else _mass_of(best.fit)
+    is_open = is_ambiguous(best, recording) or (is_unit_of_all(best) and best.cause != assumed)
+    mass = None if is_open else _mass_of(best.fit)
     with_it = "" if mass is None else f". With it estimated along, the mass is {mass[0]:.4g} kg (std {mass[1]:.2g} kg)"
     rest = f"; the second best cause, {second.cause.value}, is hardly worse" if margin < _CLOSE else ""
     return replace(
         _verdict_of(best, robot, homes, float(np.sqrt(plain.inside))),
+        is_open=is_open,
         margin=margin,
         second=second.cause.value,
         mass=mass,

@@ -25,6 +25,7 @@ MENDABLE = (
     Cause.BASE_AXES,
     Cause.TURNED,
     Cause.CLOCK,
+    Cause.LENGTH_SCALE,
     Cause.GRAVITY,
     Cause.NOT_LEVEL,
     Cause.INVERSE,
@@ -68,6 +69,9 @@ def mend(recording: Recording, verdict: Verdict, poses: Sequence[Pose]) -> Recor
             return _changed(recording, verdict.robot, lambda robot: _turned(robot, value.reshape(1, 3, 3)))
         case Cause.CLOCK:
             return _changed(recording, verdict.robot, lambda robot: _earlier(robot, float(value[0]), verdict.channels))
+        case Cause.LENGTH_SCALE:
+            lengths = np.repeat([1.0 / value[0], 1.0], [3, 4])
+            return _changed(recording, verdict.robot, lambda robot: replace(robot, pose=pose_of(robot) * lengths))
         case Cause.GRAVITY | Cause.NOT_LEVEL:
             assert verdict.gravity is not None
             return _in_level_homes(recording, verdict.gravity)

@@ -7,7 +7,7 @@ ratio; what it costs grows with its unknowns, and with the number of robots that
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -17,7 +17,7 @@ from scipy.special import expit
 from coheft.estimation.batch.body import regressor, total_wrench
 from coheft.estimation.batch.judge.cause import Cause
 from coheft.estimation.batch.judge.turned import fit_turned
-from coheft.estimation.batch.judge.wrench_misfit import BODY_NUMBERS, Fit, WrenchMisfit
+from coheft.estimation.batch.judge.wrench_misfit import BODY_NUMBERS, REWEIGHTINGS, Fit, WrenchMisfit
 from coheft.estimation.geometry.body_motion import BODY_A
 from coheft.estimation.geometry.spatial import Array, skew
 
@@ -216,16 +216,27 @@ class Suspects:
             tried = np.arange(time[0] + 1.0, time[-1] - 1.0, 1.0)
             if not len(tried):
                 return
-            when, best = min(((at, self._from(at, columns)) for at in tried), key=lambda found: found[1].misfit)
+            least, when = min((self._from(at, columns, passes=1).misfit, at) for at in tried)
             for step in (0.5, 0.25, 0.12, 0.06, 0.03):
                 for at in (when - step, when + step):
-                    fit = self._from(at, columns)
-                    if fit.misfit < best.misfit:
-                        when, best = at, fit
+                    misfit = self._from(at, columns, passes=1).misfit
+                    if misfit < least:
+                        least, when = misfit, at
+            best = self._from(when, columns)
             found = self._suspect(cause, None, best, columns.shape[-1])
             gain = found.gain - 2.0 * float(np.log(len(tried)))
             yield Suspect(cause, None, best, gain, found.value, float(when))
 
-    def _from(self, time: float, columns: Array) -> Fit:
+    def _from(self, time: float, columns: Array, passes: int = REWEIGHTINGS) -> Fit:
         later = expit((self._misfit.signals.time - time) / _STEP)
-        return self._misfit.fit(columns * later[:, None, None])
+        return self._misfit.fit(columns * later[:, None, None], passes=passes)
+
+
+def forces_instead(moments: Suspect) -> Suspect:
+    """All forces too small, where all moments are too large: the same to any motion, but of another load."""
+    factor = float(moments.value[0])
+    body = moments.fit.solution[:BODY_NUMBERS]
+    by_factor = np.column_stack([factor * np.eye(BODY_NUMBERS), factor**2 * body])
+    fit = replace(moments.fit, solution=factor * body, covariance=by_factor @ moments.fit.covariance @ by_factor.T)
+    gain = moments.gain if 0.0 < factor < np.inf else -np.inf
+    return Suspect(Cause.FORCE_SCALE, None, fit, gain, np.array([1.0 / factor if factor else np.inf]))

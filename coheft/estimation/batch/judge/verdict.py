@@ -22,6 +22,8 @@ class Verdict:
         margin: Gain over the second best cause.
         second: That cause.
         mass: The load's mass with the cause estimated along, and its standard deviation [kg]; None if it is not mended.
+        is_open: Whether nothing tells which of two it is, so that it is not taken out: of two robots, either may be
+            wrong; either all moments or all forces are in another unit.
         channels: Of a clock: what of the robot's record is late.
         gravity: In all home frames (N, 3) [m/s²], as forces have it, if it is that what is wrong.
         words: All of this in a sentence; empty if nothing is wrong.
@@ -37,6 +39,7 @@ class Verdict:
     margin: float = 0.0
     second: str = ""
     mass: tuple[float, float] | None = None
+    is_open: bool = False
     channels: tuple[str, ...] = ("wrench",)
     gravity: Array | None = None
     words: str = ""

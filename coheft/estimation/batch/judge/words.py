@@ -35,6 +35,12 @@ def words_of(suspect: Suspect, recording: Recording, misfit: WrenchMisfit) -> tu
             if value[0] < 0.0:
                 return name, f"{what} of {whose} have the opposite sign (a factor of {value[0]:.3g})"
             factor = f"{what} of {whose} are {value[0]:.4g} times what they should be"
+            if is_unit_of_all(suspect):
+                others = "moments" if suspect.cause is Cause.FORCE_SCALE else "forces"
+                return None, (
+                    f"{factor}, or {others} {1.0 / value[0]:.4g} times, which no motion tells, but their units "
+                    f"(--assume 'moment scale' or 'force scale')"
+                )
             if is_ambiguous(suspect, recording):
                 other = names[1 - (suspect.robot or 0)]
                 return None, f"{factor}, or those of {other} {1.0 / value[0]:.4g} times, which two robots cannot tell"
@@ -95,7 +101,14 @@ def _likeliest(wrench: Array, recording: Recording, misfit: WrenchMisfit) -> tup
 
 def is_ambiguous(suspect: Suspect, recording: Recording) -> bool:
     """Whether a factor might as well be another robot's: of two robots, one reads too much or the other too little."""
-    return len(recording.names) == 2 and suspect.cause in (Cause.SCALE, Cause.FORCE_SCALE) and suspect.value[0] > 0.0
+    is_one = suspect.robot is not None and len(recording.names) == 2
+    return is_one and suspect.cause in (Cause.SCALE, Cause.FORCE_SCALE) and suspect.value[0] > 0.0
+
+
+def is_unit_of_all(suspect: Suspect) -> bool:
+    """Whether it might be all forces instead of all moments, or the other way round."""
+    is_all = suspect.robot is None and suspect.cause in (Cause.MOMENT_SCALE, Cause.FORCE_SCALE)
+    return is_all and suspect.value[0] > 0.0
 
 
 def angle_deg(one: Array, other: Array) -> float:

@@ -22,7 +22,7 @@ from coheft.estimation.rigid_body.mass_properties import unpack_symmetric
 
 _FINEST = 5e-5
 """Share of the wrench below which no model of ours is exact: filters and differences."""
-_REWEIGHTINGS = 3
+REWEIGHTINGS = 3
 _ROUNDING = 1e-11
 _SMALL = 0.1
 """Share of the residuals' mean square up to which noise in columns is corrected for in the likelihood."""
@@ -127,7 +127,7 @@ class WrenchMisfit:
         maps: Sequence[tuple[int, Maps]] = (),
         total: Array | None = None,
         regressor: Array | None = None,
-        passes: int = _REWEIGHTINGS,
+        passes: int = REWEIGHTINGS,
     ) -> Fit:
         """Fit a body, and along with it what a suspect adds.
 
@@ -189,6 +189,8 @@ class WrenchMisfit:
     def _of_own_noise(self, deviation: Array, maps: Sequence[tuple[int, Maps]], unknowns: int) -> tuple[Array, Array]:
         """What noise alone adds to columns times columns (u, u), and to columns times output (u,), on average."""
         by_noise, by_output = np.zeros((unknowns, unknowns)), np.zeros(unknowns)
+        if not maps:
+            return by_noise, by_output
         weighted = self._whitening / deviation.reshape(-1, 6, 1)
         information = np.einsum("kij,kil->jl", weighted, weighted)
         for robot, own in maps:
