@@ -21,6 +21,7 @@ class SensorErrors:
         matrices: What each sensor makes of what it should read, shape (N, 5, 3, 3).
         velocity_places, acceleration_places: Where these sensors are in the grasp frame, shape (N, 3) [m].
         delays: Of motion sensors and of wrenches, shape (N, 2) [s], none of them negative.
+        compliances: Of grasps, shape (N,) [m/N], none of them negative.
     """
 
     offsets: Array
@@ -28,6 +29,7 @@ class SensorErrors:
     velocity_places: Array
     acceleration_places: Array
     delays: Array
+    compliances: Array
 
     @staticmethod
     def drawn(scenario: Scenario, count: int) -> SensorErrors:
@@ -44,12 +46,14 @@ class SensorErrors:
         places = np.array([stream.standard_normal((2, 3)) for stream in streams])
         late = np.array([stream.standard_normal(2) for stream in streams]) * [told.clock, told.wrench_delay]
         late[:, 1] += late[:, 0]
+        compliances = told.grasp_compliance * np.abs([stream.standard_normal() for stream in streams])
         return SensorErrors(
             offsets,
             matrices,
             told.velocity_place * places[:, 0],
             told.acceleration_place * places[:, 1],
             late - late.min(),
+            compliances,
         )
 
 

@@ -18,19 +18,29 @@ from coheft.estimation.tolerance import Proportional, SensorTolerance
 
 
 class Readings(NamedTuple):
-    """What the exact sensors of one robot read, shape (n, 15), how fast that changes, and ``alpha`` there, (n, 3)."""
+    """What the exact sensors of one robot read.
+
+    Attributes:
+        exact: Shape (n, 15).
+        rates: How fast that changes, shape (n, 15).
+        alpha: Angular acceleration there, shape (n, 3).
+        flexing: First and second derivative of the force in axes that do not turn, shape (n, 6).
+    """
 
     exact: Array
     rates: Array
     alpha: Array
+    flexing: Array
 
     @staticmethod
-    def at(pose: Pose, motion: Array, wrenches: Array, motion_rates: Array, wrench_rates: Array) -> Readings:
+    def at(
+        pose: Pose, motion: Array, wrenches: Array, motion_rates: Array, wrench_rates: Array, flexing: Array
+    ) -> Readings:
         """Of a robot with this pose in the body frame; shapes as of ``JointInformation.of``, wrenches of this robot."""
         kinematics = grasp_measurements(pose, motion)
         rates = (grasp_derivatives(pose, motion)[1] @ motion_rates[..., None])[..., 0]
         alpha = motion[:, BODY_ALPHA] @ pose.rotation
-        return Readings(np.hstack([kinematics, wrenches]), np.hstack([rates, wrench_rates]), alpha)
+        return Readings(np.hstack([kinematics, wrenches]), np.hstack([rates, wrench_rates]), alpha, flexing)
 
 
 class SensorError(NamedTuple):
@@ -52,6 +62,7 @@ def sensor_errors(count: int, tolerance: SensorTolerance) -> list[SensorError]:
     for axis in np.eye(3):
         kinds.append((tolerance.velocity_place, False, partial(_velocity_elsewhere, axis)))
         kinds.append((tolerance.acceleration_place, False, partial(_acceleration_elsewhere, axis)))
+    kinds.append((tolerance.grasp_compliance, False, _compliant))
     kinds.append((tolerance.clock, False, partial(_late, slice(None))))
     kinds.append((tolerance.wrench_delay, True, partial(_late, WRENCH)))
     errors = [SensorError(i, *kind) for i in range(count) for kind in kinds if kind[0] > 0.0]
@@ -79,6 +90,12 @@ def _velocity_elsewhere(place: Array, readings: Readings) -> Array:
 def _acceleration_elsewhere(place: Array, readings: Readings) -> Array:
     w, result = readings.exact[:, GYRO], np.zeros_like(readings.exact)
     result[:, ACCELERATION] = np.cross(readings.alpha, place) + np.cross(w, np.cross(w, place))
+    return result
+
+
+def _compliant(readings: Readings) -> Array:
+    result = np.zeros_like(readings.exact)
+    result[:, VELOCITY], result[:, ACCELERATION] = readings.flexing[:, :3], readings.flexing[:, 3:]
     return result
 
 

@@ -26,8 +26,8 @@ PER_MESSAGE = 32
 """Of what all robots tell each other, so many lines at most travel in a message."""
 MOST_TOLD = 450
 """With more unknowns than these a robot that is new is not told what is known: it would take megabytes."""
-_NUMBER, _ROW, _ROW_WITH_RATES = 8, 104, 200
-"""A number of the consensus; a row with its label [B]."""
+_NUMBER, _LABEL, _NUMBER_OF_ROW = 8, 8, 4
+"""A number of the consensus; the label of a row, and one of its numbers [B]."""
 _PER_LINE = 4096
 """For a robot's line in gossip and in the tables that are handed on [B]."""
 _PER_NAME = 40
@@ -40,7 +40,7 @@ def _of_rows(scenario: Scenario) -> int:
     rows = rows_per_block(scenario.sensors.block, scenario.sensors.rate)  # as many or, in large teams, fewer
     errors = SensorErrors.of(scenario.sensors.tolerance, scenario.sensors.drift)
     unknowns = min((6 + errors.count) * scenario.robot_count + 19, MOST_TOLD)
-    row = _ROW_WITH_RATES if errors.has_rates else _ROW
+    row = _LABEL + _NUMBER_OF_ROW * (errors.width - 1)
     return 4 * scenario.robot_count * rows * row + _NUMBER * (unknowns**2 + 8 * unknowns)
 
 
