@@ -4,7 +4,7 @@
 
 ``u1, u2`` are derivatives of a least-squares polynomial of fourth degree through the forces of a row and of some time
 before and after it, turned into the axes of the row's middle by the gyro. A constant of the row's own is fitted beside
-the polynomial, so their noise is independent of that of the row's mean force, with which they are multiplied in moments.
+it, so their noise is independent of that of the row's mean force, with which they are multiplied in moments.
 """
 
 from __future__ import annotations

@@ -23,8 +23,7 @@ from coheft.estimation.moments.rows import ROW_SIZE, RowNoise
 from coheft.estimation.moments.sensor_errors import SensorErrors
 from coheft.estimation.rigid_body.regressor import symmetric_products
 from tests.estimation.moments.moving_team import (
-    ERRORS,
-    EXACT,
+    EVERY,
     LATE,
     NOISE,
     Team,
@@ -35,10 +34,10 @@ from tests.estimation.moments.moving_team import (
     noisy_for,
     uneven_noise,
     with_errors,
+    with_rates,
 )
 
 COUNTS = pytest.mark.parametrize("count", [1, 2, 3, 6])
-EVERY = pytest.mark.parametrize("errors", [EXACT, ERRORS, LATE], ids=["exact", "errors", "late"])
 FRAME = Pose(rotation_exp([0.3, -1.0, 0.5]), np.array([0.4, -0.2, 0.7]))
 
 
@@ -72,8 +71,11 @@ def test_exact_rows_show_the_exact_motion_and_wrench(count: int, errors: SensorE
     team = make_team(seed=1, count=count, number=20, offset=3.0)
     state, rows = with_errors(team, errors, np.random.default_rng(2))
     body = body_at(state, errors)
-    psi = extended_for(errors, np.hstack([team.psi, np.ones((20, 1))]))
+    psi = np.hstack([team.psi, np.ones((20, 1))])
+    psi = with_rates(psi) if errors.has_rates else psi
     psi = np.hstack([psi[:, :MOTION_SIZE], psi[:, MOTION_SIZE + 1 :]])
+    if errors.is_flexing:
+        psi = np.hstack([psi, by_robot(rows, count)[:, :, -6:].reshape(len(rows), -1)])
     np.testing.assert_allclose(rows @ body.see.T, psi, atol=1e-5)
     wrench = team.total_wrench + team.load[:6]
     np.testing.assert_allclose(rows @ body.wrench.T, wrench[1:-1] if errors.has_rates else wrench, atol=1e-9)
