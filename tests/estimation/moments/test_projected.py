@@ -72,7 +72,7 @@ def test_turning_there_and_back_changes_nothing(errors: SensorErrors) -> None:
     one, other = body_at(state, errors), body_at(nearby(state, errors), errors)
     there, twice = motion_then_to_now(one, other), motion_then_to_now(one, one)
     assert np.abs(there - np.eye(one.features)).max() > 0.01
-    np.testing.assert_allclose(twice, np.eye(one.features), atol=1e-9)
+    np.testing.assert_allclose(twice, np.eye(one.features), atol=1e-8)  # but for the faint prior of fusions
 
 
 def test_noisy_rows_turned_a_little_are_nearly_exact() -> None:
