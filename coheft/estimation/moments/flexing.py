@@ -18,8 +18,8 @@ from coheft.estimation.measurement import FORCE, GYRO
 
 FLEXING_SIZE = 6
 _MARGIN, _DEGREE = 0.06, 4
-"""Time before and after a row of which forces are used [s], and the degree: 0.2 % is lost of a motion of 3 Hz, and with
-0.02 mm/N the noise of forces is a quarter of that of the accelerometer. A parabola would lose 2 % at 1.6 Hz."""
+"""Time before and after a row of which forces are used [s], and the degree: up to 3 Hz this is right to 0.2 %, and with
+0.02 mm/N the noise of forces is a quarter of that of the accelerometer. A parabola would be off by 4 % at 1.6 Hz."""
 
 
 def flexing_margin(rate: float) -> int:
