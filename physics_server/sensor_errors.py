@@ -21,6 +21,7 @@ class SensorErrors:
         matrices: Factor from the true to the read vector of each sensor, shape (N, 5, 3, 3).
         velocity_places, acceleration_places: Positions of these sensors in the grasp frame, shape (N, 3) [m].
         delays: Delays of motion sensors and of wrenches, shape (N, 2) [s], not negative.
+        compliances: Compliances of the grasps, shape (N,) [m/N], not negative.
     """
 
     offsets: Array
@@ -28,6 +29,7 @@ class SensorErrors:
     velocity_places: Array
     acceleration_places: Array
     delays: Array
+    compliances: Array
 
     @staticmethod
     def drawn(scenario: Scenario, count: int) -> SensorErrors:
@@ -44,12 +46,14 @@ class SensorErrors:
         places = np.array([stream.standard_normal((2, 3)) for stream in streams])
         late = np.array([stream.standard_normal(2) for stream in streams]) * [scale.clock, scale.wrench_delay]
         late[:, 1] += late[:, 0]
+        compliances = scale.grasp_compliance * np.abs([stream.standard_normal() for stream in streams])
         return SensorErrors(
             offsets,
             matrices,
             scale.velocity_place * places[:, 0],
             scale.acceleration_place * places[:, 1],
             late - late.min(),
+            compliances,
         )
 
 

@@ -1,4 +1,4 @@
-"""The robots' sensors: exact readings of the engine with delay, rotation, scale, drift and white noise."""
+"""The robots' sensors: exact readings of the engine with compliance, delay, rotation, scale, drift and white noise."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from coheft.estimation.geometry.spatial import Array, rotation_from_quaternion
 from coheft.estimation.measurement import KINEMATICS, SAMPLE_SIZE, WRENCH
+from coheft.physics_server.compliance import CompliantGrasps
 from coheft.physics_server.sensor_errors import SensorErrors
 from coheft.wire.scenario.schema import Scenario
 
@@ -57,6 +58,7 @@ class Sensors:
         correlation = scenario.sensors.noise_correlation
         self._alike = np.exp(-1.0 / (correlation * scenario.sensors.rate)) if correlation else 0.0
         self._noise_before: Array | None = None
+        self._grasps = CompliantGrasps(errors.compliances, scenario.sensors.rate)
         self._late = errors.delays * scenario.sensors.rate  # in samples
         self._past: Array | None = None  # the newest exact samples, as many as the largest delay needs
 
@@ -82,10 +84,15 @@ class Sensors:
             walk = wandered + np.cumsum(self._wander * stream.standard_normal((samples, SAMPLE_SIZE)), axis=0)
             rows += walk
             wandered[:] = walk[-1]
-        exact = self._delayed(np.concatenate([kinematics, wrenches], axis=2).swapaxes(0, 1))
+        exact = self._grasps.displaced(np.concatenate([kinematics, wrenches], axis=2).swapaxes(0, 1))
+        exact = self._delayed(exact)
         exact = exact.reshape(count, samples, -1, 3, 1)
         measured += (self._errors.matrices[:, None] @ exact).reshape(measured.shape)
         return measured
+
+    def begin_anew(self, robot: int) -> None:
+        """This robot lets go, takes hold, or slips before the next block."""
+        self._grasps.begin_anew(robot)
 
     def _correlate(self, white: Array) -> None:
         """Turn white noise of variance 1, shape (N, B, 15), into first-order Gauss-Markov noise of variance 1, in

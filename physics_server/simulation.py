@@ -132,7 +132,7 @@ class Simulation:
         # Readings (w, v, a) of the sensors of an arm that rests at its home, per robot.
         self._at_rest = np.zeros((len(names), READINGS))
         self._at_rest[:, ACCELERATION] = -self.model.opt.gravity @ self._home_rotations
-        self._sensors = Sensors(scenario, errors)
+        self._sensors, self._compliances = Sensors(scenario, errors), errors.compliances
         self._encoders = _encoders_of(scenario, names)
         payload_body = self.model.body(PAYLOAD).id
         self._loads = Loads(
@@ -215,7 +215,10 @@ class Simulation:
         if robot not in self._names:
             raise SimulationError(f"there is no robot {robot}: the robots are {', '.join(self._names)}")
         self._arms.set_holding(robot, holding)
-        self._is_holding[self._names.index(robot)] = holding
+        number = self._names.index(robot)
+        if self._is_holding[number] != holding:
+            self._sensors.begin_anew(number)
+        self._is_holding[number] = holding
 
     def advance(self, references: Mapping[str, Reference]) -> BlockResult:
         """Simulate one block.
@@ -256,7 +259,8 @@ class Simulation:
             return None
         rotations = self._home_rotations.swapaxes(-1, -2) @ readings.rotations
         from_body = np.array([-pose.inverse().translation for pose in self._grasps.poses])
-        positions = readings.positions[:, None, :3] + np.einsum("bnij,nj->bni", readings.rotations, from_body)
+        from_body = from_body + self._compliances[:, None] * wrenches[..., :3]
+        positions = readings.positions[:, None, :3] + np.einsum("bnij,bnj->bni", readings.rotations, from_body)
         return self._encoders.measure(
             positions=np.einsum("nji,bnj->bni", self._home_rotations, positions - self._home_positions),
             rotations=rotations,
@@ -278,8 +282,10 @@ class Simulation:
 
     def _let_grasps_slip(self) -> None:
         for slip in self._schedule.slips(self.block):
+            number = self._names.index(slip.robot)
             self._grasps.slip(slip.robot, slip.pose())
-            self._arms.move_grasp(slip.robot, self._grasps.poses[self._names.index(slip.robot)])
+            self._arms.move_grasp(slip.robot, self._grasps.poses[number])
+            self._sensors.begin_anew(number)
 
     def _step(self, controls: Array) -> _Readings:
         """Step the engine through one block, with controls of shape (steps, 6 N)."""

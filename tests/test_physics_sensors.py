@@ -12,7 +12,7 @@ from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.tolerance import SENSORS, SHAPES, SensorDrift, SensorTolerance
 from coheft.physics_server.sensor_errors import SensorErrors
 from coheft.physics_server.simulation import Simulation
-from coheft.wire.scenario.schema import Scenario
+from coheft.wire.scenario.schema import Scenario, Slip
 from tests.physics_run import excitation, run, samples, scenario
 
 UNLIKELY = 1e-6
@@ -191,6 +191,74 @@ def test_sensors_read_at_their_places(arms: str):
         np.testing.assert_allclose(read[robot, 100:-2, 6:9], there[100:-2], atol=0.02)
         assert np.abs(read[robot, :, 6:9] - truth[robot, :, 6:9]).max() > 0.04
     np.testing.assert_array_equal(read[..., [0, 1, 2, *range(9, 15)]], truth[..., [0, 1, 2, *range(9, 15)]])
+
+
+def limp(name: str = "ring3", size: float = 1e-4, **keys: int) -> Scenario:
+    return with_errors(scenario(name, **keys), errors=SensorTolerance(grasp_compliance=size))
+
+
+def changing(vectors: Array, w: Array, rate: float) -> Array:
+    """How fast vectors (..., n, 3) change in axes that do not turn."""
+    rates: Array = np.gradient(vectors, 1.0 / rate, axis=-2) + np.cross(w, vectors)
+    return rates
+
+
+@pytest.mark.parametrize("arms", ["impedance", "seven-joint"])
+def test_hands_move_against_the_load_by_compliance_times_force(arms: str):
+    compliant = limp("arms4" if arms == "seven-joint" else "ring3")
+    truth = measured(with_errors(compliant, errors="none"), 400)
+    read = measured(compliant, 400)
+    compliances = SensorErrors.drawn(compliant, len(truth)).compliances
+    assert (compliances > 0.0).all()
+    w = truth[..., :3]
+    velocity = changing(compliances[:, None, None] * truth[..., 9:12], w, 1000.0)
+    added = np.concatenate([velocity, changing(velocity, w, 1000.0)], axis=2)
+    scale = np.abs(added[:, 200:-4]).max(axis=(0, 1))
+    np.testing.assert_allclose(
+        (read - truth)[:, 200:-4, 3:9] / scale, added[:, 200:-4] / scale, atol=0.05 if arms == "seven-joint" else 0.005
+    )
+    np.testing.assert_array_equal(read[..., [0, 1, 2, *range(9, 15)]], truth[..., [0, 1, 2, *range(9, 15)]])
+
+
+def test_compliance_is_drawn_with_its_deviation_and_changes_no_other_error():
+    compliant = with_errors(scenario("ring24"), tolerance=msgspec.structs.replace(ERRORS, grasp_compliance=1e-4))
+    one, other = (
+        SensorErrors.drawn(each, 24) for each in (with_errors(scenario("ring24"), tolerance=ERRORS), compliant)
+    )
+    for name, value in vars(one).items():
+        if name != "compliances":
+            np.testing.assert_array_equal(getattr(other, name), value)
+    low, high = stats.chi2.ppf([UNLIKELY / 2, 1 - UNLIKELY / 2], 24)
+    assert low < np.square(other.compliances / 1e-4).sum() < high
+    assert not one.compliances.any()
+
+
+def test_compliance_does_not_depend_on_the_block():
+    np.testing.assert_allclose(
+        measured(limp(block=4), 80)[:, :20], measured(limp(block=20), 80)[:, :20], rtol=1e-9, atol=1e-9
+    )
+
+
+def test_hands_that_let_go_take_hold_or_slip_do_not_jump():
+    compliant = msgspec.structs.replace(
+        limp("ring6"), slips=(Slip(at=0.06, robot="r3", translation=(0.005, 0.0, 0.0)),), duration=0.2
+    )
+    stiff = with_errors(compliant, errors="none")
+    found = []
+    for chosen in (compliant, stiff):
+        simulation, references = Simulation(chosen), excitation(chosen)
+        read = [samples(run(simulation, references, 4))]
+        simulation.release("r2")
+        read.append(samples(run(simulation, references, 4)))
+        simulation.grasp("r2")
+        read.append(samples(run(simulation, references, 8)))
+        found.append(np.concatenate(read, axis=1))
+    added = np.linalg.norm((found[0] - found[1])[..., 3:6], axis=2)
+    assert not added[1, 20:40].any()
+    # A force of 20 N that comes or goes within a millisecond would be worth 1 m/s.
+    assert 0.0 < added[1, 40] < 0.01
+    assert 0.0 < added[2, 60] < 0.01
+    assert added[:, 62:].max() > 0.05
 
 
 def test_true_errors_may_be_others_than_told_or_none():

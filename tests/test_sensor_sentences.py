@@ -40,6 +40,7 @@ def robot(*errors: SensorErrorEstimate) -> RobotReport:
             ("velocity_place", "y", 0.02, 0.001, 0.005),
             "r3's velocity sensor is 20 ± 1 mm (tolerance 5 mm) away along y.",
         ),
+        (("grasp_compliance", "", 6e-5, 1e-6, 2e-5), "r3's grasp yields by 0.06 ± 0.001 mm/N (tolerance 0.02 mm/N)."),
         (("clock", "", 0.003, 0.0001, 0.001), "r3's clock is 3 ± 0.1 ms (tolerance 1 ms) late."),
         (
             ("wrench_delay", "", -0.003, 0.0001, 0.001),

@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from coheft.agents.efficient.row_times import RowTimes
 from coheft.estimation.geometry.spatial import Array
+from coheft.estimation.moments.flexing import FLEXING_SIZE
 from coheft.estimation.moments.rows import ROW_SIZE
 
 WINDOW = 64
@@ -25,6 +26,7 @@ _LATE = 4
 """A row is handed on for so many blocks longer than it needs where nothing is lost."""
 _LABELS, _ROWS = "labels", "rows"
 _ONE = np.ones(1)
+_SHAPES = tuple((ROW_SIZE * copies + more,) for copies in (1, 2) for more in (0, FLEXING_SIZE))
 _TEAMS = 2**32
 """Numbers of teams are smaller."""
 
@@ -37,8 +39,8 @@ class RowMessage:
         team: Number of the team that it takes part in, see ``Gossip.membership``.
         changed_at: Number of the first row with the present load, as far as it knows; -1 if it never changed.
         labels: Of each row the robot's place in the team and the row's number, shape (k, 2).
-        rows: Shape (k, 24), or (k, 48) with rates, in single precision: rounding is far below the noise, and is done
-            once, by the robot that measured.
+        rows: Shape (k, 24), or more with what follows rows, in single precision: rounding is far below the noise, and
+            is done once, by the robot that measured.
     """
 
     team: int
@@ -57,7 +59,7 @@ class RowMessage:
         labels, rows = channels.get(_LABELS), channels.get(_ROWS)
         if labels is None or rows is None or labels.dtype != np.int32 or rows.dtype != np.float32:
             return None
-        if rows.shape[1:] not in ((ROW_SIZE,), (2 * ROW_SIZE,)) or labels.shape != (len(rows) + 1, 2):
+        if rows.shape[1:] not in _SHAPES or labels.shape != (len(rows) + 1, 2):
             return None
         team, changed_at = labels[0].tolist()
         return RowMessage(team % _TEAMS, changed_at, labels[1:], rows)
@@ -72,7 +74,7 @@ class Exchange:
         own: Place of this one among them.
         hops: Diameter of the graph.
         times: Of rows.
-        size: Numbers of one robot's row: 24, or 48 with rates.
+        size: Numbers of one robot's row, and of what follows it.
 
     Attributes:
         changed_at: Number of the newest first row of a new load that any robot has told of, -1 if none.
@@ -91,7 +93,7 @@ class Exchange:
         self._told_once: list[tuple[npt.NDArray[np.int32], npt.NDArray[np.float32]]] = []
 
     def enter(self, number: int, row: Array) -> None:
-        """The robot's own row of this number, shape (24,) or (48,)."""
+        """The robot's own row of this number, shape (size,)."""
         place = number % len(self._numbers)
         if self._numbers[place, self._own] < number:
             rounded = row.astype(np.float32)
@@ -130,10 +132,10 @@ class Exchange:
         return RowMessage(self.team, changed_at, np.concatenate(labels), np.concatenate(rows))
 
     def complete(self, number: int) -> Array | None:
-        """The team's row of this number: the rows of all robots, the constant 1, and rates if there are any.
+        """The team's row of this number: the rows of all robots, the constant 1, and what follows rows.
 
         Returns:
-            Shape (24 N + 1,) or (48 N + 1,); None while a robot's is missing.
+            Shape (size N + 1,); None while a robot's is missing.
         """
         place = number % len(self._numbers)
         if (self._numbers[place] != number).any():

@@ -18,7 +18,6 @@ from coheft.estimation.moments.chapter import Chapter, Prior
 from coheft.estimation.moments.fit import Estimate, Look, fitted
 from coheft.estimation.moments.fit_settings import FitSettings, Guess
 from coheft.estimation.moments.row_buffer import RowBuffer
-from coheft.estimation.moments.rows import ROW_SIZE
 from coheft.estimation.moments.start import first_load, first_poses, poses_by_motion
 from coheft.estimation.moments.suspects import SLIP
 from coheft.estimation.moments.unknowns import Flags, State, Unknowns
@@ -57,7 +56,7 @@ class Knowledge:
         self._count, self._anchor, self._settings, self._guards = count, anchor, settings, guards
         self._growth = guards.growth_of_many if settings.errors.count or count > MANY else guards.growth
         self.least = max(4, round(guards.first_rows / settings.period))
-        memory, size = settings.memory, ROW_SIZE * count * (1 + settings.errors.has_rates) + 1
+        memory, size = settings.memory, (settings.errors.width - 1) * count + 1
         pages = [memory / _PAGES_IN_MEMORY] if memory is not None else []
         pages += [min(_LONGEST_PAGE_OF_DRIFT, settings.steady)] if settings.drift.is_any else []
         self._page = max(4, round(min(pages) / settings.period)) if pages else 0

@@ -1,6 +1,6 @@
 """Division of one robot's blocks of samples into rows: several per block, or one for several blocks.
 
-row n holds the samples from n L up to (n + 1) L,    L = samples of a row; with rates it is a sample earlier
+row n holds the samples from n L up to (n + 1) L,    L = samples of a row; earlier by as many as it needs after it
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ import numpy.typing as npt
 
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import SAMPLE_SIZE
+from coheft.estimation.moments.flexing import flexing, flexing_margin
 from coheft.estimation.moments.rows import LONGEST, row_of_samples, row_with_rates, rows_per_block
+from coheft.estimation.moments.sensor_errors import SensorErrors
 
 MANY, _MOST_TIMES = 32, 5
 """In teams of more robots than these rows are longer, in proportion to the team and at most so many times."""
-_BEFORE = 2
-"""Samples before a row that its rates need."""
 Numbers = TypeVar("Numbers", int, npt.NDArray[np.int64])
 
 
@@ -72,25 +72,31 @@ class OwnRows:
         times: Of rows.
         gyro_variance: Of one sample [rad²/s²].
         rate: Samples per second.
-        with_rates: Whether rows are followed by their rates.
+        errors: Declared errors of sensors: they say what follows each row.
     """
 
-    def __init__(self, times: RowTimes, gyro_variance: float, rate: float, with_rates: bool = False) -> None:
-        self._times, self._gyro_variance, self._rate = times, gyro_variance, rate
-        self._row, self._before = (row_with_rates, _BEFORE) if with_rates else (row_of_samples, 0)
+    def __init__(self, times: RowTimes, gyro_variance: float, rate: float, errors: SensorErrors) -> None:
+        self._times, self._gyro_variance, self._rate, self._errors = times, gyro_variance, rate, errors
+        self._margin = flexing_margin(rate) if errors.is_flexing else int(errors.has_rates)
         self._kept, self._end = np.zeros((0, SAMPLE_SIZE)), 0
 
     def add(self, index: int, samples: Array) -> list[tuple[int, Array]]:
         """Numbers and rows that a block of samples (B, 15) completes; of a row of which samples are missing nothing."""
-        size, block = self._times.row, self._times.block
+        size, block, before = self._times.row, self._times.block, 2 * self._margin
         has_gap = self._end != index * block
         kept = samples if has_gap or not len(self._kept) else np.concatenate([self._kept, samples])
         self._end = (index + 1) * block
-        start, end, before = self._end - len(kept), self._end // size, self._before
+        start, end = self._end - len(kept), self._end // size
         self._kept = kept[max(0, end * size - before - start) :]
         first = -(-(start + before) // size)
         begins = [(number, number * size - before - start) for number in range(first, end)]
-        return [
-            (number, self._row(kept[begin : begin + before + size], self._gyro_variance, self._rate))
-            for number, begin in begins
-        ]
+        return [(number, self._row(kept[begin : begin + before + size])) for number, begin in begins]
+
+    def _row(self, samples: Array) -> Array:
+        """Of its samples and those before and after it, shape (L + 2 margin, 15)."""
+        own = slice(self._margin, len(samples) - self._margin)
+        if self._errors.has_rates:
+            row = row_with_rates(samples[own.start - 1 : own.stop + 1], self._gyro_variance, self._rate)
+        else:
+            row = row_of_samples(samples[own], self._gyro_variance, self._rate)
+        return np.concatenate([row, flexing(samples, self._margin, self._rate)]) if self._errors.is_flexing else row

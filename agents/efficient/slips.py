@@ -22,8 +22,7 @@ from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.moments.body import FORCING, load_operator, residual_covariance
 from coheft.estimation.moments.chapter import evidence_of
 from coheft.estimation.moments.fit import Estimate
-from coheft.estimation.moments.moments import RowMoments, seen_moments
-from coheft.estimation.moments.rows import ROW_SIZE
+from coheft.estimation.moments.moments import RowMoments, robot_places, seen_moments
 from coheft.estimation.moments.suspects import LogRatios, log_ratios
 
 _LEAST, _GROWTH = 5, 1.5
@@ -152,13 +151,9 @@ def _log_ratio_to_knock(estimate: Estimate, robot: int, before: Pose, rows: Arra
     body, load = estimate.body, estimate.state.load
     assert load is not None
     root = np.linalg.cholesky(residual_covariance(body, load))
-    needed, per_robot = (
-        load_operator(load) @ body.see[FORCING],
-        body.wrench[:, :-1].reshape(6, -1, body.count, ROW_SIZE),
-    )
+    needed, own = load_operator(load) @ body.see[FORCING], robot_places(body.count, body.unknowns.errors)[robot]
     to_before = before.adjoint() @ estimate.state.poses[robot].inverse().adjoint()
-    knocked, moved = body.wrench.copy(), per_robot.copy()
-    moved[:, :, robot] = np.tensordot(to_before, per_robot[:, :, robot], 1)
-    knocked[:, :-1] = moved.reshape(6, -1)
+    knocked = body.wrench.copy()
+    knocked[:, own] = to_before @ knocked[:, own]
     of_slip, of_knock = (np.linalg.solve(root, (each - needed) @ rows.T) for each in (body.wrench, knocked))
     return 0.5 * float(np.square(of_knock).sum() - np.square(of_slip).sum())

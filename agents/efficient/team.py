@@ -17,7 +17,6 @@ from coheft.agents.estimator import Channels
 from coheft.consensus.graph import diameter
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.chapter import Prior
-from coheft.estimation.moments.rows import ROW_SIZE
 from coheft.estimation.moments.unknowns import Unknowns
 from coheft.wire.config import AgentConfig
 from coheft.wire.messages.size import MOST_TOLD
@@ -62,10 +61,10 @@ class Team:
         self.own, hops = self.names.index(config.name), diameter(graph)
         self.times = times = RowTimes.of_team(len(lives), config.block, config.rate)
         self._settings, self._guards = fit_settings(config, len(lives)), guards
-        with_rates = self._settings.errors.has_rates
-        self._own_rows = OwnRows(times, config.noise.gyro**2, config.rate, with_rates)
+        errors = self._settings.errors
+        self._own_rows = OwnRows(times, config.noise.gyro**2, config.rate, errors)
         self._waits = hops + max(2, config.blocks(guards.waiting)) + times.spanned - 1
-        self.exchange = Exchange(membership, len(lives), self.own, hops, times, ROW_SIZE * (1 + with_rates))
+        self.exchange = Exchange(membership, len(lives), self.own, hops, times, errors.width - 1)
         self._prior: tuple[Prior, int] | None = None
         self._newcomers = dict[str, int]()
         self.session = Session(len(lives), self.own, self._settings, guards)

@@ -116,7 +116,7 @@ class JointInformation:
         wrenches: Array,
         noise: SensorNoise,
         tolerance: SensorTolerance | None = None,
-        rates: tuple[Array, Array] | None = None,
+        rates: tuple[Array, Array, Array] | None = None,
     ) -> JointInformation:
         """Compute the information of samples, at the true parameters.
 
@@ -127,7 +127,8 @@ class JointInformation:
             wrenches: True wrench of every robot, each in its own frame, shape (n, N, 6).
             noise: Noise of every robot's sensors.
             tolerance: Tolerances of every robot's sensors; None if they have no constant errors.
-            rates: Rates of motion and wrenches, of the same shapes; required if clocks or wrenches may be late.
+            rates: Rates of motion and wrenches, of the same shapes, and first and second derivatives of forces in axes
+                that do not rotate, shape (n, N, 6); required if clocks or wrenches may be late, or grasps compliant.
 
         Raises:
             ValueError: Shapes do not match, or rates are required and missing.
@@ -137,17 +138,21 @@ class JointInformation:
             raise ValueError(f"{motion.shape=} and {wrenches.shape=} but expected (n, 12) and (n, {len(poses)}, 6)")
         tolerance = SensorTolerance() if tolerance is None else tolerance
         if rates is None:
-            if tolerance.clock or tolerance.wrench_delay:
+            if tolerance.clock or tolerance.wrench_delay or tolerance.grasp_compliance:
                 raise ValueError(
-                    "the effect of delays depends on how fast motion and wrenches change: expected rates, found None"
+                    "the effects of delays and compliance depend on how fast motion and wrenches change: expected "
+                    "rates, found None"
                 )
-            rates = np.zeros_like(motion), np.zeros_like(wrenches)
+            rates = np.zeros_like(motion), np.zeros_like(wrenches), np.zeros_like(wrenches)
         errors = sensor_errors(len(poses), tolerance)
         all_sensors, kinematics = np.zeros((2, *(6 * len(poses) + len(errors) + INERTIA_SIZE,) * 2))
         for start in range(0, len(motion), _CHUNK):
             rows = slice(start, start + _CHUNK)
             readings = [
-                Readings.at(pose, *(each[rows] for each in (motion, wrenches[:, i], rates[0], rates[1][:, i])))
+                Readings.at(
+                    pose,
+                    *(each[rows] for each in (motion, wrenches[:, i], rates[0], rates[1][:, i], rates[2][:, i])),
+                )
                 for i, pose in enumerate(poses)
             ]
             chunk = _information_of_chunk(poses, inertia_in_reference, motion[rows], readings, noise, errors)

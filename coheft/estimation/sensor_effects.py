@@ -18,21 +18,29 @@ from coheft.estimation.tolerance import Proportional, SensorTolerance
 
 
 class Readings(NamedTuple):
-    """Exact readings of one robot's sensors, shape (n, 15), their rates of change, and ``alpha`` at its frame, (n,
-    3).
+    """Exact readings of one robot's sensors.
+
+    Attributes:
+        exact: The readings, shape (n, 15).
+        rates: Their rates of change, shape (n, 15).
+        alpha: Angular acceleration at the robot's frame, shape (n, 3).
+        flexing: First and second derivative of the force in axes that do not rotate, shape (n, 6).
     """
 
     exact: Array
     rates: Array
     alpha: Array
+    flexing: Array
 
     @staticmethod
-    def at(pose: Pose, motion: Array, wrenches: Array, motion_rates: Array, wrench_rates: Array) -> Readings:
+    def at(
+        pose: Pose, motion: Array, wrenches: Array, motion_rates: Array, wrench_rates: Array, flexing: Array
+    ) -> Readings:
         """Make the readings of a robot with this pose in the body frame; shapes as in ``JointInformation.of``."""
         kinematics = grasp_measurements(pose, motion)
         rates = (grasp_derivatives(pose, motion)[1] @ motion_rates[..., None])[..., 0]
         alpha = motion[:, BODY_ALPHA] @ pose.rotation
-        return Readings(np.hstack([kinematics, wrenches]), np.hstack([rates, wrench_rates]), alpha)
+        return Readings(np.hstack([kinematics, wrenches]), np.hstack([rates, wrench_rates]), alpha, flexing)
 
 
 class SensorError(NamedTuple):
@@ -56,6 +64,7 @@ def sensor_errors(count: int, tolerance: SensorTolerance) -> list[SensorError]:
     for axis in np.eye(3):
         kinds.append((tolerance.velocity_place, False, partial(_velocity_elsewhere, axis)))
         kinds.append((tolerance.acceleration_place, False, partial(_acceleration_elsewhere, axis)))
+    kinds.append((tolerance.grasp_compliance, False, _compliant))
     kinds.append((tolerance.clock, False, partial(_late, slice(None))))
     kinds.append((tolerance.wrench_delay, True, partial(_late, WRENCH)))
     errors = [SensorError(i, *kind) for i in range(count) for kind in kinds if kind[0] > 0.0]
@@ -83,6 +92,12 @@ def _velocity_elsewhere(place: Array, readings: Readings) -> Array:
 def _acceleration_elsewhere(place: Array, readings: Readings) -> Array:
     w, result = readings.exact[:, GYRO], np.zeros_like(readings.exact)
     result[:, ACCELERATION] = np.cross(readings.alpha, place) + np.cross(w, np.cross(w, place))
+    return result
+
+
+def _compliant(readings: Readings) -> Array:
+    result = np.zeros_like(readings.exact)
+    result[:, VELOCITY], result[:, ACCELERATION] = readings.flexing[:, :3], readings.flexing[:, 3:]
     return result
 
 

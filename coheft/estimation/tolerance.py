@@ -3,7 +3,8 @@
 The model is ``measured(t) = (1 + gain + scale + cross-talk) R(mounting) exact(t - delay) + offset + noise`` for each
 sensor of three axes, where ``exact`` is the true quantity at the sensor's place. The grasp frame is the frame of the
 force and torque sensor, which therefore has neither mounting nor place errors. The delay of all sensors of a robot is
-its clock's error; force and torque have an additional delay.
+its clock's error; force and torque have an additional delay. With a compliant grasp all of them are displaced against
+the load by ``compliance x force``, in the direction in which the robot pushes.
 """
 
 from __future__ import annotations
@@ -77,6 +78,7 @@ class SensorTolerance(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
         acceleration_place: Position error of the accelerometer, likewise [m].
         clock: Offset of a robot's clock against the others [s].
         wrench_delay: Delay of a robot's force and torque against its other sensors [s].
+        grasp_compliance: Displacement of a robot's hand against the load per force, alike in all directions [m/N].
     """
 
     gyro_offset: Deviation = 0.0
@@ -103,6 +105,7 @@ class SensorTolerance(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     acceleration_place: Deviation = 0.0
     clock: Deviation = 0.0
     wrench_delay: Deviation = 0.0
+    grasp_compliance: Deviation = 0.0
 
     def offsets(self) -> Array:
         """Return the standard deviation of the offset of each column of a sample, shape (15,)."""

@@ -87,6 +87,12 @@ def test_the_order_in_which_rows_come_makes_no_difference(order: list[int]) -> N
         np.testing.assert_array_equal(exchange.complete(number), expected(number))
 
 
+@pytest.mark.parametrize("size", [24, 30, 48, 54, 12, 25, 60])
+def test_rows_of_other_sizes_than_there_are_make_no_message(size: int) -> None:
+    channels = RowMessage(TEAM, 3, np.array([[1, 2]], dtype=np.int32), np.ones((1, size), dtype=np.float32)).channels()
+    assert (RowMessage.of_channels(channels) is not None) == (size in (24, 30, 48, 54))
+
+
 def heard(exchange: Exchange, label: tuple[int, int], block: int = 10, team: int = TEAM) -> None:
     rows = np.ones((1, ROW_SIZE), dtype=np.float32)
     exchange.hear(RowMessage(team, 5, np.array([label], dtype=np.int32), rows), block)

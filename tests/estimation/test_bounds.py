@@ -199,13 +199,16 @@ def test_errors_of_sensors_are_unknowns_with_a_prior(
     assert_bound_is_inverse(bound, problem, jacobian, columns, deviations)
 
 
-def test_places_and_delays_of_sensors_are_unknowns_with_a_prior(small: tuple[Team, FullProblem, Array]) -> None:
+def test_places_delays_and_compliance_are_unknowns_with_a_prior(small: tuple[Team, FullProblem, Array]) -> None:
     team, problem, jacobian = small
-    told = SensorTolerance(velocity_place=0.01, acceleration_place=0.003, clock=1e-3, wrench_delay=2e-3)
+    told = SensorTolerance(
+        velocity_place=0.01, acceleration_place=0.003, clock=1e-3, wrench_delay=2e-3, grasp_compliance=1e-4
+    )
     rng, wrenches = np.random.default_rng(4), team.exact[:, :, 9:]
     motion_rates, wrench_rates = rng.normal(size=team.motion.shape), 20.0 * rng.normal(size=wrenches.shape)
+    flexing = 100.0 * rng.normal(size=wrenches.shape)
     bound = JointInformation.of(
-        team.poses, team.inertia, team.motion, wrenches, team.noise, told, (motion_rates, wrench_rates)
+        team.poses, team.inertia, team.motion, wrenches, team.noise, told, (motion_rates, wrench_rates, flexing)
     ).full_bound()
     columns, deviations, h = [], [], 1e-5
     for robot, pose in enumerate(team.poses):
@@ -223,6 +226,8 @@ def test_places_and_delays_of_sensors_are_unknowns_with_a_prior(small: tuple[Tea
                 change[:, part] = (there - at_grasp)[:, part] / h
                 effect(change)
                 deviations.append(deviation)
+        effect(np.hstack([np.zeros((len(at_grasp), 3)), flexing[:, robot], np.zeros((len(at_grasp), 6))]))
+        deviations.append(told.grasp_compliance)
         later = grasp_measurements(pose, team.motion + h * motion_rates) - at_grasp
         late_wrench = np.hstack([np.zeros((len(at_grasp), 9)), -wrench_rates[:, robot]])
         effect(np.hstack([-later / h, -wrench_rates[:, robot]]))
@@ -231,12 +236,13 @@ def test_places_and_delays_of_sensors_are_unknowns_with_a_prior(small: tuple[Tea
     assert_bound_is_inverse(bound, problem, jacobian, columns, deviations)
 
 
-def test_delays_without_rates_are_refused(small: tuple[Team, FullProblem, Array]) -> None:
+@pytest.mark.parametrize("told", [SensorTolerance(clock=1e-3), SensorTolerance(grasp_compliance=1e-5)])
+def test_what_needs_rates_is_refused_without_them(
+    small: tuple[Team, FullProblem, Array], told: SensorTolerance
+) -> None:
     team = small[0]
     with pytest.raises(ValueError, match="expected rates, found None"):
-        JointInformation.of(
-            team.poses, team.inertia, team.motion, team.exact[:, :, 9:], team.noise, SensorTolerance(clock=1e-3)
-        )
+        JointInformation.of(team.poses, team.inertia, team.motion, team.exact[:, :, 9:], team.noise, told)
 
 
 def test_maximum_likelihood_reaches_the_bound(small: tuple[Team, FullProblem, Array]) -> None:

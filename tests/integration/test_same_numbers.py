@@ -16,6 +16,7 @@ from coheft.app.results.record import Record
 from coheft.app.results.report import RunInfo, build_report
 from coheft.app.run.inprocess import BlockRecord, run_in_process
 from coheft.consensus.graph import build_graph
+from coheft.estimation.tolerance import SensorTolerance
 from coheft.physics_server.simulation import Simulation
 from coheft.wire.messages.codec import decode, encode
 from coheft.wire.messages.structs import Message
@@ -26,13 +27,13 @@ PATIENCE = 60.0
 M = TypeVar("M", bound=Message)
 
 
-def in_processes(estimator: str, folder: Path) -> dict[str, object]:
+def in_processes(estimator: str, compliance: float, folder: Path) -> dict[str, object]:
     """What robots believe at the end, and at every second, as the command line reports it."""
     report = folder / "report.json"
     command = [
         sys.executable, "-m", "coheft", "run", "ring3", "--quiet", "--history", "--json", str(report),
         "--estimator", estimator, "--duration", "8", "--seed", "5", "--change", "t=6,mass=2,at=0.2,0.1,0.08",
-        "--logs", str(folder / "logs"),
+        "--logs", str(folder / "logs"), "--set", f"sensors.tolerance.grasp_compliance={compliance}",
     ]  # fmt: skip
     done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=False)
     assert done.returncode in (0, 3), done.stderr
@@ -71,15 +72,17 @@ def in_one_process(scenario: Scenario, blocks: Iterable[BlockRecord]) -> dict[st
 
 
 @pytest.mark.smoke
-@pytest.mark.parametrize("estimator", ["efficient", "fan2017"])
-def test_the_same_numbers_in_one_process_and_in_many(estimator: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("estimator", "compliance"), [("efficient", 0.0), ("efficient", 2e-5), ("fan2017", 0.0)])
+def test_the_same_numbers_in_one_process_and_in_many(estimator: str, compliance: float, tmp_path: Path) -> None:
+    shipped = load_scenario("ring3")
     scenario = msgspec.structs.replace(
-        load_scenario("ring3"),
+        shipped,
+        sensors=msgspec.structs.replace(shipped.sensors, tolerance=SensorTolerance(grasp_compliance=compliance)),
         estimator=estimator,
         duration=8.0,
         seed=5,
         load_changes=(LoadChange(at=6.0, mass=2.0, position=(0.2, 0.1, 0.08)),),
     )
-    one, many = in_one_process(scenario, run_in_process(scenario)), in_processes(estimator, tmp_path)
+    one, many = in_one_process(scenario, run_in_process(scenario)), in_processes(estimator, compliance, tmp_path)
     for key in ("robots", "history", "load_changes", "consensus"):
         assert one[key] == many[key], key

@@ -11,7 +11,7 @@ from coheft.app.results.quantities import Edges, Quantity
 from coheft.app.study.samples import TeamSamples
 from coheft.estimation.bounds import JointBound, JointInformation
 from coheft.estimation.geometry.spatial import Array
-from coheft.estimation.measurement import KINEMATICS, WRENCH
+from coheft.estimation.measurement import GYRO, KINEMATICS, WRENCH
 from coheft.wire.scenario.schema import Scenario
 
 _BOUND_RATE = 100
@@ -58,6 +58,10 @@ class ExactRun:
         slopes = np.gradient(first[:, :3], 1.0 / rate, axis=0)
         self._motion = np.hstack([first, slopes])
         self._rates = tuple(np.gradient(each, 1.0 / rate, axis=0) for each in (self._motion, self._wrenches))
+        w, forces = exact.samples[:, :, GYRO], self._wrenches[:, :, :3]
+        first_of_force = np.gradient(forces, 1.0 / rate, axis=0) + np.cross(w, forces)
+        second = np.gradient(first_of_force, 1.0 / rate, axis=0) + np.cross(w, first_of_force)
+        self._flexing = np.concatenate([first_of_force, second], axis=2)
         self._step = max(1, scenario.sensors.rate // samples_per_second)
 
     def information(self, first: int, end: int) -> JointInformation:
@@ -71,9 +75,8 @@ class ExactRun:
         payload = self._judge.payload(names[0], end - 1)
         motion, wrenches, tolerance = self._motion[chosen], self._wrenches[chosen], self._scenario.sensors.tolerance
         motion_rates, wrench_rates = (each[chosen] for each in self._rates)
-        return JointInformation.of(
-            self._poses, payload, motion, wrenches, noise, tolerance, (motion_rates, wrench_rates)
-        )
+        rates = motion_rates, wrench_rates, self._flexing[chosen]
+        return JointInformation.of(self._poses, payload, motion, wrenches, noise, tolerance, rates)
 
     def seen(self, bound: JointBound) -> Bounds:
         """Return a bound in the coordinates of all robots."""

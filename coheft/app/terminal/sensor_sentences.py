@@ -28,6 +28,8 @@ def sensor_sentences(robots: Mapping[str, RobotReport]) -> list[str]:
 def _in_words(error: SensorErrorEstimate) -> str:
     if error.key == "clock":
         return f"clock is {_amount(error, 'ms', 1e3)} {_late(error)}"
+    if error.key == "grasp_compliance":
+        return f"grasp yields by {_amount(error, 'mm/N', 1e3)}"
     if error.key == "wrench_delay":
         return f"force and torque sensor is {_amount(error, 'ms', 1e3)} {_late(error)}"
     sensor, _, what = error.key.partition("_")

@@ -5,7 +5,8 @@
     total wrench = sum_i Ad(g_i) (f, t)_i = wrench @ x
 
 ``x = (z, z')``: the rows of all robots one after another, then 1; and, only if some sensor may be late, how fast each
-of these numbers changes. ``psi`` then has the rates of its 19 numbers as well. Everything is in the body frame.
+of these numbers changes. ``psi`` then has the rates of its 19 numbers as well. If grasps are compliant, each robot's
+``z'`` and ``psi`` also have how fast its force changes (``flexing``), as measured. All else is in the body frame.
 """
 
 from __future__ import annotations
@@ -17,9 +18,10 @@ import numpy as np
 from coheft.estimation.geometry.spatial import CROSS_OF_AXES, Array, skew
 from coheft.estimation.linear_algebra import inverse as inverse_of
 from coheft.estimation.moments import rows
+from coheft.estimation.moments.flexing import FLEXING_SIZE
 from coheft.estimation.moments.rows import KINEMATICS_SIZE, ROW_SIZE, RowNoise
-from coheft.estimation.moments.sensor_errors import ONE, RATES
-from coheft.estimation.moments.unknowns import LOAD_SIZE, THETA, State, Unknowns
+from coheft.estimation.moments.sensor_errors import MORE, ONE, RATES
+from coheft.estimation.moments.unknowns import LOAD_SIZE, THETA, Indices, State, Unknowns
 from coheft.estimation.rigid_body.mass_properties import inertia_operator, pack_symmetric, unpack_symmetric
 from coheft.estimation.rigid_body.regressor import regressor_coefficients, spatial_inertia
 
@@ -34,6 +36,7 @@ REGRESSOR: Array = np.ascontiguousarray(
 )
 """The wrench is ``sum_k motion[FORCING][k] REGRESSOR[k] @ load``, shape (13, 6, 16)."""
 
+_OWN_RATES = slice(RATES, RATES + ROW_SIZE)
 _AXES = np.eye(3)
 _PACKED = unpack_symmetric(np.eye(6))
 _NO_SENSOR = 1e6
@@ -100,7 +103,9 @@ class BodyModel:
         state, unknowns, noise: As given.
         count: Robots.
         has_rates: Whether rows are extended by their rates.
-        features: Numbers of ``psi``: 19, or 38 with rates.
+        features: Numbers of ``psi``: 19, or 38 with rates, and 6 N more with flexing.
+        flexing: Places of these, shape (N, 6), or (N, 0).
+        forcing: Places of the numbers of ``psi`` that accelerations and wrenches depend on: all but the velocity.
         predict: Shape (N, 12, 19).
         predict_products: Products of a robot's row from those of the motion, shape (N, 6, 6).
         shares: Of each robot in the mean of products, shape (N,).
@@ -112,7 +117,7 @@ class BodyModel:
         adjoints: ``Ad(g_i)``, shape (N, 6, 6).
         motion_noise: Covariance of the noise of ``psi`` in one row, shape (features, features).
         residual_noise: Covariance of what motion sensors read less their prediction with ``psi``, shape
-            (N, 12, features); None where it is zero, as without rates.
+            (N, 12, features); None where it is zero, as without rates and flexing.
         wrench_variance: Of each wrench sensor that is there in one row, else 0, shape (N, 6).
         rate_variance: Of the rates of each wrench in one row, shape (N, 6).
         wrench_noise: Covariance of the total wrench as it counts, lever arms included, shape (6, 6).
@@ -121,7 +126,12 @@ class BodyModel:
     def __init__(self, state: State, noise: RowNoise, unknowns: Unknowns) -> None:
         self.state, self.noise, self.unknowns = state, noise, unknowns
         self.count, self.has_rates = len(state.poses), unknowns.errors.has_rates
-        self.features = MOTION_SIZE * (1 + self.has_rates)
+        moving, flexing = MOTION_SIZE * (1 + self.has_rates), FLEXING_SIZE * unknowns.errors.is_flexing
+        self.features = moving + flexing * self.count
+        self.flexing: Indices = np.arange(moving, self.features).reshape(self.count, flexing)
+        of_motion = np.r_[0:4, 7:MOTION_SIZE]
+        of_rates = MOTION_SIZE + of_motion[1:] if self.has_rates else []
+        self.forcing: Indices = np.r_[of_motion, of_rates, self.flexing[:, FLEXING_SIZE // 2 :].ravel()].astype(np.intp)
         self.rotations = np.array([pose.rotation for pose in state.poses])
         self.places = np.array([pose.translation for pose in state.poses])
         self.weight = 1.0 / self._corrected(noise.kinematics, rows.KINEMATICS)
@@ -154,12 +164,19 @@ class BodyModel:
         centripetal = (self.accelerations.gain @ predict[:, rows.ACCELERATIONS, PRODUCTS]).sum(axis=0)
         find[ACCELERATIONS] -= centripetal @ find[PRODUCTS]
         self.see = self._of_extended(find)
-        if self.has_rates and self.state.calibration is not None:
-            self._set_noise_of_rates()
-            moving = np.zeros_like(self.see)
-            rates = of_rows.swapaxes(0, 1) @ self.state.calibration[:, RATES:, RATES:]
-            moving[:, find.shape[1] :] = rates.swapaxes(0, 1).reshape(MOTION_SIZE, -1)
-            self.see = np.vstack([self.see, moving])
+        if self.unknowns.errors.more and self.state.calibration is not None:
+            self.residual_noise = np.zeros((self.count, KINEMATICS_SIZE, self.features))
+            more = np.zeros((self.features - MOTION_SIZE, self.see.shape[1]))
+            by_robot = more[:, find.shape[1] :].reshape(len(more), self.count, self.unknowns.errors.more)
+            if self.has_rates:
+                self._set_noise_of_rates()
+                rates = of_rows.swapaxes(0, 1) @ self.state.calibration[:, _OWN_RATES, _OWN_RATES]
+                by_robot[:MOTION_SIZE, :, :ROW_SIZE] = rates.swapaxes(0, 1)
+            if self.unknowns.errors.is_flexing:
+                self._set_noise_of_flexing()
+                for robot, places in enumerate(self.flexing - MOTION_SIZE):
+                    by_robot[places, robot, -FLEXING_SIZE:] = np.eye(FLEXING_SIZE)
+            self.see = np.vstack([self.see, more])
 
     def _variance_of_rates(self, deviations: Array, part: slice) -> Array:
         """Of a part of all rows, for the noise (N or 1, k) of its numbers, shape (N, k)."""
@@ -173,18 +190,30 @@ class BodyModel:
 
     def _corrected(self, deviations: Array, part: slice) -> Array:
         """Variance of a part of all rows, corrected by its rates where there are any, shape (N, k)."""
-        variance = np.broadcast_to(deviations**2.0, (self.count, deviations.shape[1]))
-        if not self.has_rates:
-            return variance
-        by_rates = np.square(self._late(part)) @ self._variance_of_rates(deviations, part)[..., None]
-        corrected: Array = variance + by_rates[..., 0]
-        return corrected
+        variance: Array = np.broadcast_to(deviations**2.0, (self.count, deviations.shape[1]))
+        if self.has_rates:
+            by_rates = np.square(self._late(part)) @ self._variance_of_rates(deviations, part)[..., None]
+            variance = variance + by_rates[..., 0]
+        if self.unknowns.errors.is_flexing and self.state.calibration is not None:
+            by_flexing = np.square(self._compliance()[:, part]) @ self._variance_of_flexing()[..., None]
+            variance = variance + by_flexing[..., 0]
+        return variance
+
+    def _compliance(self) -> Array:
+        """By how much each row is corrected per flexing, shape (N, width, 6)."""
+        assert self.state.calibration is not None
+        return self.state.calibration[:, :, self.unknowns.errors.flexing]
+
+    def _variance_of_flexing(self) -> Array:
+        """Of how fast each robot's force changes, as it counts, shape (N, 6)."""
+        force = np.where(np.isfinite(self.noise.wrench), self.noise.wrench, 0.0)[:, [0, 1, 2, 0, 1, 2]]
+        return np.broadcast_to(force**2.0 * self.noise.flexing**2.0, (self.count, FLEXING_SIZE))
 
     def _set_noise_of_rates(self) -> None:
         """Late sensors' numbers are corrected by their rates, which the rates of ``psi`` are found from as well."""
         late, noise = self._late(rows.KINEMATICS), self.motion_noise
         variance = self._variance_of_rates(self.noise.kinematics, rows.KINEMATICS) / self.noise.slowness
-        self.residual_noise = np.zeros((self.count, KINEMATICS_SIZE, self.features))
+        assert self.residual_noise is not None
         for fusion in (self.twist, self.accelerations):
             gain, of_rates = fusion.gain, variance[:, None, fusion.sensors]
             own = (late[:, fusion.sensors, fusion.sensors] * of_rates) @ gain.swapaxes(1, 2)
@@ -195,6 +224,20 @@ class BodyModel:
             noise[rates, rates] = (gain * of_rates @ gain.swapaxes(1, 2)).sum(axis=0)
             noise[fusion.part, rates], noise[rates, fusion.part] = both, both.T
             self.residual_noise[:, fusion.sensors, rates] = own - self.predict[:, fusion.sensors, fusion.part] @ both
+
+    def _set_noise_of_flexing(self) -> None:
+        """Compliant robots' numbers are corrected by flexing, which is a regressor as well."""
+        variance, noise = self._variance_of_flexing() / self.noise.slowness, self.motion_noise
+        assert self.residual_noise is not None
+        for robot, places in enumerate(self.flexing):
+            noise[places, places] = variance[robot]
+            own = self._compliance()[robot, rows.KINEMATICS] * variance[robot]
+            for fusion in (self.twist, self.accelerations):
+                fused = fusion.gain[robot] @ own[fusion.sensors]
+                noise[fusion.part, places] += fused
+                noise[places, fusion.part] += fused.T
+                self.residual_noise[:, fusion.sensors, places] -= self.predict[:, fusion.sensors, fusion.part] @ fused
+            self.residual_noise[robot, :, places] += own.T
 
     def _take_out_gyro_offset(self, find: Array) -> None:
         """What the gyros read in excess is in the angular velocity and in its products."""
@@ -220,16 +263,13 @@ class BodyModel:
 
     def _of_extended(self, matrix: Array) -> Array:
         """The matrix for extended rows as they were measured, from one for calibrated rows (k, 24 N + 1)."""
-        calibration, count, size = self.state.calibration, self.count, ROW_SIZE * self.count
+        calibration, count = self.state.calibration, self.count
         if calibration is None:
             return matrix
         by_robot = matrix[:, :-1].reshape(len(matrix), count, ROW_SIZE).swapaxes(0, 1) @ calibration[:, :ROW_SIZE]
-        result = np.zeros((len(matrix), size * (1 + self.has_rates) + 1))
-        result[:, :size] = by_robot[:, :, :ROW_SIZE].swapaxes(0, 1).reshape(len(matrix), size)
-        result[:, size] = matrix[:, -1] + by_robot[:, :, ONE].sum(axis=0)
-        if self.has_rates:
-            result[:, size + 1 :] = by_robot[:, :, RATES:].swapaxes(0, 1).reshape(len(matrix), size)
-        return result
+        of_rows, more = by_robot[:, :, :ROW_SIZE].swapaxes(0, 1), by_robot[:, :, MORE:].swapaxes(0, 1)
+        constant = matrix[:, -1] + by_robot[:, :, ONE].sum(axis=0)
+        return np.hstack([of_rows.reshape(len(matrix), -1), constant[:, None], more.reshape(len(matrix), -1)])
 
     def predicted_rows(self) -> Array:
         """Calibrated extended rows of each robot from ``psi``, wrenches left out, shape (N, width, features)."""
@@ -237,9 +277,10 @@ class BodyModel:
         result[:, rows.KINEMATICS, :MOTION_SIZE] = self.predict
         result[:, rows.PRODUCTS, PRODUCTS], result[:, ONE, 0] = self.predict_products, 1.0
         if self.has_rates:
-            result[:, RATES : RATES + KINEMATICS_SIZE, MOTION_SIZE:] = self.predict
-            places = slice(RATES + rows.PRODUCTS.start, None)
-            result[:, places, MOTION_SIZE + PRODUCTS.start :] = self.predict_products
+            of_rates = result[:, _OWN_RATES, MOTION_SIZE : 2 * MOTION_SIZE]
+            of_rates[:, rows.KINEMATICS], of_rates[:, rows.PRODUCTS, PRODUCTS] = self.predict, self.predict_products
+        own = np.arange(self.unknowns.errors.width)[self.unknowns.errors.flexing]
+        result[np.arange(self.count)[:, None], own, self.flexing] = 1.0
         return result
 
     def prediction_derivatives(self) -> Array:
@@ -286,9 +327,9 @@ class BodyModel:
         own = calibration[:, :KINEMATICS_SIZE]
         result = (own[:, :, :ROW_SIZE] @ by_robot.transpose(1, 2, 0)).transpose(2, 0, 1)
         result += own[:, :, ONE]
-        if self.has_rates:
-            rates = extended_rows[:, size + 1 :].reshape(-1, count, ROW_SIZE)
-            result += (own[:, :, RATES:] @ rates.transpose(1, 2, 0)).transpose(2, 0, 1)
+        if self.unknowns.errors.more:
+            more = extended_rows[:, size + 1 :].reshape(len(extended_rows), count, -1)
+            result += (own[:, :, MORE:] @ more.transpose(1, 2, 0)).transpose(2, 0, 1)
         return result
 
 

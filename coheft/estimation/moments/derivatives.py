@@ -19,7 +19,6 @@ from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments import rows
 from coheft.estimation.moments.body import (
     FORCING,
-    MOTION_SIZE,
     PRODUCTS,
     PRODUCTS_BY_RATE,
     PRODUCTS_BY_TURN,
@@ -125,9 +124,3 @@ class WrenchDerivatives:
         of_wrenches[:, :, :WRENCH_SIZE] = (root @ body.adjoints).swapaxes(0, 1)
         by_motion[:, FORCING] = -root @ operator
         return WrenchDerivatives(of_wrenches.reshape(6, -1), by_motion, root @ local, common)
-
-
-def forcing_features(features: int) -> Indices:
-    """Which numbers of ``psi`` accelerations and wrenches depend on: all but the velocity."""
-    motion = np.r_[0:4, 7:MOTION_SIZE]
-    return np.concatenate([motion, MOTION_SIZE + motion[1:]]) if features > MOTION_SIZE else motion

@@ -50,7 +50,7 @@ def found_errors(estimate: Estimate, robot: int) -> list[FoundError]:
         number, axes[name] = axes[name], axes[name] + 1
         key = "acceleration_offset" if name == "acceleration_bias" else name
         scale, axis = -1.0, (PAIRS if name.endswith("cross_talk") else AXES)[number]
-        if name in _DELAYS or name.endswith("_gain"):
+        if name in (*_DELAYS, "grasp_compliance") or name.endswith("_gain"):
             axis = ""
         if name in _DELAYS:
             scale = 1.0

@@ -15,7 +15,7 @@ from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.linear_algebra import inverse as inverse_of
 from coheft.estimation.moments import rows
 from coheft.estimation.moments.body import PRODUCTS, REGRESSOR, BodyModel, residual_covariance
-from coheft.estimation.moments.derivatives import MotionDerivatives, WrenchDerivatives, forcing_features
+from coheft.estimation.moments.derivatives import MotionDerivatives, WrenchDerivatives
 from coheft.estimation.moments.evidence import Evidence
 from coheft.estimation.moments.moments import MotionMoments, WrenchMoments
 from coheft.estimation.moments.rows import WRENCH_SIZE
@@ -80,7 +80,7 @@ def _motion_information(
     found = (twist.weighted.swapaxes(1, 2)[:, None] @ derivatives.own[:, :, twist.sensors]).reshape(of_robots, 6, -1)
     used = np.arange(1, body.features)
     result[:of_robots, :of_robots] -= _summed_product(twist.covariance @ found, of_twist, found, used)
-    used, found = forcing_features(body.features), derivatives.found
+    used, found = body.forcing, derivatives.found
     result[:motion, :motion] -= _summed_product(fusion.covariance @ found, of_accelerations, found, used)
 
     # Predictions change by the products as well: own times common, and half of common times common.
@@ -137,7 +137,7 @@ def wrench_evidence(
     half = half.reshape(of_robots, 6, count, size).transpose(2, 0, 1, 3).reshape(count, of_robots, 6 * size)
     pairs = half @ local.reshape(count, own, 6 * size).swapaxes(1, 2)
     pairs = pairs.transpose(1, 0, 2).reshape(of_robots, of_robots)
-    used = forcing_features(body.features)
+    used = body.forcing
     flat = common[..., used].reshape(unknowns.size, -1)
     across = np.zeros((unknowns.size, 6, len(used)))
     own_with_motion = local.reshape(count, own * 6, size) @ moments.with_motion[:, used].reshape(count, size, -1)
@@ -166,7 +166,7 @@ def _wrench_covariance(body: BodyModel, size: int) -> Array:
 def _wrench_noise(body: BodyModel, derivatives: WrenchDerivatives, number: float) -> Array:
     """What noise of motion and wrenches adds to the information of so many rows, shape (u, u)."""
     count, own = body.count, body.unknowns.own
-    local, common, used = derivatives.local, derivatives.common, forcing_features(body.features)
+    local, common, used = derivatives.local, derivatives.common, body.forcing
     of_robots, size, of_noise = count * own, local.shape[-1], number * body.motion_noise
     covariance = number * _wrench_covariance(body, size)
     noise = _summed_product(common, of_noise, common, used)

@@ -17,7 +17,7 @@ from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments import rows
 from coheft.estimation.moments.body import FORCING, FORCING_SIZE, BodyModel
 from coheft.estimation.moments.rows import KINEMATICS, ROW_SIZE, WRENCH
-from coheft.estimation.moments.sensor_errors import ONE, RATES
+from coheft.estimation.moments.sensor_errors import MORE, ONE, RATES, SensorErrors
 from coheft.estimation.moments.unknowns import Indices
 
 
@@ -78,11 +78,19 @@ class RowMoments:
         return RowMoments(self.matrix - other.matrix)
 
 
-def wrench_places(count: int, has_rates: bool) -> Indices:
+def robot_places(count: int, errors: SensorErrors) -> Indices:
+    """Places of each robot's row, and of what follows it, in extended rows of so many, shape (N, 24 + more)."""
+    robots = np.arange(count)[:, None]
+    more = ROW_SIZE * count + 1 + errors.more * robots + np.arange(errors.more)
+    return np.hstack([ROW_SIZE * robots + np.arange(ROW_SIZE), more])
+
+
+def wrench_places(count: int, errors: SensorErrors) -> Indices:
     """Places of all robots' wrenches, robot by robot, each followed by its rates if there are any, shape (w N,)."""
-    own = ROW_SIZE * np.arange(count)[:, None] + np.arange(WRENCH.start, WRENCH.stop)
-    places: Indices = np.hstack([own, ROW_SIZE * count + 1 + own]) if has_rates else own
-    return places.ravel()
+    own = np.arange(WRENCH.start, WRENCH.stop)
+    own = np.concatenate([own, ROW_SIZE + own]) if errors.has_rates else own
+    places: Indices = robot_places(count, errors)[:, own].ravel()
+    return places
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +156,7 @@ def wrench_moments(body: BodyModel, moments: Moments) -> WrenchMoments:
 
 def view_moments(body: BodyModel, moments: Moments) -> Array:
     """``sum v v^T`` of views ``v = (motion[FORCING], total wrench)`` of rows at a state, shape (19, 19)."""
-    crossed, places = moments.with_motion(body), wrench_places(body.count, body.has_rates)
+    crossed, places = moments.with_motion(body), wrench_places(body.count, body.unknowns.errors)
     of_forcing, wrench = crossed[:, FORCING], body.wrench[:, places]
     one, size = ROW_SIZE * body.count, FORCING_SIZE
     result = np.zeros((size + 6, size + 6))
@@ -169,14 +177,14 @@ def _motion_moments(body: BodyModel, crossed: Array) -> MotionMoments:
     if calibration is not None:
         with_motion = calibration[:, KINEMATICS, :ROW_SIZE] @ own
         with_motion = with_motion + calibration[:, KINEMATICS, ONE, None] * crossed[one]
-        if body.has_rates:
-            rates = crossed[one + 1 :].reshape(count, ROW_SIZE, body.features)
-            with_motion = with_motion + calibration[:, KINEMATICS, RATES:] @ rates
+        if body.unknowns.errors.more:
+            more = crossed[one + 1 :].reshape(count, -1, body.features)
+            with_motion = with_motion + calibration[:, KINEMATICS, MORE:] @ more
     return MotionMoments(with_motion, body.see @ crossed)
 
 
 def _wrench_moments(body: BodyModel, moments: Moments, crossed: Array, of_motion: Array) -> WrenchMoments:
-    places, count = wrench_places(body.count, body.has_rates), body.count
+    places, count = wrench_places(body.count, body.unknowns.errors), body.count
     with_motion, of_wrenches = crossed[places], moments.of_wrenches(places)
     if body.state.calibration is None:
         return WrenchMoments(of_wrenches, with_motion, of_motion)

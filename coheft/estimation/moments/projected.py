@@ -18,31 +18,32 @@ from coheft.estimation.moments import rows
 from coheft.estimation.moments.body import MOTION_SIZE, PRODUCTS, PRODUCTS_BY_RATE, BodyModel, W
 from coheft.estimation.moments.moments import Moments, wrench_places
 from coheft.estimation.moments.rows import ROW_SIZE
-from coheft.estimation.moments.sensor_errors import ONE, RATES
+from coheft.estimation.moments.sensor_errors import MORE, ONE, RATES
 from coheft.estimation.moments.unknowns import Indices
 from coheft.estimation.rigid_body.mass_properties import pack_symmetric
+
+_RATES = slice(MOTION_SIZE, 2 * MOTION_SIZE)
 
 
 def motion_then_to_now(then: BodyModel, now: BodyModel) -> Array:
     """Takes ``psi`` as seen at one state to ``psi`` at another one, shape (features, features)."""
-    predicted, count, gyros = now.predicted_rows(), now.count, now.state.gyros
+    predicted, gyros = now.predicted_rows(), now.state.gyros
     read = np.eye(now.features)  # what gyros read in excess is in the rows
     read[W, 0] = gyros
     read[PRODUCTS, W] = np.tensordot(gyros, PRODUCTS_BY_RATE, axes=1)
     read[PRODUCTS, 0] = pack_symmetric(np.outer(gyros, gyros))
     if now.has_rates:
-        read[MOTION_SIZE:, MOTION_SIZE:] = read[:MOTION_SIZE, :MOTION_SIZE]
-        read[MOTION_SIZE:, MOTION_SIZE] = 0.0
+        read[_RATES, _RATES] = read[:MOTION_SIZE, :MOTION_SIZE]
+        read[_RATES, MOTION_SIZE] = 0.0
     parts = [rows.TWIST, rows.PRODUCTS]
-    parts += [slice(RATES, RATES + 6), slice(RATES + rows.PRODUCTS.start, None)]
+    if now.has_rates:
+        parts += [slice(RATES + part.start, RATES + part.stop) for part in parts]
     for part in parts:
         predicted[:, part] = predicted[:, part] @ read
     if now.state.calibration is not None:
         predicted = inverse_of(now.state.calibration) @ predicted
-    extended = [predicted[:, :ROW_SIZE].reshape(-1, now.features), predicted[:1, ONE]]
-    if now.has_rates:
-        extended.append(predicted[:, RATES:].reshape(count * ROW_SIZE, -1))
-    found = then.see @ np.concatenate(extended)
+    extended = [predicted[:, part].reshape(-1, now.features) for part in (slice(ROW_SIZE), slice(MORE, None))]
+    found = then.see @ np.concatenate([extended[0], predicted[:1, ONE], extended[1]])
     if now.has_rates:
         found[MOTION_SIZE, MOTION_SIZE] = 1.0  # the rate of the constant, which is always 0
     return inverse_of(found)
@@ -65,13 +66,13 @@ class ProjectedMoments:
     @staticmethod
     def of(extended_rows: Array, body: BodyModel) -> ProjectedMoments:
         """Of extended rows (n, X), seen at a state."""
-        wrenches = extended_rows[:, wrench_places(body.count, body.has_rates)]
+        wrenches = extended_rows[:, wrench_places(body.count, body.unknowns.errors)]
         return ProjectedMoments(body, extended_rows.T @ (extended_rows @ body.see.T), wrenches.T @ wrenches)
 
     @staticmethod
     def seen_from(body: BodyModel, moments: Moments) -> ProjectedMoments:
         """What can be seen of moments at a state; those that were seen at another one are turned."""
-        wrenches = moments.of_wrenches(wrench_places(body.count, body.has_rates))
+        wrenches = moments.of_wrenches(wrench_places(body.count, body.unknowns.errors))
         return ProjectedMoments(body, moments.with_motion(body), wrenches)
 
     def with_motion(self, body: BodyModel) -> Array:

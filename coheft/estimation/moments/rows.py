@@ -26,6 +26,7 @@ import numpy as np
 
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import SensorNoise
+from coheft.estimation.moments.flexing import FLEXING_SIZE, flexing_margin, flexing_weights
 from coheft.estimation.rigid_body.mass_properties import PACKED_COLUMNS, PACKED_ROWS
 
 ROW_SIZE = 24
@@ -73,12 +74,14 @@ class RowNoise:
         wrench: Of ``(f, t)``, shape (N, 6) or (1, 6).
         rates: Of the rates of each of these 18 numbers in standard deviations of the number itself, shape (18,) [1/s].
         slowness: Variance that counts, over that of the noise of a single row; 1 for white noise.
+        flexing: Of how fast the force changes, in standard deviations of the force, shape (6,) [1/s, 1/s²].
     """
 
     kinematics: Array
     wrench: Array
     rates: Array = field(default_factory=lambda: np.zeros(WRENCH.stop))
     slowness: float = 1.0
+    flexing: Array = field(default_factory=lambda: np.zeros(FLEXING_SIZE))
 
     @staticmethod
     def of_samples(noise: SensorNoise, samples: int, rate: float, correlation: float = 0.0) -> RowNoise:
@@ -113,7 +116,8 @@ class RowNoise:
         row = np.concatenate([means[_SAMPLES[0]], np.full(3, slope), means[_SAMPLES[1]]])[None]
         slowness = (1.0 + alike) / (1.0 - alike) / samples / of_mean**2
         row *= math.sqrt(slowness)
-        return RowNoise(row[:, KINEMATICS], row[:, WRENCH], rates, slowness)
+        flexing = [deviation(each) / of_mean for each in flexing_weights(samples, flexing_margin(rate), rate)]
+        return RowNoise(row[:, KINEMATICS], row[:, WRENCH], rates, slowness, np.repeat(flexing, 3))
 
 
 def row_of_samples(samples: Array, gyro_variance: float, rate: float) -> Array:

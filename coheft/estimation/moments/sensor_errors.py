@@ -1,6 +1,6 @@
 """Constant errors of a robot's sensors, as a linear map from what they read to what is true.
 
-    true row = T x,    x = (row, 1, rates of the row),    T <- exp(sum_k eta_k E_k) T
+    true row = T x,    x = (row, 1, rates of the row, flexing),    T <- exp(sum_k eta_k E_k) T
 
 Every generator ``E_k`` has a few entries ``(to, from, factor)``, see ``_generators``.
 Constant errors of gyros, forces and torques are not among ``eta``. Only their sums over the team matter, and these are
@@ -16,11 +16,14 @@ from collections.abc import Mapping
 import numpy as np
 
 from coheft.estimation.geometry.spatial import CROSS_OF_AXES, Array
+from coheft.estimation.moments.flexing import FLEXING_SIZE
 from coheft.estimation.moments.rows import PRODUCTS, ROW_SIZE, SLOPE, WRENCH, A, V, W
 from coheft.estimation.tolerance import SENSORS, SHAPES, SensorDrift, SensorTolerance
 
 ONE, RATES = ROW_SIZE, ROW_SIZE + 1
 """Places of the constant and of the rates in an extended row."""
+MORE = RATES
+"""Place of all that follows the constant in an extended row: rates if there are any, then flexing if there is any."""
 _FIRST = dict(zip(SENSORS, (0, 3, 6, 12, 15), strict=True))
 _SLOPE_AFTER_GYRO = 9
 _PLACE_OF_PRODUCT = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]]) + PRODUCTS.start
@@ -32,9 +35,10 @@ KINDS = (
     "acceleration_place",
     "clock",
     "wrench_delay",
+    "grasp_compliance",
 )
 """Kinds of errors: a bias [m/s²]; a gain of all axes and a scale of each, relative; a small rotation of the mount
-[rad]; cross-talk, relative; places [m]; delays [s]."""
+[rad]; cross-talk, relative; places [m]; delays [s]; a compliance, negative [m/N]."""
 
 Entry = tuple[int, int, float]
 
@@ -53,7 +57,10 @@ class SensorErrors:
         names: Kind of each parameter.
         deviations: Prior standard deviation of each parameter, shape (q,).
         has_rates: Whether an error depends on how fast rows change, so that they are followed by their rates.
+        is_flexing: Whether grasps are compliant, so that rows are followed by how fast forces change, see ``flexing``.
         width: Numbers of an extended row of one robot.
+        more: Of these, those that follow the constant.
+        flexing: Place of how fast forces change in an extended row; empty if grasps are stiff.
         generators: ``E_k``, shape (q, width, width).
     """
 
@@ -63,9 +70,12 @@ class SensorErrors:
             raise ValueError(f"errors of kind {unknown[0]!r} are not known; there are {', '.join(KINDS)}")
         kinds = [kind for kind in KINDS if tolerance.get(kind)]
         self.tolerance = {kind: tolerance[kind] for kind in kinds}
-        generators = [(kind, entries) for kind in kinds for entries in _generators(kind)]
         self.has_rates = "clock" in kinds or "wrench_delay" in kinds
-        self.width = ROW_SIZE + 1 + (ROW_SIZE if self.has_rates else 0)
+        self.is_flexing = "grasp_compliance" in kinds
+        self.more = ROW_SIZE * self.has_rates + FLEXING_SIZE * self.is_flexing
+        self.width = MORE + self.more
+        self.flexing = slice(self.width - FLEXING_SIZE * self.is_flexing, self.width)
+        generators = [(kind, entries) for kind in kinds for entries in self._generators(kind)]
         self.names = tuple(kind for kind, _ in generators)
         # Clocks count from the anchor's, so the difference of two of them is what is unknown.
         self.deviations = np.array([tolerance[kind] * (2.0**0.5 if kind == "clock" else 1.0) for kind in self.names])
@@ -86,6 +96,7 @@ class SensorErrors:
             "acceleration_place": told.acceleration_place,
             "clock": told.clock,
             "wrench_delay": told.wrench_delay,
+            "grasp_compliance": told.grasp_compliance,
         }
         return SensorErrors(kinds)
 
@@ -94,26 +105,29 @@ class SensorErrors:
         """``q``, parameters of one robot."""
         return len(self.names)
 
+    def _generators(self, kind: str) -> list[list[Entry]]:
+        """Entries of each parameter of a kind."""
+        match kind:
+            case "acceleration_bias":
+                return [[(A.start + axis, ONE, 1.0)] for axis in range(3)]
+            case "clock" | "wrench_delay":
+                delayed = range(ROW_SIZE) if kind == "clock" else range(WRENCH.start, WRENCH.stop)
+                return [[(place, RATES + place, 1.0) for place in delayed]]
+            case "velocity_place" | "acceleration_place":
+                of_axis = _velocity_at if kind == "velocity_place" else _acceleration_at
+                return [of_axis(axis) for axis in range(3)]
+            case "grasp_compliance":
+                flexed = [*range(V.start, V.stop), *range(A.start, A.stop)]
+                return [[(place, self.flexing.start + k, 1.0) for k, place in enumerate(flexed)]]
+        sensor, _, shape = kind.partition("_")
+        return [_of_matrix(_FIRST[sensor], matrix) for matrix in SHAPES[shape]]
+
     def step(self, eta: Array) -> Array:
         """``exp(sum_k eta_k E_k)`` to third order, of each robot: (N, q) to (N, width, width)."""
         total = np.tensordot(eta, self.generators, axes=1)
         square = total @ total
         result: Array = np.eye(self.width) + total + 0.5 * square + square @ total / 6.0
         return result
-
-
-def _generators(kind: str) -> list[list[Entry]]:
-    """Entries of each parameter of a kind."""
-    if kind == "acceleration_bias":
-        return [[(A.start + axis, ONE, 1.0)] for axis in range(3)]
-    if kind in ("clock", "wrench_delay"):
-        delayed = range(ROW_SIZE) if kind == "clock" else range(WRENCH.start, WRENCH.stop)
-        return [[(place, RATES + place, 1.0) for place in delayed]]
-    if kind in ("velocity_place", "acceleration_place"):
-        of_axis = _velocity_at if kind == "velocity_place" else _acceleration_at
-        return [of_axis(axis) for axis in range(3)]
-    sensor, _, shape = kind.partition("_")
-    return [_of_matrix(_FIRST[sensor], matrix) for matrix in SHAPES[shape]]
 
 
 def _velocity_at(axis: int) -> list[Entry]:

@@ -26,8 +26,8 @@ PER_MESSAGE = 32
 """Largest number of robots' records in a message."""
 MOST_TOLD = 450
 """With more unknowns, a robot that joins does not receive the team's estimate, which would take megabytes."""
-_NUMBER, _ROW, _ROW_WITH_RATES = 8, 104, 200
-"""Sizes of a number of the consensus, and of a row with its label, without and with rates [B]."""
+_NUMBER, _LABEL, _NUMBER_OF_ROW = 8, 8, 4
+"""Sizes of a number of the consensus, of the label of a row, and of one of the row's numbers [B]."""
 _PER_RECORD = 4096
 """Size of a robot's record in gossip and in forwarded tables [B]."""
 _PER_NAME = 40
@@ -42,7 +42,7 @@ def _row_arrays(scenario: Scenario) -> int:
     rows = rows_per_block(scenario.sensors.block, scenario.sensors.rate)  # as many or, in large teams, fewer
     errors = SensorErrors.of(scenario.sensors.tolerance, scenario.sensors.drift)
     unknowns = min((6 + errors.count) * scenario.robot_count + 19, MOST_TOLD)
-    row = _ROW_WITH_RATES if errors.has_rates else _ROW
+    row = _LABEL + _NUMBER_OF_ROW * (errors.width - 1)
     return 4 * scenario.robot_count * rows * row + _NUMBER * (unknowns**2 + 8 * unknowns)
 
 

@@ -15,7 +15,7 @@ from coheft.estimation.moments.rows import ROW_SIZE
 from coheft.estimation.moments.start import first_load, first_poses
 from coheft.estimation.moments.unknowns import State, Unknowns
 from coheft.estimation.rigid_body.mass_properties import PACKED_COLUMNS, PACKED_ROWS
-from tests.estimation.moments.moving_team import NOISE, PERIOD, Team, misread, noisy_for
+from tests.estimation.moments.moving_team import NOISE, PERIOD, Team, extended_for, misread, noisy_for
 
 IDEAL = FitSettings(NOISE, PERIOD)
 
@@ -37,7 +37,7 @@ class Fitted:
 def buffer_of(rows: Array, settings: FitSettings, count: int, is_projected: bool = False) -> RowBuffer:
     buffer = RowBuffer(rows.shape[1], is_projected)
     add_rows(buffer, rows)
-    assert count * 24 * (1 + settings.errors.has_rates) + 1 == rows.shape[1]
+    assert count * (settings.errors.width - 1) + 1 == rows.shape[1]
     return buffer
 
 
@@ -66,8 +66,8 @@ def fit_from(state: State, chapter: Chapter, settings: FitSettings, anchor: int 
 
 
 def fit(rows: Array, settings: FitSettings = IDEAL, anchor: int = 0, is_projected: bool = False) -> Fitted:
-    """Of rows (n, 24 N + 1), or (n, 48 N + 1) with rates."""
-    count = rows.shape[1] // (24 * (1 + settings.errors.has_rates))
+    """Of rows (n, 24 N + 1), or more with what follows them."""
+    count = rows.shape[1] // (settings.errors.width - 1)
     chapter = Chapter(buffer_of(rows, settings, count, is_projected), settings)
     state = poses_of(chapter, settings, count, anchor)
     if is_projected:
@@ -95,7 +95,8 @@ def erring(team: Team, settings: FitSettings, rng: np.random.Generator) -> tuple
     step[unknowns.gyros] = np.mean([pose.rotation @ each for pose, each in zip(team.poses, gyros, strict=True)], axis=0)
     step[unknowns.offset] = np.sum([p.adjoint() @ each for p, each in zip(team.poses, offsets, strict=True)], axis=0)
     state = state.moved(step, unknowns, 6.0)
-    rows = misread(noisy_for(errors, team, rng), state)
+    exact = extended_for(errors, team.rows)
+    rows = misread(exact, state) + noisy_for(errors, team, rng) - exact
     own = rows[:, : ROW_SIZE * count].reshape(len(rows), count, ROW_SIZE)
     own[..., 12:18] += offsets
     excess, w = gyros[None], own[..., :3].copy()

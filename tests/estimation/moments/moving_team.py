@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import pytest
 
 from coheft.estimation.geometry.body_motion import BODY_A, BODY_ALPHA, BODY_W, grasp_measurements
 from coheft.estimation.geometry.spatial import Array, Pose, rotation_exp
@@ -25,6 +26,12 @@ EXACT = SensorErrors({})
 ERRORS = SensorErrors({"acceleration_bias": 0.1, "velocity_gain": 0.02, "gyro_scale": 0.01, "force_cross_talk": 0.01})
 LATE = SensorErrors({"acceleration_bias": 0.1, "gyro_mounting": 0.01, "clock": 0.002, "wrench_delay": 0.002})
 """Errors that depend on how fast rows change."""
+LIMP = SensorErrors({"acceleration_bias": 0.1, "velocity_scale": 0.01, "force_scale": 0.01, "grasp_compliance": 1e-4})
+LATE_AND_LIMP = SensorErrors(LATE.tolerance | {"grasp_compliance": 1e-4})
+"""And on how fast forces change."""
+EVERY = pytest.mark.parametrize(
+    "errors", [EXACT, ERRORS, LATE, LIMP, LATE_AND_LIMP], ids=["exact", "errors", "late", "limp", "late and limp"]
+)
 
 
 def carried_load(load: Array, pose: Pose) -> Array:
@@ -155,25 +162,35 @@ def with_rates(rows: Array) -> Array:
     return np.hstack([rows[1:-1], (rows[2:, :-1] - rows[:-2, :-1]) / (2.0 * PERIOD)])
 
 
+def flexing_of(rows: Array) -> Array:
+    """How fast forces change in axes that do not turn, from exact rows (n, 24 N + 1), shape (n, N, 6)."""
+    own = rows[:, :-1].reshape(len(rows), -1, ROW_SIZE)
+    w, force = own[..., :3], own[..., 12:15]
+    first = np.gradient(force, PERIOD, axis=0) + np.cross(w, force)
+    return np.concatenate([first, np.gradient(first, PERIOD, axis=0) + np.cross(w, first)], axis=2)
+
+
 def noisy_for(errors: SensorErrors, team: Team, rng: np.random.Generator, noise: RowNoise = NOISE) -> Array:
-    """Rows with noise, and with rates of independent noise if these errors need them."""
+    """Rows with noise, and with what follows them, of independent noise, if these errors need it."""
     rows = team.noisy(rng, noise)
-    if not errors.has_rates:
-        return rows
-    extended = with_rates(team.rows)
-    extended[:, : rows.shape[1]] = rows[1:-1]
-    own = extended[:, rows.shape[1] :].reshape(len(extended), team.count, ROW_SIZE)
-    deviations = noise.rates * np.hstack([noise.kinematics, noise.wrench])
-    own[..., :18] += rng.normal(size=own[..., :18].shape) * deviations
+    extended = extended_for(errors, team.rows)
+    extended[:, : rows.shape[1]] = rows[1:-1] if errors.has_rates else rows
+    more = extended[:, rows.shape[1] :].reshape(len(extended), team.count, errors.more)
+    if errors.has_rates:
+        deviations = noise.rates * np.hstack([noise.kinematics, noise.wrench])
+        more[..., :18] += rng.normal(size=more[..., :18].shape) * deviations
+    if errors.is_flexing:
+        deviations = noise.flexing * noise.wrench[:, [0, 1, 2, 0, 1, 2]]
+        more[..., -6:] += rng.normal(size=more[..., -6:].shape) * deviations
     return extended
 
 
 def by_robot(extended: Array, count: int) -> Array:
-    """Extended rows of each robot, shape (n, N, 25 or 49)."""
+    """Extended rows of each robot, shape (n, N, width)."""
     one, number = ROW_SIZE * count, len(extended)
     parts = [extended[:, :one].reshape(number, count, ROW_SIZE), np.ones((number, count, 1))]
     if extended.shape[1] > one + 1:
-        parts.append(extended[:, one + 1 :].reshape(number, count, ROW_SIZE))
+        parts.append(extended[:, one + 1 :].reshape(number, count, -1))
     return np.concatenate(parts, axis=2)
 
 
@@ -187,7 +204,7 @@ def misread(extended: Array, state: State) -> Array:
     one, number = ROW_SIZE * count, len(extended)
     parts = [read[:, :, :ROW_SIZE].reshape(number, one), extended[:, one : one + 1]]
     if true.shape[2] > ROW_SIZE + 1:
-        parts.append(read[:, :, ROW_SIZE + 1 :].reshape(number, one))
+        parts.append(read[:, :, ROW_SIZE + 1 :].reshape(number, -1))
     return np.hstack(parts)
 
 
@@ -196,8 +213,14 @@ def body_at(state: State, errors: SensorErrors = EXACT, noise: RowNoise = NOISE)
 
 
 def extended_for(errors: SensorErrors, rows: Array) -> Array:
-    """Rows with rates if these errors need them."""
-    return with_rates(rows) if errors.has_rates else rows
+    """Rows (n, 24 N + 1) with what follows them, if these errors need it; then those with rates are fewer."""
+    extended, inner = (with_rates(rows), slice(1, -1)) if errors.has_rates else (rows.copy(), slice(None))
+    if not errors.is_flexing:
+        return extended
+    flexing, size = flexing_of(rows)[inner], rows.shape[1]
+    rates = extended[:, size:].reshape(*flexing.shape[:2], -1)
+    more = np.concatenate([rates, flexing], axis=2).reshape(len(extended), -1)
+    return np.hstack([extended[:, :size], more])
 
 
 def with_errors(team: Team, errors: SensorErrors, rng: np.random.Generator, gyros: float = 0.01) -> tuple[State, Array]:
@@ -211,6 +234,6 @@ def with_errors(team: Team, errors: SensorErrors, rng: np.random.Generator, gyro
 
 
 def uneven_noise(count: int) -> RowNoise:
-    """Of robots of which each has other sensors; that of rates is left out."""
+    """Of robots of which each has other sensors; that of rates and of flexing is left out."""
     factors = np.linspace(0.5, 2.0, count)[:, None]
     return RowNoise(factors * NOISE.kinematics, factors[::-1] * NOISE.wrench)

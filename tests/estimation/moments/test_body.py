@@ -23,9 +23,10 @@ from coheft.estimation.moments.rows import ROW_SIZE, RowNoise
 from coheft.estimation.moments.sensor_errors import SensorErrors
 from coheft.estimation.rigid_body.regressor import symmetric_products
 from tests.estimation.moments.moving_team import (
-    ERRORS,
-    EXACT,
+    EVERY,
     LATE,
+    LATE_AND_LIMP,
+    LIMP,
     NOISE,
     Team,
     body_at,
@@ -35,10 +36,10 @@ from tests.estimation.moments.moving_team import (
     noisy_for,
     uneven_noise,
     with_errors,
+    with_rates,
 )
 
 COUNTS = pytest.mark.parametrize("count", [1, 2, 3, 6])
-EVERY = pytest.mark.parametrize("errors", [EXACT, ERRORS, LATE], ids=["exact", "errors", "late"])
 FRAME = Pose(rotation_exp([0.3, -1.0, 0.5]), np.array([0.4, -0.2, 0.7]))
 
 
@@ -72,8 +73,11 @@ def test_exact_rows_show_the_exact_motion_and_wrench(count: int, errors: SensorE
     team = make_team(seed=1, count=count, number=20, offset=3.0)
     state, rows = with_errors(team, errors, np.random.default_rng(2))
     body = body_at(state, errors)
-    psi = extended_for(errors, np.hstack([team.psi, np.ones((20, 1))]))
+    psi = np.hstack([team.psi, np.ones((20, 1))])
+    psi = with_rates(psi) if errors.has_rates else psi
     psi = np.hstack([psi[:, :MOTION_SIZE], psi[:, MOTION_SIZE + 1 :]])
+    if errors.is_flexing:
+        psi = np.hstack([psi, by_robot(rows, count)[:, :, -6:].reshape(len(rows), -1)])
     np.testing.assert_allclose(rows @ body.see.T, psi, atol=1e-5)
     wrench = team.total_wrench + team.load[:6]
     np.testing.assert_allclose(rows @ body.wrench.T, wrench[1:-1] if errors.has_rates else wrench, atol=1e-9)
@@ -231,6 +235,30 @@ def test_noise_of_rates_is_in_what_late_sensors_read() -> None:
         )
         assert np.abs(claimed[:, late] / scale).max() > 0.05
         np.testing.assert_allclose(read.T @ psi[:, one] / number / deviations[one], 0.0, atol=5.0 / number**0.5)
+
+
+@pytest.mark.parametrize("errors", [LIMP, LATE_AND_LIMP], ids=["limp", "late and limp"])
+def test_noise_of_forces_is_in_what_compliant_robots_read(errors: SensorErrors) -> None:
+    number, rng = 20_000, np.random.default_rng(24)
+    team = make_team(seed=23, number=number + 2 * errors.has_rates, turning=0.0, moving=0.0)
+    noise, (state, exact) = replace(uneven_noise(3), flexing=NOISE.flexing), with_errors(team, errors, rng, gyros=0.0)
+    body = body_at(state, errors, noise)
+    rows = exact + noisy_for(errors, team, rng, noise) - extended_for(errors, team.rows)
+    rows[:, 18:24] = rows[:, 42:48] = rows[:, 66:72] = 0.0  # products of noise are not what this is about
+    exact[:, 18:24] = exact[:, 42:48] = exact[:, 66:72] = 0.0
+    motion, expected = rows @ body.see.T, exact @ body.see.T
+    psi = motion - expected
+    residual = body.residuals(rows, motion[:, :MOTION_SIZE]) - body.residuals(exact, expected[:, :MOTION_SIZE])
+    assert body.residual_noise is not None
+    claimed = (np.sqrt(body.weight)[..., None] * body.residual_noise).reshape(residual.shape[1], -1)
+    used = np.concatenate([np.r_[1:13], body.flexing.ravel()])
+    deviations = np.sqrt(body.motion_noise.diagonal()[used])
+    scale, square = np.outer(deviations, deviations), np.ix_(used, used)
+    np.testing.assert_allclose((psi.T @ psi)[square] / number / scale, body.motion_noise[square] / scale, atol=0.05)
+    np.testing.assert_allclose(
+        (residual.T @ psi)[:, used] / number / deviations, claimed[:, used] / deviations, atol=0.05
+    )
+    assert np.abs(claimed[:, body.flexing.ravel()] / deviations[12:]).max() > 0.3
 
 
 def test_noise_of_the_wrench_is_as_claimed() -> None:

@@ -15,15 +15,14 @@ from coheft.estimation.moments.body import (
     load_operator,
     residual_covariance,
 )
-from coheft.estimation.moments.derivatives import MotionDerivatives, WrenchDerivatives, forcing_features
+from coheft.estimation.moments.derivatives import MotionDerivatives, WrenchDerivatives
 from coheft.estimation.moments.moments import wrench_places
 from coheft.estimation.moments.rows import ROW_SIZE
 from coheft.estimation.moments.sensor_errors import SensorErrors
 from coheft.estimation.moments.unknowns import State
 from tests.estimation.moments.moving_team import (
-    ERRORS,
+    EVERY,
     EXACT,
-    LATE,
     body_at,
     by_robot,
     make_team,
@@ -32,7 +31,6 @@ from tests.estimation.moments.moving_team import (
 )
 
 COUNTS = pytest.mark.parametrize("count", [2, 3, 6])
-EVERY = pytest.mark.parametrize("errors", [EXACT, ERRORS, LATE], ids=["exact", "errors", "late"])
 STEP = 1e-5
 ROWS = 4
 
@@ -72,9 +70,9 @@ def calibrated_wrenches(state: State, rows: Array) -> Array:
     """Robot by robot, with their rates if there are any, shape (n, w N)."""
     count = len(state.poses)
     if state.calibration is None:
-        return rows[:, wrench_places(count, False)]
+        return rows[:, wrench_places(count, EXACT)]
     own = np.einsum("nij,tnj->tni", state.calibration, by_robot(rows, count))
-    parts = [own[:, :, 12:18]] + ([own[:, :, 37:43]] if own.shape[2] > ROW_SIZE + 1 else [])
+    parts = [own[:, :, 12:18]] + ([own[:, :, 37:43]] if own.shape[2] > 2 * ROW_SIZE else [])
     return np.concatenate(parts, axis=2).reshape(len(rows), -1)
 
 
@@ -189,12 +187,12 @@ def test_the_wrench_s_covariance_and_root_make_residuals_white() -> None:
     np.testing.assert_allclose(root @ covariance @ root.T, np.eye(6), atol=1e-9)
 
 
-@pytest.mark.parametrize("errors", [EXACT, LATE], ids=["exact", "late"])
+@EVERY
 def test_nothing_of_the_wrench_depends_on_the_velocity(errors: SensorErrors) -> None:
     body, _ = case(3, errors)
     assert body.state.load is not None
     derivatives = MotionDerivatives.at(body)
     found = WrenchDerivatives.at(body, derivatives, body.state.load, np.eye(6))
-    others = np.setdiff1d(np.arange(body.features), forcing_features(body.features))
+    others = np.setdiff1d(np.arange(body.features), body.forcing)
     for each in (derivatives.common, derivatives.found, found.common, found.of_motion):
         assert not each[..., others].any()

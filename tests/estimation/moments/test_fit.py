@@ -22,10 +22,12 @@ from tests.estimation.moments.moving_team import NOISE, PERIOD, Team, make_team
 
 SENSORS = SensorErrors({"acceleration_bias": 0.05, "force_gain": 0.01, "velocity_gain": 0.01, "gyro_gain": 0.005})
 DELAYS = SensorErrors({"acceleration_bias": 0.05, "clock": 0.0005, "wrench_delay": 0.0005})
+LIMP = SensorErrors({"acceleration_bias": 0.05, "force_gain": 0.01, "grasp_compliance": 1e-4})
 SETTINGS = {
     "ideal": IDEAL,
     "errors": replace(IDEAL, errors=SENSORS),
     "delays": replace(IDEAL, errors=DELAYS),
+    "compliance": replace(IDEAL, errors=LIMP),
     "offsets": replace(IDEAL, force_offset=2.0, torque_offset=0.2, gyro_offset=0.005),
 }
 QUIET = RowNoise(1e-5 * NOISE.kinematics, 1e-5 * NOISE.wrench)

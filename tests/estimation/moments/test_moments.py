@@ -11,6 +11,7 @@ from coheft.estimation.moments.moments import (
     MotionMoments,
     RowMoments,
     WrenchMoments,
+    robot_places,
     seen_moments,
     view_moments,
     wrench_moments,
@@ -21,7 +22,7 @@ from coheft.estimation.moments.rows import ROW_SIZE
 from coheft.estimation.moments.sensor_errors import SensorErrors
 from tests.estimation.moments.moving_team import (
     ERRORS,
-    EXACT,
+    EVERY,
     LATE,
     body_at,
     by_robot,
@@ -31,7 +32,6 @@ from tests.estimation.moments.moving_team import (
 )
 
 COUNTS = pytest.mark.parametrize("count", [1, 2, 5])
-EVERY = pytest.mark.parametrize("errors", [EXACT, ERRORS, LATE], ids=["exact", "errors", "late"])
 
 
 def case(count: int, errors: SensorErrors) -> tuple[BodyModel, Array]:
@@ -41,7 +41,7 @@ def case(count: int, errors: SensorErrors) -> tuple[BodyModel, Array]:
 
 
 def calibrated(body: BodyModel, rows: Array) -> Array:
-    """Shape (n, N, 25 or 49)."""
+    """Shape (n, N, width)."""
     own = by_robot(rows, body.count)
     return own if body.state.calibration is None else np.einsum("nij,tnj->tni", body.state.calibration, own)
 
@@ -119,9 +119,13 @@ def test_moments_add_up() -> None:
     np.testing.assert_allclose(both.with_motion(body), rows.T @ (rows @ body.see.T), rtol=1e-9, atol=1e-6)
 
 
-@pytest.mark.parametrize("has_rates", [False, True])
-def test_places_of_wrenches(has_rates: bool) -> None:
-    places = wrench_places(3, has_rates).reshape(3, -1)
+@EVERY
+def test_places_of_robots_and_of_their_wrenches(errors: SensorErrors) -> None:
+    places, wrenches = robot_places(3, errors), wrench_places(3, errors).reshape(3, -1)
+    row = 1000.0 * np.arange(3)[:, None] + np.arange(24 + errors.more)
+    x = np.concatenate([row[:, :24].ravel(), [1.0], row[:, 24:].ravel()])
+    np.testing.assert_array_equal(x[places], row)
     for robot in range(3):
         own = 24 * robot + np.arange(12, 18)
-        np.testing.assert_array_equal(places[robot], np.r_[own, 73 + own] if has_rates else own)
+        rates = 73 + errors.more * robot + np.arange(12, 18)
+        np.testing.assert_array_equal(wrenches[robot], np.r_[own, rates] if errors.has_rates else own)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.moments import RowMoments, seen_moments, wrench_places
@@ -11,9 +10,7 @@ from coheft.estimation.moments.projected import ProjectedMoments, motion_then_to
 from coheft.estimation.moments.rows import ROW_SIZE
 from coheft.estimation.moments.sensor_errors import SensorErrors
 from coheft.estimation.moments.unknowns import State, Unknowns
-from tests.estimation.moments.moving_team import ERRORS, EXACT, LATE, body_at, make_team, noisy_for, with_errors
-
-EVERY = pytest.mark.parametrize("errors", [EXACT, ERRORS, LATE], ids=["exact", "errors", "late"])
+from tests.estimation.moments.moving_team import EVERY, EXACT, body_at, make_team, noisy_for, with_errors
 
 
 def nearby(state: State, errors: SensorErrors, size: float = 0.05) -> State:
@@ -54,7 +51,7 @@ def test_from_where_they_were_seen_all_is_exact(errors: SensorErrors) -> None:
     projected = ProjectedMoments.of(rows, body)
     one = ROW_SIZE * 3
     np.testing.assert_allclose(projected.sums(one), rows.sum(axis=0), rtol=1e-9, atol=1e-7)
-    wrenches = rows[:, wrench_places(3, errors.has_rates)]
+    wrenches = rows[:, wrench_places(3, errors)]
     np.testing.assert_allclose(projected.of_wrenches(np.arange(3)), wrenches.T @ wrenches, rtol=1e-12)
 
 
@@ -75,7 +72,7 @@ def test_turning_there_and_back_changes_nothing(errors: SensorErrors) -> None:
     one, other = body_at(state, errors), body_at(nearby(state, errors), errors)
     there, twice = motion_then_to_now(one, other), motion_then_to_now(one, one)
     assert np.abs(there - np.eye(one.features)).max() > 0.01
-    np.testing.assert_allclose(twice, np.eye(one.features), atol=1e-9)
+    np.testing.assert_allclose(twice, np.eye(one.features), atol=1e-8)  # but for the faint prior of fusions
 
 
 def test_noisy_rows_turned_a_little_are_nearly_exact() -> None:

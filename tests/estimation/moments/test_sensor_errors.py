@@ -22,23 +22,28 @@ def extended_row(seed: int, width: int) -> Array:
     """With products that belong to its angular velocity, and their rates to its slope."""
     x = np.random.default_rng(seed).normal(size=width)
     x[ONE], x[PRODUCTS] = 1.0, symmetric_products(x[None, W])[0]
-    if width > RATES:
+    if width > RATES + ROW_SIZE - 1:
         rate = x[RATES + np.arange(3)]
-        x[RATES + 18 :] = (symmetric_products((x[W] + rate)[None]) - symmetric_products((x[W] - rate)[None]))[0] / 2.0
+        x[RATES + 18 : RATES + ROW_SIZE] = (
+            symmetric_products((x[W] + rate)[None]) - symmetric_products((x[W] - rate)[None])
+        )[0] / 2.0
     return x
 
 
 def corrected(x: Array, kind: str, eta: Array) -> Array:
     """An extended row without a small error, by its physical meaning."""
-    result = x.copy()
+    result, has_rates = x.copy(), len(x) >= RATES + ROW_SIZE
     if kind == "acceleration_bias":
         result[A] += eta
     elif kind == "clock":
-        result[:ROW_SIZE] += eta[0] * x[RATES:]
+        result[:ROW_SIZE] += eta[0] * x[RATES : RATES + ROW_SIZE]
     elif kind == "wrench_delay":
         result[12:18] += eta[0] * x[RATES + 12 : RATES + 18]
+    elif kind == "grasp_compliance":
+        result[V] += eta[0] * x[-6:-3]
+        result[A] += eta[0] * x[-3:]
     elif kind.endswith("_place"):
-        for first in (0, RATES) if len(x) > RATES else (0,):
+        for first in (0, RATES) if has_rates else (0,):
             own, changed = x[first : first + 24], result[first : first + 24]
             if kind == "velocity_place":
                 changed[V] += np.cross(own[W], eta)
@@ -56,17 +61,17 @@ def corrected(x: Array, kind: str, eta: Array) -> Array:
         else:
             x_, y_, z_ = eta
             matrix = np.eye(3) + np.array([[0.0, z_, y_], [z_, 0.0, x_], [y_, x_, 0.0]])
-        for first in (0, RATES) if len(x) > RATES else (0,):
+        for first in (0, RATES) if has_rates else (0,):
             own = result[first : first + ROW_SIZE]
             own[SENSORS[sensor]] = matrix @ own[SENSORS[sensor]]
             if sensor == "gyro":
                 own[SLOPE] = matrix @ own[SLOPE]
         if sensor == "gyro":
             result[PRODUCTS] = symmetric_products(result[None, W])[0]
-            if len(x) > RATES:
+            if has_rates:
                 w, rate = result[W], result[RATES : RATES + 3]
                 outer = symmetric_products((w + rate)[None]) - symmetric_products((w - rate)[None])
-                result[RATES + 18 :] = outer[0] / 2.0
+                result[RATES + 18 : RATES + ROW_SIZE] = outer[0] / 2.0
     return result
 
 
@@ -86,11 +91,12 @@ def test_generators_are_derivatives_of_the_physical_errors(kind: str, has_rates:
 @pytest.mark.parametrize("kind", KINDS)
 def test_numbers_of_parameters(kind: str) -> None:
     errors = SensorErrors({kind: 0.01})
-    is_single = kind.endswith("_gain") or kind in ("clock", "wrench_delay")
+    is_single = kind.endswith("_gain") or kind in ("clock", "wrench_delay", "grasp_compliance")
     assert errors.count == (1 if is_single else 3)
     assert errors.names == (kind,) * errors.count
     assert errors.has_rates == (kind in ("clock", "wrench_delay"))
-    assert errors.width == (49 if errors.has_rates else 25)
+    assert errors.is_flexing == (kind == "grasp_compliance")
+    assert errors.width == 25 + 24 * errors.has_rates + 6 * errors.is_flexing
 
 
 def test_all_kinds_together_keep_their_order_and_deviations() -> None:
@@ -130,4 +136,4 @@ def test_a_step_is_the_exponential_to_third_order() -> None:
 
     ratios = missing(0.02) / missing(0.01)
     np.testing.assert_allclose(ratios, 16.0, rtol=0.05)
-    np.testing.assert_array_equal(errors.step(0.0 * eta), np.broadcast_to(np.eye(errors.width), (3, 49, 49)))
+    np.testing.assert_array_equal(errors.step(0.0 * eta), np.broadcast_to(np.eye(errors.width), (3, 55, 55)))

@@ -11,9 +11,8 @@ from coheft.estimation.geometry.body_motion import perturbation_between, perturb
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.sensor_errors import SensorErrors
 from coheft.estimation.moments.unknowns import LOAD_SIZE, OFFSET, THETA, State, Unknowns
-from tests.estimation.moments.moving_team import ERRORS, EXACT, LATE, make_team
+from tests.estimation.moments.moving_team import ERRORS, EVERY, EXACT, LATE, make_team
 
-EVERY = pytest.mark.parametrize("errors", [EXACT, ERRORS, LATE], ids=["exact", "errors", "late"])
 FAR = 1e9
 
 
