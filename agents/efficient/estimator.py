@@ -38,7 +38,7 @@ class EfficientEstimator:
         self._config, self._gossip, self._guards = config, gossip, Guards()
         self._team: Team | None = None
         self._belief = Belief("poses", False, None, {})
-        self._believed: tuple[Estimate, Stage, int, int] | None = None
+        self._believed: tuple[Estimate, Stage, int, int, float] | None = None
         self._former_changes: tuple[LoadChangeNotice, ...] = ()
         self._former_slips: tuple[SlipNotice, ...] = ()
 
@@ -103,7 +103,7 @@ class EfficientEstimator:
         team = self._team
         if team is not None and team.session.estimate is not None:
             session, estimate = team.session, team.session.estimate
-            now = (estimate, session.stage, len(session.certain_changes), len(session.slips))
+            now = (estimate, session.stage, len(session.certain_changes), len(session.slips), session.unnoticed)
             if now != self._believed:
                 self._belief, self._believed = self._said(team, estimate), now
             self._belief = replace(self._belief, learned_block=team.newest)

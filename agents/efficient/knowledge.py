@@ -153,6 +153,10 @@ class Knowledge:
             self._know(fitted(state, chapter.look(), chapter.said_before, self._guess, self._settings, self._anchor))
         self._next_fit = least
 
+    def step_load(self, now: Estimate, place: int, step: Array) -> None:
+        """From this place on theta is another one, by a step with this covariance (10, 10); poses are known."""
+        self._chapter.end_of_load(now, self._guess, place, True, step)
+
     def before(self, place: int) -> tuple[Estimate, Prior]:
         """What rows before a place tell, as an estimate and as a prior; this one stays what it is."""
         assert self.estimate is not None

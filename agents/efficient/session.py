@@ -20,9 +20,10 @@ from coheft.agents.efficient.slips import Slip, Suspicion
 from coheft.agents.efficient.stages import TRANSITIONS, Event, Stage
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.body import FORCING_SIZE
-from coheft.estimation.moments.change import surprise
-from coheft.estimation.moments.chapter import Prior
+from coheft.estimation.moments.change import mass_step, surprise
+from coheft.estimation.moments.chapter import Prior, spread_mass
 from coheft.estimation.moments.derivatives import MotionDerivatives
+from coheft.estimation.moments.evidence import Evidence
 from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.fit_settings import FitSettings
 from coheft.estimation.moments.likelihood import wrench_evidence
@@ -31,8 +32,10 @@ from coheft.estimation.moments.moments import RowMoments, wrench_moments
 from coheft.estimation.moments.unknowns import THETA
 from coheft.estimation.moments.untold import Untold
 
-_ALIKE = 3.0
-"""Steps of the mass are of one drift if neither is so many times the other."""
+_COVER = 0.5
+"""One standard deviation, as a share of a step of the mass that may be there or not: five are more than the step."""
+_NOT_YET, _SINCE = 0.25, 0.5
+"""The same of the last step of a load that drifts, and of what a drift as fast as that makes of it until now."""
 
 
 class Session:
@@ -54,6 +57,7 @@ class Session:
         suspect: Place of a robot whose motion sensors contradict the others at present, or None.
         verdict: On the last fit.
         untold: An error of a sensor that was told to be zero, but that rows ask for; None if they ask for none.
+        unnoticed: Mass by which the load may have changed, too little as yet to be noticed [kg].
         total_wrench: About the origin of the body frame, mean over the newest row, shape (6,); None before the first.
     """
 
@@ -73,7 +77,7 @@ class Session:
             return max(least, round(seconds / settings.period))
 
         self._confirming = rows(guards.confirming, 3)
-        self._waits, self._calm, self._drifting = rows(guards.waiting), rows(guards.calm), rows(guards.drifting)
+        self._waits, self._calm, self._shortest = rows(guards.waiting), rows(guards.calm), rows(guards.shortest)
         self._turn, self._lasting, self._longest = rows(guards.turn), rows(guards.lasting), rows(guards.undecided)
         self.stage = Stage.GATHERING
         self.changes: list[tuple[int, int]] = []
@@ -84,7 +88,6 @@ class Session:
         self.untold: Untold | None = None
         self._untold_rows = self._untold_until = 0  # with which it was found, and with which it is over
         self._most_suspected, self._untold_lasts = rows(guards.telling_apart), rows(guards.untold_lasts)
-        self._loads = list[Array]()  # theta before each change
         self._told_of = self._newest = -1  # the newest change that another robot has told of; the newest row
         self._begin(Knowledge(count, anchor, settings, guards, prior))
         if prior is not None:
@@ -97,11 +100,17 @@ class Session:
         self.suspect: int | None = None
         self._load_before: KnownLoad | None = None  # before the oldest change that may still be a sensor's fault
         self._surprises, self._look_until, self._pause = 0, -1, -1
+        self._hold_exactly()
         self._unconfirmed = 0  # so many rows must still fit what was known
         self._doubted_at, self._contradicted_at = -1, -self._confirming
         self._forgot_at = -self._calm
         self._next_untold = self._known.first_untold
         self._asked_for: tuple[int, str] | None = None  # an error that rows have asked for once
+
+    def _hold_exactly(self) -> None:
+        """Nothing says that the load is a little lighter or heavier than what is known of it."""
+        self.unnoticed = self._disputed = 0.0  # steps of the mass: may be there, is there or is a sensor's fault [kg]
+        self._last_step, self._gap = 0.0, 0  # of a load that drifts, with the rows from one to the next
 
     @property
     def estimate(self) -> Estimate | None:
@@ -116,22 +125,20 @@ class Session:
         return self._known.prior() if is_relied_upon else None
 
     def claimable(self, estimate: Estimate) -> Estimate:
-        """The estimate as it may be published, with drift of a load that repeatedly becomes lighter or heavier.
+        """The estimate as it may be published, with a little more or less mass somewhere that may be there or not.
 
-        It may have moved on as far as with the last change, in proportion to the time since.
+        That is a step which is too small as yet to be noticed, one that may be a sensor's fault instead, or the drift
+        of a load that repeatedly becomes lighter or heavier: it goes on as fast as it did, until it has had time enough
+        for three steps.
         """
-        if len(self.changes) < 2 or estimate.state.load is None:
+        load, theta, since = estimate.state.load, estimate.body.unknowns.theta, self._known.buffer.load_rows
+        step = _COVER * max(self.unnoticed, self._disputed)
+        if since < 3 * self._gap:
+            step = max(step, (_NOT_YET + _SINCE * since / self._gap) * abs(self._last_step))
+        if load is None or step == 0.0:
             return estimate
-        last, change = self._loads[-1] - self._loads[-2], estimate.state.load[THETA] - self._loads[-1]
-        if not last[0] ** 2 / _ALIKE < change[0] * last[0] < last[0] ** 2 * _ALIKE:
-            return estimate
-        gap = max(1, self.changes[-1][0] - self.changes[-2][0])
-        since = self._known.buffer.load_rows
-        if gap > self._drifting or since > 3 * gap:
-            return estimate
-        step = (0.25 + 0.5 * since / gap) * change
-        theta, seen = estimate.body.unknowns.theta, estimate.seen.copy()
-        seen[theta, theta] += np.outer(step, step)
+        seen = estimate.seen.copy()
+        seen[theta, theta] += step**2 * spread_mass(load[THETA], estimate.size)
         return replace(estimate, seen=seen)
 
     @property
@@ -246,16 +253,21 @@ class Session:
         if self.stage is Stage.GATHERING and is_body:
             since, size = sight.likeliest_change(buffer)
             if size > guards.fresh_change:
-                self.verdict, first = Verdict(Outcome.NO_LOAD), buffer.start + since
+                first = buffer.start + since
+                if self.changes and self._take_step(first, self._fit(before=first)):
+                    return
+                self.verdict = Verdict(Outcome.NO_LOAD)
         match self.verdict.outcome:
             case Outcome.NO_BODY | Outcome.MORE_THAN_TOLD:
                 self._start_over()
             case Outcome.NO_LOAD:
                 self._forget_load(first, Event.MISFIT, estimate)
             case Outcome.UNDECIDED if self._newest - self.changed_at <= self._longest:
-                self.stage = TRANSITIONS[self.stage, Event.UNDECIDED]
+                is_covered = self._disputed > 0.0
+                self.stage = TRANSITIONS[self.stage, Event.FITTED if is_covered else Event.UNDECIDED]
             case _:
                 self.stage, self._load_before = TRANSITIONS[self.stage, Event.FITTED], None
+                self._disputed = 0.0
                 self._look_for_untold_errors()
 
     def _look_for_untold_errors(self) -> None:
@@ -304,7 +316,7 @@ class Session:
             if known is not None:
                 self.slips.append(Slip(cause.robot, cause.first, suspicion.noticed, self._newest))
                 self.stage, self._suspicion = TRANSITIONS[self.stage, Event.SLIPPED], None
-                del self.changes[suspicion.changes :], self._loads[suspicion.changes :]
+                del self.changes[suspicion.changes :]
                 self._begin(known)
                 self._unconfirmed = self._confirming
                 return
@@ -323,6 +335,7 @@ class Session:
                 return False
             self._fit(before=buffer.start, keeps_motion=True)  # wrenches may be of another load
         since, size = known.sight.likeliest_change(buffer)
+        self.unnoticed = known.sight.unnoticed_step(buffer, self._shortest)
         if size <= 1.0:
             self._unconfirmed = max(0, self._unconfirmed - 1)
             return False
@@ -336,15 +349,43 @@ class Session:
             self._fit()
             return False
         place, now = self._with_changes_before(place, now)
-        load = now.state.load
+        if not self._take_step(place, now):
+            self._note_change(place, now)
+            self._forget_load(place, Event.LOAD_CHANGED, now)
+        return True
+
+    def _note_change(self, place: int, now: Estimate) -> None:
+        """The load is another one from this place on, or a sensor reads something in excess, or a grasp has slipped."""
+        load, theta = now.state.load, now.body.unknowns.theta
         assert load is not None
         self._suspect(place, is_load=True)
-        self._loads.append(load[THETA])
-        self.changes.append((int(buffer.numbers[place]), number))
+        self.changes.append((int(self._known.buffer.numbers[place]), self._newest))
         if self._load_before is None:
-            theta = now.body.unknowns.theta
             self._load_before = KnownLoad(load, now.covariance[theta, theta])
-        self._forget_load(place, Event.LOAD_CHANGED, now)
+
+    def _take_step(self, place: int, now: Estimate) -> bool:
+        """Whether a little more or less mass from this place on explains all rows: then all else holds that was known.
+
+        What was known is half forgotten, because a load that drifts fits no constant one exactly.
+        """
+        load, theta = now.state.load, now.body.unknowns.theta
+        if load is None or now.misses_poses:
+            return False
+        evidence, covariance = self._evidence(place, now), self._known.covariance_now(now).copy()
+        step = mass_step(evidence, load, theta)
+        loosened = np.square(2.0 * step) * spread_mass(load[THETA], now.size) + covariance[theta, theta]
+        covariance[theta, theta] += loosened
+        is_small = abs(step) < self._guards.small * load[THETA.start]
+        if not is_small or surprise(evidence, covariance, theta) > self._guards.explained:
+            return False
+        first = int(self._known.buffer.numbers[place])
+        self._gap = first - self.changed_at if self._last_step * step > 0.0 else 0
+        self._note_change(place, now)
+        self._known.step_load(now, place, loosened)
+        self._last_step, self._disputed, self.unnoticed = step, abs(step), 0.0
+        self._surprises, self._look_until, self._unconfirmed = 0, -1, 0
+        self.stage = TRANSITIONS[self.stage, Event.FITTED]
+        self._fit_and_judge()
         return True
 
     def _with_changes_before(self, place: int, now: Estimate) -> tuple[int, Estimate]:
@@ -359,10 +400,13 @@ class Session:
 
     def _surprise(self, place: int, now: Estimate) -> float:
         """How much all rows from a place on look like another load, with all unknown that is unknown."""
+        return surprise(self._evidence(place, now), self._known.covariance_now(now), now.body.unknowns.theta)
+
+    def _evidence(self, place: int, now: Estimate) -> Evidence:
+        """What wrenches of all rows from a place on say."""
         moments = wrench_moments(now.body, RowMoments.of(self._known.buffer.window(place)))
         assert now.state.load is not None
-        evidence = wrench_evidence(now.body, MotionDerivatives.at(now.body), moments, now.state.load)
-        return surprise(evidence, self._known.covariance_now(now), now.body.unknowns.theta)
+        return wrench_evidence(now.body, MotionDerivatives.at(now.body), moments, now.state.load)
 
     def _forget_load(self, place: int, event: Event, now: Estimate) -> None:
         """From this place on the load has to be found anew."""
@@ -373,3 +417,4 @@ class Session:
         self.stage = TRANSITIONS[self.stage, event]
         self._surprises, self._look_until = 0, -1
         self._forgot_at, self._unconfirmed = self._newest, 0
+        self.unnoticed = self._disputed = 0.0

@@ -58,7 +58,12 @@ class Guards:
         calm: A load that is forgotten sooner after another one than this needs twice as many rows [s]: then it may be a
             sensor that comes and goes, and rows may be of both.
         mass: Probability that the mass seems to be another one by chance, where a sensor may be off instead.
-        drifting: A load that changes again so soon drifts [s].
+        shortest: Steps of the mass that are too small to be noticed are sought over so long at least [s]: larger ones
+            are noticed by then.
+        small: A change of the mass by less than this share is a step: if it explains all rows, the load is not
+            forgotten, but loosened.
+        explained: Rows are explained by a step if what is left of the surprise is less than this, over its threshold:
+            some 1e-4 by chance.
         mistaken: Probability that a slip is told although another load, or a sensor, is the cause, or the other way
             round, if both are equally likely beforehand: by so much one has to be likelier than all others.
         telling_apart: After so long without that no slip is told any more [s].
@@ -89,7 +94,9 @@ class Guards:
     fresh_change: float = 0.65
     calm: float = 1.0
     mass: float = 1e-6
-    drifting: float = 3.0
+    shortest: float = 0.3
+    small: float = 0.03
+    explained: float = 0.4
     mistaken: float = 6e-6
     telling_apart: float = 1.2
     undecided: float = 4.0

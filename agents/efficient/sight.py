@@ -11,7 +11,7 @@ import numpy as np
 
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.body import FORCING, MOTION_SIZE, load_operator, residual_covariance
-from coheft.estimation.moments.change import Weights, likeliest_change
+from coheft.estimation.moments.change import Weights, likeliest_change, unnoticed_step
 from coheft.estimation.moments.chapter import Chapter
 from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.moments import view_moments
@@ -98,3 +98,8 @@ class Sight:
         """The first look, at all rows or those before a place, see ``coheft.estimation.moments.change``."""
         views = buffer.views[buffer.start : buffer.count if before is None else before]
         return likeliest_change(views, self._older, self._weights, self._knows_load)
+
+    def unnoticed_step(self, buffer: RowBuffer, shortest: int) -> float:
+        """See ``coheft.estimation.moments.change``."""
+        views = buffer.views[buffer.start : buffer.count]
+        return unnoticed_step(views, self._older, self._weights, self._knows_load, shortest)

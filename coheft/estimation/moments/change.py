@@ -14,6 +14,7 @@ older ones, and allows for everything that this fit does not know.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,12 +27,17 @@ from coheft.estimation.moments.evidence import Evidence
 from coheft.estimation.moments.likelihood import information_table
 from coheft.estimation.moments.row_buffer import VIEW_SIZE
 from coheft.estimation.moments.unknowns import LOAD_SIZE, THETA, Indices
+from coheft.estimation.rigid_body.mass_properties import point_mass
 
 FALSE_ALARM = 1e-12
 """Probability that one window of rows looks like another load without a change. A look tests up to 18 that overlap."""
 _RATIO = 1.5
 _WINDOWS = np.unique(np.round(_RATIO ** np.arange(30)).astype(np.int64))
 """Numbers of newest rows that are tested, each half as many again as the one before."""
+_DYADIC = 2 ** np.arange(30)
+"""The same where steps of the mass are sought."""
+_SIGNIFICANT = chi_square_threshold(1, 0.012)
+"""Of a step of the mass: with some six windows that overlap, one look in twenty finds one by chance."""
 _SEEN = 0.1
 """Directions are compared in which at least this share of the information is motion, and not its noise."""
 _WELL = 1e-6
@@ -121,39 +127,123 @@ def surprise(newest: Evidence, covariance: Array, theta: slice) -> float:
     return float(score @ np.linalg.solve(spread, score)) / chi_square_threshold(len(tested), FALSE_ALARM)
 
 
+class _Scores(NamedTuple):
+    """Of windows of newest rows, k of them, and of all rows.
+
+    Attributes:
+        counts: Rows of each window, then all, shape (k + 1,).
+        matrices: Information with noise, shape (k + 1, 16, 16).
+        vectors: Of the information, shape (k + 1, 16).
+        of_noise: Noise in the information of all rows, shape (16, 16).
+        basis: Directions that all rows show, as rows, shape (b, 16).
+        load: Of all rows, shape (16,).
+    """
+
+    counts: Array
+    matrices: Array
+    vectors: Array
+    of_noise: Array
+    basis: Array
+    load: Array
+
+    @staticmethod
+    def of(places: Indices, views: Array, before: Array, weights: Weights) -> _Scores:
+        """Of the windows that begin with these places (k,), newest first."""
+        grams, end = np.empty((len(places) + 1, VIEW_SIZE, VIEW_SIZE)), len(views)
+        for k, place in enumerate([*places.tolist(), 0]):
+            stretch = views[place:end]
+            np.matmul(stretch.T, stretch, out=grams[k])
+            end = place
+        grams[-1] += before
+        np.cumsum(grams, axis=0, out=grams)
+        counts = grams[:, 0, 0]  # the first number of a view is 1
+        matrices, vectors = weights.sums(grams)
+        matrices[-1] += weights.known
+        vectors[-1] += weights.known_vector
+        of_noise = counts[-1] * weights.of_noise
+        basis, shares = seen_directions(matrices[-1], of_noise)
+        load = basis.T @ np.linalg.solve(shares, basis @ vectors[-1])
+        return _Scores(counts, matrices, vectors, of_noise, basis, load)
+
+    def along(self, directions: Array, weights: Weights) -> tuple[Array, Array]:
+        """``S`` (k, f) and ``V`` (k, f, f) along directions of theta (f, 10)."""
+        part = directions @ self.matrices[:-1, THETA]
+        part_of_noise = self.counts[:-1, None, None] * (directions @ weights.of_noise[THETA])
+        score = self.vectors[:-1, THETA] @ directions.T - (part - part_of_noise) @ self.load
+        spread = (part + part_of_noise)[..., THETA] @ directions.T
+        part = part @ self.basis.T
+        spread -= part @ part.swapaxes(1, 2)
+        each = range(len(directions))
+        spread[:, each, each] += 1e-9
+        return score, spread
+
+
+def mass_step(newest: Evidence, load: Array, theta: slice) -> float:
+    """How much more mass the newest rows show than a load (16,), if it is at the centre of mass [kg].
+
+    Args:
+        newest: What they say, around a fit to all others.
+        load: Of that fit.
+        theta: Place of theta among the unknowns.
+    """
+    kilogram = _kilogram(load)
+    return float(kilogram @ newest.score[theta] / (kilogram @ newest.information[theta, theta] @ kilogram))
+
+
+def _kilogram(load: Array) -> Array:
+    """What theta is more with 1 kg more at the centre of mass of a load (16,), shape (10,)."""
+    mass, *moment = load[THETA][:4]
+    return point_mass(np.array(moment) / mass)
+
+
 def _likeliest(places: Indices, views: Array, before: Array, weights: Weights) -> tuple[int, float]:
     """Among the places of rows (k,), newest first."""
     if len(places) == 0:
         return 0, 0.0
-    grams, end = np.empty((len(places) + 1, VIEW_SIZE, VIEW_SIZE)), len(views)
-    for k, place in enumerate([*places.tolist(), 0]):
-        stretch = views[place:end]
-        np.matmul(stretch.T, stretch, out=grams[k])
-        end = place
-    grams[-1] += before
-    np.cumsum(grams, axis=0, out=grams)
-    counts = grams[:, 0, 0]  # the first number of a view is 1
-    matrices, vectors = weights.sums(grams)
-    matrices[-1] += weights.known
-    vectors[-1] += weights.known_vector
-
-    of_noise = counts[-1] * weights.of_noise
-    basis, shares = seen_directions(matrices[-1], of_noise)
-    load = basis.T @ np.linalg.solve(shares, basis @ vectors[-1])
-    tested, _ = seen_directions(matrices[-1, THETA, THETA], of_noise[THETA, THETA])
-    freedom = len(tested)
-    if freedom == 0:
+    scores = _Scores.of(places, views, before, weights)
+    tested, _ = seen_directions(scores.matrices[-1, THETA, THETA], scores.of_noise[THETA, THETA])
+    if len(tested) == 0:
         return 0, 0.0
-    part = tested @ matrices[:-1, THETA]
-    part_of_noise = counts[:-1, None, None] * (tested @ weights.of_noise[THETA])
-    score = vectors[:-1, THETA] @ tested.T - (part - part_of_noise) @ load
-    spread = (part + part_of_noise)[..., THETA] @ tested.T
-    part = part @ basis.T
-    spread -= part @ part.swapaxes(1, 2)
-    spread[:, range(freedom), range(freedom)] += 1e-9
+    score, spread = scores.along(tested, weights)
     statistics = (score * np.linalg.solve(spread, score[..., None])[..., 0]).sum(axis=1)
     best = int(statistics.argmax())
-    return int(places[best]), float(statistics[best]) / chi_square_threshold(freedom, FALSE_ALARM)
+    return int(places[best]), float(statistics[best]) / chi_square_threshold(len(tested), FALSE_ALARM)
+
+
+def unnoticed_step(views: Array, before: Array, weights: Weights, is_known: bool, shortest: int) -> float:
+    """By how much the load may have become lighter or heavier, too little as yet to be noticed [kg].
+
+    With ``x`` another kilogram at the centre of mass, the step at a row and its significance are
+
+        step = x^T S_k / (x^T V_k x),    z^2 = (x^T S_k)^2 / (x^T V_k x) ~ chi-square with 1 degree of freedom
+
+    Args:
+        views: As of ``likeliest_change``, as are the next three.
+        before: Likewise.
+        weights: Likewise.
+        is_known: Likewise.
+        shortest: Least number of rows of a window.
+
+    Returns:
+        What the mean of all rows is off by after the most significant step; 0 if that may well be chance.
+    """
+    count = len(views)
+    windows = _DYADIC[(shortest <= _DYADIC) & (count > _DYADIC)]
+    if is_known and count >= shortest:
+        windows = np.append(windows, count)
+    if len(windows) == 0:
+        return 0.0
+    scores = _Scores.of(count - windows, views, before, weights)
+    if not scores.load[THETA.start] > 0.0:
+        return 0.0
+    kilogram = _kilogram(scores.load)
+    score, spread = (each.ravel() for each in scores.along(kilogram[None], weights))
+    squares = score**2 / spread
+    best = int(squares.argmax())
+    if squares[best] < _SIGNIFICANT:
+        return 0.0
+    informations = kilogram @ scores.matrices[:, THETA, THETA] @ kilogram
+    return float(abs(score[best]) / spread[best] * (1.0 - informations[best] / informations[-1]))
 
 
 def seen_directions(matrix: Array, noise: Array) -> tuple[Array, Array]:

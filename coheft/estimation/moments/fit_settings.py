@@ -20,7 +20,7 @@ from coheft.estimation.moments.moments import Moments
 from coheft.estimation.moments.rows import ROW_SIZE, RowNoise
 from coheft.estimation.moments.sensor_errors import SensorErrors
 from coheft.estimation.moments.unknowns import OFFSET, Indices, State, Unknowns
-from coheft.estimation.rigid_body.mass_properties import unit_point
+from coheft.estimation.rigid_body.mass_properties import point_mass
 from coheft.estimation.rigid_body.unseen import middle_and_size
 from coheft.estimation.tolerance import SensorDrift
 
@@ -56,7 +56,7 @@ class Guess:
         sums = moments.sums(one)
         force, acceleration = body.wrench[:3] @ sums / sums[one], body.see[FORCING[1:4]] @ sums / sums[one]
         mass = max(_LIGHTEST, float(np.linalg.norm(force)) / max(float(np.linalg.norm(acceleration)), 1e-9))
-        theta = mass * np.concatenate([[1.0], middle, unit_point(middle)])
+        theta = mass * point_mass(middle)
         theta[4:7] += mass * size**2 / 3.0
         return Guess.about(theta, size)
 

@@ -71,6 +71,11 @@ def unit_point(place: Array) -> Array:
     return packed
 
 
+def point_mass(place: Array) -> Array:
+    """``(m, m h, I_o)`` of a mass of 1 kg at ``place`` (3,), shape (10,)."""
+    return np.concatenate([[1.0], place, unit_point(place)])
+
+
 def packed_rotation(rotation: Array) -> Array:
     """Return ``K(R)`` (6, 6) with ``K(R) @ pack_symmetric(J) == pack_symmetric(R @ J @ R.T)``."""
     turned = rotation @ unpack_symmetric(np.eye(6)) @ rotation.T
