@@ -7,6 +7,7 @@ present one are used; those of the next few wait for their time. What cannot be 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,6 +21,8 @@ AHEAD = 8
 _SILENT = 8
 """When nothing with the number of a sender's newest life has been used for so many blocks, and something with a smaller
 one is of the present block, that number was an error."""
+LATE = 64
+"""A message that comes up to so many blocks too late can still be of use to an estimator that takes late ones."""
 _ALIKE = 4
 """So many messages of the same sender and block are looked at."""
 LARGEST_NORM = 1e12
@@ -29,6 +32,22 @@ _LARGEST_NUMBER = 2**62
 _LARGEST_CHECKSUM = 2**32
 """Nor any that is a checksum."""
 _LONGEST_NAME = 32
+
+
+class Taken(NamedTuple):
+    """What an inbox gives for a block.
+
+    Attributes:
+        used: Neighbours' messages of the block before, in the order of names.
+        gossip: What they hand on about robots, from all messages that are right.
+        problems: What was refused, and why.
+        late: Their messages of earlier blocks that come only now.
+    """
+
+    used: dict[str, NeighbourMessage]
+    gossip: list[LinkState]
+    problems: list[str]
+    late: list[NeighbourMessage]
 
 
 class NeighbourInbox:
@@ -42,12 +61,17 @@ class NeighbourInbox:
         self._incarnations = dict.fromkeys(sorted(neighbours), 0)
         self._waiting: dict[tuple[str, int, int], list[NeighbourMessage]] = {}
         self._last: dict[str, int] = {}
+        self._seen = {name: set[int]() for name in self._incarnations}  # blocks of messages of its present life
         self._strange: set[str] = set()
         self._possible: dict[str, LinkState] = {}
 
     def take(
-        self, index: int, messages: Sequence[NeighbourMessage], fits: Callable[[Channels], bool] = lambda _: True
-    ) -> tuple[dict[str, NeighbourMessage], list[LinkState], list[str]]:
+        self,
+        index: int,
+        messages: Sequence[NeighbourMessage],
+        fits: Callable[[Channels], bool] = lambda _: True,
+        takes_late: bool = False,
+    ) -> Taken:
         """What to use for a block.
 
         Args:
@@ -55,22 +79,25 @@ class NeighbourInbox:
             messages: All that came since the last call.
             fits: Whether a message's channels have the shapes that are read; of several with the same sender and block
                 the first one that does is used.
-
-        Returns:
-            The neighbours' messages of the block before, in the order of names; what they hand on about robots, from
-            all messages that are right; what was refused and why.
+            takes_late: Whether the estimator can use messages of earlier blocks; copies are left out.
         """
         if not self._last:
             self._last = dict.fromkeys(self._incarnations, index)  # no robot can have been heard before the first block
         gossip: list[LinkState] = []
         problems: list[str] = []
+        late: list[NeighbourMessage] = []
         for message in sorted(messages, key=lambda message: (message.sender, message.incarnation, message.block)):
             problem = self._problem(index, message)
             if problem is not None:
                 problems.append(f"refused from {message.sender}, block {message.block}: {problem}")
                 continue
+            if message.incarnation != self._incarnations[message.sender]:
+                self._seen[message.sender].clear()
             self._incarnations[message.sender] = message.incarnation
             gossip += message.gossip
+            if takes_late and self._is_late(index, message) and fits(message.channels):
+                late.append(message)
+                self._last[message.sender] = index
             if message.block >= index - 1:
                 waiting = self._waiting.setdefault((message.sender, message.incarnation, message.block), [])
                 if len(waiting) < _ALIKE:
@@ -89,11 +116,21 @@ class NeighbourInbox:
                     f"run the same release of coheft, and the same estimator, everywhere"
                 )
         self._waiting = {key: waiting for key, waiting in self._waiting.items() if key[2] >= index}
-        return used, gossip, problems
+        return Taken(used, gossip, problems, late)
 
     def last_heard(self, name: str) -> int:
         """The last block for which a message of this neighbour was used, or the first one at all."""
         return self._last[name]
+
+    def _is_late(self, index: int, message: NeighbourMessage) -> bool:
+        """Whether a message comes too late, and for the first time."""
+        seen, oldest = self._seen[message.sender], max(0, index - 1 - LATE)
+        is_new = message.block >= oldest and message.block not in seen
+        if is_new:
+            seen.add(message.block)
+        if len(seen) > 2 * LATE:
+            self._seen[message.sender] = {block for block in seen if block >= oldest}
+        return is_new and message.block < index - 1
 
     def _problem(self, index: int, message: NeighbourMessage) -> str | None:
         """Why a message cannot be right, None if it can."""
