@@ -12,11 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from coheft.agents.efficient.estimator import EfficientEstimator
-from coheft.agents.estimator import Belief, Estimator, EstimatorFactory
+from coheft.agents.estimator import Belief, Estimator, EstimatorFactory, TakesLate
 from coheft.agents.fan2017.estimator import Fan2017Estimator
 from coheft.agents.inbox import NeighbourInbox
 from coheft.agents.motion.carrier import Carrier
 from coheft.agents.motion.reference import make_motion
+from coheft.agents.network import SimulatedNetwork
 from coheft.agents.plugins.estimator import OwnEstimator
 from coheft.agents.plugins.loading import make_own
 from coheft.agents.sensor_check import SensorCheck
@@ -27,6 +28,7 @@ from coheft.estimation.measurement import MeasurementBlock
 from coheft.wire.config import AgentConfig
 from coheft.wire.messages.size import LARGEST
 from coheft.wire.messages.structs import Estimate, NeighbourMessage, Reference
+from coheft.wire.scenario.network import LinkQuality
 
 ESTIMATORS: dict[str, EstimatorFactory] = {"efficient": EfficientEstimator, "fan2017": Fan2017Estimator}
 """The estimators that come with coheft; others are found by entry points, see ``coheft.wire.scenario.plugins``."""
@@ -83,8 +85,10 @@ class Agent:
         self._incarnation = incarnation
         self._gossip = Gossip(config.name, config.neighbours, incarnation)
         self._estimator = make_estimator(config, self._gossip, largest_arrays)
+        self._hears_late = self._estimator if isinstance(self._estimator, TakesLate) else None
         self._motion = make_motion(config)
         self._carrier = None if config.carry is None else Carrier(config, config.carry, self._motion)
+        self._network = SimulatedNetwork(config)
         self._inbox = NeighbourInbox(config.neighbours)
         self._sensors = SensorCheck(config.noise)
         self._status = StatusKeeper(config)
@@ -92,6 +96,10 @@ class Agent:
     def set_holding(self, holding: bool, from_block: int) -> None:
         """Record that the robot grasps or releases the load, from a block that has not been processed yet."""
         self._gossip.announce_holding(holding, from_block)
+
+    def set_link(self, neighbour: str, quality: LinkQuality) -> None:
+        """Let messages of a neighbour be lost or late from now on."""
+        self._network.set_link(neighbour, quality)
 
     def belief(self) -> Belief:
         """Return the present estimate, whether or not it may be published."""
@@ -108,8 +116,14 @@ class Agent:
         Raises:
             PluginError: A user's estimator or motion has failed.
         """
-        heard, gossip, problems = self._inbox.take(index, inbox, self._estimator.fits)
+        arrived = self._network.deliver(index, inbox)
+        heard, gossip, problems, late = self._inbox.take(
+            index, arrived, self._estimator.fits, takes_late=self._hears_late is not None
+        )
         self._gossip.hear(gossip)
+        if self._hears_late is not None:
+            for message in late:
+                self._hears_late.hear_late(index, message.channels)
         if block is not None and not self._sensors.is_usable(block.samples):
             block = None
         channels = self._estimator.step(index, block, {name: message.channels for name, message in heard.items()})

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -83,6 +83,15 @@ class Estimator(Protocol):
 
     def doubts(self) -> tuple[str, ...]:
         """Return reasons why the estimate may no longer be valid; called after every step."""
+        ...
+
+
+@runtime_checkable
+class TakesLate(Protocol):
+    """An estimator that can also use messages of earlier blocks than the one before."""
+
+    def hear_late(self, index: int, channels: Channels) -> None:
+        """A message that a neighbour sent after an earlier block; called before ``step`` of the block ``index``."""
         ...
 
 

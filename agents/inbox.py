@@ -7,6 +7,7 @@ block are used now; those of the next few blocks are kept until their block. Inv
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,6 +21,8 @@ AHEAD = 8
 _SILENT = 8
 """After this number of blocks without a usable message of a sender's latest incarnation, a current message with a
 smaller incarnation is accepted: the larger number was an error."""
+LATE = 64
+"""Number of blocks by which a message may be late to be of use to an estimator that takes late ones."""
 _MAX_PER_BLOCK = 4
 """Number of messages kept per sender and block."""
 LARGEST_NORM = 1e12
@@ -29,6 +32,22 @@ _LARGEST_NUMBER = 2**62
 _LARGEST_CHECKSUM = 2**32
 """Limit of the checksums in a record."""
 _LONGEST_NAME = 32
+
+
+class Taken(NamedTuple):
+    """Messages to use for a block.
+
+    Attributes:
+        used: The neighbours' messages of the previous block, in the order of names.
+        gossip: The records of all valid messages.
+        problems: Descriptions of refused messages.
+        late: Their messages of earlier blocks that arrive only now.
+    """
+
+    used: dict[str, NeighbourMessage]
+    gossip: list[LinkState]
+    problems: list[str]
+    late: list[NeighbourMessage]
 
 
 class NeighbourInbox:
@@ -42,12 +61,17 @@ class NeighbourInbox:
         self._incarnations = dict.fromkeys(sorted(neighbours), 0)
         self._waiting: dict[tuple[str, int, int], list[NeighbourMessage]] = {}
         self._last: dict[str, int] = {}
+        self._seen = {name: set[int]() for name in self._incarnations}  # blocks of the latest incarnation's messages
         self._misfits: set[str] = set()
         self._checked: dict[str, LinkState] = {}
 
     def take(
-        self, index: int, messages: Sequence[NeighbourMessage], fits: Callable[[Channels], bool] = lambda _: True
-    ) -> tuple[dict[str, NeighbourMessage], list[LinkState], list[str]]:
+        self,
+        index: int,
+        messages: Sequence[NeighbourMessage],
+        fits: Callable[[Channels], bool] = lambda _: True,
+        takes_late: bool = False,
+    ) -> Taken:
         """Return the messages to use for a block.
 
         Args:
@@ -55,22 +79,25 @@ class NeighbourInbox:
             messages: All messages received since the last call.
             fits: Whether the estimator can read a message's channels. Of several messages of the same sender and block,
                 the first one that fits is used.
-
-        Returns:
-            The neighbours' messages of the previous block, in the order of names; the gossip records of all valid
-            messages; descriptions of refused messages.
+            takes_late: Whether the estimator can use messages of earlier blocks; copies are left out.
         """
         if not self._last:
             self._last = dict.fromkeys(self._incarnations, index)  # silence is counted from the first block on
         gossip: list[LinkState] = []
         problems: list[str] = []
+        late: list[NeighbourMessage] = []
         for message in sorted(messages, key=lambda message: (message.sender, message.incarnation, message.block)):
             problem = self._problem(index, message)
             if problem is not None:
                 problems.append(f"refused from {message.sender}, block {message.block}: {problem}")
                 continue
+            if message.incarnation != self._incarnations[message.sender]:
+                self._seen[message.sender].clear()
             self._incarnations[message.sender] = message.incarnation
             gossip += message.gossip
+            if takes_late and self._is_late(index, message) and fits(message.channels):
+                late.append(message)
+                self._last[message.sender] = index
             if message.block >= index - 1:
                 waiting = self._waiting.setdefault((message.sender, message.incarnation, message.block), [])
                 if len(waiting) < _MAX_PER_BLOCK:
@@ -89,13 +116,23 @@ class NeighbourInbox:
                     f"run the same release of coheft, and the same estimator, on all robots"
                 )
         self._waiting = {key: waiting for key, waiting in self._waiting.items() if key[2] >= index}
-        return used, gossip, problems
+        return Taken(used, gossip, problems, late)
 
     def last_heard(self, name: str) -> int:
         """Return the last block for which a message of this neighbour was used, or the first block if there was
         none.
         """
         return self._last[name]
+
+    def _is_late(self, index: int, message: NeighbourMessage) -> bool:
+        """Whether a message comes too late, and for the first time."""
+        seen, oldest = self._seen[message.sender], max(0, index - 1 - LATE)
+        is_new = message.block >= oldest and message.block not in seen
+        if is_new:
+            seen.add(message.block)
+        if len(seen) > 2 * LATE:
+            self._seen[message.sender] = {block for block in seen if block >= oldest}
+        return is_new and message.block < index - 1
 
     def _problem(self, index: int, message: NeighbourMessage) -> str | None:
         """Return why a message is invalid, None if it is valid."""

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from coheft.agents.inbox import AHEAD, NeighbourInbox
+from coheft.agents.inbox import AHEAD, LATE, NeighbourInbox
 from coheft.wire.messages.structs import LinkState, NeighbourMessage
 
 NEIGHBOURS = ("b", "c")
@@ -32,7 +32,7 @@ def take(
     inbox: NeighbourInbox, index: int, messages: Sequence[NeighbourMessage]
 ) -> tuple[list[NeighbourMessage], set[LinkState], Counter[str]]:
     """What is used, in order, what is heard of robots, and what was refused: no matter in which order."""
-    used, gossip, problems = inbox.take(index, messages)
+    used, gossip, problems, _ = inbox.take(index, messages)
     assert list(used) == [each.sender for each in used.values()]
     return list(used.values()), set(gossip), Counter(problems)
 
@@ -85,20 +85,20 @@ def test_who_was_last_heard_when() -> None:
 def test_after_blocks_that_were_missed_only_the_newest_messages_are_used() -> None:
     inbox = NeighbourInbox(NEIGHBOURS)
     inbox.take(0, [])
-    used, _, problems = inbox.take(40, [message("b", block) for block in range(42)])
+    used, _, problems, _ = inbox.take(40, [message("b", block) for block in range(42)])
     assert used["b"].block == 39
     assert problems == []
-    used, _, _ = inbox.take(41, [])
+    used, _, _, _ = inbox.take(41, [])
     assert used["b"].block == 40
 
 
 def test_what_a_former_agent_said_is_void_as_soon_as_its_successor_has_spoken() -> None:
     inbox = NeighbourInbox(NEIGHBOURS)
     inbox.take(9, [message("b", 9)])  # waits
-    used, _, problems = inbox.take(10, [message("b", 5, incarnation=1)])
+    used, _, problems, _ = inbox.take(10, [message("b", 5, incarnation=1)])
     assert used == {}
     assert problems == []
-    used, gossip, problems = inbox.take(11, [message("b", 10, incarnation=0)])
+    used, gossip, problems, _ = inbox.take(11, [message("b", 10, incarnation=0)])
     assert used == {}
     assert gossip == []
     assert "before its sender restarted" in problems[0]
@@ -109,7 +109,7 @@ def test_of_two_agents_that_speak_of_one_block_the_newer_one_is_used(together: b
     inbox = NeighbourInbox(NEIGHBOURS)
     old, new = message("b", 9), message("b", 9, incarnation=1)
     inbox.take(9, [old, new] if together else [old])
-    used, _, _ = inbox.take(10, [] if together else [new])
+    used, _, _, _ = inbox.take(10, [] if together else [new])
     assert used["b"].incarnation == 1
 
 
@@ -137,20 +137,20 @@ def with_record(**changes: object) -> NeighbourMessage:
 def test_what_cannot_be_right_is_refused_as_a_whole(wrong: NeighbourMessage, words: str) -> None:
     inbox = NeighbourInbox(NEIGHBOURS)
     inbox.take(9, [])
-    used, gossip, (problem,) = inbox.take(10, [wrong, message("c")])
+    used, gossip, (problem,), _ = inbox.take(10, [wrong, message("c")])
     assert words in problem
     assert f"refused from {wrong.sender}, block {wrong.block}" in problem
     assert list(used) == ["c"]
     assert gossip == message("c").gossip
     # The true one may still come.
-    used, _, problems = inbox.take(11, [message("b", 10)])
+    used, _, problems, _ = inbox.take(11, [message("b", 10)])
     assert list(used) == ["b"]
     assert problems == []
 
 
 def test_possible_records_and_empty_channels_are_welcome() -> None:
     welcome = replace(with_record(since=7), channels={"x": np.empty((0, 3)), "y": np.array(7.0)})
-    used, gossip, problems = NeighbourInbox(NEIGHBOURS).take(10, [welcome])
+    used, gossip, problems, _ = NeighbourInbox(NEIGHBOURS).take(10, [welcome])
     assert used == {"b": welcome}
     assert gossip[0].since == 7
     assert problems == []
@@ -160,8 +160,41 @@ def test_arrays_that_no_estimator_here_reads_are_refused_in_words_once() -> None
     inbox, told = NeighbourInbox(["r2"]), []
     for block in range(3):
         message = NeighbourMessage(sender="r2", block=block, gossip=[], channels={"sums": np.zeros(3)})
-        used, _, problems = inbox.take(block + 1, [message], fits=lambda _: False)
+        used, _, problems, _ = inbox.take(block + 1, [message], fits=lambda _: False)
         assert used == {}
         told += problems
     assert len(told) == 1
     assert "run the same release of coheft" in told[0]
+
+
+@given(st.permutations([(block, late) for block in range(4, 9) for late in (1, 3)]))
+def test_what_comes_too_late_is_given_once_and_never_if_it_was_in_time(sent: list[tuple[int, int]]) -> None:
+    inbox, found, due = NeighbourInbox(NEIGHBOURS), list[tuple[int, int]](), dict[int, int]()
+    for block, late in sent:  # of each block one of the two comes, and both of the last
+        due.setdefault(block, late)
+    for index in range(4, 20):
+        coming = [message("b", block) for block, late in due.items() if block + late == index] + [message("b", 3)]
+        taken = inbox.take(index, coming, takes_late=True)
+        found += [(each.block, index) for each in taken.late]
+        assert all(each.block == index - 1 for each in taken.used.values())
+    assert found == sorted((block, block + 3) for block, late in due.items() if late == 3)
+
+
+def test_late_messages_keep_a_neighbour_from_being_silent_and_old_ones_are_left_out() -> None:
+    inbox = NeighbourInbox(NEIGHBOURS)
+    inbox.take(100, [])
+    for index in range(101, 300):
+        taken = inbox.take(index, [message("b", index - 5), message("c", index - 2 - LATE)], takes_late=True)
+        assert [each.sender for each in taken.late] == ["b"]
+    assert inbox.last_heard("b") == 299
+    assert inbox.last_heard("c") == 100
+    assert inbox.take(300, [message("b", 290)]).late == []  # this estimator cannot use any
+
+
+def test_late_messages_of_a_former_life_are_left_out() -> None:
+    inbox = NeighbourInbox(NEIGHBOURS)
+    inbox.take(100, [message("b", 99, incarnation=1)])
+    assert inbox.take(101, [message("b", 98, incarnation=0)], takes_late=True).late == []
+    assert [each.block for each in inbox.take(102, [message("b", 98, incarnation=1)], takes_late=True).late] == [98]
+    (new,) = inbox.take(103, [message("b", 98, incarnation=2)], takes_late=True).late
+    assert new.incarnation == 2

@@ -66,6 +66,12 @@ class EfficientEstimator:
             arrays |= team.known()
         return arrays
 
+    def hear_late(self, index: int, channels: Channels) -> None:
+        """See ``TakesLate.hear_late``: its rows count as those of any other message."""
+        message = RowMessage.of_channels(channels)
+        if self._team is not None and message is not None:
+            self._team.exchange.hear(message, index)
+
     def fits(self, channels: Channels) -> bool:
         """See ``Estimator.fits``."""
         return not channels or RowMessage.of_channels(channels) is not None

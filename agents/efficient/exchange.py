@@ -22,8 +22,6 @@ from coheft.estimation.moments.rows import ROW_SIZE
 
 WINDOW = 64
 """Blocks of which rows may be under way at a time, or twice as many as there are hops."""
-_LATE = 4
-"""A row is handed on for so many blocks longer than it needs where nothing is lost."""
 _LABELS, _ROWS = "labels", "rows"
 _ONE = np.ones(1)
 _SHAPES = tuple((ROW_SIZE * copies + more,) for copies in (1, 2) for more in (0, FLEXING_SIZE))
@@ -78,15 +76,16 @@ class Exchange:
 
     Attributes:
         changed_at: Number of the newest first row of a new load that any robot has told of, -1 if none.
+        window: Number of newest blocks of which rows may still come.
         disputed: Of robots of which two different rows for one time have come, the block in which that was last so.
     """
 
     def __init__(self, team: int, count: int, own: int, hops: int, times: RowTimes, size: int = ROW_SIZE) -> None:
         self.team, self.changed_at = team, -1
         self.disputed: dict[int, int] = {}
-        self._count, self._own, self._hops, self._times = count, own, hops, times
-        self._window = max(WINDOW, 2 * hops)
-        places = times.complete(self._window) + 1
+        self._count, self._own, self._times = count, own, times
+        self.window = max(WINDOW, 2 * hops)
+        places = times.complete(self.window) + 1
         self._rows = np.zeros((places, count, size))
         self._numbers = np.full((places, count), -1)  # of each row in the table
         self._news: list[tuple[npt.NDArray[np.int32], npt.NDArray[np.float32]]] = []
@@ -109,7 +108,7 @@ class Exchange:
         labels, rows = message.labels.astype(np.int64), message.rows
         ages = block - self._times.last_block(labels[:, 1])
         is_known = (labels[:, 0] >= 0) & (labels[:, 0] < self._count) & (labels[:, 1] >= 0)
-        heard = np.flatnonzero(is_known & (ages > 0) & (ages < self._window))
+        heard = np.flatnonzero(is_known & (ages > 0) & (ages < self.window))
         robots, numbers = labels[heard].T
         places = numbers % len(self._numbers)
         is_new = self._numbers[places, robots] < numbers
@@ -117,7 +116,6 @@ class Exchange:
         if len(news):
             self._numbers[places[is_new], robots[is_new]] = numbers[is_new]
             self._rows[places[is_new], robots[is_new]] = rows[news]
-            news = news[ages[news] < self._hops + _LATE]  # older ones have reached all robots
             self._news.append((message.labels[news], rows[news]))
         is_there = self._numbers[places, robots] == numbers
         differs = is_there & (self._rows[places, robots] != rows[heard]).any(axis=1)

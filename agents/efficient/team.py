@@ -63,13 +63,14 @@ class Team:
         self._settings, self._guards = fit_settings(config, len(lives)), guards
         errors = self._settings.errors
         self._own_rows = OwnRows(times, config.noise.gyro**2, config.rate, errors)
-        self._waits = hops + max(2, config.blocks(guards.waiting)) + times.spanned - 1
+        self._waits = max(2, config.blocks(guards.waiting)) + times.spanned - 1
         self.exchange = Exchange(membership, len(lives), self.own, hops, times, errors.width - 1)
         self._prior: tuple[Prior, int] | None = None
         self._newcomers = dict[str, int]()
         self.session = Session(len(lives), self.own, self._settings, guards)
         self._next, self._taken = times.begun_from(start), set[int]()
         self.start, self.newest, self._index = start, start - 1, start
+        self._heard_at = start + hops  # block in which the newest row was taken
         self.noticed: list[int] = []
         self.noticed_slips: list[tuple[int, int]] = []
         self._unclear_since: int | None = None  # block since which it is not known what has changed
@@ -118,7 +119,8 @@ class Team:
             if row is not None:
                 self.session.take(number, row)
                 self._taken.add(number)
-                self.newest = max(self.newest, self.times.last_block(number))
+                if self.times.last_block(number) > self.newest:
+                    self.newest, self._heard_at = self.times.last_block(number), index
         session = self.session
         if self._unclear_since is None:
             self._unclear_since = index
@@ -127,7 +129,7 @@ class Team:
         self.noticed_slips += [(self._unclear_since, index)] * (len(session.slips) - len(self.noticed_slips))
         if session.suspect is None and not session.is_suspected:
             self._unclear_since = None
-        oldest = self.times.begun_from(index - self._waits)
+        oldest = self.times.begun_from(index - self.exchange.window)
         while self._next in self._taken or self._next < oldest:
             self._taken.discard(self._next)
             self._next += 1
@@ -139,6 +141,6 @@ class Team:
 
     def missing(self) -> list[str]:
         """Robots of which no rows have come for too long; empty if all is well."""
-        if self._index - self.newest <= self._waits:
+        if self._index - self._heard_at <= self._waits:
             return []
         return [self.names[robot] for robot in self.exchange.missing(self.times.begun_from(self.newest + 1))]

@@ -10,7 +10,7 @@ import zenoh
 
 from coheft.errors import MessageError
 from coheft.wire.config import AgentProcessConfig
-from coheft.wire.messages.requests import CutLinks, LinkRequest, Refusal
+from coheft.wire.messages.requests import CutLinks, DisturbedLink, DisturbRequest, LinkRequest, Refusal
 from coheft.wire.messages.size import LEAST_LIMIT
 from coheft.wire.messages.structs import Hello, Message, Stop
 from coheft.wire.process.problem_log import ProblemLog
@@ -107,8 +107,8 @@ class AgentLinks:
         guard = guard_agent_for_observers(security, keys, name)
         observers = stack.enter_context(open_session(listen=[config.observe], guard=guard))
         inbox.watch_strangers(observers, guard)
-        inbox.serve(observers, {keys.request_agent(name): "operator"}, LinkRequest)
-        self._name = name
+        inbox.serve(observers, {keys.request_agent(name): "operator"}, LinkRequest | DisturbRequest)
+        self._name, self._names = name, list(others)
         self.estimate = Sender(observers, keys.observe_agent(name, "estimate"), may_drop=True)
         self.problems = ProblemLog(name, Sender(observers, keys.observe_agent(name, "problem"), may_drop=True))
 
@@ -116,7 +116,9 @@ class AgentLinks:
         """Return the next event, or None if there is none within ``timeout`` [s] (None: wait without limit)."""
         return self._inbox.receive(timeout)
 
-    def sort(self, event: Event | None, take: Callable[[str, Message], None]) -> LinkChange | Presence | None:
+    def sort(
+        self, event: Event | None, take: Callable[[str, Message], None]
+    ) -> LinkChange | Presence | DisturbRequest | None:
         """Process an event: pass on its message, report what is refused, return a change of a link.
 
         Args:
@@ -142,6 +144,8 @@ class AgentLinks:
                 return event
             case Question(_, LinkRequest() as request):
                 return self._answer(event, request)
+            case Question(_, DisturbRequest() as request):
+                return self._disturb(event, request)
         return None
 
     def _answer(self, question: Question, request: LinkRequest) -> Presence | None:
@@ -165,6 +169,17 @@ class AgentLinks:
             return None
         self.problems.tell(f"the operator has {'cut' if request.cut else 'mended'} the link with {other}")
         return Presence(other, False) if request.cut else None
+
+    def _disturb(self, question: Question, request: DisturbRequest) -> DisturbRequest | None:
+        """Accept that messages of a neighbour are to be lost or late."""
+        if request.neighbour not in self._names:
+            reason = f"{request.neighbour} is no neighbour of {self._name}; these are {', '.join(self._names)}"
+            question.answer(Refusal(reason=reason))
+            return None
+        question.answer(DisturbedLink(robot=self._name, neighbour=request.neighbour, quality=request.quality))
+        what = "restored" if request.quality.is_ideal else "disturbed"
+        self.problems.tell(f"the operator has {what} the link from {request.neighbour}")
+        return request
 
     def _session_with(self, neighbour: str) -> str:
         link = self._neighbours.get(neighbour)

@@ -21,9 +21,11 @@ from coheft.errors import LinkError, MessageError
 from coheft.estimation.measurement import SAMPLE_SIZE, MeasurementBlock
 from coheft.wire.config import AgentProcessConfig
 from coheft.wire.messages.codec import check_field
+from coheft.wire.messages.requests import DisturbRequest
 from coheft.wire.messages.structs import Estimate, Hello, Measurements, Message, NeighbourMessage, Ready
 from coheft.wire.process.log import LOG
 from coheft.wire.process.supervised import COMMENT_AFTER, supervised_main
+from coheft.wire.scenario.network import LinkQuality
 from coheft.wire.scenario.plugins import usable_in_run
 from coheft.wire.transport.inbox import Event, LinkChange, Presence
 
@@ -64,6 +66,7 @@ class AgentProcess:
         self._comment_at = now + COMMENT_AFTER
         self._last_hello = -math.inf
         self._block = -1
+        self._qualities: dict[str, LinkQuality] = {}  # links that the operator has disturbed
         self._start_agent(config.agent.estimator)
 
     def _start_agent(self, estimator: str) -> None:
@@ -72,6 +75,8 @@ class AgentProcess:
         self._estimator = estimator
         config = structs.replace(self._config.agent, estimator=estimator)
         self._agent = Agent(config, self._incarnation, self._config.largest_arrays)
+        for neighbour, quality in self._qualities.items():
+            self._agent.set_link(neighbour, quality)
         self._is_holding = True
         self._last_estimate: Estimate | None = None
 
@@ -215,6 +220,9 @@ class AgentProcess:
                 self._links[source].note_presence(is_here)
                 if is_here and self._is_receiving:
                     self._answer_hello()
+            case DisturbRequest(neighbour=neighbour, quality=quality):
+                self._qualities[neighbour] = quality
+                self._agent.set_link(neighbour, quality)
 
     def _check_links(self) -> None:
         """Renew the dialled links that do not work; called when all received events have been processed."""

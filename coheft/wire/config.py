@@ -15,6 +15,7 @@ from coheft.wire.process.log import LogLevel
 from coheft.wire.scenario.carry import Carry
 from coheft.wire.scenario.estimator_settings import Converged, EfficientSettings, Fan2017Settings
 from coheft.wire.scenario.grasps import place_grasps
+from coheft.wire.scenario.network import LinkQuality
 from coheft.wire.scenario.schema import Motion, Scenario
 from coheft.wire.scenario.waves import Waves, draw_waves
 from coheft.wire.transport.security import Credentials
@@ -67,6 +68,7 @@ class AgentConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
         converged: Standard deviations below which its estimate has converged.
         carry: The path along which to carry the load with the others; None if there is none.
         known: Payload parameters that it knows at the start, for the estimator ``fan2017``.
+        network: Simulated loss and delay of its neighbours' messages.
     """
 
     name: str
@@ -89,6 +91,7 @@ class AgentConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     converged: Converged
     carry: Carry | None = None
     known: KnownPayload = KnownPayload()
+    network: LinkQuality = LinkQuality()
 
     def __post_init__(self) -> None:
         keep_present(self)
@@ -189,6 +192,7 @@ def agent_config(scenario: Scenario, name: str, neighbours: tuple[str, ...]) -> 
         converged=scenario.converged,
         carry=scenario.carry,
         known=_known(scenario, name),
+        network=scenario.network,
     )
 
 

@@ -116,9 +116,11 @@ def test_nobody_uses_a_malformed_message():
     for _ in range(40):
         inbox = NeighbourInbox(["r1"])
         inbox.take(3, [])
-        used, gossip, _ = inbox.take(4, [malformed(said(3), rng)], lambda channels: channels["samples"].shape == (3, 4))
+        used, gossip, _, _ = inbox.take(
+            4, [malformed(said(3), rng)], lambda channels: channels["samples"].shape == (3, 4)
+        )
         assert (used, gossip) == ({}, [])
-        used, _, _ = inbox.take(5, [said(4)], lambda channels: channels["samples"].shape == (3, 4))
+        used, _, _, _ = inbox.take(5, [said(4)], lambda channels: channels["samples"].shape == (3, 4))
         assert set(used) == {"r1"}, "nor does it harm those that come after it"
 
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import pytest
 
 from coheft.app.run.keys import make_keys
-from coheft.app.run.observer import observe, set_link
+from coheft.app.run.observer import disturb_link, observe, set_link
 from coheft.errors import CoheftError, LinkError
 from coheft.wire.messages.requests import CutLinks, LinkRequest, StatusRequest, StopRequest
 from coheft.wire.messages.structs import Estimate
+from coheft.wire.scenario.network import LinkQuality
 from coheft.wire.transport.planes import guard_observer
 from coheft.wire.transport.security import credentials_in
 from coheft.wire.transport.sessions import ask_for, open_session
@@ -78,3 +79,35 @@ def test_in_a_secure_run_only_the_operator_cuts_links(tmp_path):
         wait_until(lambda: "the operator has cut the link with r1" in team.log("r2"), "the link to be cut")
         assert team.log("r2").count("the operator has cut") == 1
         team.ask(StopRequest())
+
+
+def test_a_link_that_loses_everything_is_silent_at_both_ends_until_it_is_restored(tmp_path):
+    with running_team(small_scenario(3, "line"), tmp_path) as team:
+        team.wait_for_block(10)
+        run_file = team.plan.run_file()
+        scene = team.ask(StatusRequest()).scene
+        with observe(run_file) as observer:
+            silent: dict[str, list[str]] = {}
+
+            def says(expected: dict[str, list[str]]) -> bool:
+                for news in observer.collect(scene, 0.1):
+                    if isinstance(news, Estimate):
+                        silent[news.robot] = news.silent
+                return silent == expected
+
+            whole: dict[str, list[str]] = {"r1": [], "r2": [], "r3": []}
+            wait_until(lambda: says(whole), "a team that talks")
+            disturb_link(run_file, scene, "r1", "r2", LinkQuality(loss=1.0))
+            wait_until(lambda: says({"r1": ["r2"], "r2": ["r1"], "r3": []}), "silence at both ends")
+            disturb_link(run_file, scene, "r2", "r1", LinkQuality())
+            wait_until(lambda: says(whole), "the link to be restored")
+            disturb_link(run_file, scene, "r2", "r3", LinkQuality(delay=0.25))  # 2.5 blocks
+            block = team.ask(StatusRequest()).block
+            team.wait_for_block(block + 50)
+            assert says(whole), "late messages are heard as well"
+        with pytest.raises(CoheftError, match="there is no link r1-r3; the links are r1-r2, r2-r3"):
+            disturb_link(run_file, scene, "r1", "r3", LinkQuality())
+        team.ask(StopRequest())
+        assert all(team.exit_status(name) == 0 for name in team.plan.agents)
+        assert "the operator has disturbed the link from r1" in team.log("r2")
+        assert "the operator has restored the link from r2" in team.log("r1")

@@ -173,6 +173,51 @@ def mend(one: str, other: str, *, run: RunFolder = None) -> None:
     print(f"{one} and {other} can receive each other's messages again")
 
 
+@app.command(group=CONTROL)
+def disturb(
+    one: str, other: str, *, loss: float = 0.0, delay: float = 0.0, jitter: float = 0.0, run: RunFolder = None
+) -> None:
+    """Let messages between two neighbours be lost or late; without options, restore the link.
+
+    An agent that restarts receives everything in time again.
+
+    Parameters
+    ----------
+    one:
+        A robot, for instance r1.
+    other:
+        Its neighbour.
+    loss:
+        Share of messages that are lost, from 0 to 1.
+    delay:
+        Delay of every message [s], at most 1.
+    jitter:
+        Largest additional delay [s], drawn for each message, at most 1.
+    """
+    import msgspec
+
+    from coheft.app.run.folder import find_run
+    from coheft.app.run.observer import ask_server, disturb_link
+    from coheft.errors import CoheftError
+    from coheft.wire.messages.requests import StatusRequest
+    from coheft.wire.scenario.network import LinkQuality
+
+    try:
+        quality = msgspec.convert({"loss": loss, "delay": delay, "jitter": jitter}, LinkQuality)
+    except msgspec.ValidationError as error:
+        what, _, where = str(error).partition(" - at `$.")
+        raise CoheftError(f"--{where.rstrip('`')}: {what}") from error
+    run_file = find_run(run, acts=True)
+    disturb_link(run_file, ask_server(run_file, StatusRequest()).scene, one, other, quality)
+    if quality.is_ideal:
+        print(f"{one} and {other} receive each other's messages in time again")
+    else:
+        print(
+            f"between {one} and {other}, {100 * loss:g} % of messages are lost, and others are late by {delay:g} to "
+            f"{delay + jitter:g} s; 'coheft disturb {one} {other}' restores the link"
+        )
+
+
 def _set_link(folder: Path | None, one: str, other: str, *, cut: bool) -> None:
     from coheft.app.run.folder import find_run
     from coheft.app.run.observer import ask_server, set_link

@@ -13,10 +13,20 @@ import zenoh
 from coheft.app.run.folder import RunFile, find_run
 from coheft.app.run.heard import News, check_news, check_status
 from coheft.errors import CoheftError, LinkError, MessageError
-from coheft.wire.messages.requests import CutLinks, LinkRequest, Refusal, Request, Status, StatusRequest
+from coheft.wire.messages.requests import (
+    CutLinks,
+    DisturbedLink,
+    DisturbRequest,
+    LinkRequest,
+    Refusal,
+    Request,
+    Status,
+    StatusRequest,
+)
 from coheft.wire.messages.scene import Scene
 from coheft.wire.messages.structs import Estimate, Message, Problem
 from coheft.wire.messages.truth import Truth
+from coheft.wire.scenario.network import LinkQuality
 from coheft.wire.transport.inbox import Inbox, Received, Refused
 from coheft.wire.transport.planes import SERVER, guard_observer
 from coheft.wire.transport.security import Guard, credentials_in
@@ -176,16 +186,44 @@ def set_link(run_file: RunFile, scene: Scene, one: str, other: str, *, cut: bool
         CoheftError: They are not neighbours, or the run is secure and there are no operator's keys.
         LinkError: The robot that dials does not answer.
     """
+    _check_link(scene, one, other)
+    listens, dials = sorted((one, other), key=scene.robots.index)  # see ``coheft.app.run.plan.link_neighbours``
+    _ask_agent(run_file, dials, LinkRequest(neighbour=listens, cut=cut), CutLinks)
+
+
+def disturb_link(run_file: RunFile, scene: Scene, one: str, other: str, quality: LinkQuality) -> None:
+    """Let messages between two neighbours be lost or late, in both directions, as the operator.
+
+    Args:
+        run_file: How to reach the run.
+        scene: Who talks with whom.
+        one: One end.
+        other: The other one.
+        quality: Loss and delay; the default restores the link.
+
+    Raises:
+        CoheftError: They are no neighbours, or the run is secure and there are no keys of the operator.
+        LinkError: One of the two agents does not answer.
+    """
+    _check_link(scene, one, other)
+    for receiver, sender in ((one, other), (other, one)):
+        _ask_agent(run_file, receiver, DisturbRequest(neighbour=sender, quality=quality), DisturbedLink)
+
+
+def _check_link(scene: Scene, one: str, other: str) -> None:
     if other not in scene.neighbours.get(one, ()):
         links = ", ".join(f"{a}-{b}" for a in scene.robots for b in scene.neighbours[a] if a < b)
         raise CoheftError(f"there is no link {one}-{other}; the links are {links}")
-    listens, dials = sorted((one, other), key=scene.robots.index)  # see ``coheft.app.run.plan.link_neighbours``
-    key = Keys(run_file.run).request_agent(dials)
-    with open_session(connect=[run_file.agents[dials]], guard=_guard(run_file, "operator")) as session:
+
+
+def _ask_agent(run_file: RunFile, name: str, request: Message, expected: type[Message]) -> None:
+    """Ask an agent as the operator, and wait for its answer."""
+    key = Keys(run_file.run).request_agent(name)
+    with open_session(connect=[run_file.agents[name]], guard=_guard(run_file, "operator")) as session:
         deadline = time.monotonic() + _ANSWER_LIMIT
         while True:
             try:
-                answer = ask_for(CutLinks, session, key, LinkRequest(neighbour=listens, cut=cut), timeout=0.5)
+                answer = ask_for(expected, session, key, request, timeout=0.5)
                 break
             except LinkError:  # the link to it may not be up yet
                 if time.monotonic() > deadline:

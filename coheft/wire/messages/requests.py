@@ -10,6 +10,7 @@ from coheft.wire.former_names import keep_present, present
 from coheft.wire.messages.scene import Scene
 from coheft.wire.messages.structs import Message
 from coheft.wire.messages.truth import LoadState
+from coheft.wire.scenario.network import LinkQuality
 
 # --- to the server -----------------------------------------------------------------------------------------------
 
@@ -158,3 +159,33 @@ class CutLinks(Message, frozen=True):
 
     robot: str
     neighbours: list[str]
+
+
+class DisturbRequest(Message, frozen=True):
+    """Let messages that this robot receives from a neighbour be lost or late from now on.
+
+    Attributes:
+        neighbour: The sender of these messages.
+        quality: Their loss and delay; the default restores the link.
+    """
+
+    code: ClassVar[int] = 44
+
+    neighbour: str
+    quality: LinkQuality
+
+
+class DisturbedLink(Message, frozen=True):
+    """An agent's answer to a ``DisturbRequest`` that it carried out.
+
+    Attributes:
+        robot: The agent's robot.
+        neighbour: As in the request.
+        quality: The same.
+    """
+
+    code: ClassVar[int] = 45
+
+    robot: str
+    neighbour: str
+    quality: LinkQuality

@@ -15,6 +15,7 @@ from coheft.wire.former_names import keep_present
 from coheft.wire.scenario.carry import Carry
 from coheft.wire.scenario.encoders import EncoderErrors
 from coheft.wire.scenario.estimator_settings import Converged, EfficientSettings, Fan2017Settings
+from coheft.wire.scenario.network import LinkQuality
 from coheft.wire.scenario.payload import Payload
 from coheft.wire.scenario.section import Lengths, Name, NotNegative, Section, Seed, Vector, pose_of
 from coheft.wire.scenario.via_points import ViaPoints
@@ -208,6 +209,7 @@ class Scenario(Section, frozen=True):
         payload: The payload.
         robots: The robots that hold it.
         graph: Which robots are linked.
+        network: Loss and delay of messages on all links, see ``coheft.agents.network``.
         sensors: Sampling and errors of the sensors.
         motion: Motion of each robot.
         carry: A common path along which the robots carry the payload.
@@ -228,6 +230,7 @@ class Scenario(Section, frozen=True):
     robots: Robots
     description: str = ""
     graph: Graph = Graph()
+    network: LinkQuality = LinkQuality()
     sensors: Sensors = Sensors()
     motion: Motion = Motion()
     carry: Carry | None = None

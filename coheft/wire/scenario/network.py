@@ -1,0 +1,31 @@
+"""Simulated imperfections of the links between neighbours."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from msgspec import Meta
+
+from coheft.wire.scenario.section import Section
+
+Share = Annotated[float, Meta(ge=0, le=1)]
+Lateness = Annotated[float, Meta(ge=0, le=1)]
+
+
+class LinkQuality(Section, frozen=True):
+    """Loss and delay of the messages that a robot receives over a link.
+
+    Attributes:
+        loss: Share of messages that are lost.
+        delay: Delay of every message [s]. A message that is late by less than a block is in time.
+        jitter: Largest additional delay [s], drawn for each message; messages may overtake each other.
+    """
+
+    loss: Share = 0.0
+    delay: Lateness = 0.0
+    jitter: Lateness = 0.0
+
+    @property
+    def is_ideal(self) -> bool:
+        """Whether all messages arrive in time."""
+        return not (self.loss or self.delay or self.jitter)
