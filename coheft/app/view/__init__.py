@@ -7,5 +7,6 @@ from importlib.util import find_spec
 
 from coheft.errors import MissingPackageError
 
-if find_spec("viser") is None:
-    raise MissingPackageError("viser", "view")
+for _package, _module in (("viser", "viser"), ("Jinja2", "jinja2")):
+    if find_spec(_module) is None:
+        raise MissingPackageError(_package, "view")
