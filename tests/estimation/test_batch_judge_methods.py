@@ -118,6 +118,15 @@ def test_forces_in_another_unit_than_moments_are_not_weighed_unasked() -> None:
         assert (deviations(recording, found) < 5.0) == (cause == "force scale")
 
 
+@pytest.mark.parametrize("seed", [3334, 3336])
+def test_noise_of_the_motion_is_no_scale(seed: int) -> None:
+    """Two robots that share a heavy load always alike: what one reads too much, the load may weigh too much."""
+    recording = recorded(draw_team(seed), "white", by_twists=True)
+    found = identify(recording, Options())
+    assert found.doubts == ()
+    assert deviations(recording, found) < 5.0
+
+
 def test_a_unit_of_all_forces_is_not_seen_but_what_is_denser_than_any_material_is(of_twists: Recording) -> None:
     def times(factor: float) -> Recording:
         recording = of_twists

@@ -99,8 +99,7 @@ class WrenchMisfit:
 
     def _whiten(self, theta: Array) -> None:
         """Set the inverse of a factor of the residuals' covariance at each frequency, for a body."""
-        mass, moment, about_origin = theta[0], theta[1:4], unpack_symmetric(theta[4:])
-        inertia = np.block([[-skew(moment), mass * np.eye(3)], [about_origin, skew(moment)]])
+        self._theta = theta
         squares = np.mean(self.total**2, axis=0)
         force = float(squares[:3].mean())
         sizes = np.repeat([force, float(squares[3:].mean()) + 0.01 * force], 3)
@@ -109,9 +108,16 @@ class WrenchMisfit:
             (to_body @ noise @ to_body.T for to_body, noise in zip(self.adjoints, self.noise, strict=True)),
             start=np.diag(finest),
         )
-        covariance = sensors + inertia @ self._motion_noise @ inertia.T
+        covariance = sensors + self._by_motion(theta)
         self._whitening = np.linalg.inv(np.linalg.cholesky(covariance))
         self._design, self._output = self._white(self.regressor), self._white(self.total)
+
+    def _by_motion(self, theta: Array) -> Array:
+        """Covariance of a body's wrench by noise of its motion, shape (K, 6, 6)."""
+        mass, moment, about_origin = theta[0], theta[1:4], unpack_symmetric(theta[4:])
+        inertia = np.block([[-skew(moment), mass * np.eye(3)], [about_origin, skew(moment)]])
+        result: Array = inertia @ self._motion_noise @ inertia.T
+        return result
 
     def _white(self, signals: Array) -> Array:
         """Whitened coefficients (6 K, ...) of wrenches (n, 6) or of columns (n, 6, u)."""
@@ -179,6 +185,10 @@ class WrenchMisfit:
         residual = (output - design @ solution).reshape(-1, 2, 3)
         misfit = self.band.misfit(residual) + float(np.sum(solution[known:] ** 2))
         own = float(solution @ (2.0 * by_output - by_noise @ solution))
+        if maps:  # readings that make the load lighter take noise of the motion away with it
+            weighted = self._whitening / deviation.reshape(-1, 6, 1)
+            taken = self._by_motion(self._theta) - self._by_motion(solution[:BODY_NUMBERS])
+            own += float(np.sum((weighted @ taken) * weighted))
         if own > -_SMALL * residual.size:  # of noise that is made much larger the unknown spectrum takes care
             misfit += own + _LEVEL_UNSURE * abs(own)
         unknowns = round(int(np.count_nonzero(shown)) * self.band.moving / len(self.band.frequency))
