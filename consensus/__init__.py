@@ -12,7 +12,6 @@ from coheft.consensus.graph import (
     laplacian,
     metropolis_matrix,
     metropolis_weight,
-    place_variances,
     weight_matrix,
 )
 from coheft.consensus.pipeline import NeighbourStages, Pipeline
@@ -35,7 +34,6 @@ __all__ = [
     "make_rounds",
     "metropolis_matrix",
     "metropolis_weight",
-    "place_variances",
     "tree",
     "weight_matrix",
 ]

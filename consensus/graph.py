@@ -170,26 +170,6 @@ def weight_matrix(neighbours: Neighbours, weight: Callable[[str, str], float]) -
     return matrix
 
 
-def place_variances(matrix: Array) -> Array:
-    """How transports that are a bit off act: as if each agent stood elsewhere, so much for independent errors of one.
-
-    Transports ``X_ij (I + E_ij)``, with ``E_ij = -E_ji`` in common coordinates, do not close around cycles. To first
-    order consensus then does what it would do with ``X_ij (I + P_i - P_j)``, where ``P`` solves
-    ``sum_j W_ij (P_i - P_j - E_ij) = 0`` and has the mean zero: the weighted least squares of all edges.
-
-    Args:
-        matrix: One round of consensus, ``W``, symmetric, shape (N, N).
-
-    Returns:
-        Variance of each ``P_i`` if those of all ``E_ij`` are 1, shape (N,).
-    """
-    weights = matrix - np.diag(matrix.diagonal())
-    squares = weights**2
-    inverse = np.linalg.pinv(np.diag(weights.sum(axis=1)) - weights, hermitian=True)
-    of_edges = np.diag(squares.sum(axis=1)) - squares
-    return np.asarray(np.diag(inverse @ of_edges @ inverse))
-
-
 def convergence_rate(matrix: Array) -> float:
     """What every round of consensus leaves of the disagreement, once only the slowest part is left.
 

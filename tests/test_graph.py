@@ -20,7 +20,6 @@ from coheft.consensus.graph import (
     laplacian,
     metropolis_matrix,
     metropolis_weight,
-    place_variances,
     uniform_weight,
 )
 from coheft.wire.messages.size import PER_MESSAGE
@@ -146,26 +145,3 @@ def test_the_centre_of_a_large_tree_is_exact(kind: Kind) -> None:
     graph = build_graph(Graph(kind=kind, branches=3), [f"r{i:03d}" for i in range(130)])
     farthest = {name: max(distances(graph, name).values()) for name in graph}
     assert farthest[centre(graph)] == min(farthest.values())
-
-
-@given(graphs, st.integers(0, 1000))
-def test_transports_that_are_off_act_as_agents_that_stand_elsewhere(graph: Neighbours, seed: int) -> None:
-    """Numbers that move when they are carried: consensus on (1, x) with transports off by E, to first order in E."""
-    tiny, rng = 1e-6, np.random.default_rng(seed)
-    order, matrix = list(graph), metropolis_matrix(graph)
-    off = np.triu(rng.normal(size=matrix.shape), 1)
-    off = (off - off.T) * (matrix > 0.0)
-    values = np.zeros(len(order))  # x_i, carried by X_ij: x_j + E_ij * 1, and the 1 stays
-    for _ in range(3000):
-        values = matrix @ values + tiny * (matrix * off).sum(axis=1)
-    weights = matrix - np.diag(matrix.diagonal())
-    expected = np.linalg.pinv(np.diag(weights.sum(axis=1)) - weights) @ (weights * off).sum(axis=1)
-    np.testing.assert_allclose(values / tiny, expected, atol=1e-4)
-
-
-def test_their_variances_are_those_of_least_squares() -> None:
-    """A line of three with independent errors of 1: the ends are off by 2/3 and 1/3 of the edges, the middle by 1/3."""
-    line = {"a": ("b",), "b": ("a", "c"), "c": ("b",)}
-    np.testing.assert_allclose(place_variances(metropolis_matrix(line)), [5 / 9, 2 / 9, 5 / 9])
-    ring = build_graph(Graph(kind="ring"), names(6))
-    np.testing.assert_allclose(place_variances(metropolis_matrix(ring)), 35 / 72)

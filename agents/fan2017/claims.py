@@ -19,16 +19,14 @@ _ORDER = [9, 6, 7, 8, 0, 1, 2, 3, 4, 5]
 
 
 def claim(
-    rls: JointRls, agreed: Array, by_poses: Array, agreeing: int, length: float, limits: Converged
+    rls: JointRls, agreed: Array, behind: Array, by_poses: Array, agreeing: int, length: float, limits: Converged
 ) -> tuple[PayloadEstimate, tuple[str, ...]]:
     """The payload with its covariance, and why that is larger than ``limits`` ask for, in words.
-
-    The own estimate differs from the agreed one while the agreement is under way. That counts as two standard
-    deviations: so far an own estimate often is from a good agreement.
 
     Args:
         rls: The own estimate.
         agreed: ``(1/m, 1, h, J)``, of all robots.
+        behind: What that may lag behind the mean of all robots' own ones, likewise.
         by_poses: What frozen poses add to the covariance of theta, shape (10, 10).
         agreeing: Robots over whose estimates the mean is taken. What they lag behind adds up to zero: of it no more is
             left than if it were independent.
@@ -36,16 +34,15 @@ def claim(
         limits: When an estimate is good enough.
     """
     values = _payload_parameters(agreed)
-    apart = values - _payload_parameters(parameters_of(rls.theta))
-    pull = rls.pull_of_old
+    behind_of_theta = _theta_of(behind)
     parts = {
-        "noise": rls.covariance,
+        "noise": rls.covariance(agreeing),
         "poses that are frozen as they were when the sums began": by_poses,
         "dynamic consensus, which lags behind": covariance_of_lag(rls.by_causes) / agreeing,
-        "samples of the load before it changed, which still count": np.outer(pull, pull),
+        "samples of the load before it changed, which still count": rls.covariance_of_old,
+        "robots that do not agree yet": np.outer(behind_of_theta, behind_of_theta),
     }
     covariances = {cause: _in_order(part, values[0]) for cause, part in parts.items()}
-    covariances["robots that do not agree yet"] = 0.25 * np.outer(apart, apart)
     covariance = np.sum(list(covariances.values()), axis=0)
     raw = Inertia(float(values[0]), values[1:4], unpack_symmetric(values[4:]))
     inertia = _possible(raw, covariance, length)
@@ -63,6 +60,11 @@ def claim(
 def parameters_of(theta: Array) -> Array:
     """``(1/m, 1, h, J)`` of ``(J, h, 1/m)``."""
     return np.concatenate([theta[9:], [1.0], theta[6:9], theta[:6]])
+
+
+def _theta_of(parameters: Array) -> Array:
+    """``(J, h, 1/m)`` of ``(1/m, 1, h, J)``."""
+    return np.concatenate([parameters[5:], parameters[2:5], parameters[:1]])
 
 
 def _payload_parameters(parameters: Array) -> Array:

@@ -20,8 +20,15 @@ from coheft.consensus.graph import Neighbours
 from coheft.consensus.pipeline import NeighbourStages
 from coheft.estimation.fan2017.angular_acceleration import AngularAcceleration, gyro_derivative
 from coheft.estimation.fan2017.joint_rls import JointRls
-from coheft.estimation.fan2017.systematic import causes, covariance_of_poses, inputs_by_causes, place_covariance
-from coheft.estimation.geometry.spatial import Array, Pose, skew
+from coheft.estimation.fan2017.systematic import (
+    CAUSES,
+    covariance_of_place,
+    covariance_of_poses,
+    inputs_by_causes,
+    place_carried,
+    place_covariance,
+)
+from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.geometry.uncertain_pose import UncertainPose
 from coheft.estimation.rigid_body.mass_properties import packed_rotation
 from coheft.wire.config import AgentConfig, KnownPayload
@@ -29,8 +36,10 @@ from coheft.wire.messages.structs import PayloadEstimate
 
 _SAMPLE_CHANNELS = 10
 """Per sample: total force and torque, angular acceleration, and 1 where these were measured or 0 where made up."""
-_PARAMETER_CHANNELS = 11
+_PARAMETERS = 11
 """Per block: 1/m, the constant 1 that makes points linear, h, J."""
+_PARAMETER_CHANNELS = _PARAMETERS + 100
+"""And what the own place adds to their covariance, see ``covariance_of_place``."""
 _SURPRISE = 9.0
 """A block is surprising when the mean square of its normalised residuals is so many times the usual one."""
 _SURPRISED_BLOCKS = 2
@@ -73,6 +82,8 @@ class InertialPhase:
         self._rounds = self._settings.rounds
         self._network = Network.of(config, graph)
         rate = self._network.rate
+        # A round leaves a share of the disagreement, at most: so much is left, for what the last one did.
+        self._left_by_a_round = rate / (1.0 - rate)
         # Blocks that have gone through this many times all rounds are what is looked at.
         self._mixing_rounds = ceil(log(_LEFT) / log(max(rate, 1e-9)))
         self._passes = ceil(self._mixing_rounds / self._rounds) - 1
@@ -80,12 +91,16 @@ class InertialPhase:
         self._own_acceleration: dict[int, tuple[Array, Array]] = {}
         self._inputs = np.zeros((config.block, _SAMPLE_CHANNELS))
         # Before the first estimate h is at the own grasp, so that the consensus on h is the centre of the grasps.
-        self._start = np.array([1.0 / self._settings.initial_mass, 1.0] + [0.0] * 9)
-        self._agreed = self._start
+        self._start = np.zeros(_PARAMETER_CHANNELS)
+        self._start[:2] = 1.0 / self._settings.initial_mass, 1.0
+        self._agreed = self._own = self._start
+        self._behind = np.zeros(_PARAMETER_CHANNELS)
         self._is_known = np.isin(parameters_of(np.arange(10.0)), list(_known(config.known)))
         self._filter: JointRls | None = None
         self._surprised = 0
         self._quiet_until = np.inf
+        self._first_agreed = 0
+        """No sooner than this block have all robots agreed on any payload."""
         self.newest = -1
         self.total_wrench = np.zeros(6)
         self._load_changes = load_changes
@@ -142,21 +157,35 @@ class InertialPhase:
         self._inputs = self._inputs_of(index - 1, blocks, heard)
         self._own_acceleration = {k: each for k, each in self._own_acceleration.items() if k in blocks}
         if self._inputs[0, 9]:
-            others = [heard[name][::_EVERY, 6:9] for name in self._poses]
-            alpha = self._inputs[:, 6:9]
-            by_poses = self._acceleration.by_poses(blocks[index - 1][::_EVERY, :3], alpha[::_EVERY], others)
-            self._own_acceleration[index - 1] = alpha, by_poses
+            self._own_acceleration[index - 1] = (
+                self._inputs[:, 6:9],
+                self._acceleration_by_place(blocks[index - 1], heard),
+            )
         before_last_round = self._sums.pipeline.stages[-1]
         finished = self._sums.step(self._inputs, self._stages(inbox, "sums", 0, self._rounds))
         leaving = index - 1 - self._rounds
         is_converged = index >= self._converged_at
         if finished is not None and is_converged and leaving in self._own_acceleration and self._is_measured(finished):
             self._take_in(leaving, index, blocks[leaving], finished, before_last_round)
-        own = self._start if self._filter is None else parameters_of(self._filter.theta)
-        agreed = self._parameters.step(own[None], self._stages(inbox, "parameters", 1, 1))
-        # Where the agreement starts anew, what was agreed on before holds until it has come as far again.
+        self._agree(index, inbox)
+
+    def _agree(self, index: int, inbox: Mapping[str, Channels]) -> None:
+        """A round of consensus over all robots' estimates (eqs 31, 32)."""
+        former, self._own = self._own, self._own_parameters()
+        before_round = self._parameters.pipeline.stages[0, 0]
+        agreed = self._parameters.step(self._own[None], self._stages(inbox, "parameters", 1, 1))
         if agreed is not None and (self._filter is None or index >= self._agreed_at):
             self._agreed = agreed[0]
+            self._behind = self._left_by_a_round * (agreed[0] - before_round) + self._own - former
+        else:  # starts anew: what was agreed on before holds until it has come as far again
+            self._behind = self._behind + self._own - former
+
+    def _own_parameters(self) -> Array:
+        if self._filter is None:
+            return self._start
+        place = place_covariance(list(self._poses.values()), self._filter.theta[6:9])
+        by_place = covariance_of_place(self._filter.by_causes, place)
+        return np.concatenate([parameters_of(self._filter.theta), by_place.ravel()])
 
     def channels(self) -> dict[str, Array]:
         """What to send to the neighbours."""
@@ -170,18 +199,18 @@ class InertialPhase:
         """The robots' agreed estimate with its covariance, and why it has not converged, if it has not."""
         if self._filter is None or self._agreed[0] <= 0.0 or self._filter.theta[9] <= 0.0:
             return None
+        if self._next is None or self._next <= self._first_agreed:
+            return None
         # What is known beforehand needs no agreement, in which frozen poses would make it wrong.
-        own = parameters_of(self._filter.theta)
-        shared = self._settings.share_estimates
-        agreed = np.where(self._is_known, own, self._agreed) if shared else own
-        poses = list(self._poses.values())
-        place = place_covariance(poses, self._filter.theta[6:9], self._network.place_variance)
-        sharing = self._network.members if self._settings.share_acceleration else 1
-        by_poses = covariance_of_poses(
-            self._filter.theta, self._filter.by_causes, place, poses, self._network.members, sharing
-        )
-        agreeing = self._network.members if shared else 1
-        return claim(self._filter, agreed, by_poses, agreeing, self._length, self._config.converged)
+        members, shared = self._network.members, self._settings.share_estimates
+        own, agreed, behind = (each[:_PARAMETERS] for each in (self._own, self._agreed, self._behind))
+        agreed = np.where(self._is_known, own, agreed) if shared else own
+        behind = np.where(self._is_known, 0.0, behind) if shared else np.zeros(_PARAMETERS)
+        place = place_covariance(list(self._poses.values()), self._filter.theta[6:9])
+        mean = self._agreed[_PARAMETERS:].reshape(10, 10)
+        by_poses = covariance_of_poses(self._filter.theta, self._filter.by_causes, place, mean, members)
+        agreeing = members if shared else 1
+        return claim(self._filter, agreed, behind, by_poses, agreeing, self._length, self._config.converged)
 
     def _inputs_of(self, index: int, blocks: Mapping[int, Array], heard: Mapping[str, Array]) -> Array:
         """This robot's wrench and angular acceleration of a block; the last ones if a measurement is missing."""
@@ -195,6 +224,20 @@ class InertialPhase:
         others = [heard[name][:, 6:9] for name in self._poses]
         alpha = self._acceleration.estimate(derivative, block[:, :3], block[:, 6:9], others)
         return np.hstack([block[:, 9:15], alpha, np.ones((len(block), 1))])
+
+    def _acceleration_by_place(self, samples: Array, heard: Mapping[str, Array]) -> Array:
+        """What the angular acceleration that the filter is fed is off by the own place, of some samples: (b, 3, 6).
+
+        A neighbour sees this robot as it sees the neighbour, the other way round: where all take the mean, what this
+        place does to the neighbour's estimate and to its own adds up. Else the neighbours' places are off as much.
+        """
+        others = [heard[name][::_EVERY, 6:9] for name in self._poses]
+        by_poses = self._acceleration.by_poses(samples[::_EVERY, :3], self._inputs[::_EVERY, 6:9], others)
+        share = 2.0 / self._network.members if self._settings.share_acceleration else np.sqrt(2.0)
+        # If the own place moves, neighbours move the other way.
+        carried = np.vstack([place_carried(each.pose.translation) for each in self._poses.values()])
+        result: Array = -share * by_poses @ carried
+        return result
 
     def _is_measured(self, average: Array) -> bool:
         """Whether no robot's share in a block was made up: what is made up spreads just as the sums that it spoils."""
@@ -230,12 +273,12 @@ class InertialPhase:
             centre = self._agreed[2:5] if self._settings.initial_com == "centre" else np.zeros(3)
             self._filter = self._new_filter(centre)
             self._quiet_until = self._config.start_of(index) + _SETTLED
-        own_alpha, by_poses = self._own_acceleration[leaving]
+            self._first_agreed = index + self._mixing_rounds
+        own_alpha, by_place = self._own_acceleration[leaving]
         alpha = average[:, 6:9] if self._settings.share_acceleration else own_alpha
-        # Each round leaves a share of the disagreement, at most; from what the last one did follows what is left.
-        lag = self._network.rate / (1.0 - self._network.rate) * (average - before_last_round)[::_EVERY, :9]
+        lag = self._left_by_a_round * (average - before_last_round)[::_EVERY, :9]
         lag[:, :6] *= self._network.members
-        by_causes = inputs_by_causes((samples[:, 9:15] - average[:, :6])[::_EVERY], lag, by_poses)
+        by_causes = inputs_by_causes((samples[:, 9:15] - average[:, :6])[::_EVERY], lag, by_place)
         self._filter.update(samples[:, :3], samples[:, 6:9], alpha, total[:, :3], total[:, 3:], by_causes)
         self._watch_for_change(leaving, index, self._filter.surprise)
 
@@ -248,28 +291,24 @@ class InertialPhase:
             self._quiet_until = self._config.start_of(index) + self._settings.memory + _SETTLED
 
     def _new_filter(self, centre: Array) -> JointRls:
-        """The joint filter; lever arms and accelerations that it cannot know are taken to be like its neighbours'."""
+        """The joint filter. Until it has measured how large noise is, it takes all robots to be like its neighbours."""
         noise, n = self._config.noise, self._network.members
-        wrench_covariance = np.diag(np.repeat([n * noise.force**2, n * noise.torque**2], 3))
-        for each in self._poses.values():
-            arm = skew(each.pose.translation)
-            wrench_covariance[3:, 3:] += n / len(self._poses) * noise.force**2 * arm @ arm.T
+        torque_variance = noise.torque**2 + 2.0 / 3.0 * (noise.force * self._length) ** 2
+        wrench_covariance = np.diag(np.repeat([n * noise.force**2, n * torque_variance], 3))
         motion_covariance = np.zeros((6, 6))
         motion_covariance[:3, :3] = noise.acceleration**2 * np.eye(3)
-        shared = 1.0
-        if self._settings.share_acceleration:
-            sensors = len(self._poses) + 1 if self._settings.acceleration == "accelerometers" else 1
-            shared = min(1.0, sensors / n)  # each accelerometer serves its owner and its neighbours
-        motion_covariance[3:, 3:] = shared * self._acceleration.covariance
+        sharing = n if self._settings.share_acceleration else 1
+        motion_covariance[3:, 3:] = self._acceleration.covariance / sharing
         return JointRls(
             centre,
             wrench_covariance,
             motion_covariance,
             forgetting=1.0 - 1.0 / (self._settings.memory * self._config.rate),
+            is_alpha_shared=self._settings.share_acceleration,
             mass=self._settings.initial_mass,
             known=_known(self._config.known),
             is_weighted_by_state=self._settings.equation_weights == "proposition-2",
-            causes=causes(len(self._poses)),
+            causes=CAUSES,
         )
 
 
@@ -283,10 +322,15 @@ def _transports(pose_j_in_i: Pose) -> tuple[Array, Array]:
     samples = np.eye(_SAMPLE_CHANNELS)
     samples[:6, :6] = pose_j_in_i.adjoint()
     samples[6:9, 6:9] = rotation
-    parameters = np.eye(_PARAMETER_CHANNELS)
+    parameters = np.zeros((_PARAMETER_CHANNELS, _PARAMETER_CHANNELS))
+    parameters[0, 0] = parameters[1, 1] = 1.0
     parameters[2:5, 1] = pose_j_in_i.translation
     parameters[2:5, 2:5] = rotation
-    parameters[5:, 5:] = packed_rotation(rotation)
+    parameters[5:_PARAMETERS, 5:_PARAMETERS] = packed_rotation(rotation)
+    # What is off is no point: it turns, and does not move.
+    turn = np.eye(10)
+    turn[:6, :6], turn[6:9, 6:9] = packed_rotation(rotation), rotation
+    parameters[_PARAMETERS:, _PARAMETERS:] = np.kron(turn, turn)
     return samples, parameters
 
 

@@ -10,7 +10,6 @@ from coheft.consensus.graph import (
     convergence_rate,
     diameter,
     metropolis_weight,
-    place_variances,
     uniform_weight,
     weight_matrix,
 )
@@ -26,17 +25,15 @@ class Network:
         members: How many there are.
         gains: Weights of its edges, by neighbour.
         rate: What a round leaves of the disagreement, see ``convergence_rate``.
-        place_variance: See ``place_variances``; of the robot itself.
     """
 
     members: int
     gains: Mapping[str, float]
     rate: float
-    place_variance: float
 
     @staticmethod
     def of(config: AgentConfig, graph: Neighbours) -> Network:
-        """In a team of more than ``MANY`` the last two are bounds: no robot decomposes as large a matrix."""
+        """In a team of more than ``MANY`` the rate is a bound: no robot decomposes as large a matrix."""
         equal = uniform_weight(graph) if config.fan2017.consensus_weights == "uniform" else None
 
         def gain(one: str, other: str) -> float:
@@ -45,10 +42,7 @@ class Network:
         gains = {name: gain(config.name, name) for name in graph[config.name]}
         if len(graph) > MANY:
             # The second smallest eigenvalue of a Laplacian is 4 / (N diameter) at least (Mohar 1991), and the smallest
-            # weight that of a uniform one; a place is off by no more than a chain of edges across the graph.
-            longest = diameter(graph)
-            rate = 1.0 - 4.0 * uniform_weight(graph) / (len(graph) * longest)
-            return Network(len(graph), gains, rate, float(longest))
-        matrix = weight_matrix(graph, gain)
-        variance = float(place_variances(matrix)[list(graph).index(config.name)])
-        return Network(len(graph), gains, convergence_rate(matrix), variance)
+            # weight that of a uniform one.
+            rate = 1.0 - 4.0 * uniform_weight(graph) / (len(graph) * diameter(graph))
+            return Network(len(graph), gains, rate)
+        return Network(len(graph), gains, convergence_rate(weight_matrix(graph, gain)))

@@ -7,9 +7,10 @@ The unknown is ``theta = (J, h, 1/m)``: J packed (6), h (3) [m], 1/m [1/kg]; lin
 What is known beforehand goes over to the right-hand side: with h known that leaves eq. (26) for J and eq. (27) for m,
 with J known eq. (25) for h, and so on.
 
-The total force is measured and stands in the regressor: what its noise adds to the moments on average is taken out, or
-the mass would come out wrong by several standard deviations (Proposition 2 has the covariance only). The noise of alpha
-stays in: how large that of the team's mean is no robot knows, and to take out too much makes it worse.
+Total force and alpha are measured and stand in the regressor: what their noise adds to the moments on average is taken
+out, or mass and inertia would come out wrong by several standard deviations (Proposition 2 has the covariance only).
+How large the noise of a sum over the team is follows from no robot's own data sheet. The load moves smoothly, so it is
+measured, by fifth differences of samples.
 
 The projection of the second on the complement of F (eq. 24) follows from it and adds nothing once both are weighted by
 their noise, so it is not stacked a second time.
@@ -18,6 +19,7 @@ their noise, so it is not stacked a second time.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cache
 
 import numpy as np
 
@@ -29,6 +31,23 @@ _KNOWN_STD = 1e-6
 """Of what is known beforehand: next to nothing, and yet the covariance has an inverse."""
 _INPUTS = 12
 """Numbers per sample that are measured: total force and torque, a, alpha."""
+_AS_STATED = 100.0
+"""So many samples count as having had the residuals that are expected, before any is seen."""
+_GUESSED = 10.0
+"""So many samples count as having been as noisy as is guessed, before noise is measured."""
+_LEAST = 0.01
+"""So much of the guessed variance is there in any case: where nothing moves, coarse sensors show none."""
+_LEARNT = 50.0
+"""Of noise that has been measured over so many samples, none is ever again so much larger: the load has changed."""
+_JUMP = 9.0
+"""So much larger its variance would have to be."""
+_MOST_NOISE = 0.5
+"""No more of the information in any direction is taken out as noise."""
+_FADE = 2
+"""What the first samples weigh follows from the guess, and may be far too much: of k samples number j counts
+``(j / k)`` to this power."""
+_EQUATION_OF = np.array([0] * 9 + [1])
+"""Which of the two equations tells each number of theta: torques tell of J and h, forces of 1/m."""
 
 
 def joint_regressor(w: Array, a: Array, alpha: Array, force: Array, torque: Array) -> tuple[Array, Array]:
@@ -63,14 +82,19 @@ class JointRls:
 
     Args:
         centre: Geometric centre of all grasps, the initial guess of h, shape (3,) [m].
-        wrench_covariance: Of the noise of the total wrench ``(F, T)``, shape (6, 6).
-        motion_covariance: Of the noise of ``(a, alpha)``, shape (6, 6).
+        wrench_covariance: Of the noise of the total wrench ``(F, T)``, shape (6, 6), before it is measured.
+        motion_covariance: Of the noise of ``(a, alpha)``, shape (6, 6), likewise.
         forgetting: Factor per sample by which older samples count less.
+        is_alpha_shared: Whether all robots of the team have the same ``alpha``, as they have the same total wrench.
         mass: Initial guess of the mass [kg].
         known: What is known beforehand, by index of theta.
         is_weighted_by_state: Whether observations are weighted by their noise as it is at the present estimate; else by
             a constant, the noise of T and of a.
         causes: ``K``, numbers that may be off as long as the filter runs, such as those of a frozen pose.
+
+    Attributes:
+        theta: The estimate, shape (10,).
+        surprise: Mean squared normalised residual of the last block before it was taken in, relative to the usual one.
     """
 
     def __init__(
@@ -80,36 +104,35 @@ class JointRls:
         motion_covariance: Array,
         forgetting: float,
         *,
+        is_alpha_shared: bool = True,
         mass: float = 1.0,
         known: Mapping[int, float] | None = None,
         is_weighted_by_state: bool = True,
         causes: int = 0,
     ) -> None:
-        self._noise = np.zeros((12, 12))
-        self._noise[:6, :6] = wrench_covariance
-        # What noise of the wrench adds to information and vector, (10, 11), is linear in the weight, (6, 6).
-        wrench_noise = np.tensordot(wrench_covariance, _MATRIX_BY_INPUTS[:6], 1)
-        both = np.concatenate([_MATRIX_BY_INPUTS[:6], _RIGHT_SIDE_BY_INPUTS[:6, :, None]], axis=2)
-        self._noise_by_weight = np.einsum("kia,kjb->abij", wrench_noise, both).reshape(110, 36)
-        self._noise[6:, 6:] = motion_covariance
-        self._forgetting = forgetting
-        self._prior = np.diag(_PRIOR_STD**-2.0)
-        self._guess = np.concatenate([np.zeros(6), centre, [1.0 / mass]])
-        self._known = np.array(sorted(known or {}), dtype=int)
-        self._guess[self._known] = [(known or {})[k] for k in self._known]
-        self._free = np.setdiff1d(np.arange(10), self._known)
-        self._is_weighted_by_state = is_weighted_by_state
-        self._information = np.zeros((10, 10))
-        self._vector = np.zeros(10)
-        self._noise_information = np.zeros((10, 10))
-        self._noise_vector = np.zeros(10)
-        self._pull = np.zeros((10, causes))
-        self._old: tuple[Array, Array] | None = None
-        self._residual_sum = 0.0
-        self._count = 0.0
-        self.theta: Array = self._guess.copy()
+        self.theta: Array = np.concatenate([np.zeros(6), centre, [1.0 / mass]])
         self.surprise = 0.0
-        """Mean squared normalised residual of the last block before it was taken in, relative to that of the past."""
+        self._known = np.array(sorted(known or {}), dtype=int)
+        self.theta[self._known] = [(known or {})[k] for k in self._known]
+        self._free = np.setdiff1d(np.arange(10), self._known)
+        # From here on all is of what is not known beforehand, n numbers.
+        n = len(self._free)
+        self._guess = self._newest = self.theta[self._free]
+        self._prior = np.diag(_PRIOR_STD[self._free] ** -2.0)
+        self._by_inputs = _split(_MATRIX_BY_INPUTS, _RIGHT_SIDE_BY_INPUTS, self.theta, self._known, self._free)
+        self._stated_noise = np.zeros((12, 12))
+        self._stated_noise[:6, :6], self._stated_noise[6:, 6:] = wrench_covariance, motion_covariance
+        self._noise_sum, self._noise_count = _GUESSED * self._stated_noise, _GUESSED
+        self._own_inputs = slice(6, 9 if is_alpha_shared else 12)
+        self._forgetting = forgetting
+        self._is_weighted_by_state = is_weighted_by_state
+        # Of all samples, and of those before the load changed: information, vector, and what noise adds to both.
+        self._sums, self._old = np.zeros((2, n, 2 * n + 2))
+        self._has_changed = False
+        self._common_scatter, self._own_scatter = np.zeros((2, n, n))
+        self._pull = np.zeros((n, causes))
+        self._taken = 0
+        self._squares, self._count = np.full(6, _AS_STATED), _AS_STATED
 
     def update(
         self, w: Array, a: Array, alpha: Array, force: Array, torque: Array, by_causes: Array | None = None
@@ -125,50 +148,71 @@ class JointRls:
             by_causes: By what ``(F, T, a, alpha)`` are off for each unit of what may be off, shape (b, 12, K): of every
                 sample or, as it changes as slowly as the motion, of every second, third, ..., from the first on.
         """
-        matrix, right_side = joint_regressor(w, a, alpha, force, torque)
-        by_inputs = self._residual_by_inputs()
-        weight = np.linalg.inv(self._equation_covariance(by_inputs))
-        residual = right_side - matrix @ self.theta
-        squares = np.einsum("bi,ij,bj->b", residual, weight, residual)
-        if self._count > 0.0:
-            expected = max(self._residual_sum / self._count, 1.0)
-            self.surprise = float(squares.mean()) / 6.0 / expected
+        both = _split(*joint_regressor(w, a, alpha, force, torque), self.theta, self._known, self._free)
+        matrix, right_side = both[:, :, :-1], both[:, :, -1]
+        decay, age_weights = self._weights_of(len(w))
+        samples = float(age_weights.sum())
+        self._measure_noise(np.hstack([force, torque, a, alpha]), decay)
+        # Derivative (6, 12) of both equations' residual by (F, T, a, alpha), and by Proposition 2 their noise, (6, 6).
+        by_inputs = (self._by_inputs[:, :, -1] - self._by_inputs[:, :, :-1] @ self.theta[self._free]).T
+        noise_of_inputs = self._noise_sum / self._noise_count + _LEAST * self._stated_noise
+        noise = by_inputs @ noise_of_inputs @ by_inputs.T
+        weight = np.linalg.inv(noise if self._is_weighted_by_state else self._stated_noise[3:9, 3:9])
+        squares = np.square(right_side - matrix @ self._newest) / noise.diagonal()
+        self.surprise = float(squares.mean()) / max(float(self._squares.mean()) / self._count, 1.0)
 
-        age_weights = self._forgetting ** np.arange(len(w) - 1, -1, -1.0)
-        decay = self._forgetting ** len(w)
         weighted = age_weights[:, None, None] * (weight @ matrix)
-        self._information = decay * self._information + np.tensordot(matrix, weighted, ([0, 1], [0, 1]))
-        self._vector = decay * self._vector + np.tensordot(weighted, right_side, ([0, 1], [0, 1]))
-        self._noise_information, self._noise_vector = decay * self._noise_information, decay * self._noise_vector
+        self._sums *= decay
+        self._old *= decay
+        n = len(self._free)
+        self._sums[:, : n + 1] += np.tensordot(weighted, both, ([0, 1], [0, 1]))
         if self._is_weighted_by_state:  # basic least squares takes the regressor to be exact
-            noise = float(age_weights.sum()) * (self._noise_by_weight @ weight.ravel()).reshape(10, 11)
-            self._noise_information += noise[:, :10]
-            self._noise_vector += noise[:, 10]
-        if self._old is not None:
-            self._old = decay * self._old[0], decay * self._old[1]
+            in_regressor = np.tensordot(noise_of_inputs, weight @ self._by_inputs, 1)
+            self._sums[:, n + 1 :] += samples * np.tensordot(self._by_inputs[:, :, :-1], in_regressor, ([0, 1], [0, 1]))
+        by_own = by_inputs[:, self._own_inputs]
+        own_noise = by_own @ noise_of_inputs[self._own_inputs, self._own_inputs] @ by_own.T
+        self._common_scatter = decay**2 * self._common_scatter + _scatter(weighted, noise - own_noise)
+        self._own_scatter = decay**2 * self._own_scatter + _scatter(weighted, own_noise)
         self._pull *= decay
         if by_causes is not None:
             every = -(-len(w) // len(by_causes))
             self._pull += every * np.tensordot(weighted[::every], by_inputs @ by_causes, ([0, 1], [0, 1]))
         self._solve()
-        residual = right_side - matrix @ self.theta
-        squares = np.einsum("bi,ij,bj->b", residual, weight, residual)
-        self._residual_sum = decay * self._residual_sum + float(age_weights @ squares)
-        self._count = decay * self._count + 6.0 * float(age_weights.sum())
+        squares = np.square(right_side - matrix @ self._newest) / noise.diagonal()
+        self._squares = decay * self._squares + age_weights @ squares
+        self._count = decay * self._count + samples
 
-    @property
-    def covariance(self) -> Array:
-        """Of theta, shape (10, 10); grown where residuals are larger than the sensors' noise explains."""
-        scale = max(self._residual_sum / self._count, 1.0) if self._count > 0.0 else 1.0
-        result = _KNOWN_STD**2 * np.eye(10)
-        result[np.ix_(self._free, self._free)] = scale * self._covariance_of_free()
-        return result
+    def _weights_of(self, samples: int) -> tuple[float, Array]:
+        """What is left of the weight of older samples, and the weights of so many new ones, shape (samples,)."""
+        weights = self._forgetting ** np.arange(samples - 1, -1, -1.0)
+        decay = self._forgetting**samples
+        if self._is_weighted_by_state:
+            places = np.arange(self._taken, self._taken + samples + 1) / (self._taken + samples)
+            decay *= float(places[0]) ** _FADE
+            weights *= places[1:] ** _FADE
+        self._taken += samples
+        return decay, weights
+
+    def covariance(self, agreeing: int = 1) -> Array:
+        """Of the mean of the thetas of so many robots, shape (10, 10), by noise that is as large as residuals are.
+
+        Noise of what all have alike does not average out. Weights that fall with age make it about half the inverse of
+        the information: the square of a weight falls twice as fast.
+        """
+        inverse = np.linalg.inv(self._moments(self._sums)[0])
+        scatter = self._common_scatter + self._own_scatter / agreeing
+        stds = np.sqrt(self._squares.reshape(2, 3).mean(axis=1) / self._count)[_EQUATION_OF][self._free]
+        result = np.outer(stds, stds) * (inverse @ scatter @ inverse) + inverse @ self._prior @ inverse
+        # Noise that was not taken out holds theta near the guess, which may be as far off as the prior lets it.
+        left = (1.0 - self._share_taken_out(self._sums)) * self._sums[:, len(self._free) + 1 : -1]
+        held = inverse @ left @ np.diag(_PRIOR_STD[self._free])
+        return self._all(result + held @ held.T) + _KNOWN_STD**2 * np.eye(10)
 
     @property
     def by_causes(self) -> Array:
         """What theta is off for each unit of what may be off, shape (10, K)."""
-        result = np.zeros_like(self._pull)
-        result[self._free] = self._covariance_of_free() @ self._pull[self._free]
+        result = np.zeros((10, self._pull.shape[1]))
+        result[self._free] = np.linalg.solve(self._moments(self._sums)[0], self._pull)
         return result
 
     def note_better(self, factor: float) -> None:
@@ -177,50 +221,74 @@ class JointRls:
 
     def note_change(self) -> None:
         """The load has changed: what has been taken in so far is of another one."""
-        self._old = self._information.copy(), self._vector.copy()
+        self._old, self._has_changed = self._sums.copy(), True
 
     @property
-    def pull_of_old(self) -> Array:
-        """What old samples of another load pull theta by, shape (10,): zeros where there are none."""
-        pull = np.zeros(10)
-        if self._old is not None:
-            information, vector = self._information - self._old[0], self._vector - self._old[1]
-            pull[self._free] = self.theta[self._free] - self._solution(information, vector)
-        return pull
+    def covariance_of_old(self) -> Array:
+        """What old samples of another load pull theta by, as a covariance, shape (10, 10): zeros where there are none.
+
+        Without them theta would be another one, which is not known better than the samples since then tell.
+        """
+        if not self._has_changed:
+            return np.zeros((10, 10))
+        pull = self.theta[self._free] - self._newest
+        follow = np.linalg.solve(self._moments(self._sums)[0], self._old[:, : len(pull)])
+        newest = np.linalg.inv(self._moments(self._sums - self._old)[0])
+        return self._all(np.outer(pull, pull) + follow @ newest @ follow.T)
 
     def _solve(self) -> None:
-        """Theta, without what noise adds to the moments, as far as there is more than noise in them."""
-        free = np.ix_(self._free, self._free)
-        # The largest ratio of noise to information in any direction is at most the sum of all.
-        ratios = np.linalg.solve((self._information + self._prior)[free], self._noise_information[free])
-        share = min(1.0, 0.5 / max(float(np.trace(ratios)), 1e-12))
-        self.theta = self._guess.copy()
-        self.theta[self._free] = self._solution(
-            self._information - share * self._noise_information, self._vector - share * self._noise_vector
-        )
+        self.theta[self._free] = np.linalg.solve(*self._moments(self._sums))
+        self._newest = self.theta[self._free]
+        if self._has_changed:
+            self._newest = np.linalg.solve(*self._moments(self._sums - self._old))
 
-    def _solution(self, information: Array, vector: Array) -> Array:
-        """What is not known beforehand, by these moments and the prior."""
-        right = (vector + self._prior @ self._guess)[self._free]
-        right -= information[np.ix_(self._free, self._known)] @ self._guess[self._known]
-        return np.linalg.solve((information + self._prior)[np.ix_(self._free, self._free)], right)
+    def _moments(self, sums: Array) -> tuple[Array, Array]:
+        """Information and vector, with the prior and without what noise adds, as far as there is more than noise."""
+        n, share = len(self._free), self._share_taken_out(sums)
+        information = sums[:, :n] + self._prior - share * sums[:, n + 1 : -1]
+        return information, sums[:, n] - share * sums[:, -1] + self._prior @ self._guess
 
-    def _covariance_of_free(self) -> Array:
-        """Of what is not known beforehand, if noise is as large as it is said to be."""
-        information = (self._information + self._prior)[np.ix_(self._free, self._free)]
-        return np.linalg.inv(information).astype(np.float64)
+    def _share_taken_out(self, sums: Array) -> float:
+        """How much of what noise adds can be taken out."""
+        n = len(self._free)
+        ratios = np.linalg.solve(sums[:, :n] + self._prior, sums[:, n + 1 : -1])
+        largest = float(np.trace(ratios))  # no less than the ratio in any direction
+        if largest > _MOST_NOISE:
+            largest = float(np.linalg.eigvals(ratios).real.max())
+        return min(1.0, _MOST_NOISE / max(largest, 1e-12))
 
-    def _equation_covariance(self, by_inputs: Array) -> Array:
-        """Covariance (6, 6) of both equations' noise at the current estimate (Fan et al., Proposition 2)."""
-        if not self._is_weighted_by_state:
-            return self._noise[3:9, 3:9]
-        covariance: Array = by_inputs @ self._noise @ by_inputs.T
-        return covariance
+    def _measure_noise(self, inputs: Array, decay: float) -> None:
+        """Learn of the noise of ``(F, T, a, alpha)``, shape (B, 12), from what differs from any smooth motion."""
+        differences = _fifth_differences(len(inputs))
+        if not len(differences):
+            return
+        rough = differences @ inputs
+        squares = rough.T @ rough
+        usual = _JUMP * len(differences) / self._noise_count * self._noise_sum.diagonal()
+        if self._noise_count < _LEARNT or np.all(squares.diagonal() < usual):
+            self._noise_sum = decay * self._noise_sum + squares
+            self._noise_count = decay * self._noise_count + len(differences)
 
-    def _residual_by_inputs(self) -> Array:
-        """Derivative (6, 12) of both equations' residual by ``(F, T, a, alpha)`` at the current estimate.
+    def _all(self, of_free: Array) -> Array:
+        """A covariance with zeros for what is known beforehand."""
+        result = np.zeros((10, 10))
+        result[np.ix_(self._free, self._free)] = of_free
+        return result
 
-        ``T`` enters by itself, ``F`` through ``h x F`` and ``F / m``, ``alpha`` through ``J alpha`` and ``alpha x h``.
-        """
-        derivative: Array = (_RIGHT_SIDE_BY_INPUTS - _MATRIX_BY_INPUTS @ self.theta).T
-        return derivative
+
+def _split(matrix: Array, right_side: Array, theta: Array, known: Array, free: Array) -> Array:
+    """Columns of what is not known, (.., 6, n), and the right-hand side with all that is: shape (.., 6, n + 1)."""
+    right = right_side - matrix[:, :, known] @ theta[known] if len(known) else right_side
+    return np.concatenate([matrix[:, :, free] if len(known) else matrix, right[:, :, None]], axis=2)
+
+
+def _scatter(weighted: Array, noise: Array) -> Array:
+    """What noise of the equations (6, 6) makes of the vector, (n, n), for weighted matrices (B, 6, n)."""
+    result: Array = np.tensordot(weighted, noise @ weighted, ([0, 1], [0, 1]))
+    return result
+
+
+@cache
+def _fifth_differences(samples: int) -> Array:
+    """What makes fifth differences of samples, with the variance of white noise; (samples - 5, samples)."""
+    return np.diff(np.eye(samples), 5, axis=0) / np.sqrt(252.0) if samples > 5 else np.zeros((0, samples))
