@@ -1,1 +1,1 @@
-"""One robot, one process. The core (``coheft.agents.agent``) is pure; ``coheft.agents.process`` gives it its links."""
+"""One robot as one process: the pure core ``coheft.agents.agent``, and ``coheft.agents.process`` with its links."""

@@ -37,7 +37,7 @@ _SILENT = 2
 
 @dataclass(frozen=True, eq=False)
 class Outbox:
-    """What an agent sends after a block: to all its neighbours, to the server, and now and then to observers.
+    """Messages of an agent after a block: to its neighbours, to the server, and sometimes to observers.
 
     ``problems`` is what it refused in this step, in words.
     """
@@ -49,7 +49,7 @@ class Outbox:
 
 
 def make_estimator(config: AgentConfig, gossip: Gossip, largest_arrays: int) -> Estimator:
-    """The estimator that an agent is told to use.
+    """Make the estimator that an agent is configured to use.
 
     Args:
         config: Of the agent.
@@ -90,11 +90,11 @@ class Agent:
         self._status = StatusKeeper(config)
 
     def set_holding(self, holding: bool, from_block: int) -> None:
-        """The robot takes hold of the load, or lets go of it, at a block that no step was for yet."""
+        """Record that the robot grasps or releases the load, at a block that has not been stepped yet."""
         self._gossip.announce_holding(holding, from_block)
 
     def belief(self) -> Belief:
-        """What its estimator believes now, whether or not it may be said."""
+        """The present estimate, whether or not it may be published."""
         return self._estimator.belief()
 
     def step(self, index: int, block: MeasurementBlock | None, inbox: Sequence[NeighbourMessage]) -> Outbox:

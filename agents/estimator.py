@@ -1,4 +1,4 @@
-"""What an estimator is: the part of an agent that turns measurements and messages into beliefs.
+"""The interface of estimators, which turn an agent's measurements and messages into beliefs.
 
 To add one: write a class with the methods of ``Estimator``. In a package of your own it gets its name by an entry
 point, see docs/own.md, and ``coheft.agents.plugins.estimator`` checks what its methods return. In this one it gets it
@@ -31,7 +31,7 @@ Channels = Mapping[str, npt.NDArray[Any]]
 
 @dataclass(frozen=True, eq=False)
 class Belief:
-    """What an estimator believes; fields as in ``coheft.wire.messages.structs.Estimate``, and:
+    """An estimate; fields as in ``coheft.wire.messages.structs.Estimate``, and:
 
     Attributes:
         learned_block: The newest block that has been looked at, -1 if there is none.
@@ -73,7 +73,7 @@ class Estimator(Protocol):
         ...
 
     def fits(self, channels: Channels) -> bool:
-        """Whether what a neighbour sent has the shapes that the next step can read."""
+        """Whether a neighbour's arrays have shapes that the next step can read."""
         ...
 
     def belief(self) -> Belief:
@@ -81,7 +81,7 @@ class Estimator(Protocol):
         ...
 
     def doubts(self) -> tuple[str, ...]:
-        """Why that may not be true any more, in words; asked for after every step."""
+        """Reasons why the belief may no longer hold; called after every step."""
         ...
 
 

@@ -1,4 +1,4 @@
-"""Which of the messages that came from neighbours are used, and when.
+"""Selection of neighbours' messages: which are used, and when.
 
 Messages may come late, twice, out of order, from an agent's former life, or be nonsense. Those of the block before the
 present one are used; those of the next few wait for their time. What cannot be right is refused, in words.
@@ -32,7 +32,7 @@ _LONGEST_NAME = 32
 
 
 class NeighbourInbox:
-    """What one agent's neighbours have said.
+    """Messages of one agent's neighbours.
 
     Args:
         neighbours: Their names.

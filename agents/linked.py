@@ -1,4 +1,4 @@
-"""Agents of a team in one process, and a network between them that is a dictionary."""
+"""Agents of a team in one process, with a simulated network."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Single samples that are far off: where a curve of signals and noise cannot have been."""
+"""Detection of single samples that a smooth signal with noise cannot explain."""
 
 from __future__ import annotations
 

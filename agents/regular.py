@@ -1,4 +1,4 @@
-"""Work that is due every so many blocks."""
+"""Work that is due at regular numbers of blocks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Blocks of samples that no working sensor gives: the robot finds them by itself, and does not use them."""
+"""Detection of samples that no working sensor gives, which the robot then does not use."""
 
 from __future__ import annotations
 

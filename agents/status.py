@@ -1,4 +1,4 @@
-"""What an agent says about itself to observers: what it believes, whether that still holds, and if not, why not."""
+"""Reports of an agent to observers: its estimate, whether that still holds, and if not, why not."""
 
 from __future__ import annotations
 

@@ -1,10 +1,10 @@
-"""coheft: robots that hold one load together find out, by themselves, what they are holding.
+"""coheft: robots that hold a load together identify it by themselves.
 
 >>> import coheft
 >>> result = coheft.run("ring6", duration=30)
 >>> result.robots["r1"].mass.estimate[-1]
 
-Nothing is loaded before it is used.
+Modules are loaded only when they are used.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ _HOMES = {
         *("Grasp", "Graph", "LoadChange", "Motion", "Perimeter", "Robots", "Scenario", "Sensors"),
     ),
 }
-"""Modules, and what users get from them."""
+"""Modules, and the public names in them."""
 _MODULES = {name: module for module, names in _HOMES.items() for name in names}
 
 __all__ = [

@@ -1,4 +1,4 @@
-"""Estimators for measurements of your own: samples in, estimates out; no simulation, no network, no other process."""
+"""Estimators for your own measurements, without simulation, network or other processes."""
 
 from __future__ import annotations
 
@@ -25,25 +25,25 @@ __all__ = ["Estimate", "Sensors", "Team"]
 
 
 class Team:
-    """An agent for each robot, linked in this process, which estimates what the robots hold.
+    """A team of agents in this process, one per robot, that identify the load from samples.
 
     Samples are numbers in the robot's own grasp frame, 15 each: angular velocity [rad/s], velocity of the frame's
     origin [m/s], proper acceleration of it, as accelerometers read it [m/s²], force [N] and torque about the origin
-    [N·m] on the payload. The payload's weight has to be in the forces: gravity is part of a proper acceleration.
+    [N·m] on the payload. Forces have to include the payload's weight, because gravity is part of a proper acceleration.
 
     Args:
-        robots: Their names, at least two.
-        sensors: How well they measure: ``Sensors``, or a dictionary with keys of the scenario's section ``[sensors]``,
-            for instance ``{"rate": 500, "noise": {"force": 0.5}, "tolerance": {}}``.
-        graph: Who talks with whom; any of them will do in one process.
+        robots: Names of the robots, at least two.
+        sensors: The sensors: ``Sensors``, or a dictionary with keys of the scenario's section ``[sensors]``, for
+            instance ``{"rate": 500, "noise": {"force": 0.5}, "tolerance": {}}``.
+        graph: Links between the robots; any graph works in one process.
         estimator: ``efficient``, ``fan2017``, or one of your own.
-        converged: When an estimate is good enough.
+        converged: When an estimate counts as converged.
 
     Attributes:
-        estimates: What each robot has said last, by name; robots that have said nothing yet are left out.
+        estimates: The latest estimate of each robot, by name; robots without one are left out.
 
     Raises:
-        UsageError: Something of it cannot be used.
+        UsageError: An argument cannot be used.
         PluginError: An estimator of your own cannot be used.
     """
 
@@ -96,13 +96,13 @@ class Team:
         return tuple(self._waiting)
 
     def add(self, samples: Mapping[str, npt.ArrayLike]) -> None:
-        """Take in the next samples of all robots, taken at the same times.
+        """Process the next samples of all robots, taken at the same times.
 
-        They may be any number, one or a million. Estimates change whenever a block is full (``sensors.block``).
+        Any number is allowed. Estimates are updated whenever a block is full (``sensors.block``).
 
         Args:
-            samples: By robot, shape (n, 15) or (15,), n the same for all. Rows of NaN where a robot has measured
-                nothing: the block in which they are is then left out for this robot.
+            samples: Samples by robot, shape (n, 15) or (15,), with the same n for all. Rows of NaN mark missing
+                measurements: their block is left out for this robot.
 
         Raises:
             UsageError: A robot is missing, or is none of the team, or shapes do not fit.

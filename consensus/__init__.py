@@ -1,4 +1,4 @@
-"""Consensus: sums over a network with one-hop messages, among agents that know their neighbours only.
+"""Consensus: sums over a network with one-hop messages, among agents that know only their neighbours.
 
 What is named here needs arrays, a graph, and transports between coordinates, and neither robots nor a network: see
 docs/consensus.md. How agents that are told of nothing but their neighbours learn the graph is in

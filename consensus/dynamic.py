@@ -1,4 +1,4 @@
-"""Dynamic consensus in different coordinates (Fan et al., Proposition 3): track the average of moving inputs.
+"""Dynamic consensus in different coordinates (Fan et al., Proposition 3): track the average of changing inputs.
 
 ``x_i' = sum_j (X_ij x_j - x_i) + u_i'`` in discrete time: add the increment of the input, then do K rounds with
 Metropolis weights. The sum of all ``x``, carried to any one frame, always equals the sum of all inputs; the K rounds
@@ -23,7 +23,7 @@ from coheft.estimation.geometry.spatial import Array
 
 
 def lag_bound(rate: float, rounds: int, moved: float) -> float:
-    """How far behind the average of moving inputs agents are at most, once the start is forgotten.
+    """Bound of the agents' lag behind the average of changing inputs, after the start.
 
     With ``W`` the matrix of a round, ``e`` the deviations from the average obey ``e' = W^K (e + d)``, where ``d`` is
     what inputs have moved by in K blocks, less the mean of that; ``|e|`` stays below ``r^K / (1 - r^K) |d|``.

@@ -1,4 +1,4 @@
-"""Numbers that every robot has of its own and all want to know: handed on from neighbour to neighbour."""
+"""Tables with a row for each robot, which all robots learn by flooding."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ class Flood:
         self._newest = -1
 
     def tell(self, robot: int, stamp: int, row: Array) -> None:
-        """Put in a row: the own one, or one that this robot has worked out for another."""
+        """Enter a row: the robot's own, or one that it has computed for another."""
         self._rows[robot, 1], self._rows[robot, 2:] = stamp, row
         self._news[robot] = None
         self._note_stamps()
 
     def hear(self, neighbour: str, digest: float | None, rows: Array | None) -> None:
-        """Take in what a neighbour told: its ``digest``, and rows of its table if it sent some."""
+        """Process a neighbour's message: its ``digest``, and rows of its table if it sent any."""
         if digest is not None:
             self._heard[neighbour] = digest
         if rows is None or digest == self.digest or not self.fits(rows) or not self._are_of_robots(rows):

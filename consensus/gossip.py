@@ -1,4 +1,4 @@
-"""What every robot should know, handed on from neighbour to neighbour: who is there, who talks with whom, who is ready.
+"""Gossip about the team, forwarded between neighbours: who is in it, who is linked with whom, and who is ready.
 
 No robot is told the team's size or the graph. Each robot tells its neighbours its own link state; all hand on what
 is new. A message carries what changed since the last one, the first heard first, and one older record in turn, so that
@@ -48,7 +48,7 @@ class Gossip:
         self._look_at_members()
 
     def hear(self, records: Iterable[LinkState]) -> None:
-        """Take in what a neighbour handed on; the newest record of each robot wins.
+        """Process forwarded records; the newest record of each robot wins.
 
         No robot is told about itself: what is wrong, and would win, is answered.
         """
@@ -122,7 +122,7 @@ class Gossip:
         return max(self.records[name].since for name in self._named & self.records.keys())
 
     def unknown(self) -> list[str]:
-        """Robots that somebody has named as a neighbour, and of which nothing has been heard."""
+        """Robots that were named as neighbours, but from which no record has arrived."""
         return sorted(self._named - self.records.keys())
 
     def _look_who_is_named(self) -> None:

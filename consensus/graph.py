@@ -1,4 +1,4 @@
-"""Undirected communication graphs: who are whose neighbours, and how fast consensus goes on them.
+"""Undirected communication graphs: neighbours, and the convergence of consensus on them.
 
 A graph is a mapping from each name to the sorted tuple of its neighbours' names.
 """
@@ -102,7 +102,7 @@ def diameter(neighbours: Neighbours) -> int:
 
 
 def hearing(neighbours: Neighbours) -> int:
-    """Blocks until every robot has heard what all have told at a time.
+    """Number of blocks until every robot has received what all sent at one time.
 
     Whoever is farthest has heard a diameter later; one block more, so that a lost message does no harm, and as many as
     it takes a table with a row for each robot beyond the first message.
@@ -171,7 +171,7 @@ def weight_matrix(neighbours: Neighbours, weight: Callable[[str, str], float]) -
 
 
 def convergence_rate(matrix: Array) -> float:
-    """What every round of consensus leaves of the disagreement, once only the slowest part is left.
+    """Factor by which every round reduces the disagreement, once only the slowest part is left.
 
     Args:
         matrix: One round, symmetric, with rows that add up to 1, shape (N, N), such as ``metropolis_matrix``.

@@ -1,4 +1,4 @@
-"""Rounds of consensus in different coordinates, one round per block for every block of samples under way.
+"""Rounds of consensus in different coordinates, one round per block for every block of samples in progress.
 
 A sample's value goes through ``K`` rounds ``x_i <- g_i x_i + sum_j g_ij X_ij x_j``. Waiting for the neighbours in each
 round would cost ``K`` messages per block. Instead, one message per block carries the ``K`` blocks under way, each
@@ -22,7 +22,7 @@ from coheft.estimation.geometry.spatial import Array
 
 @dataclass(frozen=True, eq=False)
 class NeighbourStages:
-    """What one neighbour sent, and how to read it.
+    """Message of one neighbour, with its transport and gains.
 
     Attributes:
         transport: ``X_ij``, shape (C, C): carries C channels from ``F_j`` to ``F_i``; None if both use one frame.
@@ -38,7 +38,7 @@ class NeighbourStages:
 
 
 class Pipeline:
-    """One agent's values under way.
+    """One agent's values in progress.
 
     Attributes:
         stages: Shape (K, B, C): values to send, in the frame that the agent works in.
@@ -86,13 +86,13 @@ class Pipeline:
         return self.stages.copy(), self.valid.copy()
 
     def clear(self) -> None:
-        """A block was missed: nothing that is under way can be completed."""
+        """A block was missed, so nothing in progress can be completed."""
         self.valid[:] = False
 
     def _fits(self, stages: Array, valid: npt.NDArray[np.bool_]) -> bool:
         return stages.shape == self.stages.shape and valid.shape == self.valid.shape
 
     def enter(self, values: Array | None) -> None:
-        """Put the next block's values (B, C) in; None if the agent has none for it."""
+        """Enter the values (B, C) of the next block; None if the agent has none for it."""
         self.valid[0] = values is not None
         self.stages[0] = 0.0 if values is None else values

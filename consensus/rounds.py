@@ -23,16 +23,16 @@ class Rounds(Protocol):
     """Values (B, C) under way, for any kind of schedule."""
 
     def advance(self, inbox: Inbox) -> Array | None:
-        """Do one round with what the neighbours told; returns the result for the block that entered K blocks before."""
+        """Do one round with the neighbours' messages; returns the result for the block that entered K blocks before."""
 
     def enter(self, values: Array | None, version: int = 0) -> None:
-        """Put the next block in, with its number of at least 0; None if there is none."""
+        """Enter the next block, with its number of at least 0; None if there is none."""
 
     def clear(self) -> None:
         """A block was missed: nothing that is under way can be completed."""
 
     def fit(self, channels: Mapping[str, Array]) -> bool:
-        """Whether what a neighbour told of these values, if anything, has the right shapes."""
+        """Whether a neighbour's message about these values, if any, has the right shapes."""
 
     def channels(self) -> dict[str, Array]:
         """What to tell all neighbours."""

@@ -50,7 +50,7 @@ class LaplacianSchedule:
 
     @property
     def scale(self) -> float:
-        """What to multiply the result with, to have the sum of all inputs."""
+        """Factor that turns the result into the sum of all inputs."""
         return float(len(self.neighbours))
 
     def gains(self, name: str, other: str) -> Array:

@@ -14,13 +14,13 @@ PAGE = Path(__file__).with_name("commands.md")
 
 _INTRODUCTION = """# Commands
 
-`coheft --help` lists the commands, `coheft COMMAND --help` all options of one. This page is made from the same text, by
-`python docs/command_reference.py`.
+`coheft --help` lists the commands, `coheft COMMAND --help` all options of one. This page is generated from the same
+text by `python docs/command_reference.py`.
 
 ## Exit status
 
-The same for all commands; but `coheft view` ends with 0 after Ctrl-C, which is how it is ended, and `coheft agent` with
-2 if an estimator or a motion of your own fails:
+It is the same for all commands, with two exceptions: `coheft view` ends with 0 after Ctrl-C, and `coheft agent` with 2
+if an estimator or a motion of your own fails.
 
 | status | meaning |
 |---|---|
@@ -28,17 +28,17 @@ The same for all commands; but `coheft view` ends with 0 after Ctrl-C, which is 
 
 ## Output
 
-- **Terminal.** A live display that fits 80 columns; errors are one sentence, without a traceback, on standard error.
-- Windows of other sizes: tables that do not fit get a line for each value. In one of few lines `coheft run` shows the
-  robots that are worst off, and how many more there are; in one that has no room for a row, a line about all.
-- **No terminal** (a pipe, a file, a log): plain lines, without colours and without drawing anything twice.
-- Standard output that is closed, or a full disk: a run goes on to its end and saves its files; then comes an error.
-  If whoever reads has gone, as with `coheft run | head -1`, the same without a word; `coheft watch` ends then.
-- Files: `coheft run` ends with a line for each that it has written.
+- **Terminal.** The live display needs 80 columns. Errors are one sentence on standard error, without a traceback.
+- **Small windows.** Tables that do not fit get one line per value. With few lines, `coheft run` shows the robots with
+  the largest problems and the number of the others; with even fewer, one line about all.
+- **No terminal** (a pipe, a file, a log): plain lines, without colours.
+- **Closed standard output or a full disk**: a run continues to its end, saves its files, and then reports an error.
+  If the reader of a pipe has ended, as in `coheft run | head -1`, there is no error; `coheft watch` ends then.
+- **Files.** `coheft run` ends with one line for each file that it has written.
 - `NO_COLOR=1`: no colours.
-- `--quiet`: nothing but errors. The exit status says how it went.
-- `--json FILE`: the results for programs; with `--json -` standard output has the JSON and nothing else, and all that
-  is for people goes to standard error:
+- `--quiet`: only errors; use the exit status.
+- `--json FILE`: the results for programs. With `--json -`, standard output has only the JSON, and everything else goes
+  to standard error:
 
   ```
   coheft run ring3 --json - 2> progress.txt | python -m json.tool
@@ -48,23 +48,22 @@ The same for all commands; but `coheft view` ends with 0 after Ctrl-C, which is 
 
 Every run has a folder with the logs of its processes, and with the file by which other commands find it. It is below
 `~/.local/state/coheft/runs` on Linux (or `$XDG_STATE_HOME`), `~/Library/Application Support/coheft/runs` on macOS; the
-newest 20 are kept. `--logs DIR` puts it elsewhere. Commands on a run that goes on take your newest one, but
-none that would change it if several go on: they list them, and `--run` says
-which instead.
+newest 20 are kept. `--logs DIR` chooses another folder. Commands for a run in progress use your newest one. If there
+are several, commands that would change one list them, and need `--run`.
 
-Robots are called `r1`, `r2`, … in the order of the scenario; in larger teams
-`r01` or `r001`, so that their names are in order.
+Robots are called `r1`, `r2`, … in the order of the scenario; in larger teams `r01` or `r001`, so that their names sort
+in order.
 
 ## Completion with the Tab key
 
-For bash, zsh and fish. Once for good:
+For bash, zsh and fish, to install it permanently:
 
 ```
 coheft completion --install
 ```
 
-This puts a script where your shell looks for such scripts, and adds a line to its startup file. To try it in one
-terminal only: `source <(coheft completion bash)`, or with fish `coheft completion fish | source`.
+This writes a script to the place where your shell looks for it, and adds a line to its startup file. For one terminal
+only: `source <(coheft completion bash)`, or with fish `coheft completion fish | source`.
 """
 
 

@@ -22,9 +22,9 @@ PAGE = Path(__file__).with_name("scenarios.md")
 
 _INTRODUCTION = """# Scenarios
 
-A scenario says what is held, by whom, how they talk, and what happens. It is a TOML file; `coheft run my.toml` runs it,
-and `coheft scenarios` lists those that come with coheft, in the folder `configs`. Two robots, and a load that is
-dropped after five seconds:
+A scenario is a TOML file that describes a payload, robots, their links and sensors, and changes of the load. `coheft
+run my.toml` runs it; `coheft scenarios` lists the shipped ones, in the folder `configs`. This example has two robots,
+and a load that is dropped after five seconds:
 
 ```toml
 name = "two"
@@ -39,12 +39,13 @@ mass = 1.0
 position = [0.1, 0.0, 0.1]
 ```
 
-A rotation is a rotation vector. Keys without a default can be left out, unless they are required. Unknown keys and
-values out of range are errors, which name the key, what was found, and what is allowed.
+Rotations are rotation vectors. Keys that are not required can be left out. Unknown keys and values out of range are
+errors, which name the key, what was found, and what is allowed.
 
-Single values can be changed without a file: `coheft run ring3 --set sensors.noise_scale=2 --set load_changes[0].at=8`.
+Single values can be changed on the command line:
+`coheft run ring3 --set sensors.noise_scale=2 --set load_changes[0].at=8`.
 
-This page is made from the code, by `python docs/scenario_reference.py`.
+This page is generated from the code by `python docs/scenario_reference.py`.
 """
 
 

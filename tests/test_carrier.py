@@ -79,7 +79,7 @@ def test_a_load_that_came_before_the_path_is_judged_on_the_path_only(capsys: pyt
     assert springs.position_rms_mm is not None
     assert springs.position_rms_mm < drop.largest_mm < 2.0 * springs.position_rms_mm
     print_carry(Console(width=200), report)
-    assert f"back on it {drop.back_after_s:.1f} s after" in capsys.readouterr().out
+    assert f"back on it after {drop.back_after_s:.1f} s" in capsys.readouterr().out
     print_carry(Console(width=200), msgspec.structs.replace(report, phases=[springs]))
     assert "back on it" not in capsys.readouterr().out  # no one has promised that springs alone do it
 

@@ -77,7 +77,7 @@ def test_a_report_is_not_good_above_an_error_that_its_std_rules_out() -> None:
     assert bad.verdict is Verdict.CONTRADICTED
     text = printed(bad)
     assert "converged" not in text
-    assert "Further off than they claim: r2 (mass, by 12 own std); up to 4 are to be expected." in text
+    assert "Further off than they claim: r2 (mass, by 12 own std); up to 4 is normal." in text
     assert re.search(r"r2 mass, kg 13.000 14.200 9.23 % 0.77 % \(12×\)", text)
 
 

@@ -192,7 +192,7 @@ def test_what_makes_no_sense_is_refused(report: Path, tmp_path: Path, capfd: pyt
         ([str(report), "--as", "ur", "--robot", "r9"], EXIT_ERROR, "the robots are r1, r2, r3"),
         ([str(report), "--as", "ur", "--run", "x"], EXIT_USAGE, "leave one out"),
         ([str(tmp_path / "none.json"), "--as", "ur"], EXIT_ERROR, "cannot be read"),
-        ([str(tmp_path / "other.json"), "--as", "ur"], EXIT_ERROR, "expected what 'coheft run --json'"),
+        ([str(tmp_path / "other.json"), "--as", "ur"], EXIT_ERROR, "expected a report of 'coheft run --json'"),
         ([str(report), "--as", "abb"], EXIT_USAGE, "urdf"),
     ):
         assert run_command_line(["export", *arguments]) == status

@@ -77,7 +77,7 @@ def test_estimators_change_once_though_what_was_said_before_comes_later() -> Non
     assert record.estimators == [EstimatorUse(4 * BLOCK, "fan2017"), EstimatorUse(7 * BLOCK, "efficient")]
     report = build_report(INFO, record)
     assert report.estimator_changes == record.estimators[1:]
-    assert "At 0.14 s the robots forgot all, and began anew with the estimator efficient." in sentences(report)
+    assert "At 0.14 s all robots started again with the estimator efficient." in sentences(report)
 
 
 def test_who_falls_silent_is_stale() -> None:

@@ -37,7 +37,7 @@ def test_the_newest_folders_are_kept_and_those_of_runs_that_go_on(endpoint: str)
 
 def test_two_runs_have_no_folder_in_common(endpoint: str, tmp_path: Path) -> None:
     there = announced(tmp_path, RunFile(run="coheft-0", server=endpoint, agents={}))
-    with there, pytest.raises(CoheftError, match="a run goes on in"):
+    with there, pytest.raises(CoheftError, match="a run is in progress in"):
         make_run_folder("coheft-new", tmp_path)
     assert make_run_folder("coheft-new", tmp_path) == tmp_path.resolve()
 
@@ -62,7 +62,7 @@ def test_whoever_names_a_file_is_told_what_was_expected(tmp_path: Path) -> None:
     expected = "keep.json: expected the folder of a run, or, for 'coheft view', a recording that ends with .mcap"
     with pytest.raises(CoheftError, match=expected):
         find_run(tmp_path / "keep.json")
-    with pytest.raises(CoheftError, match=rf"no run goes on in {tmp_path}$"):
+    with pytest.raises(CoheftError, match=rf"no run is in progress in {tmp_path}$"):
         find_run(tmp_path)
 
 
@@ -105,9 +105,9 @@ def test_whoever_names_no_run_hears_that_there_are_others(endpoint: str, capsys:
         assert capsys.readouterr().err == ""
         with announced(old, RunFile(run="coheft-0", server=endpoint, agents={})):
             assert find_run().run == "coheft-1"
-            expected = f"2 runs go on: the newest is {new.name}; others, for --run DIR: {old.name}\n"
+            expected = f"2 runs are in progress: the newest is {new.name}; others, for --run DIR: {old.name}\n"
             assert capsys.readouterr().err == expected
-            with pytest.raises(CoheftError, match=f"2 runs go on.*--run DIR.*{new.name}.*{old.name}"):
+            with pytest.raises(CoheftError, match=f"2 runs are in progress.*--run DIR.*{new.name}.*{old.name}"):
                 find_run(acts=True)
             assert find_run(old, acts=True).run == find_run(old).run == "coheft-0"
             assert find_run(Path(old.name)).run == "coheft-0"
@@ -121,7 +121,7 @@ def test_a_folder_here_comes_before_one_of_the_same_name_among_the_runs(
     for folder in (tmp_path / "mine", runs_folder() / "mine"):
         folder.mkdir(parents=True)
     with announced(runs_folder() / "mine", RunFile(run="coheft-0", server=endpoint, agents={})):
-        with pytest.raises(CoheftError, match=r"no run goes on in mine$"):
+        with pytest.raises(CoheftError, match=r"no run is in progress in mine$"):
             find_run(Path("mine"))
         with announced(tmp_path / "mine", RunFile(run="coheft-1", server=endpoint, agents={})):
             assert find_run(Path("mine")).run == "coheft-1"

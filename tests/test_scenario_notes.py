@@ -18,11 +18,11 @@ def test_shipped_scenarios_mean_what_they_say(name: str) -> None:
     [
         (
             ["sensors.errors={force_offset=2.0}"],
-            "'sensors.errors' has force_offset = 2 (told 0): sensors are further off than 'sensors.tolerance' tells",
+            "'sensors.errors' has force_offset = 2 (tolerance 0): sensors are further off than 'sensors.tolerance",
         ),
         (
             ["sensors.errors={force_offset=2.0}", "sensors.tolerance={force_offset=1.0}"],
-            "force_offset = 2 (told 1)",
+            "force_offset = 2 (tolerance 1)",
         ),
         (
             ["sensors.errors={force_offset=1,torque_offset=1,gyro_offset=1,clock=1}"],

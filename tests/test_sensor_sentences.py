@@ -26,19 +26,25 @@ def robot(*errors: SensorErrorEstimate) -> RobotReport:
 @pytest.mark.parametrize(
     ("error", "words"),
     [
-        (("gyro_mounting_deg", "z", 1.4, 0.1, 0.5), "r3's gyro is turned by 1.4 ± 0.1° (told 0.5°) about z."),
+        (("gyro_mounting_deg", "z", 1.4, 0.1, 0.5), "r3's gyro is turned by 1.4 ± 0.1° (tolerance 0.5°) about z."),
         (
             ("acceleration_offset", "x", -0.2, 0.01, 0.05),
-            "r3's accelerometer reads 0.2 ± 0.01 m/s² (told 0.05 m/s²) too little along x.",
+            "r3's accelerometer reads 0.2 ± 0.01 m/s² (tolerance 0.05 m/s²) too little along x.",
         ),
-        (("force_gain", "", 0.02, 0.001, 0.005), "r3's force sensor reads 2 ± 0.1 % (told 0.5 %) too much."),
+        (("force_gain", "", 0.02, 0.001, 0.005), "r3's force sensor reads 2 ± 0.1 % (tolerance 0.5 %) too much."),
         (
             ("torque_cross_talk", "xy", 0.02, 0.001, 0.005),
-            "r3's torque sensor reads 2 ± 0.1 % (told 0.5 %) of x and y of each other.",
+            "r3's torque sensor reads 2 ± 0.1 % (tolerance 0.5 %) of x and y of each other.",
         ),
-        (("velocity_place", "y", 0.02, 0.001, 0.005), "r3's velocity sensor is 20 ± 1 mm (told 5 mm) away along y."),
-        (("clock", "", 0.003, 0.0001, 0.001), "r3's clock is 3 ± 0.1 ms (told 1 ms) late."),
-        (("wrench_delay", "", -0.003, 0.0001, 0.001), "r3's force and torque sensor is 3 ± 0.1 ms (told 1 ms) early."),
+        (
+            ("velocity_place", "y", 0.02, 0.001, 0.005),
+            "r3's velocity sensor is 20 ± 1 mm (tolerance 5 mm) away along y.",
+        ),
+        (("clock", "", 0.003, 0.0001, 0.001), "r3's clock is 3 ± 0.1 ms (tolerance 1 ms) late."),
+        (
+            ("wrench_delay", "", -0.003, 0.0001, 0.001),
+            "r3's force and torque sensor is 3 ± 0.1 ms (tolerance 1 ms) early.",
+        ),
     ],
 )
 def test_an_error_is_told_in_its_own_words(error: tuple[str, str, float, float, float], words: str) -> None:

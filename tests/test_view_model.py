@@ -123,8 +123,8 @@ def test_a_recording_knows_whether_it_plays():
 
 def test_texts_tell_numbers_reasons_and_changes_and_let_nobody_write_html():
     model = ViewModel(STATUS)
-    assert "nothing heard yet" in words.header(model)
-    assert "not said anything" in words.belief(None, None)
+    assert "no data yet" in words.header(model)
+    assert "No estimate from this robot" in words.belief(None, None)
     change = LoadChangeNotice(noticed_at=1.5, changed_at=1.4)
     said = estimate("r1", 0, HEAVY, changes=[change])
     model.hear(truth(0, LIGHT))

@@ -38,7 +38,7 @@ _UNKNOWN_WRENCH = 10.0
 
 @dataclass(frozen=True, eq=False)
 class CartOutbox:
-    """What a pusher sends after a sample: to its neighbours, to the server, and now and then to observers."""
+    """Messages of a pusher after a sample: to its neighbours, to the server, and sometimes to observers."""
 
     message: CartMessage
     push: CartPush
@@ -67,7 +67,7 @@ class CartAgent:
         self._reached = 0
 
     def step(self, measurement: CartMeasurement, inbox: Sequence[CartMessage]) -> CartOutbox:
-        """One sample, with what the neighbours sent after the one before."""
+        """Process one sample, with the neighbours' messages after the previous one."""
         index = measurement.block
         for message in sorted(inbox, key=lambda message: message.sender):
             self._gossip.hear(message.gossip)

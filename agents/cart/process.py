@@ -1,4 +1,4 @@
-"""One pusher of a cart in a process of its own: the pure core with its links.
+"""The process of one cart pusher: the pure core with its links.
 
 ``python -m coheft.agents.cart.process`` reads a ``CartAgentProcessConfig`` from stdin.
 """
@@ -48,7 +48,7 @@ class CartAgentProcess:
         self._heard_by: set[str] = set()
 
     def run(self) -> None:
-        """Meet the neighbours, then answer sample after sample.
+        """Connect to the neighbours, then answer each sample.
 
         Raises:
             LinkError: The link with the server is lost.

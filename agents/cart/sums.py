@@ -1,4 +1,4 @@
-"""What all pushers of a cart did and saw, added up over the network: one pusher's part.
+"""Sums of the pushes and measurements of all cart pushers over the network: one pusher's part.
 
 All values are in frames that every robot knows, the cart's and the floor's, so nothing has to be transformed.
 """
@@ -46,7 +46,7 @@ class Totals:
 
 @dataclass(frozen=True, eq=False)
 class Lost:
-    """The totals of a sample that did not get through.
+    """A sample whose totals were lost.
 
     Attributes:
         block: The sample.

@@ -1,4 +1,4 @@
-"""One robot as the agent sees it: a block and its neighbours' messages in, a message and a belief out.
+"""The estimator of one robot: a block and its neighbours' messages in, a message and a belief out.
 
 block -> rows -> exchange -> complete rows -> session -> claims
 """

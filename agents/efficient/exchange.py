@@ -1,4 +1,4 @@
-"""Rows of all robots, handed on from neighbour to neighbour: a robot that hears a row for the first time tells it on.
+"""Flooding of rows: a robot forwards each row that it receives for the first time to its neighbours.
 
     after d hops a row is d blocks old; each row is told twice, so that a single lost message does no harm
 
@@ -31,7 +31,7 @@ _TEAMS = 2**32
 
 @dataclass(frozen=True, eq=False)
 class RowMessage:
-    """What a robot tells its neighbours after a block.
+    """Message of a robot to its neighbours after a block.
 
     Attributes:
         team: Number of the team that it takes part in, see ``Gossip.membership``.
@@ -64,7 +64,7 @@ class RowMessage:
 
 
 class Exchange:
-    """One robot's table of rows that are under way.
+    """One robot's table of rows in transit.
 
     Args:
         team: Number of the team.
@@ -86,42 +86,40 @@ class Exchange:
         self._window = max(WINDOW, 2 * hops)
         places = times.complete(self._window) + 1
         self._rows = np.zeros((places, count, size))
-        # Of each place in the table the number of its rows, and whose they are, a bit for each robot.
-        self._numbers, self._whose, self._all = [-1] * places, [0] * places, (1 << count) - 1
+        self._numbers = np.full((places, count), -1)  # of each row in the table
         self._news: list[tuple[npt.NDArray[np.int32], npt.NDArray[np.float32]]] = []
         self._told_once: list[tuple[npt.NDArray[np.int32], npt.NDArray[np.float32]]] = []
 
     def enter(self, number: int, row: Array) -> None:
         """The robot's own row of this number, shape (24,) or (48,)."""
-        if self._is_new(self._own, number):
+        place = number % len(self._numbers)
+        if self._numbers[place, self._own] < number:
             rounded = row.astype(np.float32)
-            self._rows[number % len(self._numbers), self._own] = rounded
+            self._numbers[place, self._own], self._rows[place, self._own] = number, rounded
             self._news.append((np.array([[self._own, number]], dtype=np.int32), rounded[None]))
 
     def hear(self, message: RowMessage, block: int) -> None:
-        """Take in what a neighbour told before this block."""
+        """Process a neighbour's message from before this block."""
         if message.team != self.team or message.rows.shape[1] != self._rows.shape[2]:
             return
         if self.changed_at < message.changed_at < self._times.begun_from(block):
             self.changed_at = message.changed_at
-        news, again, by_robot = [], [], self._rows
-        numbers, whose, places = self._numbers, self._whose, len(self._numbers)
-        for k, (robot, number) in enumerate(message.labels.tolist()):
-            place = number % places
-            if numbers[place] == number and robot >= 0 and whose[place] >> robot & 1:
-                again.append(k)  # most are heard several times
-                continue
-            age = block - self._times.last_block(number)
-            if 0 <= robot < self._count and 0 < age < self._window and number >= 0 and self._is_new(robot, number):
-                by_robot[number % len(self._numbers), robot] = message.rows[k]
-                if age < self._hops + _LATE:  # else it has reached all robots
-                    news.append(k)
-        if news:
-            self._news.append((message.labels[news], message.rows[news]))
-        if again:
-            robots, row_numbers = message.labels[again].T
-            differs = (by_robot[row_numbers % places, robots] != message.rows[again]).any(axis=1)
-            self.disputed |= dict.fromkeys(robots[differs].tolist(), block)
+        labels, rows = message.labels.astype(np.int64), message.rows
+        ages = block - self._times.last_block(labels[:, 1])
+        is_known = (labels[:, 0] >= 0) & (labels[:, 0] < self._count) & (labels[:, 1] >= 0)
+        heard = np.flatnonzero(is_known & (ages > 0) & (ages < self._window))
+        robots, numbers = labels[heard].T
+        places = numbers % len(self._numbers)
+        is_new = self._numbers[places, robots] < numbers
+        news = heard[is_new]
+        if len(news):
+            self._numbers[places[is_new], robots[is_new]] = numbers[is_new]
+            self._rows[places[is_new], robots[is_new]] = rows[news]
+            news = news[ages[news] < self._hops + _LATE]  # older ones have reached all robots
+            self._news.append((message.labels[news], rows[news]))
+        is_there = self._numbers[places, robots] == numbers
+        differs = is_there & (self._rows[places, robots] != rows[heard]).any(axis=1)
+        self.disputed |= dict.fromkeys(robots[differs].tolist(), block)
 
     def tell(self, changed_at: int) -> RowMessage:
         """What all neighbours should hear now; ``changed_at`` is when this robot found that the load changed."""
@@ -132,30 +130,18 @@ class Exchange:
         return RowMessage(self.team, changed_at, np.concatenate(labels), np.concatenate(rows))
 
     def complete(self, number: int) -> Array | None:
-        """The team's row of this number: of all robots, the constant 1, and rates if there are any.
+        """The team's row of this number: the rows of all robots, the constant 1, and rates if there are any.
 
         Returns:
             Shape (24 N + 1,) or (48 N + 1,); None while a robot's is missing.
         """
         place = number % len(self._numbers)
-        is_complete = self._numbers[place] == number and self._whose[place] == self._all
-        if not is_complete:
+        if (self._numbers[place] != number).any():
             return None
         rows = self._rows[place]
         return np.concatenate([rows[:, :ROW_SIZE].ravel(), _ONE, rows[:, ROW_SIZE:].ravel()])
 
     def missing(self, number: int) -> list[int]:
         """Places of the robots whose row of this number has not come."""
-        place = number % len(self._numbers)
-        whose = self._whose[place] if self._numbers[place] == number else 0
-        return [robot for robot in range(self._count) if not whose >> robot & 1]
-
-    def _is_new(self, robot: int, number: int) -> bool:
-        """Whether a robot's row was missing; from now on it is not."""
-        place = number % len(self._numbers)
-        if self._numbers[place] < number:
-            self._numbers[place], self._whose[place] = number, 0
-        if self._numbers[place] > number or self._whose[place] >> robot & 1:
-            return False
-        self._whose[place] |= 1 << robot
-        return True
+        missing: list[int] = np.flatnonzero(self._numbers[number % len(self._numbers)] != number).tolist()
+        return missing

@@ -1,4 +1,4 @@
-"""What a robot tells a neighbour that has just begun: all that is known of the team, as one quadratic.
+"""Handover of the estimate of the team to a neighbour that has just started, as one quadratic.
 
     known = (head, theta, poses, errors, gyro offset, load, scale s, s score, s information s, s noise s)
 

@@ -1,4 +1,4 @@
-"""After a fit: whether all rows fit, and whether a sensor could not explain the wrenches as well as a load.
+"""Tests after a fit: whether all rows fit, and whether a faulty sensor would explain the wrenches as well as a load.
 
 rows fit if no stretch of residuals and not the sum of their squares is larger than noise makes it
 """
@@ -16,7 +16,6 @@ from coheft.estimation.chi_square import chi_square_threshold
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.misfit import KnownLoad, excess_energy, explanations, worst_misfit
-from coheft.estimation.moments.moments import wrench_moments
 from coheft.estimation.moments.row_buffer import RowBuffer
 from coheft.estimation.moments.rows import KINEMATICS_SIZE
 from coheft.estimation.moments.unknowns import THETA
@@ -41,7 +40,7 @@ class Outcome(Enum):
 
 @dataclass(frozen=True)
 class Verdict:
-    """An outcome, the robot and sensor that would explain it if it is undecided, and the robot that stands out."""
+    """An outcome; if it is undecided, the robot and sensor that would explain it; and the robot that stands out."""
 
     outcome: Outcome
     rival: tuple[int | None, str] | None = None
@@ -74,7 +73,7 @@ def judge(
         return Verdict(Outcome.MORE_THAN_TOLD, robot=robot)
     if not _fits(wrench, wrench.size - _LOAD, guards.largest_wrench_misfit, guards):
         return Verdict(Outcome.NO_LOAD)
-    found = explanations(estimate.body, wrench_moments(estimate.body, buffer.moments()[1]), assumed)
+    found = explanations(estimate.body, sight.gram(buffer), assumed)
     if found.both > guards.largest_constant_excess and not has_offset:
         return Verdict(Outcome.NO_LOAD)
     is_load = found.load > found.sensor and _has_another_mass(estimate, assumed, guards)

@@ -1,4 +1,4 @@
-"""What one robot knows: the rows of its team, what chapters before have told, and the estimate that follows from them.
+"""The knowledge of one robot: the rows of its team, the prior from earlier chapters, and the resulting estimate.
 
 fit = likeliest state given the moments of all rows and the prior of chapters before
 """
@@ -92,7 +92,7 @@ class Knowledge:
         return 3 * self.least
 
     def untold_error(self) -> Untold | None:
-        """An error of a sensor that was told to be zero, but that rows ask for; large teams do not look for any."""
+        """A sensor error with tolerance zero that the rows show nevertheless; large teams do not test for any."""
         if self.estimate is None or self._count > _EXACT_UP_TO:
             return None
         return untold_error(
@@ -109,7 +109,9 @@ class Knowledge:
         self._next_fit -= self.buffer.take_back(number)
 
     def fit(self, before: int | None = None, keeps_motion: bool = False) -> Estimate:
-        """Fit all unknowns to all rows, or to those before a place, and to chapters before; see ``Chapter.look``."""
+        """Fit all unknowns to all rows, or to those before a place, and to the prior from earlier chapters; see
+        ``Chapter.look``.
+        """
         chapter, settings, last = self._chapter, self._settings, self.estimate
         look = chapter.look(before, keeps_motion)
         identity = [Pose.identity()] * self._count
@@ -128,7 +130,7 @@ class Knowledge:
         return found
 
     def forget_load(self, now: Estimate, place: int, has_changed: bool, least: int) -> None:
-        """From this place on the load has to be found anew, from ``least`` rows; what is known of poses stays.
+        """Discard the load, which has to be estimated from ``least`` rows from this place on; poses stay.
 
         Args:
             now: What is known.
@@ -155,7 +157,7 @@ class Knowledge:
         return result
 
     def fade(self) -> None:
-        """What drifts has done so meanwhile: sensors' offsets, and the load if the memory of it fades."""
+        """Inflate the covariance for drift since then: of sensor offsets, and of the load if its memory fades."""
         estimate, settings, buffer, chapter = self.estimate, self._settings, self.buffer, self._chapter
         if not self._page or estimate is None or estimate.misses_poses or buffer.load_rows < self._page:
             return

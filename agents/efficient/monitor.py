@@ -1,4 +1,4 @@
-"""Whose sensors contradict the motion of the team: one test of innovations per robot and window of rows.
+"""Sensors that contradict the motion of the team: one innovation test per robot and window of rows.
 
     s_i = sum of whitened residuals r_i of k rows / sqrt(k),    s_i . s_i ~ chi-square(12)
 
@@ -50,7 +50,7 @@ class Monitor:
         self._rows = 0
 
     def forget(self) -> None:
-        """What came before does not count any more: poses are others, or a contradiction is over."""
+        """Discard earlier residuals, because poses have changed or a contradiction is over."""
         self._rows = 0
         self._sums[:] = 0.0
 

@@ -1,4 +1,4 @@
-"""How one robot's blocks of samples become rows: several of each, or one of several.
+"""Division of one robot's blocks of samples into rows: several per block, or one for several blocks.
 
 row n holds the samples from n L up to (n + 1) L,    L = samples of a row; with rates it is a sample earlier
 """
@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import SAMPLE_SIZE
@@ -16,10 +18,9 @@ from coheft.estimation.moments.rows import LONGEST, row_of_samples, row_with_rat
 
 MANY, _MOST_TIMES = 32, 5
 """In teams of more robots than these rows are longer, in proportion to the team and at most so many times."""
-
-
 _BEFORE = 2
 """Samples before a row that its rates need."""
+Numbers = TypeVar("Numbers", int, npt.NDArray[np.int64])
 
 
 @dataclass(frozen=True)
@@ -48,7 +49,7 @@ class RowTimes:
         return -(-self.row // self.block)
 
     def begun_from(self, block: int) -> int:
-        """Number of the first row that begins with this block or later."""
+        """Number of the first row that starts with this block or later."""
         return -(-block * self.block // self.row)
 
     def complete(self, block: int) -> int:
@@ -59,8 +60,8 @@ class RowTimes:
         """Block in which a row begins."""
         return number * self.row // self.block
 
-    def last_block(self, number: int) -> int:
-        """Block in which it ends."""
+    def last_block(self, number: Numbers) -> Numbers:
+        """Block in which it ends, or of several rows those in which they end."""
         return ((number + 1) * self.row - 1) // self.block
 
 

@@ -1,4 +1,4 @@
-"""One robot's estimate of its team, row by row: when what is done with the rows of the whole team.
+"""One robot's estimate of its team, row by row: decides what is done with the rows of the whole team, and when.
 
 row -> does its motion contradict the team?   drop it, and those that came with the contradiction
     -> is its wrench a surprise, or is it this robot's turn?   look -> fit to older rows -> look again -> new load
@@ -111,7 +111,7 @@ class Session:
         return self._known.prior() if is_relied_upon else None
 
     def claimable(self, estimate: Estimate) -> Estimate:
-        """The estimate as it may be told: a load that becomes lighter again and again, or heavier, drifts meanwhile.
+        """The estimate as it may be published, with drift of a load that repeatedly becomes lighter or heavier.
 
         It may have moved on as far as with the last change, in proportion to the time since.
         """
@@ -140,7 +140,7 @@ class Session:
         return self._unconfirmed == 0
 
     def hear_of_change(self, first: int, number: int) -> None:
-        """Another robot has found that the load changed at row ``first``: look for oneself for a while."""
+        """Another robot has detected a load change at row ``first``: test for it here for a while."""
         if first > max(self.changed_at + self._turn, self._told_of):
             self._told_of, self._look_until = first, number + self._turn
 

@@ -1,4 +1,4 @@
-"""What guards and what paces the default estimator: false-alarm probabilities, ratios of information, times."""
+"""Thresholds and intervals of the default estimator: false-alarm probabilities, information ratios, times."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How rows look with one estimate: each becomes 13 numbers of the motion, the total wrench, and all residuals.
+"""Rows evaluated at one estimate: 13 numbers of the motion, the total wrench, and all residuals for each.
 
 (motion[FORCING], wrench, whitened residual of the wrench, motion) = matrix @ row,    r_i = y_i - predict_i @ motion
 """
@@ -25,7 +25,7 @@ _ROWS_BEFORE = 100
 
 
 class Look(NamedTuple):
-    """A row as it is seen.
+    """An evaluated row.
 
     Attributes:
         view: ``(motion[FORCING], wrench)``, shape (19,).
@@ -87,6 +87,12 @@ class Sight:
         seen = rows @ self._matrix[VIEW_SIZE:].T
         motion = self._body.residuals(rows, seen[:, WRENCH_SIZE:]) - self.excess
         return seen[:, None, :WRENCH_SIZE], motion.reshape(len(rows), -1, KINEMATICS_SIZE)
+
+    def gram(self, buffer: RowBuffer) -> Array:
+        """Sum of squared views of all rows of the load, shape (19, 19)."""
+        views = buffer.views[buffer.start : buffer.count]
+        result: Array = self._older + views.T @ views
+        return result
 
     def likeliest_change(self, buffer: RowBuffer, before: int | None = None) -> tuple[int, float]:
         """The first look, at all rows or those before a place, see ``coheft.estimation.moments.change``."""

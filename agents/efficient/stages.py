@@ -1,4 +1,4 @@
-"""What a robot knows of the load, and what takes it from one stage to another."""
+"""Stages of a robot's knowledge of the load, and the transitions between them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class Stage(Enum):
 
 
 class Event(Enum):
-    """What takes it from one stage to another."""
+    """Events that cause transitions between stages."""
 
     FITTED = "a load has been fitted"
     UNDECIDED = "a load has been fitted, but a sensor that reads something in excess explains wrenches as well"

@@ -1,4 +1,4 @@
-"""One robot's view of its team while that is what it is: its rows under way, its session, and what newcomers are told.
+"""One robot's view of its team while that does not change: rows in transit, session, and handover to newcomers.
 
 rows of all robots that are complete -> session, also those behind some that are not
 """
@@ -104,7 +104,7 @@ class Team:
             self.exchange.enter(number, row)
 
     def hear_of_change(self, index: int) -> None:
-        """What other robots have told until this block of changes of the load."""
+        """Load changes that other robots have reported up to this block."""
         self.session.hear_of_change(self.exchange.changed_at, self.times.begun_from(index))
 
     def take(self, index: int) -> None:

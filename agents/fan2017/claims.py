@@ -1,4 +1,4 @@
-"""What a robot says of the payload: the agreed estimate, how sure it is of it, and what keeps it from being surer."""
+"""Estimates that a robot publishes of the payload, with covariances and the reasons that keep these large."""
 
 from __future__ import annotations
 

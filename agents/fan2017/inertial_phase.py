@@ -124,11 +124,11 @@ class InertialPhase:
         self._agreed_at = 0
 
     def is_worth_taking_over(self, poses_j_in_i: Mapping[str, UncertainPose]) -> bool:
-        """Whether the neighbours' poses are known so much better by now that all sums had better start anew."""
+        """Whether the neighbours' poses are known so much better by now that all sums should restart."""
         return all(_share(poses_j_in_i[name], used) < _MUCH_BETTER for name, used in self._poses.items())
 
     def take_over(self, poses_j_in_i: Mapping[str, UncertainPose]) -> None:
-        """Start the sums anew with the poses as they are known by now; what was estimated so far stays.
+        """Restart the sums with the present poses; estimates stay.
 
         Whenever sums start, all robots do this, so that both ends of an edge use the same pose.
         """

@@ -1,4 +1,4 @@
-"""How robots tell their neighbours how they move: a channel with the twists and accelerations of a block's samples."""
+"""The channel by which robots send the twists and accelerations of a block's samples to their neighbours."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Load changes that a robot has noticed, as it tells of them."""
+"""Load changes that a robot has noticed, as it reports them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What one robot has to know of the network for its sums: weights of its edges, and what follows from all weights."""
+"""The data of the network that one robot needs for its sums: weights of its edges, and properties of all weights."""
 
 from __future__ import annotations
 

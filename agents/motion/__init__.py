@@ -1,1 +1,1 @@
-"""How one robot moves: reference motions that show the load, and the common path along which it is carried."""
+"""Motion of one robot: reference motions that make the load observable, and the common path for carrying it."""

@@ -1,4 +1,4 @@
-"""One robot's part in carrying the load along a common path, with what it knows of the load.
+"""One robot's part in carrying the load along a common path, with its estimate of the load.
 
 The robot knows its own pose in the grasp frame of the first robot, so it knows how its own grasp has to move. It knows
 mass, centre of mass and inertia in its own frame, so it knows what total wrench moves the load like that; and it knows
@@ -35,7 +35,7 @@ _LEVEL_TIME = 1.0
 
 
 class Carrier:
-    """What one robot's arm shall do.
+    """References for one robot's arm.
 
     An estimate that is doubted, or not known well, is not used: the last good one stays. So do the poses of a team that
     is no more, until there is another one.

@@ -1,4 +1,4 @@
-"""Reference motions that let the robots find out what they hold."""
+"""Reference motions that make the load observable."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class ReferenceMotion(Protocol):
 
 
 def make_motion(config: AgentConfig) -> ReferenceMotion:
-    """The reference motion that an agent is told to carry out.
+    """Make the reference motion that an agent is configured to use.
 
     Raises:
         PluginError: It is one of the user's own, and cannot be used.

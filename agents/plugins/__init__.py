@@ -1,1 +1,1 @@
-"""Estimators and motions of the user's own, found by their entry points and checked."""
+"""The user's own estimators and motions: found by their entry points, and checked."""

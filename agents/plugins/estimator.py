@@ -1,4 +1,4 @@
-"""An own estimator, as the rest of an agent sees it: what it returns is right, or the agent ends and says what is not.
+"""Wrapper of a user's estimator: either its return values are correct, or the agent ends and says what is wrong.
 
 Somebody who writes an estimator learns of a mistake where it was made, with the place, and not from neighbours that
 refuse messages. It is the program that is wrong, so a new start would not help.

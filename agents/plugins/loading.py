@@ -1,4 +1,4 @@
-"""Makes estimators and motions of the user's own, and checks that an agent can work with them."""
+"""Creates the user's estimators and motions, and checks that an agent can use them."""
 
 from __future__ import annotations
 

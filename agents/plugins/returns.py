@@ -1,4 +1,4 @@
-"""What an own estimator may return: checked, and made plain.
+"""Checks of a user's estimator's return values, and conversion to plain types.
 
 Plain is what other processes would get of it: copies, so that nothing that the estimator goes on working with changes
 what it has said, and numbers that messages can hold. So in one process it is the same as between many.

@@ -1,4 +1,4 @@
-"""A sign of life that comes at regular intervals, however long a step takes."""
+"""A heartbeat at regular intervals, however long a step takes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The links of an agent's process on its three planes: what goes out, what comes in, and who is at the other end."""
+"""The links of an agent's process on its three planes, with outgoing and incoming messages."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Stopped(Exception):  # noqa: N818
 
 
 class AgentLinks:
-    """An agent's links: a session for each party that it dials, and one on each plane for those who dial in.
+    """An agent's links: a session for each party that it connects to, and one on each plane for incoming connections.
 
     Attributes:
         ready: To the server, like ``reference``.
@@ -170,11 +170,11 @@ class AgentLinks:
 
     @property
     def dialled(self) -> frozenset[str]:
-        """Neighbours that we dial, unless the operator has cut the link."""
+        """Neighbours that this agent connects to, unless the operator has cut the link."""
         return frozenset(self._neighbours) - self._cut
 
     def redial(self, party: str) -> None:
-        """Begin the link with the server, or with a neighbour that we dial, anew."""
+        """Renew the link to the server, or to a neighbour that this agent connects to."""
         (self._server if party == SERVER else self._neighbours[party]).renew()
 
 

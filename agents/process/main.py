@@ -1,4 +1,4 @@
-"""One agent in a process of its own: the pure core with its links.
+"""The process of one agent: the pure core with its links.
 
 ``python -m coheft.agents.process.main`` reads an ``AgentProcessConfig`` from stdin.
 """
@@ -177,7 +177,7 @@ class AgentProcess:
     def _change_estimator(self, estimator: str) -> None:
         """Begin anew with another one, as the neighbours do at this block: what they have said is of the one before."""
         since = self._config.agent.start_of(self._block)
-        self._outside.problems.tell(f"uses the estimator '{estimator}' from {since:.2f} s on, and begins anew")
+        self._outside.problems.tell(f"uses the estimator '{estimator}' from {since:.2f} s on, and starts again")
         self._start_agent(estimator)
         for link in self._links.values():
             link.take_messages(self._block)

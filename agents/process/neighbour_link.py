@@ -1,4 +1,4 @@
-"""A neighbour as an agent's process sees it: whether its link stands, what it has said, whether to wait for it."""
+"""A neighbour of an agent's process: the state of its link, its messages, and whether to wait for it."""
 
 from __future__ import annotations
 
@@ -45,14 +45,14 @@ class NeighbourLink:
         self._messages: deque[NeighbourMessage] = deque(maxlen=KEPT)
 
     def note_presence(self, is_here: bool) -> None:
-        """Its link stands now, or is gone."""
+        """Its link is up now, or lost."""
         self.is_linked = is_here
         if not is_here:
             self.is_heard = self.hears_us = self.keeps_pace = False
 
     @property
     def is_whole(self) -> bool:
-        """Its link stands, and carries both ways."""
+        """Its link is up, and works in both directions."""
         return self.is_linked and self.is_heard and self.hears_us
 
     def notice_silence(self, now: float) -> None:

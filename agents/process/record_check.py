@@ -1,4 +1,4 @@
-"""Which records about robots, handed on from neighbour to neighbour, may be believed.
+"""Verification of forwarded records about robots.
 
 In the secure profile only what a robot has signed itself. In both profiles none that claims to begin in the far future:
 a robot that is lied about outbids the lie by one, and must always be able to.
@@ -45,7 +45,7 @@ class RecordCheck:
         self._own, self._own_signed = LinkState("", 0, ()), LinkState("", 0, ())
 
     def believed(self, records: Sequence[LinkState], tell: Callable[[str], None]) -> list[LinkState]:
-        """Those of a message's records that can be believed.
+        """The records of a message that can be trusted.
 
         The first one that cannot is told, and nothing after it is looked at: no message costs more than one check in
         vain. What is said of this robot itself comes without its signature, as it compares it with what it knows.

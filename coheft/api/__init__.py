@@ -1,1 +1,1 @@
-"""What ``import coheft`` offers: runs, their results, scenarios and identification, for programs in Python."""
+"""The Python interface: runs, their results, scenarios and identification."""

@@ -1,4 +1,4 @@
-"""Keeps all that robots say in a run, until it becomes a result."""
+"""Collects the estimates of a run for its result."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from coheft.wire.messages.structs import Estimate, Truth
 
 
 class Collector:
-    """Follows a run, see ``coheft.app.run.follower.Follower``. What it keeps grows with the run."""
+    """Follows a run, see ``coheft.app.run.follower.Follower``. Its memory grows with the run."""
 
     def begin(self, status: Status) -> None:
         """All links stand and the clock runs."""

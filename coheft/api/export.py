@@ -1,4 +1,4 @@
-"""A load that was found, for models and arms."""
+"""Export of an identified load to models and arms."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ def export(
     max_offset: float | None = None,
     max_inertia: float | None = None,
 ) -> str:
-    """A load that was found, in the words of a model or an arm's controller, as ``coheft export`` prints it.
+    """Export an identified load for a robot model or an arm controller, as ``coheft export`` does.
 
     Args:
         found: Result of ``coheft.run``, report of ``coheft.identify``, or the path of a JSON report of either command.
         as_: ``urdf``, ``mjcf``, ``franka``, ``ur``, ``kuka``, or ``verdict`` for JSON with the limits below.
-        robot: Whose estimate; the first robot's by default.
-        flange: Where the robot's grasp frame is in that of the flange, or of the model's body: position [m], then
-            rotation vector [degrees]. Without it, they are the same.
-        max_mass: What the load may weigh [kg].
-        max_offset: How far its centre of mass may be from the flange [m].
-        max_inertia: How large its moments of inertia at the centre of mass may be [kg·m²].
+        robot: Robot whose estimate is exported; by default the first.
+        flange: Pose of the robot's grasp frame in the frame of the flange, or of the model's body: position [m], then
+            rotation vector [degrees]. Without it, the frames are assumed to coincide.
+        max_mass: Largest allowed mass [kg].
+        max_offset: Largest allowed distance of the centre of mass from the flange [m].
+        max_inertia: Largest allowed moment of inertia at the centre of mass [kg·m²].
 
     Raises:
         CoheftError: What was found is not valid or not complete; says why.

@@ -1,4 +1,4 @@
-"""Results in files: arrays in an ``.npz`` file, with scenario and report as JSON in it."""
+"""Files of results: arrays in an ``.npz`` file that also holds scenario and report as JSON."""
 
 from __future__ import annotations
 
@@ -58,7 +58,12 @@ def load(path: str | Path) -> Result:
         return Result(scenario, {name: _robot(arrays, name) for name in report.robots}, report)
     except OSError as error:
         raise CoheftError(f"{path}: cannot be read: {error.strerror or error}") from error
-    except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, msgspec.MsgspecError) as error:
+    except KeyError as error:
+        raise CoheftError(
+            f"{path}: expected a result that Result.save has written; found no {error}. Measurements, as of "
+            f"'coheft run --save-data', go to coheft.identify"
+        ) from error
+    except (ValueError, TypeError, EOFError, zipfile.BadZipFile, msgspec.MsgspecError) as error:
         raise CoheftError(
             f"{path}: expected a result that Result.save of this release has written; found something else: {error}"
         ) from error

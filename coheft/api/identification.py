@@ -1,4 +1,4 @@
-"""Finding a load in a recording, for programs."""
+"""Identification of a load from a recording."""
 
 from __future__ import annotations
 
@@ -25,27 +25,28 @@ def identify(
     holds: str | Path | None = None,
     assume: str | None = None,
 ) -> IdentifyReport:
-    """Find out from a recording where the robots held the load, and its mass, centre of mass and inertia.
+    """Identify a load from a recording: where the robots held it, its mass, centre of mass and inertia.
 
     Args:
-        recording: Path of what ``coheft identify`` reads, or arrays by the names that an ``.npz`` file has for them:
-            ``left/t``, ``left/wrench``, ``left/pose``, … of each robot, see docs/data-format.md for shapes and units.
-        method: ``batch``, ``instruments``, ``pose``, ``likelihood`` or ``static``; without it, what suits best.
-        calibrate: The robots are not well calibrated; estimate what is wrong with them as well (method ``pose``).
-        bounds: With ``calibrate``: how wrong they may be.
-        from_: Leave out what was before [s].
-        to: Leave out what came after [s].
-        cutoff: Of the low-pass filter [Hz].
-        topics: Of an MCAP file or a bag: which are of which robot, ``ROBOT=TOPIC`` each.
-        holds: Recording of the same load, held still in some orientations by the same robots.
-        assume: What is wrong with the recording, by the name that its verdict has: it is taken out (method ``pose``).
+        recording: Path of a recording that ``coheft identify`` reads, or arrays named as in an ``.npz`` file:
+            ``left/t``, ``left/wrench``, ``left/pose``, … for each robot; docs/data-format.md has shapes and units.
+        method: ``batch``, ``instruments``, ``pose``, ``likelihood`` or ``static``; by default the best one that the
+            recording allows.
+        calibrate: Estimate calibration errors of the robots as well (method ``pose``).
+        bounds: With ``calibrate``: bounds of the calibration errors.
+        from_: Ignore everything before this time [s].
+        to: Ignore everything after this time [s].
+        cutoff: Cutoff of the low-pass filter [Hz].
+        topics: Topics of each robot in an MCAP file or a bag, as ``ROBOT=TOPIC``.
+        holds: Recording of the same load held still in several orientations by the same robots.
+        assume: Correct the recording for this fault first, named as in the report's verdict (method ``pose``).
 
     Returns:
         What ``coheft identify --json`` writes; ``doubts`` and ``not_observable`` say what is not to be trusted.
 
     Raises:
-        RecordingError: It cannot be read, or cannot be a recording of one load; says what, and why.
-        UsageError: Arguments contradict each other; it names options of the command, which are called alike.
+        RecordingError: The recording cannot be read, or cannot be of one load; says why.
+        UsageError: Arguments contradict each other; names the options of the command, which have the same names.
     """
     is_file = not isinstance(recording, Mapping)
     recorded, found = evaluate(

@@ -1,4 +1,4 @@
-"""Curves of a result."""
+"""Plots of a result."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Runs in processes of their own, for programs."""
+"""Runs in separate processes."""
 
 from __future__ import annotations
 

@@ -20,9 +20,9 @@ class Result:
     """What came out of a run.
 
     Attributes:
-        scenario: What was run.
-        robots: What each robot said over time, by name.
-        report: The state at the end and what happened, as ``coheft run --json`` writes it.
+        scenario: The scenario that was run.
+        robots: Estimates of each robot over time, by name.
+        report: The state at the end, and events, as written by ``coheft run --json``.
     """
 
     scenario: Scenario
@@ -31,16 +31,16 @@ class Result:
 
     @property
     def converged(self) -> bool:
-        """Whether every robot ended with a valid estimate that it calls good enough."""
+        """Whether every robot ended with a valid, converged estimate."""
         return self.report.converged
 
     @property
     def load_changes(self) -> list[LoadChangeReport]:
-        """When the payload changed, when the last robot had noticed, and when all had recovered."""
+        """Changes of the payload: when each occurred, when the last robot noticed it, and when all had recovered."""
         return self.report.load_changes
 
     def plot(self) -> Any:
-        """Mass, and errors of centre of mass and inertia, over time, of all robots.
+        """Plot mass, and errors of centre of mass and inertia, of all robots over time.
 
         Returns:
             Three axes of matplotlib, in an array; ``result.plot()[0].figure.savefig("run.png")`` writes them.
@@ -55,8 +55,8 @@ class Result:
     def to_dataframe(self) -> pandas.DataFrame:
         """A row for each estimate of each robot: ``robot``, ``time_s``, ``state``, ``valid``, then numbers.
 
-        Columns of numbers are ``mass_kg``, ``com_x_m``, …, ``inertia_xx_kgm2``, …; with ``true_`` before them the
-        truth, with ``std_`` the robot's own standard deviation.
+        Columns of numbers are ``mass_kg``, ``com_x_m``, …, ``inertia_xx_kgm2``, …; with the prefix ``true_`` the truth,
+        with ``std_`` the robot's own standard deviation.
 
         Raises:
             MissingPackageError: pandas is not installed.
@@ -66,7 +66,7 @@ class Result:
         return dataframe_of(self)
 
     def save(self, path: str | Path) -> Path:
-        """Write all of it into an ``.npz`` file, which ``coheft.load`` reads; return its path.
+        """Write the result to an ``.npz`` file, which ``coheft.load`` reads; return its path.
 
         Raises:
             CoheftError: It cannot be written, or has another suffix.

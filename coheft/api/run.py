@@ -1,4 +1,4 @@
-"""Runs for programs: whole ones, and block by block."""
+"""Runs in Python: to the end, or block by block."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ def run(
     processes: bool = False,
     restarts: int | None = None,
 ) -> Result:
-    """Let a team find out what it holds, to the end.
+    """Run a scenario to its end.
 
     Args:
         scenario: Name of a shipped scenario, path of a ``.toml`` file, dictionary with its keys, or a ``Scenario``.
         duration: Simulated time [s], instead of the scenario's.
-        seed: Of the sensors' noise and the robots' motions, instead of the scenario's.
+        seed: Seed of the sensors' noise and the robots' motions, instead of the scenario's.
         estimator: The robots' method: ``efficient``, ``fan2017``, or one of your own.
-        set: Other values by key, as in ``load_scenario``; what the arguments above say holds.
+        set: Other values by key, as in ``load_scenario``; the arguments above take precedence.
         processes: Start the physics server and a process for each robot, as ``coheft run`` does, instead of computing
             all in this process. The numbers are the same.
-        restarts: How often an agent that dies is started again, with ``processes`` only; 3 by default.
+        restarts: How often an agent that dies is restarted, with ``processes`` only; 3 by default.
 
     Raises:
         ScenarioError: There is no such scenario, or it cannot be used.
@@ -60,7 +60,7 @@ def simulate(
     estimator: str | None = None,
     set: Mapping[str, Any] | None = None,
 ) -> Simulation:
-    """Build a team and what it holds, to let time go on step by step; arguments as of ``run``.
+    """Build a simulation to be run step by step; arguments as for ``run``.
 
     Raises:
         ScenarioError: There is no such scenario, or it cannot be used.

@@ -1,4 +1,4 @@
-"""Scenarios for programs: by name, from a file, from dictionaries, or built of the classes."""
+"""Scenarios in Python: by name, from a file, from dictionaries, or built from classes."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ that was built in Python."""
 
 
 def load_scenario(source: Source, *, set: Mapping[str, Any] | None = None) -> Scenario:
-    """A scenario with all the checks that a file gets.
+    """Load or build a scenario, with all checks of a file.
 
     Args:
         source: Name of a shipped scenario, path of a ``.toml`` file, dictionary with the keys of such a file, or a
             ``Scenario`` that was built in Python. Paths of meshes and models are relative to the file, or else to the
             present folder.
-        set: Values by key, to be put in before the checks: ``{"sensors.rate": 1000, "load_changes[0].at": 8}``.
+        set: Values by key, applied before the checks: ``{"sensors.rate": 1000, "load_changes[0].at": 8}``.
 
     Raises:
         ScenarioError: There is no such scenario, or it cannot be used; says which key, what was found and what was

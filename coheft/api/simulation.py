@@ -1,4 +1,4 @@
-"""A run in this process, block by block, with the caller's own code in between."""
+"""A run in this process, block by block, with the caller's code in between."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from coheft.wire.scenario.section import Vector
 
 
 class Simulation:
-    """A team and what it holds; ``coheft.simulate`` makes one.
+    """A simulated team and its payload; made by ``coheft.simulate``.
 
-    The same numbers as of ``coheft run`` in lockstep, bit for bit, as long as nothing is done to it in between.
+    Without interventions, the numbers are those of ``coheft run`` in lockstep, bit for bit.
 
     Args:
         scenario: What to run, checked as ``coheft.load_scenario`` does.
 
     Attributes:
         scenario: What is run.
-        truth: Of the last block; None before the first.
+        truth: The truth after the last block; None before the first.
     """
 
     def __init__(self, scenario: Scenario) -> None:
@@ -60,16 +60,16 @@ class Simulation:
 
     @property
     def is_over(self) -> bool:
-        """Whether the scenario's duration is over; it can go on all the same."""
+        """Whether the scenario's duration is over; the simulation can still continue."""
         return self._team.simulation.block >= self.scenario.blocks
 
     @property
     def estimates(self) -> dict[str, Estimate]:
-        """What each robot has said last, by name; robots that have said nothing yet are left out."""
+        """The latest estimate of each robot, by name; robots without one are left out."""
         return self._record.beliefs
 
     def step(self, blocks: int = 1) -> None:
-        """Let time go on by some blocks of samples.
+        """Advance by some blocks of samples.
 
         Raises:
             SimulationError: The robots have lost the payload; nothing more can be simulated.
@@ -87,7 +87,7 @@ class Simulation:
             self._keep(result.truth, self._team.answer(measured(result), heard))
 
     def run_until(self, time: float) -> None:
-        """Let time go on until this moment [s]."""
+        """Advance until this time [s]."""
         while self.time < time - 1e-9:
             self.step()
 
@@ -96,12 +96,12 @@ class Simulation:
 
         Args:
             mass: Of the load [kg].
-            at: Where its centre comes to lie, in the payload's frame [m].
+            at: Position of its centre, in the payload's frame [m].
             size: Its edge lengths [m].
-            leak: What it loses from then on [kg/s].
+            leak: Mass that it loses from then on [kg/s].
 
         Raises:
-            LoadError: There can be no such load, or no more fits, or the robots cannot hold it up.
+            LoadError: Such a load is impossible, no more loads fit, or the robots cannot hold it.
         """
         return self._team.simulation.inject(mass, at, size, leak).id
 
@@ -114,7 +114,7 @@ class Simulation:
         self._team.simulation.remove(load)
 
     def release(self, robot: str) -> None:
-        """Let a robot take its hand off the payload.
+        """Let a robot let go of the payload.
 
         Raises:
             SimulationError: There is no such robot.
@@ -122,7 +122,7 @@ class Simulation:
         self._team.simulation.release(robot)
 
     def grasp(self, robot: str) -> None:
-        """Let a robot take hold of the payload again, where it held it before.
+        """Let a robot grasp the payload again, in the same place as before.
 
         Raises:
             SimulationError: There is no such robot.
@@ -130,7 +130,7 @@ class Simulation:
         self._team.simulation.grasp(robot)
 
     def cut(self, one: str, other: str) -> None:
-        """Cut the link between two neighbours: neither hears the other any more.
+        """Cut the link between two neighbours: neither receives the other's messages any more.
 
         Raises:
             CoheftError: They are no neighbours.
@@ -148,7 +148,7 @@ class Simulation:
         self._cut.discard(frozenset((one, other)))
 
     def result(self) -> Result:
-        """What has come out so far.
+        """The result so far.
 
         Raises:
             CoheftError: A robot has said nothing yet.

@@ -1,4 +1,4 @@
-"""A result as a table of pandas."""
+"""A result as a pandas table."""
 
 from __future__ import annotations
 

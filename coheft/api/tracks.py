@@ -1,4 +1,4 @@
-"""What one robot believed over time, beside the truth, as arrays."""
+"""Estimates of one robot over time with the truth, as arrays."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from coheft.wire.messages.structs import Estimate, PayloadEstimate
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """A quantity at n moments. All arrays have the same shape; NaN where the robot claimed nothing.
+    """A quantity at n times. All arrays have the same shape; NaN where the robot had no estimate.
 
     Attributes:
-        truth: What it was, which no robot knew.
-        estimate: What the robot took it for.
+        truth: The true values, which no robot knew.
+        estimate: The robot's estimates.
         std: The robot's own standard deviation of each number.
     """
 
@@ -38,7 +38,7 @@ class Track:
 
 @dataclass(frozen=True, eq=False)
 class PoseTrack:
-    """A neighbour's grasp frame ``F_j`` in the robot's own ``F_i`` at n moments; NaN while it is being found.
+    """Pose of a neighbour's grasp frame ``F_j`` in the robot's own ``F_i`` at n times; NaN while it is unknown.
 
     Attributes:
         truth: Homogeneous matrix, shape (4, 4) [m].
@@ -55,18 +55,18 @@ class PoseTrack:
 
 @dataclass(frozen=True, eq=False)
 class RobotResult:
-    """All that one robot said, in its own grasp frame ``F_i``, at n moments; about ten a second.
+    """All estimates of one robot, in its own grasp frame ``F_i``, at n times, about ten per second.
 
     Attributes:
-        time: Of the estimates, shape (n,) [s].
-        state: How far it was, shape (n,), the words of ``coheft.State``.
-        valid: Whether it stood by its estimate, shape (n,).
-        converged: Whether it also called it good enough, shape (n,).
-        mass: Shape (n,) [kg].
+        time: Times of the estimates, shape (n,) [s].
+        state: State of the robot, shape (n,), as in ``coheft.State``.
+        valid: Whether the estimate was valid, shape (n,).
+        converged: Whether it had also converged, shape (n,).
+        mass: Mass, shape (n,) [kg].
         com: Centre of mass, shape (n, 3) [m].
-        inertia: At the centre of mass, shape (n, 3, 3) [kg·m²].
-        poses: Neighbours' grasp frames, by name.
-        noticed: When it noticed changes of the load, shape (k,) [s].
+        inertia: Inertia at the centre of mass, shape (n, 3, 3) [kg·m²].
+        poses: Poses of the neighbours' grasp frames, by name.
+        noticed: Times at which it noticed changes of the load, shape (k,) [s].
     """
 
     time: Array
@@ -81,7 +81,7 @@ class RobotResult:
 
 
 def robot_result(judge: Judge, robot: str, estimates: Sequence[Estimate], truths: Sequence[Inertia]) -> RobotResult:
-    """Arrays of what a robot said.
+    """Collect the estimates of a robot in arrays.
 
     Args:
         judge: Knows the true poses.

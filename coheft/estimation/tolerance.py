@@ -53,30 +53,30 @@ class SensorTolerance(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     """Standard deviations of constant errors, which differ from robot to robot.
 
     Attributes:
-        gyro_offset: Of the angular velocity, each axis [rad/s].
-        velocity_offset: Of the velocity, each axis [m/s].
-        acceleration_offset: Of the acceleration, each axis [m/s²].
-        force_offset: Of the force, each axis [N].
-        torque_offset: Of the torque, each axis [N·m].
-        force_gain: Of the force, relative, alike for all axes.
-        torque_gain: Of the torque, relative, alike for all axes.
-        gyro_scale: Of the angular velocity, relative, each axis by itself.
-        velocity_scale: Of the velocity, likewise.
-        acceleration_scale: Of the acceleration, likewise.
-        force_scale: Of the force, likewise.
-        torque_scale: Of the torque, likewise.
-        gyro_mounting_deg: How the gyro is turned, about each axis of the force and torque sensor [°].
-        velocity_mounting_deg: How the velocity's sensor is turned [°].
-        acceleration_mounting_deg: How the accelerometer is turned [°].
-        gyro_cross_talk: How much of one axis two others read of each other, relative.
-        velocity_cross_talk: Likewise.
-        acceleration_cross_talk: Likewise.
-        force_cross_talk: Likewise.
-        torque_cross_talk: Likewise.
-        velocity_place: Where the velocity is sensed, from the origin of the force and torque sensor, each axis [m].
-        acceleration_place: Where the accelerometer is, likewise [m].
-        clock: How far a robot's clock is off against others [s].
-        wrench_delay: How much later than a robot's other sensors its force and torque are [s].
+        gyro_offset: Offset of the angular velocity, each axis [rad/s].
+        velocity_offset: Offset of the velocity, each axis [m/s].
+        acceleration_offset: Offset of the acceleration, each axis [m/s²].
+        force_offset: Offset of the force, each axis [N].
+        torque_offset: Offset of the torque, each axis [N·m].
+        force_gain: Relative error of the force, common to all axes.
+        torque_gain: Relative error of the torque, common to all axes.
+        gyro_scale: Relative error of the angular velocity, each axis.
+        velocity_scale: Relative error of the velocity, each axis.
+        acceleration_scale: Relative error of the acceleration, each axis.
+        force_scale: Relative error of the force, each axis.
+        torque_scale: Relative error of the torque, each axis.
+        gyro_mounting_deg: Rotation of the gyro about each axis of the force and torque sensor [°].
+        velocity_mounting_deg: Rotation of the velocity sensor, likewise [°].
+        acceleration_mounting_deg: Rotation of the accelerometer, likewise [°].
+        gyro_cross_talk: Share of one axis that another reads, each pair of axes.
+        velocity_cross_talk: The same for the velocity.
+        acceleration_cross_talk: The same for the acceleration.
+        force_cross_talk: The same for the force.
+        torque_cross_talk: The same for the torque.
+        velocity_place: Position error of the velocity sensor relative to the force and torque sensor, each axis [m].
+        acceleration_place: Position error of the accelerometer, likewise [m].
+        clock: Offset of a robot's clock against the others [s].
+        wrench_delay: Delay of a robot's force and torque against its other sensors [s].
     """
 
     gyro_offset: Deviation = 0.0
@@ -129,13 +129,13 @@ class SensorTolerance(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
 
 
 class SensorDrift(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """How far constant errors wander, as random walks: the standard deviation of the change within a minute.
+    """Drift of constant errors, as random walks: the standard deviation of the change within a minute.
 
     Attributes:
-        gyro: Of what the gyro reads too much, each axis [rad/s].
-        acceleration: Of the accelerometer's, each axis [m/s²].
-        force: Of the force sensor's, each axis [N].
-        torque: Of the torque sensor's, each axis [N·m].
+        gyro: Drift of the gyro's offset, each axis [rad/s].
+        acceleration: Drift of the accelerometer's offset, each axis [m/s²].
+        force: Drift of the force sensor's offset, each axis [N].
+        torque: Drift of the torque sensor's offset, each axis [N·m].
     """
 
     gyro: Deviation = 0.0

@@ -39,12 +39,12 @@ def test_robots_begin_anew_with_another_estimator_in_mid_run(start: Callable[...
     assert status == 1
     assert "refused: this run has no estimator 'best'; there are: efficient, fan2017" in text
     assert run.ask("use", "efficient")[0] == 1
-    assert run.ask("use") == (0, "the robots use efficient; there are: efficient, fan2017\n")
+    assert run.ask("use") == (0, "the robots use efficient; available: efficient, fan2017\n")
     status, text = run.ask("use", "fan2017")
     assert status == 0, text
-    assert run.ask("use") == (0, "the robots use fan2017; there are: efficient, fan2017\n")
-    wait_until(lambda: run.text.count("begins anew") == 3, "all robots to say so")
-    wait_until(lambda: "; mass" in run.text.rpartition("begins anew")[2], "an estimate by the other estimator")
+    assert run.ask("use") == (0, "the robots use fan2017; available: efficient, fan2017\n")
+    wait_until(lambda: run.text.count("starts again") == 3, "all robots to say so")
+    wait_until(lambda: "; mass" in run.text.rpartition("starts again")[2], "an estimate by the other estimator")
     assert run.ask("stop")[0] == 0
     assert run.wait() in (0, 3), run.text
 
@@ -53,9 +53,9 @@ def test_robots_begin_anew_with_another_estimator_in_mid_run(start: Callable[...
     (change,) = told["estimator_changes"]
     assert change["estimator"] == "fan2017"
     since = change["since_s"]
-    said = re.findall(r"(r\d): uses the estimator 'fan2017' from (\d+\.\d\d) s on, and begins anew", run.words)
+    said = re.findall(r"(r\d): uses the estimator 'fan2017' from (\d+\.\d\d) s on, and starts again", run.words)
     assert sorted(said) == [(name, f"{since:.2f}") for name in ("r1", "r2", "r3")]
-    assert f"At {since:g} s the robots forgot all, and began anew with the estimator fan2017." in run.words
+    assert f"At {since:g} s all robots started again with the estimator fan2017." in run.words
 
     scenario = msgspec.structs.replace(load_scenario("ring3"), load_changes=(), duration=told["duration_s"])
     again = in_one_process(scenario, changing_run(scenario, round(since / scenario.block_duration), "fan2017"))

@@ -309,7 +309,7 @@ def test_another_estimator_is_used_from_the_block_of_its_measurements_on(tmp_pat
         around.measure(5, estimator="efficient")
         assert around.answers(1) == [5]
         assert around.finish().splitlines() == [
-            "uses the estimator 'fan2017' from 0.04 s on, and begins anew",
-            "uses the estimator 'efficient' from 0.08 s on, and begins anew",
+            "uses the estimator 'fan2017' from 0.04 s on, and starts again",
+            "uses the estimator 'efficient' from 0.08 s on, and starts again",
             "refused from the server: estimator is 'best' but expected one of efficient, fan2017",
         ]

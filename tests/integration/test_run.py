@@ -65,7 +65,7 @@ def test_a_run_whose_errors_contradict_what_robots_claim_is_no_success(tmp_path:
         assert run.wait() == 3, run.text
     finally:
         run.end()
-    assert "Note: 'sensors.errors' has force_scale = 0.05 (told 0): sensors are further off than" in run.text
+    assert "Note: 'sensors.errors' has force_scale = 0.05 (tolerance 0): sensors are further off than" in run.text
     assert "Further off than they claim: r" in run.text
     assert "All robots converged" not in run.text
 
@@ -277,8 +277,8 @@ def test_links_are_cut_and_mended_and_robots_let_go_and_take_hold(start: Callabl
     run = start("--duration", "10000")
     run.wait_until_under_way()
     for command, words, log, done in (
-        ("cut r1 r2", "r1 and r2 do not hear each other any more", "r2", "has cut the link with r1"),
-        ("mend r1 r2", "r1 and r2 may hear each other again", "r2", "has mended the link with r1"),
+        ("cut r1 r2", "r1 and r2 no longer receive each other's messages", "r2", "has cut the link with r1"),
+        ("mend r1 r2", "r1 and r2 can receive each other's messages again", "r2", "has mended the link with r1"),
         ("release r2", "r2 let go at", "server", "let r2 let go"),
         ("grasp r2", "r2 took hold at", "server", "let r2 take hold again"),
     ):

@@ -43,7 +43,14 @@ pytestmark = [
 
 REBOUND = "rebound.example"
 """A name of an attacker's that has come to lead to this machine."""
-BUTTONS = ("Drop 3 kg", "Take it away", "Pause", "Stop the run", "Begin anew with it", "Kill the chosen robot's agent")
+BUTTONS = (
+    "Drop 3 kg",
+    "Take it away",
+    "Pause",
+    "Stop the run",
+    "Restart with this estimator",
+    "Kill the chosen robot's agent",
+)
 AGAIN = "Run it again"
 PATIENCE = 180.0
 """Software draws the scene, and slowly [s]."""
@@ -180,14 +187,14 @@ def test_what_is_clicked_happens_and_the_last_picture_has_the_numbers_of_the_rep
         wait_for(lambda: "true mass" in text_of(page), "the numbers")
 
         click(page, "Pause")  # and the machine has time for the browser
-        wait_for(lambda: "paused: Resume goes on" in text_of(page), "time to stand still")
+        wait_for(lambda: "paused: press Resume to continue" in text_of(page), "time to stand still")
         click(page, "Drop 3 kg")
         wait_for(lambda: [load.mass for load in status(folder).loads] == [3.0], "the load")
         click(page, "Drop 3 kg")
         wait_for(lambda: [load.id for load in status(folder).loads] == [1, 2], "another load")
         wait_for(lambda: "#1 of 3.0 kg · #2 of 3.0 kg" in text_of(page), "the loads to be shown, though paused")
         choose(page, "fan2017")
-        click(page, "Begin anew with it")
+        click(page, "Restart with this estimator")
         wait_for(lambda: status(folder).estimator == "fan2017", "the other estimator to be chosen")
         before = run_file(folder).pids["r1"]
         click(page, "Kill the chosen robot's agent")

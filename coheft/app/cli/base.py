@@ -25,21 +25,20 @@ EXIT_MEANINGS = {
     EXIT_CONVERGED: "every robot converged (or: done)",
     EXIT_ERROR: "an error",
     EXIT_USAGE: "wrong usage or a bad scenario",
-    EXIT_NOT_CONVERGED: "not every robot had converged at the end, or one was further off than it claims "
-    "(or: not all was reached)",
+    EXIT_NOT_CONVERGED: "not every robot converged, or one is further off than it claims (or: not all was reached)",
     EXIT_BROKEN_PROMISE: "a promise was broken",
     EXIT_INTERRUPTED: "stopped by Ctrl-C",
 }
 
 RUN = cyclopts.Group.create_ordered("Run")
-CONTROL = cyclopts.Group.create_ordered("A run that goes on")
+CONTROL = cyclopts.Group.create_ordered("Control a run in progress")
 EVALUATE = cyclopts.Group.create_ordered("Evaluate")
-PARTS = cyclopts.Group.create_ordered("Parts by hand, several hosts")
-SHELL = cyclopts.Group.create_ordered("This command line")
+PARTS = cyclopts.Group.create_ordered("Start parts by hand, on one or several hosts")
+SHELL = cyclopts.Group.create_ordered("The command line itself")
 
 app = cyclopts.App(
     name="coheft",
-    help="Robots that hold one load together find out, by themselves, what they are holding.",
+    help="Robots that hold a load together identify it by themselves.",
     help_epilogue=f"Exit status: {', '.join(f'{status} {meaning}' for status, meaning in EXIT_MEANINGS.items())}.",
     version=coheft.__version__,
     group_commands=SHELL,
@@ -180,7 +179,7 @@ GivenPath = Annotated[Path, Parameter(converter=_path)]
 RunFolder = Annotated[
     Path | None,
     Parameter(
-        name="--run", converter=_path, help="Folder of the run, or its bare name; needed to change one of several."
+        name="--run", converter=_path, help="Folder of the run, or its name; needed to change one of several runs."
     ),
 ]
 ReportTarget = Annotated[str | None, Parameter(allow_leading_hyphen=True, validator=_is_target)]

@@ -51,41 +51,41 @@ def cart(
     figures: FolderTarget = None,
     quiet: Flag = False,
 ) -> int:
-    """Push a cart of unknown mass along a trajectory, with and without learning what it is.
+    """Push a cart of unknown mass along a trajectory, with and without identifying it.
 
     Repeats the simulations of Aguilera et al., "Modeling and Inertial Parameter Estimation of Cart-like Nonholonomic
-    Systems Using a Mobile Manipulator", Table I, and compares. Exit status 3 if something is worse than it should be.
+    Systems Using a Mobile Manipulator", Table I, and compares the results. Exit status 3 if a result is worse than it
+    should be.
 
     Parameters
     ----------
     test:
-        Number in Table I, 1 to 11; or 12, which is none of theirs: push and pull, with casters that turn round.
+        Number of a test in Table I, 1 to 11; or 12, a test of our own: push and pull, with casters that turn around.
     all_tests:
-        All tests of Table I, as if no test were named.
+        Run all tests, which is also the default.
     seeds:
-        Runs of each test; without the estimator each is run once.
+        Runs of each test; the comparison without the estimator is run once.
     first_seed:
-        Of the first run's noise; the others count on from there.
+        Seed of the first run's noise; the others follow consecutively.
     pushers:
-        How many push, side by side; each knows its own wrench only.
+        Number of robots that push side by side; each knows only its own wrench.
     friction_guess:
-        What they take the friction of moving for, as a share of what it is, for instance 0.5 or 2; they know it
-        otherwise. That of turning they never know.
+        The translational friction that the pushers assume, relative to the true one, for instance 0.5 or 2; by default
+        they know it. They never know the turning friction.
     turning_friction:
-        Friction of turning as a share of that of moving; the pushers take them for the same number.
+        Turning friction relative to translational friction; the pushers assume that both are equal.
     noise_factor:
-        Motion is measured with so many times the noise that the pushers are told.
+        Factor by which the noise of the motion is larger than the pushers assume.
     processes:
         One process per pusher and one for the cart, linked by Zenoh, instead of all in this one.
     jobs:
-        Number of processes for runs side by side, instead of one per core; more than one takes coheft[study]. Not with
-        --processes.
+        Number of parallel runs; by default one per core. More than one needs coheft[study]. Not with --processes.
     json:
         Write the results to this file; - for standard output.
     figures:
-        Folder for the paper's figures 4 to 6, drawn anew; takes coheft[study].
+        Folder for the paper's figures 4 to 6, redrawn; needs coheft[study].
     quiet:
-        Show nothing but errors.
+        Print only errors.
     """
     from rich.console import Console
 
@@ -148,28 +148,30 @@ def identify(
     json: ReportTarget = None,
     quiet: Flag = False,
 ) -> int:
-    """Find out from a recording of your own what a cart is: mass, centre of mass, inertia, friction.
+    """Identify a cart from your own recording: mass, centre of mass, inertia and friction.
 
-    Exit status 0 if all is known at its end and measurements fit, 3 if not: then the report says what.
+    Exit status 0 if everything is known at the end and the measurements fit; otherwise 3, and the report says what is
+    missing.
 
     Parameters
     ----------
     recording:
         A .csv or .npz file with times, poses, rates and pushes, see docs/cart.md.
     mass:
-        About what it is, within a factor of four [kg].
+        First guess of the mass, within a factor of four [kg].
     com:
-        About where the centre of mass is: ahead of the axle's middle, and to the left [m].
+        First guess of the centre of mass: ahead of the axle's middle, and to the left of it [m].
     hand:
-        Where the push is measured, likewise; torques are about that point [m].
+        Point at which the push is measured, in the same coordinates; torques are about it [m].
     noise:
-        Standard deviation of measured poses and rates, in all their units; if it is larger, that is noticed.
+        Standard deviation of measured poses and rates, the same number in each of their units; noise that is larger is
+        noticed.
     force_noise:
-        Of measured forces [N]; that of torques is a tenth of it [N·m].
+        Standard deviation of measured forces [N]; that of torques is a tenth of it [N·m].
     json:
         Write the results to this file; - for standard output.
     quiet:
-        Show nothing but errors.
+        Print only errors.
     """
     from rich.console import Console
 

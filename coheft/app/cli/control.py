@@ -1,4 +1,4 @@
-"""Commands for a run that goes on."""
+"""Commands for a run in progress."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from coheft.app.cli.base import CONTROL, RunFolder, Vector, Whole, app
 
 @app.command(group=CONTROL)
 def inject(*, mass: float, at: Vector, size: Vector = (0.1, 0.1, 0.1), run: RunFolder = None) -> None:
-    """Drop a load onto the payload of a run that goes on.
+    """Drop a load onto the payload of a run in progress.
 
     Parameters
     ----------
     mass:
-        Of the load [kg].
+        Mass of the load [kg].
     at:
-        Where its centre comes to lie, in the payload's frame [m].
+        Position of its centre, in the payload's frame [m].
     size:
         Its edge lengths [m].
     """
@@ -24,17 +24,17 @@ def inject(*, mass: float, at: Vector, size: Vector = (0.1, 0.1, 0.1), run: RunF
     from coheft.wire.messages.requests import InjectRequest
 
     status = ask_run(InjectRequest(mass=mass, position=at, size=size), run)
-    print(f"load {status.loads[-1].id} of {mass:g} kg put on; {status.slots_free} more fit")
+    print(f"load {status.loads[-1].id} of {mass:g} kg is on the payload; {status.slots_free} more fit")
 
 
 @app.command(group=CONTROL)
 def remove(load: Whole, *, run: RunFolder = None) -> None:
-    """Take a load off the payload of a run that goes on.
+    """Take a load off the payload of a run in progress.
 
     Parameters
     ----------
     load:
-        Its number, as 'coheft inject' told; loads are numbered from 1 as they come.
+        Number of the load, as printed by 'coheft inject'; loads are numbered from 1 in order of arrival.
     """
     from coheft.app.run.observer import ask_run
     from coheft.wire.messages.requests import RemoveRequest
@@ -45,7 +45,7 @@ def remove(load: Whole, *, run: RunFolder = None) -> None:
 
 @app.command(group=CONTROL)
 def release(robot: str, *, run: RunFolder = None) -> None:
-    """Let a robot of a run take its hand off the payload.
+    """Let a robot let go of the payload.
 
     Parameters
     ----------
@@ -53,12 +53,12 @@ def release(robot: str, *, run: RunFolder = None) -> None:
         Its name.
     """
     time = _set_holding(run, robot, holding=False)
-    print(f"{robot} let go at {time:.2f} s; 'coheft grasp {robot}' lets it take hold again")
+    print(f"{robot} let go at {time:.2f} s; 'coheft grasp {robot}' makes it grasp again")
 
 
 @app.command(group=CONTROL)
 def grasp(robot: str, *, run: RunFolder = None) -> None:
-    """Let a robot of a run take hold of the payload again, where it held it before.
+    """Let a robot grasp the payload again, in the same place as before.
 
     Parameters
     ----------
@@ -79,47 +79,47 @@ def _set_holding(folder: Path | None, robot: str, *, holding: bool) -> float:
 
 @app.command(group=CONTROL)
 def use(estimator: str | None = None, *, run: RunFolder = None) -> None:
-    """Let all robots of a run forget what they know and begin anew with another estimator.
+    """Make all robots discard their estimates and start again with another estimator.
 
     Parameters
     ----------
     estimator:
-        efficient, fan2017, or your own if the run has begun with it; without one, tell which one is in use.
+        efficient, fan2017, or your own if the run started with it. Without one, print the estimator in use.
     """
     from coheft.app.run.observer import ask_run
     from coheft.wire.messages.requests import EstimatorRequest, StatusRequest
 
     if estimator is None:
         status = ask_run(StatusRequest(), run)
-        print(f"the robots use {status.estimator}; there are: {', '.join(status.estimators)}")
+        print(f"the robots use {status.estimator}; available: {', '.join(status.estimators)}")
     else:
         status = ask_run(EstimatorRequest(estimator=estimator), run)
-        print(f"the robots use {status.estimator} from {status.time:.2f} s on, and begin anew")
+        print(f"the robots use {status.estimator} from {status.time:.2f} s on, and start again")
 
 
 @app.command(group=CONTROL)
 def pause(*, run: RunFolder = None) -> None:
-    """Stop the clock of a run."""
+    """Pause a run."""
     from coheft.app.run.observer import ask_run
     from coheft.wire.messages.requests import PauseRequest
 
     status = ask_run(PauseRequest(paused=True), run)
-    print(f"paused at {status.time:.2f} s; 'coheft resume' goes on")
+    print(f"paused at {status.time:.2f} s; 'coheft resume' continues")
 
 
 @app.command(group=CONTROL)
 def resume(*, run: RunFolder = None) -> None:
-    """Let a paused run go on."""
+    """Resume a paused run."""
     from coheft.app.run.observer import ask_run
     from coheft.wire.messages.requests import PauseRequest
 
     status = ask_run(PauseRequest(paused=False), run)
-    print(f"goes on from {status.time:.2f} s")
+    print(f"resumed at {status.time:.2f} s")
 
 
 @app.command(group=CONTROL)
 def stop(*, run: RunFolder = None) -> None:
-    """End a run now; whoever started it gets its report."""
+    """End a run now; the terminal that started it shows its report."""
     from coheft.app.run.folder import locate_run
     from coheft.app.run.observer import ask_server
     from coheft.wire.messages.requests import StopRequest
@@ -131,7 +131,7 @@ def stop(*, run: RunFolder = None) -> None:
 
 @app.command(group=CONTROL)
 def watch(*, run: RunFolder = None) -> None:
-    """Watch a run that goes on, until it ends."""
+    """Watch a run in progress until it ends."""
     from rich.console import Console
 
     from coheft.app.run.folder import find_run
@@ -143,9 +143,9 @@ def watch(*, run: RunFolder = None) -> None:
 
 @app.command(group=CONTROL)
 def cut(one: str, other: str, *, run: RunFolder = None) -> None:
-    """Cut the link between two neighbours of a run that goes on: each falls silent to the other.
+    """Cut the link between two neighbours: neither receives the other's messages any more.
 
-    If the agent that dials it starts again, it dials all its neighbours.
+    An agent that restarts connects to all its neighbours again, cut links included.
 
     Parameters
     ----------
@@ -155,7 +155,7 @@ def cut(one: str, other: str, *, run: RunFolder = None) -> None:
         Its neighbour.
     """
     _set_link(run, one, other, cut=True)
-    print(f"{one} and {other} do not hear each other any more; 'coheft mend {one} {other}' links them again")
+    print(f"{one} and {other} no longer receive each other's messages; 'coheft mend {one} {other}' restores the link")
 
 
 @app.command(group=CONTROL)
@@ -170,7 +170,7 @@ def mend(one: str, other: str, *, run: RunFolder = None) -> None:
         Its neighbour.
     """
     _set_link(run, one, other, cut=False)
-    print(f"{one} and {other} may hear each other again")
+    print(f"{one} and {other} can receive each other's messages again")
 
 
 def _set_link(folder: Path | None, one: str, other: str, *, cut: bool) -> None:

@@ -1,4 +1,4 @@
-"""The command that hands a load on."""
+"""The command that exports an identified load."""
 
 from __future__ import annotations
 
@@ -37,31 +37,31 @@ def export(
     to: FileTarget = None,
     run: RunFolder = None,
 ) -> int:
-    """Hand a load that was found on to a model, an arm's controller, or a program that asks whether it may be lifted.
+    """Export an identified load to a robot model, an arm controller, or a check of whether it may be lifted.
 
-    What is exported is all of the load, as an arm has to know that holds it alone. An estimate that is not valid, or
-    not complete, is an error that says why. Exit status 3 if a load is not certainly within the limits.
+    The export describes the whole load, for an arm that holds it alone. An estimate that is not valid or not complete
+    is refused with the reason. Exit status 3 if the load is not certain to be within the limits.
 
     Parameters
     ----------
     report:
-        What 'coheft run --json' or 'coheft identify --json' has written; without it, a run that goes on.
+        Report written by 'coheft run --json' or 'coheft identify --json'; without it, ask a run in progress.
     as_:
-        urdf, mjcf: the element <inertial>; franka: setLoad of libfranka; ur: set_target_payload of URScript; kuka: load
-        data of KRL; verdict: JSON with the load and its limits.
+        urdf, mjcf: the element <inertial>; franka: setLoad of libfranka; ur: set_target_payload of URScript; kuka:
+        LOAD_DATA of KRL; verdict: JSON with the load and its limits.
     robot:
-        Whose estimate; the first robot's by default.
+        Robot whose estimate is exported; by default the first.
     flange:
-        Where the robot's grasp frame is in the frame of the flange, or of the model's body: position x y z [m], then
-        rotation vector x y z [degrees]. Without it, they are the same.
+        Pose of the robot's grasp frame in the frame of the flange, or of the model's body: position x y z [m], then
+        rotation vector x y z [degrees]. Without it, the frames are assumed to coincide.
     max_mass:
-        With verdict: what the load may weigh [kg].
+        With verdict: largest allowed mass [kg].
     max_offset:
-        With verdict: how far its centre of mass may be from the flange [m].
+        With verdict: largest allowed distance of the centre of mass from the flange [m].
     max_inertia:
-        With verdict: how large its moments of inertia at the centre of mass may be [kg·m²].
+        With verdict: largest allowed moment of inertia at the centre of mass [kg·m²].
     to:
-        Write it to this file, instead of standard output.
+        Write to this file instead of standard output.
     """
     from coheft.app.export.handover import hand_over
     from coheft.app.export.sources import hear_load, read_load

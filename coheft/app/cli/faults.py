@@ -1,4 +1,4 @@
-"""The command that breaks things."""
+"""The command that injects faults."""
 
 from __future__ import annotations
 
@@ -59,41 +59,41 @@ def faults(
     shrink: Flag = False,
     quiet: Flag = False,
 ) -> int:
-    """Let things go wrong in many simulated runs, and check after every block that the promises are kept.
+    """Inject faults into many simulated runs, and check after every block that the promises are kept.
 
-    Each seed draws a small team and up to four faults: of the network, of agents, of sensors, of clocks. Of four seeds
-    two have sensors that are off as far as robots are told, see docs/sensors.md; half have small errors that last
-    besides. Exit status 4 if a promise was broken; the last line then is the command that shows it again.
+    Each seed draws a small team and up to four faults of the network, agents, sensors or clocks. In half of the runs
+    the sensors also have small lasting errors, see docs/faults.md. Exit status 4 if a promise was broken; the last
+    line is then the command that reproduces it.
 
     Parameters
     ----------
     seeds:
         Number of runs.
     first_seed:
-        Of the first run, instead of one from the clock; the others count on from there.
+        Seed of the first run, by default drawn from the clock; the others follow consecutively.
     jobs:
-        Number of processes, instead of one per core.
+        Number of processes; by default one per core.
     json:
         Write the summary to this file; - for standard output.
     table:
-        Write what was injected, and what came of it, to this file, in Markdown.
+        Write a table of the injected faults and their effects to this file, in Markdown.
     kept:
-        Add every outcome to this file; a campaign that was cut off goes on where it was. Not with outcomes of other
-        code, or of another mutant.
+        Append every outcome to this file, so that an interrupted campaign can continue. Outcomes of other code or of
+        another mutant are refused.
     failed:
-        Write schedules that break a promise into this folder, instead of 'faults-failed'; --replay FILE runs them again
-        when what a seed draws has changed.
+        Folder for schedules that break a promise, by default 'faults-failed'; --replay FILE runs them again even if
+        seeds draw something else by then.
     mutant:
-        Put this deliberate bug into the agents: the campaign has to find it.
+        Put this deliberate bug into the agents; the campaign has to find it.
     set:
-        A key of the scenario and its value, as TOML has it, which is then not drawn, for instance sensors.rate=200. May
-        be given more than once; not for robots, graph, duration and seed, which the faults are about.
+        Fix a key of the scenario that is otherwise drawn, in TOML syntax, for instance sensors.rate=200. May be
+        repeated. Robots, graph, duration and seed are always drawn.
     replay:
-        Instead: run the schedule of this seed, or that in this file (.json), and tell all.
+        Instead of a campaign, run the schedule of this seed, or in this .json file, and print everything that happens.
     shrink:
-        With replay: simplify the schedule as long as it fails, and write what is left, if that is less, to a file.
+        With --replay: find the simplest schedule that still fails, and write it to a file.
     quiet:
-        Show nothing but errors.
+        Print only errors.
     """
     from rich.console import Console
 

@@ -38,10 +38,11 @@ def identify(
     report: FolderTarget = None,
     quiet: Flag = False,
 ) -> int:
-    """Find out from a recording where the robots held the load, and its mass, centre of mass and inertia.
+    """Identify a load from a recording: where the robots held it, its mass, centre of mass and inertia.
 
-    Exit status 0 if the motion shows everything, 3 if it does not, or if something speaks against what it shows: then
-    the report says what. What cannot be a recording of one load, as with forces of the wrong sign, is an error.
+    Exit status 0 if everything was identified; 3 if something is not observable, or if the numbers should not be
+    trusted, and the report says why. A recording that cannot be of one load, for instance because forces have the wrong
+    sign, is an error.
 
     Parameters
     ----------
@@ -49,31 +50,32 @@ def identify(
         An .npz file, or a folder with a CSV file per robot, as 'coheft run --save-data' makes; an MCAP file, as 'coheft
         run --record' makes, or a bag of ROS; see docs/data-format.md.
     method:
-        batch: the paper's least squares; instruments: without their bias; pose: grasps from poses, with nothing
-        differentiated; likelihood: for sensors of known noise; static: from a load that is held still. Without it:
-        what suits the recording best.
+        batch: the least squares of Fan et al.; instruments: the same without their bias; pose: from poses, without
+        differentiating them; likelihood: maximum likelihood, for sensors of known noise; static: from a load that is
+        held still. By default the best one that the recording allows.
     calibrate:
-        The robots are not well calibrated; estimate what is wrong with them as well (method pose).
+        Estimate calibration errors of the robots as well (method pose).
     from_:
-        Leave out what was before [s].
+        Ignore everything before this time [s].
     to:
-        Leave out what came after [s].
+        Ignore everything after this time [s].
     cutoff:
-        Of the low-pass filter [Hz]; 5 for batch, else 3; likelihood has none.
+        Cutoff of the low-pass filter [Hz]: by default 5 for batch, otherwise 3; likelihood has none.
     assume:
-        What is wrong with the recording, by the name that its verdict has, for instance 'offset' or 'sensor turned': it
-        is taken out, and what is left is identified (method pose).
+        Correct the recording for this fault before identifying the load (method pose); the fault is named as in the
+        report's verdict, for instance 'offset' or 'sensor turned'.
     topics:
-        Of an MCAP file or a bag: which are of which robot, as left=/left/wrench left=/left/pose right=/right/wrench
-        right=/right/pose. Without it, robots are what topics' names begin with.
+        Topics of each robot in an MCAP file or a bag, for instance left=/left/wrench left=/left/pose
+        right=/right/wrench right=/right/pose. By default the first part of a topic's name is the robot.
     holds:
-        Recording of the same load, held still in some orientations by the same robots: for mass and centre of mass.
+        Recording of the same load held still in several orientations by the same robots; improves mass and centre of
+        mass.
     json:
         Write the report to this file; - for standard output.
     report:
         Folder for a report with pictures.
     quiet:
-        Show nothing but errors.
+        Print only errors.
     """
     from rich.console import Console
 

@@ -23,13 +23,13 @@ def keys(
     Parameters
     ----------
     folder:
-        Where the files go. Each host needs authority.crt, and the .crt and .key of the parts that run on it.
+        Folder for the files. Each host needs authority.crt, and the .crt and .key files of the parts that run on it.
     scenario:
         Name of a shipped scenario (see 'coheft scenarios'), or a path that ends with .toml.
     hosts:
-        File that tells where each part runs, see docs/deployment.md; on this machine alone without it.
+        File that names the host of each part, see docs/deployment.md; by default all run on this machine.
     days:
-        After which all certificates expire.
+        Number of days after which all certificates expire.
     """
     from datetime import timedelta
 

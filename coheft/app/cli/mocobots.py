@@ -26,25 +26,25 @@ def mocobots(
     markdown: FileTarget = None,
     quiet: Flag = False,
 ) -> int:
-    """Redo the experiments of Zhang et al. (2025) in simulation, and put their tables beside ours.
+    """Repeat the experiments of Zhang et al. (2025) in simulation, and compare the results with their tables.
 
     Parameters
     ----------
     experiments:
-        Of each configuration, with and without calibration errors: from via point to via point, and on a sphere, in
-        turns.
+        Number of experiments for each configuration, with and without calibration errors; motions alternate between via
+        points and a sphere.
     first:
-        Number of the first experiment: each number stands for motions, noise and robots of its own.
+        Number of the first experiment; each number has its own motions, noise and robots.
     configurations:
-        Which of the paper's.
+        Which of the paper's configurations to run.
     jobs:
-        Number of processes, instead of one per core.
+        Number of processes; by default one per core.
     json:
         Write all errors to this file; - for standard output.
     markdown:
         Write the tables to this file.
     quiet:
-        Show nothing but errors.
+        Print only errors.
     """
     from rich.console import Console
 

@@ -9,16 +9,16 @@ from coheft.app.cli.base import EVALUATE, FileTarget, Flag, GivenPath, app
 
 @app.command(group=EVALUATE)
 def recover(recording: GivenPath, *, output: FileTarget = None, overwrite: Flag = False) -> None:
-    """Save what there is of a recording whose run was killed, or that is damaged.
+    """Save what is intact of a recording that is damaged, or whose run was killed.
 
     Parameters
     ----------
     recording:
-        The .mcap file; it stays as it is.
+        The .mcap file; it is not changed.
     output:
-        Where to; by default NAME-recovered.mcap beside it.
+        File to write; by default NAME-recovered.mcap beside it.
     overwrite:
-        Replace the output if it is there already.
+        Replace the output file if it exists.
     """
     from coheft.app.recording.recover import recover as recover_file
 

@@ -7,16 +7,17 @@ from coheft.app.cli.base import EVALUATE, GivenPath, NewFolder, app
 
 @app.command(group=EVALUATE)
 def report(recording: GivenPath, folder: NewFolder) -> None:
-    """Make a page with the scene, pictures and data of a run that was recorded, as 'coheft run --report' does.
+    """Make an HTML report from the recording of a run, as 'coheft run --report' does.
 
-    The page, report.html, needs no other file and no network: it can be sent and kept. Takes coheft[record,report].
+    The page, report.html, needs no other file and no network, so it can be shared and archived. Needs
+    coheft[record,report].
 
     Parameters
     ----------
     recording:
-        What 'coheft run --record' has written.
+        A recording made by 'coheft run --record'.
     folder:
-        Where the page, its pictures and the data go.
+        Folder for the page, its pictures and their data.
     """
     from importlib import import_module
 

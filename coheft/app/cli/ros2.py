@@ -16,7 +16,7 @@ Domain = Annotated[Whole, Parameter(validator=Number(gte=0, lte=232))]
 
 @app.command(group=PARTS)
 def ros2_bridge(run: RunFolder = None, *, domain: Domain = 0, endpoint: str = ROUTER, namespace: str = "") -> None:
-    """Publish what a run that goes on says as stock ROS 2 messages, for nodes on rmw_zenoh; see docs/ros2.md.
+    """Publish a run in progress as standard ROS 2 messages, for nodes on rmw_zenoh; see docs/ros2.md.
 
     Parameters
     ----------
@@ -25,7 +25,7 @@ def ros2_bridge(run: RunFolder = None, *, domain: Domain = 0, endpoint: str = RO
     endpoint:
         Where the router of ROS 2 listens ('ros2 run rmw_zenoh_cpp rmw_zenohd').
     namespace:
-        All topics' names begin with it: several runs may be in one domain.
+        Prefix of all topics, so that several runs can share a domain.
     """
     from coheft.app.ros2.bridge import bridge_run
     from coheft.app.ros2.names import namespace_of
@@ -38,7 +38,7 @@ def ros2_bridge(run: RunFolder = None, *, domain: Domain = 0, endpoint: str = RO
 def ros2_driver(
     *configs: GivenPath, domain: Domain = 0, endpoint: str = ROUTER, epoch: Time | None = None, namespace: str = ""
 ) -> None:
-    """Feed agents with what robots measure in ROS 2, in place of the physics server; see docs/ros2.md.
+    """Feed agents with measurements from ROS 2, in place of the physics server; see docs/ros2.md.
 
     Parameters
     ----------
@@ -50,9 +50,9 @@ def ros2_driver(
         Where the router of ROS 2 listens ('ros2 run rmw_zenoh_cpp rmw_zenohd').
     epoch:
         ROS time at which the run begins [s], the same for the whole team. Needed if other processes drive other robots
-        of the team; otherwise it begins when most robots measure.
+        of the team; otherwise the run begins when most robots send measurements.
     namespace:
-        All topics' names begin with it: several teams may be in one domain.
+        Prefix of all topics, so that several teams can share a domain.
     """
     from coheft.app.ros2.drive import drive, read_agents
     from coheft.app.ros2.names import namespace_of

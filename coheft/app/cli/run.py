@@ -68,68 +68,68 @@ def run(
     write_configs: FolderTarget = None,
     feedforward: bool | None = None,
 ) -> int:
-    """Start the physics server and one process per robot, and watch them find out what they hold.
+    """Start the physics server and one process per robot, and follow their estimates of the load.
 
-    Exit status 0 only if every robot converged, none is stale, and none is further off than it claims; 3 if the run
-    ended without.
+    Exit status 0 if every robot converged, none is stale, and none is further off than it claims; otherwise 3.
 
     Parameters
     ----------
     scenario:
         Name of a shipped scenario (see 'coheft scenarios'), or a path that ends with .toml.
     change:
-        A change of the load, instead of the scenario's own. For instance, t=20,mass=3,at=0.4,0.3,0.1 drops a load: t is
-        when [s], mass how much [kg], at where in the payload's frame [m]. With size=0.2,0.2,0.1 it has these edge
-        lengths [m], with leak=0.1 it loses so much from then on [kg/s]. t=30,remove=1 takes the first load away. May be
-        given more than once.
+        A change of the load that replaces those of the scenario. For instance, t=20,mass=3,at=0.4,0.3,0.1 drops 3 kg at
+        20 s, at this position in the payload's frame [m]. size=0.2,0.2,0.1 gives its edge lengths [m], and leak=0.1 the
+        mass it loses from then on [kg/s]. t=30,remove=1 takes the first load away. May be repeated.
     set:
-        A key of the scenario and its value, as TOML has it, for instance sensors.noise_scale=3 or load_changes[0].at=8;
-        docs/scenarios.md has all keys. May be given more than once; what other options say holds.
+        Set a key of the scenario, in TOML syntax, for instance sensors.noise_scale=3 or load_changes[0].at=8;
+        docs/scenarios.md lists all keys. May be repeated; other options take precedence.
     duration:
-        Simulated time [s]; with --view, the run goes on until you stop it if you give none.
+        Simulated time [s]. With --view and no duration, the run continues until you stop it.
     seed:
-        Of the sensors' noise and the robots' motions.
+        Seed of the sensors' noise and the robots' motions.
     estimator:
-        The robots' method: efficient, fan2017, or one of your own, see docs/own.md.
+        Estimator that all robots use: efficient, fan2017, or your own, see docs/own.md.
     sensor_rate:
         Samples per second: 100, 125, 200, 250, 500 or 1000.
     realtime:
-        Keep pace with the clock on the wall and wait for no robot, instead of going as fast as the slowest robot can.
+        Keep pace with wall-clock time and wait for no robot, instead of running as fast as the slowest robot allows.
     restarts:
-        How often an agent that dies is started again; once more, and the run ends with an error.
+        How often an agent that dies is restarted before the run ends with an error.
     json:
         Write the report to this file; - for standard output.
     history:
         Add the errors of every second to the report.
     report:
-        Folder for a page with pictures, the pictures, and the data behind them; takes coheft[report].
+        Folder for an HTML page, its pictures and their data; needs coheft[report].
     quiet:
-        Show nothing but errors, and where the view is.
+        Print only errors, and the address of the view.
     save_data:
-        Save what all robots measured, for 'coheft identify': an .npz file, or, without suffix, a folder of CSV files.
+        Save the measurements of all robots for 'coheft identify': to an .npz file or, without a suffix, a folder of CSV
+        files.
     record:
         Record the run to this new .mcap file, for 'coheft view', Foxglove and PlotJuggler, see docs/recording.md.
     view:
-        Show the run in the browser, no faster than the clock on the wall. It goes on until you stop it, unless
-        --duration, --record or --save-data ends it; the last picture stays until Ctrl-C. See docs/view.md.
+        Show the run in the browser, no faster than wall-clock time. It continues until you stop it; with --duration,
+        --record or --save-data it ends as usual. The last scene stays until Ctrl-C. See docs/view.md.
     view_read_only:
-        The same without buttons: who looks cannot act.
+        The same, read-only: without buttons.
     no_wait:
-        Do not wait until somebody looks at the view.
+        Start at once, without waiting for a browser to open the view.
     logs:
-        Folder for the processes' logs, with none in it yet, instead of a new one among your runs.
+        Folder for the processes' logs, which must not contain any yet; by default a new folder among your runs.
     log_level:
-        What their logs have at least: debug, info, warning or error.
+        Lowest level that is logged: debug, info, warning or error.
     secure:
-        Let no one join who has no certificate, and no one speak for another.
+        Encrypt and authenticate all links with certificates made for this run.
     keys:
-        Folder with everyone's certificates, as 'coheft keys' makes it, instead of new ones for this run alone.
+        Folder of certificates made by 'coheft keys', to use instead of new ones for this run.
     hosts:
-        File that tells where each part runs, see docs/deployment.md; with --write-configs.
+        File that names the host of each part, see docs/deployment.md; needs --write-configs.
     write_configs:
-        Do not run: write the processes' configurations into this folder, with none in it yet, to start them by hand.
+        Do not run. Write the configurations of all processes into this folder, to start them by hand.
     feedforward:
-        Where robots carry the load along a common path: whether they push with what they know of it.
+        In scenarios where robots carry the load along a path: whether they use feed-forward forces from their
+        estimates.
     """
     from coheft.app.run.processes import make_fork_server
 

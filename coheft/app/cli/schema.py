@@ -7,9 +7,9 @@ from coheft.app.cli.base import SHELL, app
 
 @app.command(group=SHELL)
 def schema() -> None:
-    """Print the JSON schema of scenarios, by which editors complete, explain and check their keys.
+    """Print the JSON schema of scenarios, with which editors complete, explain and check keys.
 
-    docs/own.md shows how to tell an editor.
+    docs/own.md shows how to set up an editor.
     """
     import json
 

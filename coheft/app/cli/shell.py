@@ -15,7 +15,7 @@ Shell = Literal["bash", "zsh", "fish"]
 
 @app.command(name="help", group=SHELL)
 def help_(command: Annotated[str | None, Parameter(show_default=False)] = None) -> None:
-    """Tell what a command does, and all its options; without a name, list all commands.
+    """Show what a command does and its options; without a name, list all commands.
 
     Parameters
     ----------
@@ -36,7 +36,8 @@ def completion(shell: Shell | None = None, *, install: Flag = False) -> None:
     shell:
         bash, zsh or fish; without it, the one that is running.
     install:
-        Do not print it: put it where the shell looks for such scripts, and load it from the shell's startup file.
+        Instead of printing the script, install it where the shell looks for such scripts, and load it from the shell's
+        startup file.
     """
     if install:
         path: Path = app.install_completion(shell=shell)

@@ -82,46 +82,44 @@ def study(
     report: FolderTarget = None,
     quiet: Flag = False,
 ) -> int:
-    """Measure the estimators against the Cramér-Rao bound, over many runs in this process's own simulated network.
+    """Compare estimators with the Cramér-Rao bound over many runs, each in one process with a simulated network.
 
-    Each run has a seed of its own, for the sensors' noise and for the robots' motions, and is the same for all
-    estimators.
+    Each run has its own seed for the sensors' noise and the robots' motions; all estimators get the same runs.
 
     Parameters
     ----------
     scenario:
-        Name of a shipped scenario (see 'coheft scenarios'), a path that ends with .toml, or 'random': a team of its
-        own for every run.
+        Name of a shipped scenario (see 'coheft scenarios'), a path that ends with .toml, or 'random' for a new random
+        team in every run.
     set:
-        A key of the scenario and its value, as TOML has it, for instance sensors.noise_scale=3. May be given more than
-        once.
+        Set a key of the scenario, in TOML syntax, for instance sensors.noise_scale=3. May be repeated.
     vary:
-        A key of the scenario and values with commas between, for instance sensors.rate=100,500: a study for each, and
-        a table that compares them. The JSON then holds them all.
+        Run a study for each of several values of a key, for instance sensors.rate=100,500, and compare them in a table.
+        The JSON then holds all studies.
     runs:
-        Number of runs, for each noise.
+        Number of runs for each noise scale.
     estimators:
-        Which to compare.
+        Estimators to compare, separated by commas.
     noise:
-        Factors on the scenario's noise, for instance 1,3.
+        Factors applied to the scenario's noise, for instance 1,3.
     at:
-        When accuracy is judged [s], for instance 2,5,10; not after the load changes.
+        Times at which accuracy is judged [s], for instance 2,5,10; they must be before the first change of the load.
     after:
-        From the scenario's first change of the load to the judgement of the recovery [s].
+        Time after the first change of the load at which the recovery is judged [s].
     first_seed:
-        Of the first run; the others count on from there.
+        Seed of the first run; the others follow consecutively.
     sensor_rate:
-        Samples per second, instead of the scenario's; its blocks stay as long as they are.
+        Samples per second, instead of the scenario's; the duration of a block stays the same.
     jobs:
-        Number of processes, instead of one per core.
+        Number of processes; by default one per core.
     dask:
-        Address of a Dask scheduler; its workers run everything.
+        Address of a Dask scheduler whose workers do all runs.
     json:
         Write the results to this file; - for standard output.
     report:
         Folder for a report with pictures.
     quiet:
-        Show nothing but errors.
+        Print only errors.
     """
     from functools import partial
 

@@ -9,19 +9,19 @@ from coheft.app.cli.base import RUN, Flag, GivenPath, Port, app
 
 @app.command(group=RUN)
 def view(what: GivenPath | None = None, *, host: str = "127.0.0.1", port: Port = None, read_only: Flag = False) -> None:
-    """See a run, or a recording of one, in the browser. Ctrl-C ends the view.
+    """Show a run, or a recording of one, in the browser. Ctrl-C ends the view.
 
     Parameters
     ----------
     what:
-        A recording that ends with .mcap, or the folder of a run that goes on, if it is not the newest of yours.
+        A recording that ends with .mcap, or the folder of a run in progress; by default your newest run.
     host:
-        Where it listens: for this machine only, unless you name another of its addresses. Who has the address that is
-        printed, secret included, can look and act.
+        Address to listen on; by default only this machine can connect. Anyone who has the printed address, secret
+        included, can watch and control the run.
     port:
-        Where the view is; 8010 or the next free one if you name none.
+        Port to listen on; by default 8010 or the next free one.
     read_only:
-        Show, but do not act: no buttons.
+        Read-only: without buttons.
     """
     from coheft.app.view.door import Door
 

@@ -36,8 +36,8 @@ def read_load(path: Path, robot: str | None) -> FoundLoad:
         raise CoheftError(f"{path}: cannot be read: {error.strerror}") from error
     except msgspec.MsgspecError as error:
         raise CoheftError(
-            f"{path}: expected what 'coheft run --json' or 'coheft identify --json' writes; found something else: "
-            f"{error}"
+            f"{path}: expected a report of 'coheft run --json' or 'coheft identify --json'; found something else: "
+            f"{error}. A recording has to be identified first: coheft identify {path} --json report.json"
         ) from error
 
 

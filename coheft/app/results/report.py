@@ -122,7 +122,7 @@ class Report(msgspec.Struct, frozen=True):
         duration_s: Simulated time [s].
         robots: What each robot believes at the end.
         load_changes: What happened to the payload.
-        estimator_changes: When the robots began anew with another method, and which.
+        estimator_changes: When the robots started again with another estimator, and which.
         consensus: Errors of the total wrench.
         processes: Physics server and agents.
         real_time_factor: Simulated time over wall time.

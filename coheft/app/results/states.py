@@ -42,19 +42,19 @@ class State(StrEnum):
 
 
 MEANINGS = {
-    State.STALE: "cannot know whether its estimate still holds",
-    State.FINDING_NEIGHBOURS: "does not know yet where its neighbours hold the payload",
-    State.WEIGHING: "knows nothing of the payload yet",
+    State.STALE: "cannot tell whether its estimate still holds",
+    State.FINDING_NEIGHBOURS: "does not yet know where its neighbours hold the payload",
+    State.WEIGHING: "knows nothing about the payload yet",
     State.MASS_KNOWN: "knows the mass only",
     State.CENTRE_KNOWN: "knows mass and centre of mass",
-    State.ALL_KNOWN: "knows everything, but not well enough yet",
-    State.CONVERGED: "knows everything well enough",
+    State.ALL_KNOWN: "knows everything, but not accurately enough yet",
+    State.CONVERGED: "knows everything accurately enough",
 }
 LACKS = {
     State.FINDING_NEIGHBOURS: "the poses of neighbours are still being found",
     State.WEIGHING: "the mass is still being found",
     State.MASS_KNOWN: "the centre of mass is still being found",
     State.CENTRE_KNOWN: "the inertia is still being found",
-    State.ALL_KNOWN: "all is known, but its std is not as small yet as [converged] in the scenario asks for",
+    State.ALL_KNOWN: "all is known, but its std is not yet as small as [converged] in the scenario asks for",
 }
 """What a robot lacks that has not converged; one that is stale gives its own reason."""

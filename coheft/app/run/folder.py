@@ -1,4 +1,4 @@
-"""Folders of runs: where each process's log goes, and the file by which other commands find a run that goes on."""
+"""Folders of runs: where each process's log goes, and the file by which other commands find a run in progress."""
 
 from __future__ import annotations
 
@@ -57,12 +57,14 @@ def make_run_folder(run: str, logs: Path | None = None) -> Path:
     """Make the folder of a new run: ``logs``, or a new one among the user's runs, of which the oldest are removed.
 
     Raises:
-        CoheftError: It cannot be made, or is that of a run that goes on, or holds logs already.
+        CoheftError: It cannot be made, or is that of a run in progress, or holds logs already.
     """
     if logs is None:
         _remove_old_folders(_KEPT - 1)
     elif _goes_on(logs):
-        raise CoheftError(f"a run goes on in {logs}: name another folder with --logs DIR, or end it: coheft stop")
+        raise CoheftError(
+            f"a run is in progress in {logs}: name another folder with --logs DIR, or end it: coheft stop"
+        )
     elif found := sorted(logs.glob("*.log")) + sorted(logs.glob(RUN_FILE)):
         raise CoheftError(
             f"{found[0]} is there already: the files of a run are never overwritten; name another folder: --logs DIR"
@@ -112,7 +114,7 @@ def announce(folder: Path, run_file: RunFile) -> None:
 
 
 def find_run(folder: Path | None = None, *, acts: bool = False) -> RunFile:
-    """The run in a folder, or else the newest of this user's runs that goes on, see ``locate_run``."""
+    """The run in a folder, or else the newest of this user's runs in progress, see ``locate_run``."""
     return locate_run(folder, acts=acts)[1]
 
 
@@ -134,24 +136,27 @@ def locate_run(folder: Path | None = None, *, acts: bool = False) -> tuple[Path,
         run_file = _read(folder)
         if run_file is None or not _answers(run_file.server):
             expected = ": expected the folder of a run, or, for 'coheft view', a recording that ends with .mcap"
-            raise CoheftError(f"no run goes on in {folder}{expected if folder.is_file() else ''}")
+            raise CoheftError(f"no run is in progress in {folder}{expected if folder.is_file() else ''}")
         return folder, run_file
     places = [path.parent for path in runs_folder().glob(f"*/{RUN_FILE}")]
     found = [(place, run_file) for place in places if (run_file := _read(place)) and _answers(run_file.server)]
     if not found:
         raise CoheftError(
-            "no run goes on; start one with 'coheft run', or name its folder if it has one of its own: --run DIR"
+            "no run is in progress; start one with 'coheft run', or name the folder of a run that has one of its own: "
+            "--run DIR"
         )
     newest, *others = sorted(found, key=lambda each: each[1].began, reverse=True)
     if others:
         names = ", ".join(place.name for place, _ in others)
         if acts:
             raise CoheftError(
-                f"{len(found)} runs go on, and this changes one of them: name it with --run DIR; they are "
+                f"{len(found)} runs are in progress, and this command changes one of them: name it with --run DIR; "
+                f"they are "
                 f"{newest[0].name} (the newest), {names}"
             )
         print(
-            f"{len(found)} runs go on: the newest is {newest[0].name}; others, for --run DIR: {names}", file=sys.stderr
+            f"{len(found)} runs are in progress: the newest is {newest[0].name}; others, for --run DIR: {names}",
+            file=sys.stderr,
         )
     return newest
 

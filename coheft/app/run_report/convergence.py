@@ -43,8 +43,8 @@ ALL_SHOWN = (
     Shown("mass", _MASS, "Mass", "g", 1e3),
     COM_SHOWN,
     Shown("inertia", _INERTIA, "Inertia", "kg·m²", 1.0),
-    Shown("pose-rotation", _ROTATION, "Where the neighbours hold it: rotation", "°", 180.0 / np.pi),
-    Shown("pose-translation", _TRANSLATION, "Where the neighbours hold it: translation", "mm", 1e3),
+    Shown("pose-rotation", _ROTATION, "Poses of the neighbours: rotation", "°", 180.0 / np.pi),
+    Shown("pose-translation", _TRANSLATION, "Poses of the neighbours: translation", "mm", 1e3),
 )
 
 

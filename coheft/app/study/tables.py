@@ -89,7 +89,7 @@ def sentences(estimator: str, result: EstimatorResult) -> Iterator[str]:
     if claimed.contradicted:
         yield (
             f"{estimator}: {claimed.contradicted} of {claimed.count} estimates are further off than they claim, by up "
-            f"to {claimed.most_stds:.3g} own std ({MOST_STDS:g} are to be expected at most)."
+            f"to {claimed.most_stds:.3g} own std (up to {MOST_STDS:g} is normal)."
         )
     elif claimed.count:
         yield f"{estimator}: no estimate is off by more than {MOST_STDS:g} own std."

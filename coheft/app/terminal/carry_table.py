@@ -52,6 +52,6 @@ def _pushed(force: float, torque: float) -> str:
 
 def _sentence(drop: LoadDropReport, *, is_promised: bool) -> str:
     """One of a run in which it is promised, or not, that they come back to the path."""
-    back = "not back on it" if drop.back_after_s is None else f"back on it {drop.back_after_s:.1f} s after"
+    back = "not back on it" if drop.back_after_s is None else f"back on it after {drop.back_after_s:.1f} s"
     end = f", {back}" if is_promised else ""
     return f"At {drop.at_s:g} s the load changed to {drop.mass:.2f} kg: {drop.largest_mm:.1f} mm off the path{end}."

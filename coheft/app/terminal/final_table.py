@@ -23,9 +23,9 @@ from coheft.estimation.geometry.spatial import Array
 HEADINGS = ("robot", "quantity", "truth", "estimate", "error", "own std")
 LEGEND = (
     "Centre of mass: x y z in the robot's grasp frame. Inertia: principal moments.",
-    "Own std: how far off the robot itself expects to be (standard deviation), in the",
-    "unit of the error. In %: of the truth. Marked with its size in own std: an error",
-    "that the robot's own std rules out.",
+    "Own std: the standard deviation that the robot itself reports, in the unit of the",
+    "error. Percentages are of the truth. An error that is too large for its own std",
+    "is marked with its size in own std.",
 )
 _SHOWN = 3
 """Sentences of a kind, and robots that one of them names."""
@@ -145,14 +145,14 @@ def _late_sentence(late_blocks: int) -> list[str]:
 
 def _load_change_sentence(change: LoadChangeReport, *, is_last: bool) -> str:
     def told(first: str, verb: str, moment: float | None) -> str:
-        return f"{first} {verb} {moment - change.at_s:.1f} s after" if moment is not None else f"Not all {verb}"
+        return f"{first} {verb} after {moment - change.at_s:.1f} s" if moment is not None else f"Not all {verb}"
 
     noticed = told("The last robot", "noticed", change.detected_at_s)
     if change.detected_at_s is None and all(robot.mass.estimate is None for robot in change.before_change.values()):
-        noticed = "No robot knew the load yet: nothing to notice"
+        noticed = "No robot knew the load yet, so there was nothing to notice"
     recovered = told("All", "recovered", change.recovered_at_s)
     if change.recovered_at_s is None and not is_last:
-        recovered = "The load changed again before all had recovered"
+        recovered = "The load changed again before all recovered"
     before = next((robot.mass.truth for robot in change.before_change.values()), None)
     start = f"from {before:.2f} kg " if before is not None else ""
     leak = f", leaking {change.leak_kg_s:g} kg/s" if change.leak_kg_s > 0.0 else ""
@@ -162,7 +162,7 @@ def _load_change_sentence(change: LoadChangeReport, *, is_last: bool) -> str:
 
 
 def _estimator_sentence(change: EstimatorUse) -> str:
-    return f"At {change.since_s:g} s the robots forgot all, and began anew with the estimator {change.estimator}."
+    return f"At {change.since_s:g} s all robots started again with the estimator {change.estimator}."
 
 
 def _pose_sentence(report: Report) -> list[str]:
@@ -171,7 +171,7 @@ def _pose_sentence(report: Report) -> list[str]:
         return []
     rotation = max(pose.rotation_error_deg for pose in poses)
     translation = max(pose.translation_error_mm for pose in poses)
-    return [f"Where the neighbours hold it: off by at most {rotation:.2f}° and {translation:.1f} mm."]
+    return [f"Poses of the neighbours: off by at most {rotation:.2f}° and {translation:.1f} mm."]
 
 
 def _not_observable_sentences(report: Report) -> list[str]:
@@ -188,7 +188,7 @@ def _most(found: list[str], show: int = _SHOWN) -> list[str]:
     more = len(found) - show
     if more <= 0:
         return found
-    return [*found[:show], f"And {more} more of the kind; the report (--json FILE) has them all."]
+    return [*found[:show], f"And {more} more; the report (--json FILE) lists them all."]
 
 
 def _convergence_sentences(report: Report) -> list[str]:
@@ -212,15 +212,15 @@ def _contradictions(robots: Mapping[str, RobotReport]) -> list[str]:
     texts = [text for _, text in sorted(found, reverse=True)]
     others = f" and {len(texts) - _SHOWN} more" if len(texts) > _SHOWN else ""
     return [
-        f"Further off than they claim: {', '.join(texts[:_SHOWN])}{others}; up to {MOST_STDS:g} are to be expected. "
-        f"Do not rely on their std: their sensors or the load are not what they take them for."
+        f"Further off than they claim: {', '.join(texts[:_SHOWN])}{others}; up to {MOST_STDS:g} is normal. "
+        f"Do not rely on their std: the sensors or the load are not as the robots assume."
     ]
 
 
 def _lack(robot: RobotReport) -> str:
     """What a robot lacks; a pose that it has not found yet may still turn out to be observable."""
     if robot.not_observable and robot.state not in (State.STALE, State.FINDING_NEIGHBOURS):
-        return "not all is observable with the motion so far"
+        return "not everything is observable with the motion so far"
     return LACKS.get(robot.state, robot.state)
 
 

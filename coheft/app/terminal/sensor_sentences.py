@@ -53,4 +53,4 @@ def _late(error: SensorErrorEstimate) -> str:
 def _amount(error: SensorErrorEstimate, unit: str, scale: float = 1.0, *, signed: bool = False) -> str:
     value = scale * (error.value if signed else abs(error.value))
     space = "" if unit == "°" else " "
-    return f"{value:.3g} ± {scale * error.std:.1g}{space}{unit} (told {scale * error.told:.3g}{space}{unit})"
+    return f"{value:.3g} ± {scale * error.std:.1g}{space}{unit} (tolerance {scale * error.told:.3g}{space}{unit})"

@@ -101,9 +101,9 @@ class Controls:
         status = self._model.status
         choice = gui.add_dropdown("Estimator", status.estimators, initial_value=status.estimator)
         begin_anew = gui.add_button(
-            "Begin anew with it",
+            "Restart with this estimator",
             icon=viser.Icon.REFRESH,
-            hint="All robots forget what they know, and use this estimator from the next block on",
+            hint="All robots discard their estimates and use this estimator from the next block on",
         )
 
         self._buttons += [self._pause, stop, begin_anew]
@@ -111,16 +111,16 @@ class Controls:
         @self._pause.on_click
         def _(event: Any) -> None:
             pause = self._model.status.state != "paused"
-            self._ask(event, PauseRequest(paused=pause), "paused" if pause else "goes on")
+            self._ask(event, PauseRequest(paused=pause), "paused" if pause else "resumed")
 
         @stop.on_click
         def _(event: Any) -> None:
-            self._ask(event, StopRequest(), "stopped; whoever started the run gets its report")
+            self._ask(event, StopRequest(), "stopped; the terminal that started the run shows its report")
 
         @begin_anew.on_click
         def _(event: Any) -> None:
             request = EstimatorRequest(estimator=str(choice.value))
-            self._ask(event, request, f"the robots begin anew with {request.estimator}")
+            self._ask(event, request, f"the robots start again with {request.estimator}")
 
     def _add_team_controls(self, gui: viser.GuiApi) -> None:
         kill = gui.add_button(
@@ -128,7 +128,7 @@ class Controls:
             icon=viser.Icon.SKULL,
             color="red",
             disabled=not self._run_file.pids,
-            hint="Whoever supervises the run starts it again, with an empty memory",
+            hint="'coheft run' restarts it, with an empty memory",
         )
         names = ["-".join(edge) for edge in self._model.edges]
         link = gui.add_dropdown("Link", names or ["none"])

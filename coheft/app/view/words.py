@@ -17,12 +17,15 @@ from coheft.wire.scenario.schema import MAX_DURATION
 _STYLE = "font-size:13px;line-height:1.45;padding:2px 10px 4px 10px;font-variant-numeric:tabular-nums"
 _DIM = "opacity:.62"
 _STATES = {"waiting": WAITING, "running": STATUS["valid"], "paused": (251, 191, 36), "finished": ACCENT}
-_NARROW = "<style>@media (max-width: 36em) {.numbers td {font-size: 10px; padding: 0 1px}}</style>"
+_NARROW = (
+    "<style>@media (max-width: 36em) {.numbers td {font-size: 10px; padding: 0 1px} "
+    ".numbers td:nth-child(n+3) {padding-left: 5px}}</style>"
+)
 _PROBLEMS = 4
 _MOST_DECIMALS = 6
-ENDED = "the run has ended; this is its last picture"
-READ_ONLY = "This view shows the run, and cannot act: it was started so."
-NO_OPERATOR = "This view shows the run, and cannot act: there are no keys of an operator."
+ENDED = "the run has ended; this is how it ended"
+READ_ONLY = "This view is read-only: it was started that way."
+NO_OPERATOR = "This view is read-only: it has no operator's keys."
 
 
 def header(model: ViewModel, note: str = "") -> str:
@@ -31,7 +34,7 @@ def header(model: ViewModel, note: str = "") -> str:
     has_end = 0.0 < status.duration < MAX_DURATION
     share = min(1.0, model.time / status.duration) if has_end else 0.0
     bar_height = 4 if has_end else 0
-    truth = f"true mass <b>{model.truth.payload.mass:.3f} kg</b>" if model.truth is not None else "nothing heard yet"
+    truth = f"true mass <b>{model.truth.payload.mass:.3f} kg</b>" if model.truth is not None else "no data yet"
     bar = (
         f'<div style="height:{bar_height}px;border-radius:2px;background:rgba(148,163,184,.25);margin:7px 0 6px">'
         f'<div style="height:{bar_height}px;border-radius:2px;width:{100.0 * share:.1f}%;background:{css(ACCENT)}">'
@@ -50,11 +53,11 @@ def header(model: ViewModel, note: str = "") -> str:
 
 
 def waiting_note(status: Status, *, is_still: bool) -> str:
-    """Why time stands still, if it does: a moment ago somebody is always waited for."""
+    """Why time stands still, if it does; some robot is always waited for briefly."""
     if status.state == "finished":
         return ENDED
     if status.state == "paused":
-        return "paused: Resume goes on"
+        return "paused: press Resume to continue"
     return f"waiting for {', '.join(status.waiting_for)}" if status.waiting_for and is_still else ""
 
 
@@ -74,9 +77,9 @@ def small(text: str) -> str:
 
 
 def belief(report: RobotReport | None, estimate: Estimate | None) -> str:
-    """What one robot believes, beside the truth: the numbers of the run's report."""
+    """One robot's estimate beside the truth, with the numbers of the run's report."""
     if report is None or estimate is None:
-        return _page(f'<div style="{_DIM}">This robot has not said anything yet.</div>')
+        return _page(f'<div style="{_DIM}">No estimate from this robot yet.</div>')
     mass, com, inertia = report.mass, report.com, report.inertia
     rows = [_row("mass", "kg", [mass.truth], _list(mass.estimate), _list(mass.std), 3)]
     rows += _rows("centre of mass", "mm", "xyz", com.truth, com.estimate, com.std, 1e3, 1)
@@ -99,7 +102,9 @@ def belief(report: RobotReport | None, estimate: Estimate | None) -> str:
         for each in report.contradictions
     ]
     lines += [_bullet(text, STATUS[report.status]) for text in report.reasons]
-    lines += [_bullet(f"cannot tell {text}", WAITING) for text in report.not_observable if text not in report.reasons]
+    lines += [
+        _bullet(f"not observable: {text}", WAITING) for text in report.not_observable if text not in report.reasons
+    ]
     noticed = [f"{notice.noticed_at:.2f} s" for notice in estimate.load_changes]
     if noticed:
         lines.append(f'<div><span style="{_DIM}">noticed load changes at</span> {", ".join(noticed[-4:])}</div>')
@@ -138,7 +143,7 @@ def problems(model: ViewModel) -> str:
     """What went wrong lately."""
     newest = list(model.problems)[-_PROBLEMS:]
     if not newest:
-        return _page(f'<div style="{_DIM}">Nothing was refused, no one is missing.</div>')
+        return _page(f'<div style="{_DIM}">No problems.</div>')
     return _page(
         "".join(
             f'<div style="margin-bottom:3px"><span style="{_DIM}">{time:.1f} s {escape(problem.source)}</span> '
@@ -152,12 +157,13 @@ def legend(doubt_scale: float) -> str:
     """What the colours mean, in the scene and in the curves."""
     return _page(
         f'<div style="font-size:12px;margin-top:6px"><b>Scene</b><br>{_dot(TRUTH)} the truth: centre of mass, box of '
-        f"that inertia<br>{_dot(ACCENT)} what the chosen robot believes; the ellipsoid is 3 std of its centre of mass, "
-        f"{doubt_scale:g} × as large<br>{_dot(FORCE)} force, {_dot(TORQUE)} torque of a hand<br>hands and links: "
-        f"{_dot(GOOD)} valid, heard; {_dot(BAD)} stale, silent<br>red, green, blue: x, y, z of a grasp frame"
+        f"equal inertia<br>{_dot(ACCENT)} the chosen robot's estimate; the ellipsoid is 3 std of its centre of mass, "
+        f"drawn {doubt_scale:g} × as large<br>{_dot(FORCE)} force, {_dot(TORQUE)} torque of a hand<br>hands: "
+        f"{_dot(GOOD)} valid, {_dot(BAD)} stale; links: {_dot(GOOD)} up, {_dot(BAD)} down<br>"
+        f"red, green, blue: x, y, z of a grasp frame"
         f'<div style="height:6px"></div><b>Curves</b> of the last 30 s, in the chosen robot\'s grasp frame<br>'
         f"{_dot(ACCENT)} mass, x, xx {_dot(FORCE)} y, yy {_dot(TORQUE)} z, zz<br>"
-        f"{_dot(WAITING)} band of ± 3 std, as the robot claims</div>"
+        f"{_dot(WAITING)} band of ± 3 std, as the robot reports it</div>"
     )
 
 

@@ -1,4 +1,4 @@
-"""What speaks against an identification: no robots and no load are like that, so the recording is not what it seems."""
+"""Contradictions in an identification: no robots and no load can be like that, so the recording is wrong somehow."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ def unsettled(team: TeamPoses, is_settled: bool) -> tuple[str, ...]:
     if is_settled or any(team.relative(0, k).unseen for k in range(1, len(team.poses))):
         return ()
     return (
-        "Poses were still changing when their fit was broken off. Are poses and twists those of grasp frames, and all "
-        "clocks alike? Did no one let go (--from and --to choose a part)?",
+        "Poses were still changing when their fit was broken off. Are poses and twists those of grasp frames, and do "
+        "all clocks agree? Did a robot let go (--from and --to choose a part)?",
     )
 
 
@@ -56,9 +56,10 @@ def doubts_about(names: Sequence[str], team: TeamPoses, payload: Payload) -> tup
         doubts.append(f"The centre of mass would be {away:.0f} m from where robots hold the load. {_METRES}")
     if payload.deviations_off > _FAR:
         doubts.append(
-            f"What was solved for is no body that can exist, nor within {payload.deviations_off:.0f} of its standard "
-            f"deviations of one. Are forces and moments those on the load, in the axes of the grasp frame, and all "
-            f"clocks alike? Did the load change (--from and --to choose a part)? Are the robots not well calibrated "
-            f"(--calibrate)?"
+            f"The mass properties are physically impossible, by {payload.deviations_off:.0f} of their standard "
+            f"deviations. Are forces and moments those on the load, in the axes of the grasp frame, and do all clocks "
+            f"agree? "
+            f"Did the load change (--from and --to choose a part)? Are the robots badly calibrated (--method pose "
+            f"--calibrate, which needs poses)?"
         )
     return tuple(doubts)

@@ -26,7 +26,10 @@ _FAR_TOO_LARGE = 3.0
 
 _HIDDEN = 1e6
 """What is not seen of poses has so many times the variance that a fit lets it have: a stand-in for infinity."""
-_SUSPECTS = ": did the load change (--from and --to choose a part), or are the sensors worse than 'noise' says?"
+_SUSPECTS = (
+    ": did the load change (--from and --to choose a part), or are the sensors worse than 'noise' says? "
+    "This method estimates no scales, offsets or mountings of sensors."
+)
 
 
 def identify_sensors(recording: Recording) -> Identification:

@@ -42,7 +42,7 @@ _FAINT = 1e-10
 
 @dataclass(frozen=True, eq=False)
 class Weights:
-    """How rows are weighed in the first look.
+    """How views of rows become information on the load at fixed poses.
 
     Attributes:
         of_gram: Takes Gram matrices (169,) of ``motion[FORCING]`` to information (256,).
@@ -59,20 +59,24 @@ class Weights:
     known_vector: Array
 
     @staticmethod
-    def of(body: BodyModel, load: Array, known: Evidence) -> Weights:
+    def of(body: BodyModel, load: Array, known: Evidence | None = None) -> Weights:
         """At a state, for a load (16,); ``known`` is evidence on all unknowns from before the rows."""
         weight: Array = inverse_of(residual_covariance(body, load))
         of_gram = information_table(weight)
         of_cross = (weight @ REGRESSOR).reshape(-1, LOAD_SIZE)
         noise = body.motion_noise[FORCING[:, None], FORCING]
+        of_noise = (noise.ravel() @ of_gram).reshape(LOAD_SIZE, LOAD_SIZE)
+        if known is None:
+            return Weights(of_gram, of_cross, of_noise, np.zeros_like(of_noise), np.zeros(LOAD_SIZE))
         about = known.of(np.arange(body.unknowns.size)[body.unknowns.load])
-        return Weights(
-            of_gram,
-            of_cross,
-            (noise.ravel() @ of_gram).reshape(LOAD_SIZE, LOAD_SIZE),
-            about.information,
-            about.score + about.information @ load,
-        )
+        return Weights(of_gram, of_cross, of_noise, about.information, about.score + about.information @ load)
+
+    def sums(self, grams: Array) -> tuple[Array, Array]:
+        """Information with noise (k, 16, 16) and its vectors (k, 16), of Gram matrices of views (k, 19, 19)."""
+        of_motion, crossed = grams[:, :FORCING_SIZE, :FORCING_SIZE], grams[:, :FORCING_SIZE, FORCING_SIZE:]
+        matrices = of_motion.reshape(len(grams), -1) @ self.of_gram
+        vectors: Array = crossed.reshape(len(grams), -1) @ self.of_cross
+        return matrices.reshape(-1, LOAD_SIZE, LOAD_SIZE), vectors
 
 
 def likeliest_change(views: Array, before: Array, weights: Weights, is_known: bool = False) -> tuple[int, float]:
@@ -129,10 +133,7 @@ def _likeliest(places: Indices, views: Array, before: Array, weights: Weights) -
     grams[-1] += before
     np.cumsum(grams, axis=0, out=grams)
     counts = grams[:, 0, 0]  # the first number of a view is 1
-    matrices = grams[:, :FORCING_SIZE, :FORCING_SIZE].reshape(-1, FORCING_SIZE**2) @ weights.of_gram
-    matrices = matrices.reshape(-1, LOAD_SIZE, LOAD_SIZE)
-    crossed = grams[:, :FORCING_SIZE, FORCING_SIZE:]
-    vectors = crossed.reshape(-1, crossed.shape[1] * crossed.shape[2]) @ weights.of_cross
+    matrices, vectors = weights.sums(grams)
     matrices[-1] += weights.known
     vectors[-1] += weights.known_vector
 

@@ -17,9 +17,7 @@ import numpy as np
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.linear_algebra import inverse as inverse_of
 from coheft.estimation.moments.body import BodyModel
-from coheft.estimation.moments.derivatives import MotionDerivatives
-from coheft.estimation.moments.likelihood import wrench_evidence
-from coheft.estimation.moments.moments import WrenchMoments
+from coheft.estimation.moments.change import Weights
 from coheft.estimation.moments.unknowns import LOAD_SIZE, OFFSET, THETA
 
 WINDOWS = (1, 2, 4, 8, 16, 32)
@@ -115,20 +113,19 @@ class KnownLoad:
         return np.zeros((10, 10)) if self.covariance is None else inverse_of(self.covariance)
 
 
-def explanations(body: BodyModel, moments: WrenchMoments, assumed: KnownLoad) -> Explanations:
+def explanations(body: BodyModel, gram: Array, assumed: KnownLoad) -> Explanations:
     """How well another load, or a sensor that reads something in excess, explains wrenches.
 
     Args:
         body: At the state.
-        moments: Of the wrenches.
+        gram: Sum of squared views ``(motion[FORCING], total wrench)`` of rows there, shape (19, 19).
         assumed: The load.
     """
-    load = assumed.load
-    evidence = wrench_evidence(body, MotionDerivatives.at(body), moments, load)
-    about = evidence.of(np.arange(body.unknowns.size)[body.unknowns.load])
-    spread = about.information + about.noise
+    weights = Weights.of(body, assumed.load)
+    (spread,), (vector,) = weights.sums(gram[None])
+    score = vector - (spread - gram[0, 0] * weights.of_noise) @ assumed.load  # the first number of a view is 1
     scale = np.maximum(spread.diagonal(), 1e-300) ** -0.5
-    score, spread = scale * about.score, scale[:, None] * spread * scale + _FAINT * np.eye(LOAD_SIZE)
+    score, spread = scale * score, scale[:, None] * spread * scale + _FAINT * np.eye(LOAD_SIZE)
     known = scale[THETA, None] * assumed.information * scale[THETA]
 
     # A sensor's excess is one of the wrench offset: by force, then by torque, of each robot; shape (2 N, 6, 3).

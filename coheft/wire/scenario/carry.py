@@ -9,8 +9,8 @@ from coheft.wire.scenario.section import NotNegative, Section
 class Carry(Section, frozen=True):
     """A common path, a sinusoid per coordinate: how the first robot's grasp frame moves, in the axes of its home frame.
 
-    All others follow as a rigid body would, each by what it has found out about where the first one holds the load.
-    Until ``start``, or as long as it does not know that, a robot moves as ``motion`` says.
+    All others follow as parts of a rigid body, each with its own estimate of the first one's grasp. Until ``start``, or
+    until it has that estimate, a robot moves as ``motion`` says.
 
     Attributes:
         start: When the common path begins [s].
@@ -19,10 +19,11 @@ class Carry(Section, frozen=True):
         translation_period: Period along x, y, z [s].
         rotation_deg: Amplitude of the rotation vector's coordinates [degrees].
         rotation_period: Their periods [s].
-        feedforward: Whether the robots push with what they know of the load, or leave its weight to their springs.
-        feedforward_at: Since when they do [s]: before, the springs have to do all, for comparison.
+        feedforward: Whether robots apply feed-forward forces from their estimates, or leave the weight to their
+            springs.
+        feedforward_at: Time from which they do; before it springs alone act, for comparison [s].
         force_limit: Largest feed-forward force of one robot [N].
-        torque_limit: And torque [N·m].
+        torque_limit: Largest feed-forward torque of one robot [N·m].
     """
 
     start: NotNegative = 10.0

@@ -10,7 +10,7 @@ from coheft.wire.scenario.section import NotNegative, Section
 
 
 class EncoderErrors(Section, frozen=True):
-    """A force-controlled three-axis arm with a passive three-axis gimbal as wrist, as recordings see it.
+    """A force-controlled three-axis arm with a passive three-axis gimbal as wrist, as it appears in recordings.
 
     The wrist's position and force are measured in the axes of the robot's home frame, the gimbal's angles tell the
     grasp frame's orientation there: ``R = R_x(a) R_y(b) R_z(c)``. Recordings have a torque of zero, as a gimbal
@@ -30,7 +30,7 @@ class EncoderErrors(Section, frozen=True):
         position_scale: Largest relative error of the position.
         force_scale: Largest relative error of the force.
         force_offset: Largest constant error of the force [N].
-        calibration_seed: Of the fixed errors: with equal ones the robots are the same.
+        calibration_seed: Seed of the fixed errors: robots with equal seeds are the same.
     """
 
     angle_bits: Annotated[int, Meta(ge=4, le=32)] = 13

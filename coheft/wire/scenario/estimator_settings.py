@@ -20,19 +20,19 @@ class Fan2017Settings(Section, frozen=True):
             ``1 - 1 / (memory * rate)``.
         rounds: Rounds of dynamic consensus that each sample goes through.
         pose_rotation_deg: Largest standard deviation of a pose's rotation for it to have converged [degrees].
-        pose_translation_mm: And of its translation [mm].
-        acceleration: Angular acceleration from the ``gyro`` alone, eq. (16), or from ``accelerometers``, eq. (17),
-            where the gyro fills what these do not see.
+        pose_translation_mm: The same for its translation [mm].
+        acceleration: Angular acceleration from the ``gyro`` alone, eq. (16), or from ``accelerometers``, eq. (17), with
+            the gyro in directions that these do not observe.
         share_acceleration: Whether it is averaged over the team by dynamic consensus, eq. (18).
-        share_estimates: Whether robots agree on what they believe of the payload, eqs (31) and (32).
-        consensus_weights: Of the edges: ``metropolis``, or ``uniform``, one over one more than the most neighbours that
-            a robot has: a step of eq. (34).
-        equation_weights: Of observations: by their covariance at the present estimate, ``proposition-2``, or
+        share_estimates: Whether robots reach consensus on their estimates of the payload, eqs (31) and (32).
+        consensus_weights: Weights of the edges: ``metropolis``, or ``uniform``, the inverse of one plus the largest
+            number of neighbours: a step of eq. (34).
+        equation_weights: Weights of observations: by their covariance at the present estimate, ``proposition-2``, or
             ``constant``, as in basic least squares.
-        known: What robots are told beforehand of the payload, exactly, as it is before the load changes: any of
-            ``mass``, ``com`` and ``inertia``; eqs (25) to (27) in place of (30).
-        initial_mass: First guess [kg].
-        initial_com: First guess: the ``centre`` of all grasps, or the own ``grasp``.
+        known: What robots know exactly of the payload before the load changes: any of ``mass``, ``com`` and
+            ``inertia``; eqs (25) to (27) in place of (30).
+        initial_mass: First guess of the mass [kg].
+        initial_com: First guess of the centre of mass: the ``centre`` of all grasps, or the robot's own ``grasp``.
     """
 
     memory: Positive = 2.0
@@ -53,8 +53,8 @@ class EfficientSettings(Section, frozen=True):
     """The method at the Cramér-Rao bound (``coheft.agents.efficient``).
 
     Attributes:
-        memory: How long the past counts: "window" keeps all since the last load change that was noticed; a number
-            forgets exponentially over this time [s]; over less than 0.3 s no load can be weighed.
+        memory: Time over which the past counts [s]: "window" keeps everything since the last detected load change; a
+            number forgets exponentially over this time. Below 0.3 s no load can be identified.
     """
 
     memory: Literal["window"] | Annotated[float, Meta(ge=0.3)] = "window"
@@ -64,9 +64,9 @@ class Converged(Section, frozen=True):
     """An agent calls its estimate converged when all standard deviations are below these.
 
     Attributes:
-        mass_percent: Of the mass, relative [%].
-        com_mm: Of each coordinate of the centre of mass [mm].
-        inertia_percent: Of the inertia, Frobenius norm relative to its own [%].
+        mass_percent: Standard deviation of the mass, relative [%].
+        com_mm: Standard deviation of each coordinate of the centre of mass [mm].
+        inertia_percent: Standard deviation of the inertia, Frobenius norm relative to its own [%].
     """
 
     mass_percent: Positive = 1.0

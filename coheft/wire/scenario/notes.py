@@ -22,13 +22,13 @@ def _untold_errors(scenario: Scenario) -> list[str]:
     if not isinstance(sensors.errors, SensorTolerance):
         return []
     true, told = msgspec.to_builtins(sensors.errors), msgspec.to_builtins(sensors.tolerance)
-    larger = [f"{key} = {value:g} (told {told[key]:g})" for key, value in true.items() if value > told[key]]
+    larger = [f"{key} = {value:g} (tolerance {told[key]:g})" for key, value in true.items() if value > told[key]]
     found = []
     if larger:
         more = f" and {len(larger) - _MOST_NAMED} more" if len(larger) > _MOST_NAMED else ""
         found.append(
             f"'sensors.errors' has {', '.join(larger[:_MOST_NAMED])}{more}: sensors are further off than "
-            f"'sensors.tolerance' tells the robots, so {_TOO_SURE}. Give both the same values, or leave 'errors' out"
+            f"'sensors.tolerance' tells the robots, so {_TOO_SURE}. Give both the same values, or leave out 'errors'"
         )
     if sensors.drift.is_any:
         found.append(

@@ -17,10 +17,10 @@ class Box(Section, frozen=True):
     """A homogeneous box of the payload.
 
     Attributes:
-        mass: Its mass [kg].
-        size: Its edge lengths [m].
-        position: Of its centre in the payload's frame [m].
-        rotation_deg: Of its edges against the payload's axes, rotation vector [degrees].
+        mass: Mass of the box [kg].
+        size: Edge lengths [m].
+        position: Position of its centre in the payload's frame [m].
+        rotation_deg: Rotation vector of the box in the payload's frame [degrees].
     """
 
     mass: Positive
@@ -38,10 +38,10 @@ class Box(Section, frozen=True):
 
 
 class MassProperties(Section, frozen=True):
-    """A payload of which no more is known than how it moves.
+    """A payload given by its mass properties only.
 
     Attributes:
-        mass: Its mass [kg].
+        mass: Mass [kg].
         com: Centre of mass in the payload's frame [m].
         principal: Principal moments of inertia at the centre of mass [kg·m²].
         axes_deg: Rotation vector from the payload's axes to the principal ones [degrees].
@@ -71,25 +71,25 @@ class MassProperties(Section, frozen=True):
 
 
 class Payload(Section, frozen=True):
-    """The thing that is held: boxes fixed to each other, mere mass properties, or a file of your own.
+    """The payload: boxes fixed to each other, mass properties, or a model or mesh file.
 
-    Files are read when the scenario is: what is left of them are mass properties. Their paths are relative to the
-    scenario's file. What is longer than 20 m, or would fall out of the arms, is refused: its unit will be another one.
+    Paths are relative to the scenario's file. A payload that is longer than 20 m or too heavy for the arms is refused,
+    since its unit is probably wrong.
 
     Attributes:
-        boxes: What it is made of, fixed to each other.
-        properties: Instead: what it weighs.
-        mjcf: Instead: MuJoCo model (MJCF or URDF), of which one body is held. The payload's frame is the frame of that
-            body.
-        body: Name of that body, if the model has several and not one alone floats. One without a name is ``body N``,
-            counted from 1 in the order of the file.
-        mesh: Instead: its closed surface, an STL, OBJ, PLY or MSH file, homogeneous inside. The payload's frame is
-            the frame of the mesh.
-        density: Of the mesh [kg/m³].
-        mass: Of the mesh, instead of its density [kg].
+        boxes: Boxes that it consists of.
+        properties: Instead of boxes: mass properties.
+        mjcf: Instead of boxes: a MuJoCo model (MJCF or URDF), of which one body is held. The payload's frame is the
+            frame of that body.
+        body: Name of that body; not needed if the model has only one body, or only one with a free joint. A body
+            without a name is ``body N``, counted from 1 in the order of the file.
+        mesh: Instead of boxes: a closed surface mesh, an STL, OBJ, PLY or MSH file, homogeneous inside. The payload's
+            frame is the frame of the mesh.
+        density: Density of the mesh [kg/m³].
+        mass: Mass of the mesh, instead of its density [kg].
         scale: Length of the mesh's unit [m]: 0.001 if it was drawn in millimetres.
-        load_slots: Number of loads that can lie on it at a time.
-        surface: What it looks like, for views: filled in when a file is read; leave it out.
+        load_slots: Largest number of loads on it at a time.
+        surface: Shape for views, filled in when a file is read; leave it out.
     """
 
     boxes: tuple[Box, ...] = ()

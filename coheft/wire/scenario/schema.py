@@ -29,12 +29,12 @@ MAX_DURATION = 1e7
 
 
 class Grasp(Section, frozen=True):
-    """Where one robot holds the payload.
+    """Grasp of one robot.
 
     Attributes:
-        position: Of its grasp frame's origin in the payload's frame [m]. No further outside of the payload than that is
-            long, or 0.3 m.
-        rotation_deg: Of its grasp frame against the payload's, rotation vector [degrees].
+        position: Position of the grasp frame's origin in the payload's frame [m]. It may be outside the payload by at
+            most the payload's length, or 0.3 m.
+        rotation_deg: Rotation vector of the grasp frame in the payload's frame [degrees].
     """
 
     position: Vector
@@ -51,8 +51,8 @@ class Perimeter(Section, frozen=True):
     Attributes:
         count: Number of robots.
         extent: Edge lengths of the rectangle [m].
-        height: Grasps lie within plus or minus this of the payload's middle [m].
-        seed: Of the random orientations and heights.
+        height: Grasps lie within this height above or below the payload's middle [m].
+        seed: Seed of the random orientations and heights.
     """
 
     count: Annotated[int, Meta(ge=2, le=MAX_ROBOTS)]
@@ -65,15 +65,15 @@ class Robots(Section, frozen=True):
     """The robots: their grasps (listed, spread over a rim, or sites of a model) and the impedance of their arms.
 
     Attributes:
-        grasps: One per robot.
-        perimeter: Instead: a rule that places them.
-        sites: Instead: names of sites of the model ``payload.mjcf``, one per robot; grasp frames are oriented as the
-            sites are.
-        stiffness: Of every arm: translation [N/m], rotation [N·m/rad]. Without stiffness and damping in rotation the
-            wrist is a gimbal: its torque is exactly zero.
-        damping: Of every arm: translation [N·s/m], rotation [N·m·s/rad].
-        arms: ``springs`` are nothing but that; ``seven-joint`` arms are driven by their joints' torques so that their
-            hands, which are welded to the payload, behave like it. The z axes of their grasps point out of the hands.
+        grasps: Grasps, one per robot.
+        perimeter: Instead of grasps: a rule that places them.
+        sites: Instead of grasps: names of sites of the model ``payload.mjcf``, one per robot; grasp frames have the
+            orientations of the sites.
+        stiffness: Stiffness of every arm: translation [N/m], rotation [N·m/rad]. Without stiffness and damping in
+            rotation the wrist is a gimbal: its torque is exactly zero.
+        damping: Damping of every arm: translation [N·s/m], rotation [N·m·s/rad].
+        arms: ``springs`` have only this impedance; ``seven-joint`` arms are torque-controlled to have it, and their
+            hands are welded to the payload. The z axes of their grasps point out of the hands.
     """
 
     grasps: Annotated[tuple[Grasp, ...], Meta(max_length=MAX_ROBOTS)] = ()
@@ -85,14 +85,14 @@ class Robots(Section, frozen=True):
 
 
 class Graph(Section, frozen=True):
-    """Who talks with whom.
+    """Links between robots.
 
     Attributes:
-        kind: Its shape; ``grid`` is as square as may be, ``tree`` branches from the first robot, ``random`` is a random
-            connected graph.
-        branches: Of every robot, away from the first, for ``tree``.
-        edge_probability: Of each edge beyond a random spanning tree, for ``random``.
-        seed: Of the random graph, for ``random``.
+        kind: Shape of the graph; ``grid`` is as square as possible, ``tree`` branches from the first robot, ``random``
+            is a random connected graph.
+        branches: Branches of every robot, away from the first, for ``tree``.
+        edge_probability: Probability of each edge beyond a random spanning tree, for ``random``.
+        seed: Seed of the random graph, for ``random``.
     """
 
     kind: GraphKind = "ring"
@@ -106,16 +106,16 @@ class Sensors(Section, frozen=True):
 
     Attributes:
         rate: Samples per second; must divide 1000.
-        block: Samples that travel in one message.
-        noise: Standard deviations per sample, with ``noise_scale`` at least a thousandth of the default.
-        noise_scale: Multiplies all of ``noise``. Not 0: estimators weigh samples by their noise.
-        noise_correlation: Time over which noise is alike [s]; 0 for white noise.
-        tolerance: How far sensors may be off, as the robots are told, who estimate what is not 0 along. A scenario that
-            says nothing has sensors of a good industrial arm; ``{}`` has exact ones.
-        drift: How far constant errors wander within a minute, as the robots are told.
-        errors: How far they are off: ``drawn`` from the tolerance and the drift, ``none``, or drawn from standard
-            deviations of their own, of which no robot is told; then they do not drift.
-        encoders: How exactly recordings tell the wrists' poses and forces. Without it they hold the sensors' samples.
+        block: Samples per message.
+        noise: Standard deviations per sample; times ``noise_scale`` at least a thousandth of the default.
+        noise_scale: Factor for all of ``noise``. Must not be 0, because estimators weight samples by their noise.
+        noise_correlation: Correlation time of the noise [s]; 0 for white noise.
+        tolerance: Tolerances of sensor errors, known to the robots, who estimate all errors whose tolerance is not 0.
+            By default those of a good industrial arm; ``{}`` means exact sensors.
+        drift: How far constant errors drift within a minute, known to the robots.
+        errors: True errors: ``drawn`` from the tolerance and the drift, ``none``, or drawn from other standard
+            deviations, which the robots do not know; then they do not drift.
+        encoders: Errors of poses and forces in recordings. By default recordings hold the sensors' samples.
     """
 
     rate: SensorRate = 500
@@ -139,9 +139,10 @@ class Motion(Section, frozen=True):
         rotation: Amplitude per axis [rad].
         frequency: Range from which frequencies are drawn [Hz].
         ramp: Time from rest to full amplitude [s].
-        axes: Share of the amplitude per axis of the robot's home frame: rotation about x, y, z, translation along them.
-        via_points: Instead of sinusoids: random points, and straight lines between them.
-        own: Instead: a motion of your own, by its name, see docs/own.md.
+        axes: Relative amplitude for each axis of the robot's home frame: rotation about x, y, z, translation along
+            them.
+        via_points: Instead of sinusoids: random points, joined by straight lines.
+        own: Instead: name of a motion of your own, see docs/own.md.
     """
 
     translation: NotNegative = 0.06
@@ -154,16 +155,16 @@ class Motion(Section, frozen=True):
 
 
 class LoadChange(Section, frozen=True):
-    """A load put onto the payload, or taken away, at a given time. What would fall out of the arms is refused.
+    """A load put onto the payload, or taken away, at a given time. Loads that are too heavy for the arms are refused.
 
     Attributes:
-        at: Time [s]; takes effect at the next border of a block.
-        mass: Of the new load [kg].
-        position: Of its centre in the payload's frame [m]; no further outside of the payload than that is long, or
-            0.3 m (ten times as far if only its mass properties are known).
-        size: Its edge lengths [m]; no longer than the payload with that room on both sides.
-        leak: What it loses from then on [kg/s], until nothing is left.
-        remove: Instead: number of the load to take away; loads are numbered from 1 as they come.
+        at: Time [s]; takes effect at the next start of a block.
+        mass: Mass of the new load [kg].
+        position: Position of its centre in the payload's frame [m]. It may be outside the payload by at most the
+            payload's length, or 0.3 m (ten times that if only mass properties are known).
+        size: Edge lengths of the load [m]; at most the payload's length plus that margin on both sides.
+        leak: Mass that it loses per second from then on, until nothing is left [kg/s].
+        remove: Instead: number of the load to take away; loads are numbered from 1 in order of arrival.
     """
 
     at: NotNegative
@@ -179,22 +180,22 @@ class Scenario(Section, frozen=True):
 
     Attributes:
         name: Name of the scenario.
-        description: One line for people.
-        payload: What is held.
-        robots: Who holds it.
-        graph: Who talks with whom.
-        sensors: How well each robot measures.
-        motion: How each robot moves.
-        carry: A common path along which they carry the payload.
-        load_changes: What happens to the payload.
+        description: One line that describes it.
+        payload: The payload.
+        robots: The robots that hold it.
+        graph: Which robots are linked.
+        sensors: Sampling and errors of the sensors.
+        motion: Motion of each robot.
+        carry: A common path along which the robots carry the payload.
+        load_changes: Changes of the load during the run.
         duration: Length of the run [s].
-        seed: Of the sensors' noise and errors and of the robots' choice of motion.
-        estimator: Which method the agents use: ``efficient``, ``fan2017``, or one of your own, see docs/own.md.
+        seed: Seed of sensor noise, sensor errors and motions.
+        estimator: Estimator of the agents: ``efficient``, ``fan2017``, or one of your own, see docs/own.md.
         fan2017: Settings of the estimator ``fan2017``.
         efficient: Settings of the estimator ``efficient``.
-        settings: Of the estimator and the motion of your own that are used, a table each, ``settings.NAME``.
-        converged: When an estimate is good enough.
-        lookahead: Blocks that the server may run ahead of the slowest agent; also the lag of references.
+        settings: Settings of your own estimator and motion, one table each, ``settings.NAME``.
+        converged: When an estimate counts as converged.
+        lookahead: Number of blocks that the server may run ahead of the slowest agent; also the delay of references.
     """
 
     name: Name

@@ -17,7 +17,7 @@ class ViaPoints(Section, frozen=True):
         count: Number of via points.
         transit: Range of the random time from one to the next [s].
         dwell: Range of the random time spent there [s].
-        holds: Number of random points that are held still afterwards, by all robots at the same times.
+        holds: Number of further random points where all robots hold still at the same times.
         hold_time: How long each of them is held [s].
         hold_transit: Time to get there [s].
     """

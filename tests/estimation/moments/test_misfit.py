@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.body import FORCING, REGRESSOR, BodyModel, load_operator, residual_covariance
 from coheft.estimation.moments.misfit import WINDOWS, Explanations, KnownLoad, excess_energy, explanations, worst_misfit
-from coheft.estimation.moments.moments import RowMoments, wrench_moments
+from coheft.estimation.moments.moments import RowMoments, view_moments
 from coheft.estimation.moments.rows import RowNoise
 from tests.estimation.moments.moving_team import NOISE, Team, body_at, make_team
 
@@ -70,7 +70,7 @@ def test_energy_allows_for_noise_that_is_larger_than_told() -> None:
 
 def explained(team: Team, rows: Array, assumed: Array, known: Array | None = None) -> Explanations:
     body = body_at(team.state())
-    return explanations(body, wrench_moments(body, RowMoments.of(rows)), KnownLoad(assumed, known))
+    return explanations(body, view_moments(body, RowMoments.of(rows)), KnownLoad(assumed, known))
 
 
 def least_squares(body: BodyModel, rows: Array, assumed: Array) -> tuple[float, dict[tuple[int, str], float]]:
@@ -100,7 +100,7 @@ def test_explanations_are_those_of_least_squares(seed: int) -> None:
     rows[:, :-1].reshape(len(rows), 3, 24)[:, 1, 12] += 2.0
     other = team.load * np.repeat([1.0, 1.1], [6, 10])
     body = body_at(team.state(), noise=quiet)
-    found = explanations(body, wrench_moments(body, RowMoments.of(rows)), KnownLoad(other))
+    found = explanations(body, view_moments(body, RowMoments.of(rows)), KnownLoad(other))
     by_load, by_sensor = least_squares(body, rows, other)
     assert found.load == pytest.approx(by_load - 10.0, rel=1e-3)
     assert found.both == pytest.approx(max(by_sensor.values()) - 3.0, rel=0.02)
