@@ -187,7 +187,8 @@ def test_errors_are_as_large_as_the_covariance_says() -> None:
 
 def test_what_is_forgotten_and_what_all_share_enter_the_covariance() -> None:
     """Three robots' own estimates, old samples half forgotten, noise in all inputs, larger than it was guessed."""
-    runs, robots, squares, own_squares = 24, 3, [], []
+    runs, robots = 24, 3
+    squares, own_squares = [], []
     for run in range(runs):
         team, rng = make_team(run, duration=6.0), np.random.default_rng(run)
         w, a, alpha, force, torque = noisy(samples_of(team), rng)
