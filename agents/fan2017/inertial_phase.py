@@ -51,7 +51,7 @@ _MUCH_BETTER = 0.7
 _LEFT = 2e-3
 """Sums are looked at once so much is left of what robots disagreed on at the start."""
 _EVERY = 5
-"""Of so many samples one tells what poses and lag do to the estimate."""
+"""Of so many samples one tells what poses and lag do to the estimate, and of so many blocks one what it is off."""
 _PATIENCE = 0.25
 """After so long without a complete sum, the load may have changed unnoticed [s]."""
 
@@ -171,7 +171,7 @@ class InertialPhase:
 
     def _agree(self, index: int, inbox: Mapping[str, Channels]) -> None:
         """A round of consensus over all robots' estimates (eqs 31, 32)."""
-        former, self._own = self._own, self._own_parameters()
+        former, self._own = self._own, self._own_parameters(index)
         before_round = self._parameters.pipeline.stages[0, 0]
         agreed = self._parameters.step(self._own[None], self._stages(inbox, "parameters", 1, 1))
         if agreed is not None and (self._filter is None or index >= self._agreed_at):
@@ -180,12 +180,14 @@ class InertialPhase:
         else:  # starts anew: what was agreed on before holds until it has come as far again
             self._behind = self._behind + self._own - former
 
-    def _own_parameters(self) -> Array:
+    def _own_parameters(self, index: int) -> Array:
         if self._filter is None:
             return self._start
-        place = place_covariance(list(self._poses.values()), self._filter.theta[6:9])
-        by_place = covariance_of_place(self._filter.by_causes, place)
-        return np.concatenate([parameters_of(self._filter.theta), by_place.ravel()])
+        by_place = self._own[_PARAMETERS:]
+        if index % _EVERY == 0:  # it changes slowly
+            place = place_covariance(list(self._poses.values()), self._filter.theta[6:9])
+            by_place = covariance_of_place(self._filter.by_causes, place).ravel()
+        return np.concatenate([parameters_of(self._filter.theta), by_place])
 
     def channels(self) -> dict[str, Array]:
         """What to send to the neighbours."""

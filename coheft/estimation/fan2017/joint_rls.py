@@ -118,7 +118,7 @@ class JointRls:
         # From here on all is of what is not known beforehand, n numbers.
         n = len(self._free)
         self._guess = self._newest = self.theta[self._free]
-        self._prior = np.diag(_PRIOR_STD[self._free] ** -2.0)
+        self._prior = self._information = np.diag(_PRIOR_STD[self._free] ** -2.0)
         self._by_inputs = _split(_MATRIX_BY_INPUTS, _RIGHT_SIDE_BY_INPUTS, self.theta, self._known, self._free)
         self._stated_noise = np.zeros((12, 12))
         self._stated_noise[:6, :6], self._stated_noise[6:, 6:] = wrench_covariance, motion_covariance
@@ -163,20 +163,21 @@ class JointRls:
 
         weighted = age_weights[:, None, None] * (weight @ matrix)
         self._sums *= decay
-        self._old *= decay
+        if self._has_changed:
+            self._old *= decay
         n = len(self._free)
-        self._sums[:, : n + 1] += np.tensordot(weighted, both, ([0, 1], [0, 1]))
+        self._sums[:, : n + 1] += _over_samples(weighted, both)
         if self._is_weighted_by_state:  # basic least squares takes the regressor to be exact
             in_regressor = np.tensordot(noise_of_inputs, weight @ self._by_inputs, 1)
-            self._sums[:, n + 1 :] += samples * np.tensordot(self._by_inputs[:, :, :-1], in_regressor, ([0, 1], [0, 1]))
+            self._sums[:, n + 1 :] += samples * _over_samples(self._by_inputs, in_regressor)[:-1]
         by_own = by_inputs[:, self._own_inputs]
         own_noise = by_own @ noise_of_inputs[self._own_inputs, self._own_inputs] @ by_own.T
-        self._common_scatter = decay**2 * self._common_scatter + _scatter(weighted, noise - own_noise)
-        self._own_scatter = decay**2 * self._own_scatter + _scatter(weighted, own_noise)
+        self._common_scatter = decay**2 * self._common_scatter + _over_samples(weighted, (noise - own_noise) @ weighted)
+        self._own_scatter = decay**2 * self._own_scatter + _over_samples(weighted, own_noise @ weighted)
         self._pull *= decay
         if by_causes is not None:
             every = -(-len(w) // len(by_causes))
-            self._pull += every * np.tensordot(weighted[::every], by_inputs @ by_causes, ([0, 1], [0, 1]))
+            self._pull += every * _over_samples(weighted[::every], by_inputs @ by_causes)
         self._solve()
         squares = np.square(right_side - matrix @ self._newest) / noise.diagonal()
         self._squares = decay * self._squares + age_weights @ squares
@@ -199,7 +200,7 @@ class JointRls:
         Noise of what all have alike does not average out. Weights that fall with age make it about half the inverse of
         the information: the square of a weight falls twice as fast.
         """
-        inverse = np.linalg.inv(self._moments(self._sums)[0])
+        inverse = np.linalg.inv(self._information)
         scatter = self._common_scatter + self._own_scatter / agreeing
         stds = np.sqrt(self._squares.reshape(2, 3).mean(axis=1) / self._count)[_EQUATION_OF][self._free]
         result = np.outer(stds, stds) * (inverse @ scatter @ inverse) + inverse @ self._prior @ inverse
@@ -212,7 +213,7 @@ class JointRls:
     def by_causes(self) -> Array:
         """What theta is off for each unit of what may be off, shape (10, K)."""
         result = np.zeros((10, self._pull.shape[1]))
-        result[self._free] = np.linalg.solve(self._moments(self._sums)[0], self._pull)
+        result[self._free] = np.linalg.solve(self._information, self._pull)
         return result
 
     def note_better(self, factor: float) -> None:
@@ -232,12 +233,13 @@ class JointRls:
         if not self._has_changed:
             return np.zeros((10, 10))
         pull = self.theta[self._free] - self._newest
-        follow = np.linalg.solve(self._moments(self._sums)[0], self._old[:, : len(pull)])
+        follow = np.linalg.solve(self._information, self._old[:, : len(pull)])
         newest = np.linalg.inv(self._moments(self._sums - self._old)[0])
         return self._all(np.outer(pull, pull) + follow @ newest @ follow.T)
 
     def _solve(self) -> None:
-        self.theta[self._free] = np.linalg.solve(*self._moments(self._sums))
+        self._information, vector = self._moments(self._sums)
+        self.theta[self._free] = np.linalg.solve(self._information, vector)
         self._newest = self.theta[self._free]
         if self._has_changed:
             self._newest = np.linalg.solve(*self._moments(self._sums - self._old))
@@ -282,9 +284,9 @@ def _split(matrix: Array, right_side: Array, theta: Array, known: Array, free: A
     return np.concatenate([matrix[:, :, free] if len(known) else matrix, right[:, :, None]], axis=2)
 
 
-def _scatter(weighted: Array, noise: Array) -> Array:
-    """What noise of the equations (6, 6) makes of the vector, (n, n), for weighted matrices (B, 6, n)."""
-    result: Array = np.tensordot(weighted, noise @ weighted, ([0, 1], [0, 1]))
+def _over_samples(left: Array, right: Array) -> Array:
+    """``sum left^T right`` over samples, shapes (B, 6, k) and (B, 6, l) to (k, l)."""
+    result: Array = left.reshape(-1, left.shape[2]).T @ right.reshape(-1, right.shape[2])
     return result
 
 
