@@ -22,7 +22,7 @@ from coheft.estimation.geometry.uncertain_pose import UncertainPose
 from coheft.estimation.measurement import MeasurementBlock
 from coheft.estimation.rigid_body.mass_properties import TIMES_IN_MATRIX
 from coheft.wire.config import AgentConfig
-from coheft.wire.messages.structs import LoadChangeNotice, PayloadEstimate, SensorErrorEstimate
+from coheft.wire.messages.structs import LoadChangeNotice, PayloadEstimate, SensorErrorEstimate, SlipNotice
 from coheft.wire.scenario.estimator_settings import Converged
 
 Channels = Mapping[str, npt.NDArray[Any]]
@@ -52,6 +52,7 @@ class Belief:
     grasps: Mapping[str, Pose] = field(default_factory=dict)
     sensor_errors: tuple[SensorErrorEstimate, ...] = ()
     shortfall: tuple[str, ...] = ()
+    slips: tuple[SlipNotice, ...] = ()
 
 
 class Estimator(Protocol):

@@ -80,4 +80,5 @@ class StatusKeeper:
             silent=list(silent),
             estimator=self._config.estimator,
             sensor_errors=list(told.sensor_errors),
+            slips=list(belief.slips),
         )

@@ -31,7 +31,7 @@ SAMPLE_EVERY = 10.0
 CHANGE_EVERY = 60.0
 KILL_EVERY = 240.0
 LAST_WORDS = 5.0
-"""Nobody asks a run for anything so shortly before its end [s]. Until then all goes on as ever: what an agent remembers
+"""A run is asked for nothing so shortly before its end [s]. Until then all goes on as ever: what an agent remembers
 of a load grows with the time since it came, so memory is compared at equal times after changes."""
 SETTLED = 300.0
 """From then on a process should not grow [s]: all has happened once, so all code that it needs is in memory."""

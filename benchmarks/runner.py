@@ -18,9 +18,9 @@ from msgspec.structs import replace
 from benchmarks.figures import Effort, Machine, Section, Skipped, section_lines
 from coheft.errors import CoheftError
 
-GUARDED = ("kernels", "startup", "inprocess", "floor")
+GUARDED = ("startup", "inprocess", "floor")
 """Benchmarks with figures that the regression guard compares."""
-BENCHMARKS = (*GUARDED, "secure", "realtime", "rounds", "wide")
+BENCHMARKS = (*GUARDED, "secure", "realtime", "wide")
 
 
 def measure(name: str, effort: Effort) -> Section:

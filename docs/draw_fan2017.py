@@ -81,7 +81,7 @@ class Run:
         robots = self.judge.scene.robots
         result = np.full((len(robots), len(self.beliefs), 10), np.nan)
         for k, robot in enumerate(robots):
-            to_payload = self.judge.pose_payload_in[robot].inverse()
+            to_payload = self.judge.pose_payload_in(robot, -1).inverse()
             for row, beliefs in enumerate(self.beliefs):
                 payload = beliefs[robot].payload
                 if payload is not None and payload.com is not None and payload.tensor is not None:

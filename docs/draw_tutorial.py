@@ -185,7 +185,7 @@ def _draw_sums(found: Run) -> None:
     judge = Judge(found.scene, [moment])
     forces = []
     for name, wrench in zip(found.scene.robots, moment.samples[:, WRENCH], strict=True):
-        carried = judge.pose_payload_in[name].inverse().adjoint() @ wrench
+        carried = judge.pose_payload_in(name, -1).inverse().adjoint() @ wrench
         forces.append(carried[2])
     values = len(forces) * np.array(forces)
     graph = build_graph(found.scenario.graph, found.scene.robots)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import compress
@@ -16,12 +15,13 @@ from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import ACCELERATION, WRENCH
 from coheft.physics_server.arms.impedance import Arms
 from coheft.physics_server.arms.torque_control import TorqueArms
+from coheft.physics_server.grasps import Grasps
+from coheft.physics_server.held import check_controls, check_held
 from coheft.physics_server.load_schedule import LoadSchedule
 from coheft.physics_server.loads import Loads
 from coheft.physics_server.scene import PAYLOAD, PAYLOAD_HOME, build_model, home_name
 from coheft.physics_server.sensor_errors import SensorErrors
 from coheft.physics_server.sensors import READINGS, Sensors
-from coheft.wire.messages.codec import is_finite
 from coheft.wire.messages.scene import BoxShape, Scene
 from coheft.wire.messages.structs import LoadState, Measurements, PayloadTruth, Reference, Truth
 from coheft.wire.process.log import LOG
@@ -30,7 +30,7 @@ from coheft.wire.scenario.payload_surface import from_text
 from coheft.wire.scenario.schema import PHYSICS_RATE, Scenario
 from coheft.wire.scenario.section import Vector
 from coheft.wire.scenario.stability import check_stability
-from coheft.wire.scenario.strength import MAX_ANGLE, MAX_DISTANCE, SETTLING_TIME, Strength
+from coheft.wire.scenario.strength import SETTLING_TIME, Strength
 
 if TYPE_CHECKING:
     from coheft.physics_server.arms.encoders import Encoders, WristSamples
@@ -104,7 +104,6 @@ class Simulation:
         check_stability(scenario, grasps, scenario.name)
         names = scenario.robot_names
         self._scenario = scenario
-        self._grasps = grasps
         self._names = names
         self.scene = Scene(
             robots=list(names),
@@ -121,13 +120,13 @@ class Simulation:
         errors = SensorErrors.drawn(scenario, len(names))
         self.model = build_model(scenario, grasps, errors)
         self.data = mujoco.MjData(self.model)
+        self._grasps = Grasps(names, grasps, self.model)
         arms = TorqueArms if scenario.robots.arms == "seven-joint" else Arms
         self._arms = arms(scenario, names, grasps, self.model, self.data)
         self._settle()
         homes = [self.model.site(home_name(name)).id for name in names]
         self._home_rotations = self.data.site_xmat[homes].reshape(-1, 3, 3)
         self._home_positions = self.data.site_xpos[homes].copy()
-        self._adjoints = np.array([grasp.adjoint() for grasp in grasps])
         self._is_holding = np.ones(len(names), dtype=np.bool_)
         # What the sensors of an arm read that waits at its home, (w, v, a) of each robot.
         self._at_rest = np.zeros((len(names), READINGS))
@@ -178,7 +177,7 @@ class Simulation:
         Raises:
             LoadError: There can be no such load, or no slot is free, or the robots cannot hold it up.
         """
-        holding = list(compress(self._grasps, self._is_holding))
+        holding = list(compress(self._grasps.poses, self._is_holding))
         load = self._loads.put(mass, position, size, leak, Strength.of(holding, self._scenario.robots))
         self._loads_since = self._now
         return load
@@ -231,10 +230,12 @@ class Simulation:
             SimulationError: A reference cannot be followed, or the payload ran away: the simulation is over.
         """
         problems = self._change_loads()
+        self._let_grasps_slip()
         controls = self._arms.controls(references)
-        self._check_controls(controls)
+        check_controls(controls, self._arms.pushed, self._names, self._now)
         readings = self._step(controls)
-        self._check_held(readings)
+        ends = (self.block + 1) * self._scenario.block_duration
+        check_held(readings.positions[-1], (readings.kinematics, readings.forces), ends)
         wrenches = self._arms.wrenches(readings.forces, readings.rotations, self._home_rotations)
         kinematics = readings.kinematics
         if not self._is_holding.all():
@@ -253,7 +254,7 @@ class Simulation:
         if self._encoders is None:
             return None
         rotations = self._home_rotations.swapaxes(-1, -2) @ readings.rotations
-        from_body = np.einsum("nji,nj->ni", self.scene.rotations, self.scene.translations)
+        from_body = np.array([-pose.inverse().translation for pose in self._grasps.poses])
         positions = readings.positions[:, None, :3] + np.einsum("bnij,nj->bni", readings.rotations, from_body)
         return self._encoders.measure(
             positions=np.einsum("nji,bnj->bni", self._home_rotations, positions - self._home_positions),
@@ -273,6 +274,11 @@ class Simulation:
             except LoadError as error:
                 problems.append(f"the load change at {change.at} s was skipped: {error}")
         return tuple(problems)
+
+    def _let_grasps_slip(self) -> None:
+        for slip in self._schedule.slips(self.block):
+            self._grasps.slip(slip.robot, slip.pose())
+            self._arms.move_grasp(slip.robot, self._grasps.poses[self._names.index(slip.robot)])
 
     def _step(self, controls: Array) -> _Readings:
         """Step the engine through one block, controls of shape (steps, 6 N)."""
@@ -301,7 +307,7 @@ class Simulation:
             positions,
             kinematics.reshape(samples, count, READINGS),
             forces,
-            rotations.reshape(samples, 1, 3, 3) @ self.scene.rotations,
+            rotations.reshape(samples, 1, 3, 3) @ self._grasps.rotations,
         )
 
     def _truth(self, position: Array, samples: Array) -> Truth:
@@ -316,46 +322,9 @@ class Simulation:
             loads_since=self._loads_since,
             position=position[:3],
             quaternion=position[3:],
-            total_wrench=np.einsum("nij,nj->i", self._adjoints[holding], samples[holding, WRENCH]),
+            total_wrench=np.einsum("nij,nj->i", self._grasps.adjoints[holding], samples[holding, WRENCH]),
             samples=samples,
-        )
-
-    def _check_controls(self, controls: Array) -> None:
-        """Check what the engine would answer, in silence, by letting all arms go: one bad number.
-
-        Raises:
-            SimulationError: There is one.
-        """
-        if max(np.abs(controls).max(), np.abs(self._arms.pushed).max()) < mujoco.mjMAXVAL:
-            return
-        springs = np.abs(controls).reshape(len(controls), len(self._names), 6).max(axis=(0, 2))
-        largest = np.maximum(springs, np.abs(self._arms.pushed).max(axis=1))
-        bad = [name for name, value in zip(self._names, largest, strict=True) if not value < mujoco.mjMAXVAL]
-        raise SimulationError(
-            f"at {self._now:.3f} s references of {', '.join(bad)} hold numbers that are not finite, or not below "
-            f"{mujoco.mjMAXVAL:g}"
-        )
-
-    def _check_held(self, readings: _Readings) -> None:
-        """Check that the robots still hold the payload.
-
-        Raises:
-            SimulationError: They do not.
-        """
-        position = readings.positions[-1]
-        distance = math.dist(position[:3], PAYLOAD_HOME.translation)
-        angle = 2.0 * math.atan2(math.hypot(*position[4:]), abs(position[3]))
-        if not all(map(is_finite, (position, readings.kinematics, readings.forces))):
-            found = "its motion is no longer finite"
-        elif distance > MAX_DISTANCE or angle > MAX_ANGLE:
-            found = f"it is {distance:.1f} m away from its home and turned by {math.degrees(angle):.0f} degrees"
-        else:
-            return
-        time = (self.block + 1) * self._scenario.block_duration
-        raise SimulationError(
-            f"at {time:.3f} s the robots have lost the payload: {found}. Likely causes: references too large or too "
-            f"unlike each other, a load too heavy or too far out, or damping too strong for so light a payload at "
-            f"{PHYSICS_RATE} steps a second"
+            slipped=self._grasps.slipped,
         )
 
 

@@ -10,7 +10,8 @@ import pytest
 from coheft.app.cart.judge import CartReport
 from coheft.app.cart.table import markdown, missed, rows, sentences
 from coheft.app.cart.table_one import QUIET_TESTS, TESTS, table_one
-from coheft.app.cli.main import EXIT_USAGE, run_command_line
+from coheft.app.cli.base import EXIT_USAGE
+from coheft.app.cli.main import run_command_line
 
 GOOD = CartReport(
     test=1,

@@ -17,7 +17,8 @@ import msgspec
 import pytest
 
 import coheft
-from coheft.app.cli.main import EXIT_CONVERGED, EXIT_ERROR, EXIT_USAGE, run_command_line
+from coheft.app.cli.base import EXIT_CONVERGED, EXIT_ERROR, EXIT_USAGE
+from coheft.app.cli.main import run_command_line
 from coheft.app.run.folder import RUN_FILE, RunFile, announced, find_run, runs_folder
 from coheft.app.run.hosts import free_ports
 from coheft.app.run.overrides import override

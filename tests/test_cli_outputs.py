@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from coheft.app.cli.main import EXIT_CONVERGED, EXIT_ERROR, EXIT_INTERRUPTED, EXIT_USAGE, run_command_line
+from coheft.app.cli.base import EXIT_CONVERGED, EXIT_ERROR, EXIT_INTERRUPTED, EXIT_USAGE
+from coheft.app.cli.main import run_command_line
 from coheft.app.cli.run import run
 from coheft.app.results.report import Report, RunInfo, build_report
 from coheft.errors import CoheftError, LinkError
@@ -177,8 +178,11 @@ def test_a_report_that_cannot_be_written_takes_nothing_with_it(
             return "the page"
 
     monkeypatch.setattr("coheft.app.run.launch.launch", launch)
-    monkeypatch.setattr("coheft.app.cli.run._report_page", lambda _: Page())
-    assert run_command_line(["run", "ring3", "--json", str(folder / "x.json")]) == EXIT_ERROR
+    monkeypatch.setattr("coheft.app.run_report.folder.ReportPage", lambda _: Page())
+    assert (
+        run_command_line(["run", "ring3", "--json", str(folder / "x.json"), "--report", str(tmp_path / "page")])
+        == EXIT_ERROR
+    )
     said = capfd.readouterr()
     assert "What each robot found out about the payload" in said.out
     assert "Report: the page" in said.out

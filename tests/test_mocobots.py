@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from coheft.app.cli.main import EXIT_CONVERGED, EXIT_USAGE, run_command_line
+from coheft.app.cli.base import EXIT_CONVERGED, EXIT_USAGE
+from coheft.app.cli.main import run_command_line
 from coheft.app.mocobots.campaign import Mocobots, Trial, scenario_of
 from coheft.app.mocobots.paper import PAPER, ROWS
 from coheft.app.mocobots.tables import markdown, typical, worse_than_paper

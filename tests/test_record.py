@@ -13,7 +13,8 @@ from coheft.app.results.record import SILENT, EstimatorUse, Record
 from coheft.app.results.report import build_report
 from coheft.app.run.pairing import REMEMBERED
 from coheft.app.terminal.final_table import sentences
-from coheft.wire.messages.structs import LoadChangeNotice
+from coheft.wire.messages.scene import SlippedGrasp
+from coheft.wire.messages.structs import LoadChangeNotice, SlipNotice
 from tests.synthetic_run import BLOCK, HEAVY, INFO, LIGHT, ROBOTS, SCENE, changing_run, estimate, recorded, truth
 
 
@@ -134,3 +135,24 @@ def test_a_change_is_dated_rightly_by_who_missed_it() -> None:
     (change,) = build_report(INFO, record).load_changes
     assert change.at_s == pytest.approx(changed_at)
     assert change.detected_at_s == pytest.approx(changed_at + BLOCK)
+
+
+def test_a_slip_is_told_with_when_the_last_robot_had_named_it() -> None:
+    record = Record(SCENE, duration=1.0)
+    grasp = SlippedGrasp(SCENE.rotations[1], SCENE.translations[1] + np.array([0.003, 0.0, 0.004]))
+    for block in range(10):
+        slipped = {"r2": grasp} if block >= 5 else {}
+        record.add_truth(msgspec.structs.replace(truth(block, LIGHT), slipped=slipped))
+    named = {"r1": 0.14, "r2": 0.16, "r3": 0.15}
+    for name, moment in named.items():
+        slips = [SlipNotice("r2", 0.12, moment, 0.1)]
+        record.add_estimate(msgspec.structs.replace(estimate(name, 9, LIGHT), slips=slips))
+    report = build_report(INFO, record)
+    (slip,) = report.slips
+    assert (slip.at_s, slip.robot, slip.named_at_s) == (pytest.approx(5 * BLOCK), "r2", 0.16)
+    assert slip.translation_mm == pytest.approx(5.0)
+    assert "At 0.1 s the grasp of r2 slipped by 5.0 mm and 0.0°. All robots had found that after 0.1 s." in sentences(
+        report
+    )
+    record.add_estimate(estimate("r3", 9, LIGHT))
+    assert build_report(INFO, record).slips[0].named_at_s is None

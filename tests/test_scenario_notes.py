@@ -33,7 +33,7 @@ def test_shipped_scenarios_mean_what_they_say(name: str) -> None:
         (["estimator='fan2017'"], None),
         (
             ["estimator='fan2017'", "sensors.tolerance={force_offset=1.0}", "sensors.noise_correlation=0.01"],
-            "knows white noise only, but robots are told of errors of sensors and correlated noise",
+            "models only white noise, but 'sensors' has sensor errors and correlated noise",
         ),
         (["load_changes=[{at=5.0,mass=1.0}]", "duration=30.0"], None),
     ],

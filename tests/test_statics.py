@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from coheft.app.cli.base import EXIT_NOT_CONVERGED
-from coheft.app.cli.main import EXIT_ERROR, EXIT_USAGE, run_command_line
+from coheft.app.cli.base import EXIT_ERROR, EXIT_NOT_CONVERGED, EXIT_USAGE
+from coheft.app.cli.main import run_command_line
+from coheft.app.identify.choices import Options
 from coheft.app.identify.inputs import read_holds
 from coheft.app.identify.methods import identify
 from coheft.errors import RecordingError
@@ -117,23 +118,23 @@ def bar_held(offset: float = 0.0) -> Statics:
 @pytest.mark.parametrize("method", ["pose", "instruments", "batch"])
 def test_holds_make_motion_more_certain(method: str) -> None:
     recording = moving(5.0)
-    together = identify(recording, method, statics=bar_held())  # type: ignore[arg-type]
+    together = identify(recording, Options(method=method), statics=bar_held())  # type: ignore[arg-type]
     assert together.suspicions == ()
     error = together.payload.measured.central()[:4] - [bar.MASS, 0.5, 0.0, 0.0]
     assert (np.abs(error) < 4.5 * together.payload.std[:4]).all()
     assert together.payload.std[0] < 2e-3
     if method == "batch":  # it has no holds of its own, and could not do without
         with pytest.raises(RecordingError, match="held still in at least 2 orientations"):
-            identify(recording, method)
+            identify(recording, Options(method=method))
         return
-    alone = identify(recording, method)  # type: ignore[arg-type]
+    alone = identify(recording, Options(method=method))  # type: ignore[arg-type]
     assert together.payload.std[0] < 0.5 * alone.payload.std[0]
     assert alone.payload.is_seen("inertia")
     assert together.payload.is_seen("inertia")
 
 
 def test_holds_of_another_load_are_suspected() -> None:
-    assert "is it the same load" in identify(moving(0.2), "pose", statics=bar_held(1.0)).doubts[-1]
+    assert "is it the same load" in identify(moving(0.2), Options(method="pose"), statics=bar_held(1.0)).doubts[-1]
 
 
 def test_forces_across_gravity_are_suspected() -> None:

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from coheft.app.cli.main import EXIT_USAGE, run_command_line
+from coheft.app.cli.base import EXIT_USAGE
+from coheft.app.cli.main import run_command_line
 from coheft.app.results.quantities import QUANTITIES, directed_edges
 from coheft.app.run.inprocess import run_in_process
 from coheft.app.study.campaign import Plan, make_plan, run_study

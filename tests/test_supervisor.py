@@ -12,7 +12,7 @@ from coheft.app.run.folder import RUN_FILE, RunFile, announce
 from coheft.app.run.observer import Observer
 from coheft.app.run.processes import ProcessError, Processes
 from coheft.app.run.restarts import Restarts
-from coheft.app.terminal.screen import QuietDisplay
+from coheft.app.terminal.screen import Display
 from coheft.wire.messages.requests import StatusRequest
 from coheft.wire.process.supervised import UNUSABLE
 from tests.waiting import wait_until
@@ -168,5 +168,5 @@ def test_the_limit_of_restarts_is_named_only_where_it_is_why_there_is_none(
             child.process.wait()
         unasked = cast(Observer, None)
         with pytest.raises(ProcessError, match="because r1 ended with status") as caught:
-            Restarts(limit, processes, unasked, QuietDisplay(), lambda: None).check()
+            Restarts(limit, processes, unasked, Display(), lambda: None).check()
     assert ("(--restarts)" in str(caught.value)) == is_limit

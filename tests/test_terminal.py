@@ -16,7 +16,7 @@ from coheft.app.results.record import Record
 from coheft.app.results.report import build_report
 from coheft.app.terminal.digits import error_and_std, value_and_std
 from coheft.app.terminal.final_table import print_report, robot_rows, sentences
-from coheft.app.terminal.screen import LineDisplay, LiveDisplay, QuietDisplay, make_display
+from coheft.app.terminal.screen import Display, LineDisplay, LiveDisplay, make_display
 from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.wire.messages.scene import Scene
 from coheft.wire.messages.structs import Estimate, Problem
@@ -309,7 +309,7 @@ def test_a_machine_that_is_too_slow_for_real_time_gets_advice() -> None:
 
 @pytest.mark.parametrize(
     ("is_terminal", "quiet", "kind"),
-    [(True, False, LiveDisplay), (False, False, LineDisplay), (True, True, QuietDisplay), (False, True, QuietDisplay)],
+    [(True, False, LiveDisplay), (False, False, LineDisplay), (True, True, Display), (False, True, Display)],
 )
 def test_the_display_fits(is_terminal: bool, quiet: bool, kind: Callable[..., object]) -> None:
     assert type(make_display(terminal(is_terminal=is_terminal), quiet=quiet)) is kind

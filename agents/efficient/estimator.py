@@ -28,7 +28,7 @@ from coheft.estimation.moments.found_errors import found_errors
 from coheft.estimation.moments.untold import Untold
 from coheft.estimation.tolerance import SENSOR_NAMES
 from coheft.wire.config import AgentConfig
-from coheft.wire.messages.structs import LoadChangeNotice, PayloadEstimate, SensorErrorEstimate
+from coheft.wire.messages.structs import LoadChangeNotice, PayloadEstimate, SensorErrorEstimate, SlipNotice
 
 
 class EfficientEstimator:
@@ -38,8 +38,9 @@ class EfficientEstimator:
         self._config, self._gossip, self._guards = config, gossip, Guards()
         self._team: Team | None = None
         self._belief = Belief("poses", False, None, {})
-        self._believed: tuple[Estimate, Stage] | None = None
+        self._believed: tuple[Estimate, Stage, int, int] | None = None
         self._former_changes: tuple[LoadChangeNotice, ...] = ()
+        self._former_slips: tuple[SlipNotice, ...] = ()
 
     def step(self, index: int, own: MeasurementBlock | None, inbox: Mapping[str, Channels]) -> dict[str, Any]:
         """See ``Estimator.step``."""
@@ -60,7 +61,7 @@ class EfficientEstimator:
         if own is not None and index >= team.start:
             team.enter(index, own.samples)
         team.take(index)
-        arrays: dict[str, Any] = team.exchange.tell(team.session.changed_at).channels()
+        arrays: dict[str, Any] = team.exchange.tell(team.session.news_at).channels()
         if is_welcoming:
             arrays |= team.known()
         return arrays
@@ -83,6 +84,8 @@ class EfficientEstimator:
             return ("the team's measurements have just begun",)
         if team.session.suspect is not None:
             return (f"the sensors of {team.names[team.session.suspect]} contradict the motion of the team",)
+        if session.is_suspected:
+            return ("either the load has changed or a grasp has slipped",)
         if not team.session.is_confirmed:
             return ("what was known before is being confirmed by new measurements",)
         disputed = team.disputed(self._config.blocks(self._guards.confirming))
@@ -99,9 +102,10 @@ class EfficientEstimator:
         """See ``Estimator.belief``."""
         team = self._team
         if team is not None and team.session.estimate is not None:
-            now = (team.session.estimate, team.session.stage)
+            session, estimate = team.session, team.session.estimate
+            now = (estimate, session.stage, len(session.certain_changes), len(session.slips))
             if now != self._believed:
-                self._belief, self._believed = self._said(team, team.session.estimate), now
+                self._belief, self._believed = self._said(team, estimate), now
             self._belief = replace(self._belief, learned_block=team.newest)
             if team.session.total_wrench is not None:
                 to_own = team.session.estimate.state.poses[team.own].inverse().adjoint()
@@ -113,7 +117,7 @@ class EfficientEstimator:
         """Another team begins, with what was learned in the last one."""
         graph, last, name = self._gossip.graph, self._team, self._config.name
         if last is not None:
-            self._former_changes = self._notices(last)
+            self._former_changes, self._former_slips = self._notices(last), self._slips(last)
         if graph is None or name not in graph:
             self._team = None
             return
@@ -138,9 +142,19 @@ class EfficientEstimator:
         start, times = self._config.start_of, team.times
         new = (
             LoadChangeNotice(start(noticed + 1), start(times.first_block(first)))
-            for noticed, (first, _) in zip(team.noticed, team.session.changes, strict=True)
+            for noticed, (first, _) in zip(team.noticed, team.session.certain_changes, strict=False)
         )
         return (*self._former_changes, *new)
+
+    def _slips(self, team: Team) -> tuple[SlipNotice, ...]:
+        start, times = self._config.start_of, team.times
+        new = (
+            SlipNotice(
+                team.names[slip.robot], start(noticed + 1), start(named + 1), start(times.first_block(slip.first))
+            )
+            for (noticed, named), slip in zip(team.noticed_slips, team.session.slips, strict=True)
+        )
+        return (*self._former_slips, *new)
 
     def _said(self, team: Team, estimate: Estimate) -> Belief:
         """What the claims of an estimate are for this robot."""
@@ -166,6 +180,7 @@ class EfficientEstimator:
             poses=poses,
             not_observable=(*not_observable, *claim.unseen),
             load_changes=self._notices(team),
+            slips=self._slips(team),
             sensor_errors=tuple(SensorErrorEstimate(*each) for each in found_errors(estimate, own)),
             grasps={} if claim.hidden_poses.any() else _in_first(team.names, state.poses),
         )

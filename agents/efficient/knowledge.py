@@ -6,6 +6,7 @@ fit = likeliest state given the moments of all rows and the prior of chapters be
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -19,7 +20,8 @@ from coheft.estimation.moments.fit_settings import FitSettings, Guess
 from coheft.estimation.moments.row_buffer import RowBuffer
 from coheft.estimation.moments.rows import ROW_SIZE
 from coheft.estimation.moments.start import first_load, first_poses, poses_by_motion
-from coheft.estimation.moments.unknowns import Flags, State
+from coheft.estimation.moments.suspects import SLIP
+from coheft.estimation.moments.unknowns import Flags, State, Unknowns
 from coheft.estimation.moments.untold import Untold, untold_error
 
 _PAGES_IN_MEMORY, _KEPT_ON_PAGE = 8, 2
@@ -59,7 +61,7 @@ class Knowledge:
         pages = [memory / _PAGES_IN_MEMORY] if memory is not None else []
         pages += [min(_LONGEST_PAGE_OF_DRIFT, settings.steady)] if settings.drift.is_any else []
         self._page = max(4, round(min(pages) / settings.period)) if pages else 0
-        self.buffer = RowBuffer(size, count > _EXACT_UP_TO)
+        self.buffer = RowBuffer(size, not self.is_exact)
         self._chapter = Chapter(self.buffer, settings, prior)
         self.estimate: Estimate | None = None
         self._sight_before: Sight | None = None  # when the last chapter ended
@@ -73,6 +75,11 @@ class Knowledge:
     def misses_poses(self) -> bool:
         """Whether the pose of a robot is not known."""
         return self.estimate is None or self.estimate.misses_poses
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether moments are kept exactly, in which case fits are fast enough to look for what is rare as well."""
+        return self._count <= _EXACT_UP_TO
 
     @property
     def is_fit_due(self) -> bool:
@@ -93,7 +100,7 @@ class Knowledge:
 
     def untold_error(self) -> Untold | None:
         """A sensor error with tolerance zero that the rows show nevertheless; large teams do not test for any."""
-        if self.estimate is None or self._count > _EXACT_UP_TO:
+        if self.estimate is None or not self.is_exact:
             return None
         return untold_error(
             self.estimate, self._guess, self._chapter, self._settings, self._anchor, self._guards.untold
@@ -146,6 +153,32 @@ class Knowledge:
         else:
             self._know(fitted(state, chapter.look(), chapter.said_before, self._guess, self._settings, self._anchor))
         self._next_fit = least
+
+    def before(self, place: int) -> tuple[Estimate, Prior]:
+        """What rows before a place tell, as an estimate and as a prior; this one stays what it is."""
+        assert self.estimate is not None
+        chapter, look = self._chapter, self._chapter.look(place)
+        found = fitted(self.estimate.state, look, chapter.said_before, self._guess, self._settings, self._anchor)
+        return found, chapter.summed_up(found, self._guess, look)
+
+    def slipped(self, prior: Prior, robot: int, rows: Iterable[tuple[int, Array]], sight: Sight) -> Knowledge:
+        """What is known from such a prior and rows with their numbers, if a grasp has slipped in between.
+
+        Args:
+            prior: Of before.
+            robot: Whose grasp is elsewhere; all else stays what it is.
+            rows: After the slip.
+            sight: From before.
+        """
+        own = Unknowns(self._count, self._settings.errors).poses[robot]
+        loosened = prior.loosened(own, np.diag(np.square(SLIP)))
+        anchor = (robot + 1) % self._count if robot == self._anchor else self._anchor
+        found = Knowledge(self._count, anchor, self._settings, self._guards, loosened)
+        found._sight_before = sight
+        for number, row in rows:
+            found.buffer.add(number, row)
+        found.fit()
+        return found
 
     def covariance_now(self, now: Estimate) -> Array:
         """Of an estimate, and of what has drifted among the rows that are kept."""

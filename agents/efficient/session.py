@@ -2,6 +2,7 @@
 
 row -> does its motion contradict the team?   drop it, and those that came with the contradiction
     -> is its wrench a surprise, or is it this robot's turn?   look -> fit to older rows -> look again -> new load
+    -> since either: does another grasp explain all rows best?   go on from before, with that grasp elsewhere
     -> 15 % more rows than at the last fit?   fit -> do all rows fit? could it be a sensor instead of a load?
 """
 
@@ -15,6 +16,7 @@ from coheft.agents.efficient.judge import Outcome, Verdict, judge
 from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.monitor import Monitor
 from coheft.agents.efficient.settings import Guards
+from coheft.agents.efficient.slips import Slip, Suspicion
 from coheft.agents.efficient.stages import TRANSITIONS, Event, Stage
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.body import FORCING_SIZE
@@ -48,6 +50,7 @@ class Session:
     Attributes:
         stage: What it knows of the load.
         changes: Of the load: number of its first row, and of the row at which that was noticed.
+        slips: Of grasps.
         suspect: Place of a robot whose motion sensors contradict the others at present, or None.
         verdict: On the last fit.
         untold: An error of a sensor that was told to be zero, but that rows ask for; None if they ask for none.
@@ -74,20 +77,22 @@ class Session:
         self._turn, self._lasting, self._longest = rows(guards.turn), rows(guards.lasting), rows(guards.undecided)
         self.stage = Stage.GATHERING
         self.changes: list[tuple[int, int]] = []
+        self.slips: list[Slip] = []
+        self._suspicion: Suspicion | None = None
         self.verdict = Verdict(Outcome.FITS)
         self.total_wrench: Array | None = None
         self.untold: Untold | None = None
         self._untold_rows = self._untold_until = 0  # with which it was found, and with which it is over
-        self._untold_lasts = rows(guards.untold_lasts)
+        self._most_suspected, self._untold_lasts = rows(guards.telling_apart), rows(guards.untold_lasts)
         self._loads = list[Array]()  # theta before each change
         self._told_of = self._newest = -1  # the newest change that another robot has told of; the newest row
-        self._begin(prior)
+        self._begin(Knowledge(count, anchor, settings, guards, prior))
         if prior is not None:
             self.stage, self._unconfirmed = TRANSITIONS[self.stage, Event.FITTED], self._confirming
 
-    def _begin(self, prior: Prior | None = None) -> None:
-        """All that rows have shown is forgotten but for the prior; changes of the load that were noticed stay known."""
-        self._known = Knowledge(self._count, self._anchor, self._settings, self._guards, prior)
+    def _begin(self, known: Knowledge) -> None:
+        """Go on from what is known, and from nothing else; changes that were noticed stay known."""
+        self._known = known
         self._monitor = Monitor(self._count, self._guards)
         self.suspect: int | None = None
         self._load_before: KnownLoad | None = None  # before the oldest change that may still be a sensor's fault
@@ -107,7 +112,7 @@ class Session:
         """All that is known, for another team of which this robot is part; None if there is nothing to rely upon."""
         if self.stage is Stage.ESTIMATING and self._known.buffer.count and not self._look_for_change(self._newest):
             self._fit_and_judge()  # the newest rows have to be judged as well
-        is_relied_upon = self.stage is Stage.ESTIMATING and self.untold is None
+        is_relied_upon = self.stage is Stage.ESTIMATING and self.untold is None and not self.is_suspected
         return self._known.prior() if is_relied_upon else None
 
     def claimable(self, estimate: Estimate) -> Estimate:
@@ -135,17 +140,39 @@ class Session:
         return self.changes[-1][0] if self.changes else -1
 
     @property
+    def news_at(self) -> int:
+        """Number of the first row after the newest change of whatever kind, -1 if there was none."""
+        return max(self.changed_at, self.slips[-1].first if self.slips else -1)
+
+    @property
+    def is_suspected(self) -> bool:
+        """Whether the load seems to have changed, but a grasp may have slipped instead."""
+        return self._suspicion is not None and self._suspicion.is_load
+
+    @property
+    def certain_changes(self) -> list[tuple[int, int]]:
+        """Changes of the load that may not be slips instead."""
+        suspicion = self._suspicion
+        return self.changes if suspicion is None else self.changes[: suspicion.changes]
+
+    @property
     def is_confirmed(self) -> bool:
         """Whether what was known before rows were missing, or in a former team, has fitted rows since."""
         return self._unconfirmed == 0
 
     def hear_of_change(self, first: int, number: int) -> None:
         """Another robot has detected a load change at row ``first``: test for it here for a while."""
-        if first > max(self.changed_at + self._turn, self._told_of):
+        if first > max(self.news_at + self._turn, self._told_of):
             self._told_of, self._look_until = first, number + self._turn
 
     def take(self, number: int, row: Array) -> None:
         """One more row of the whole team, shape (24 N + 1,) or (48 N + 1,); any may be missing or late."""
+        self._take(number, row)
+        if self._suspicion is not None:
+            self._suspicion.add(number, row)
+            self._tell_apart(self._suspicion)
+
+    def _take(self, number: int, row: Array) -> None:
         known, buffer, guards = self._known, self._known.buffer, self._guards
         if number > self._newest + 1 + self._waits:
             self._unconfirmed = self._confirming
@@ -190,6 +217,8 @@ class Session:
             if self.suspect is None or number > self._contradicted_at + self._confirming:
                 self._doubted_at = number
             if self.suspect is None:
+                numbers = self._known.buffer.numbers[: self._known.buffer.count]
+                self._suspect(int(np.searchsorted(numbers, number - found.rows, side="right")), is_load=False)
                 self._known.take_back(number - found.rows)
             self.suspect, self._contradicted_at = found.robot, number
             self._monitor.forget()
@@ -198,6 +227,8 @@ class Session:
             return False
         if self.suspect is not None and number - self._contradicted_at >= self._confirming:
             self.suspect, self._unconfirmed = None, self._confirming
+            if not self.is_suspected:
+                self._suspicion = None
         return self.suspect is None
 
     def _fit(self, before: int | None = None, keeps_motion: bool = False) -> Estimate:
@@ -253,7 +284,32 @@ class Session:
 
     def _start_over(self) -> None:
         self.stage = TRANSITIONS[self.stage, Event.STARTED_OVER]
-        self._begin()
+        self._begin(Knowledge(self._count, self._anchor, self._settings, self._guards))
+
+    # --- grasps that slip ---
+
+    def _suspect(self, place: int, is_load: bool) -> None:
+        """From this place on the load seems to be another one, or motions contradict each other: or it was a slip."""
+        known = self._known
+        is_known = self.stage is Stage.ESTIMATING and not known.misses_poses
+        if self._suspicion is None and is_known and known.is_exact:
+            place = max(place, known.buffer.start)
+            self._suspicion = Suspicion(known, place, self._newest, len(self.changes), is_load)
+
+    def _tell_apart(self, suspicion: Suspicion) -> None:
+        """What has changed: go on as if no grasp could slip, or from before the slip."""
+        cause, is_late = suspicion.cause(self._guards), self._newest - suspicion.noticed >= self._most_suspected
+        if cause is not None and cause.robot is not None:
+            known = suspicion.known_if_slipped(self._known, cause, self._guards, self._settings.has_offset)
+            if known is not None:
+                self.slips.append(Slip(cause.robot, cause.first, suspicion.noticed, self._newest))
+                self.stage, self._suspicion = TRANSITIONS[self.stage, Event.SLIPPED], None
+                del self.changes[suspicion.changes :], self._loads[suspicion.changes :]
+                self._begin(known)
+                self._unconfirmed = self._confirming
+                return
+        if is_late or (suspicion.is_load and cause is not None and cause.robot is None):
+            self._suspicion = None
 
     # --- changes of the load ---
 
@@ -267,10 +323,12 @@ class Session:
                 return False
             self._fit(before=buffer.start, keeps_motion=True)  # wrenches may be of another load
         since, size = known.sight.likeliest_change(buffer)
-        now = known.estimate
-        if size <= 1.0 or now is None or self._surprise(buffer.start + since, now) < self._guards.worth_a_fit:
+        if size <= 1.0:
             self._unconfirmed = max(0, self._unconfirmed - 1)
             return False
+        now = known.estimate
+        if now is None or self._surprise(buffer.start + since, now) < self._guards.worth_a_fit:
+            return False  # what is unknown may explain it, but that confirms nothing
         now = self._fit(before=buffer.start + since)
         place = buffer.start + known.sight.likeliest_change(buffer)[0]
         if now.state.load is None or self._surprise(place, now) <= 1.0:
@@ -280,6 +338,7 @@ class Session:
         place, now = self._with_changes_before(place, now)
         load = now.state.load
         assert load is not None
+        self._suspect(place, is_load=True)
         self._loads.append(load[THETA])
         self.changes.append((int(buffer.numbers[place]), number))
         if self._load_before is None:

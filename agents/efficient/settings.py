@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from coheft.agents.efficient.row_times import RowTimes
@@ -58,6 +59,9 @@ class Guards:
             sensor that comes and goes, and rows may be of both.
         mass: Probability that the mass seems to be another one by chance, where a sensor may be off instead.
         drifting: A load that changes again so soon drifts [s].
+        mistaken: Probability that a slip is told although another load, or a sensor, is the cause, or the other way
+            round, if both are equally likely beforehand: by so much one has to be likelier than all others.
+        telling_apart: After so long without that no slip is told any more [s].
         undecided: After so long without an answer the load is believed to have changed [s]: a fault is over by then.
         waiting: Rows are missing when none of the whole team has come for so long, and the time on the way [s].
         confirming: A robot that contradicted the team, or itself, is believed again after so long without that [s].
@@ -86,6 +90,8 @@ class Guards:
     calm: float = 1.0
     mass: float = 1e-6
     drifting: float = 3.0
+    mistaken: float = 6e-6
+    telling_apart: float = 1.2
     undecided: float = 4.0
     waiting: float = 0.15
     confirming: float = 0.1
@@ -119,6 +125,11 @@ class Guards:
     def largest_constant_excess(self) -> float:
         """Chi-square of a sensor's excess beside a load, three degrees of freedom, less these."""
         return chi_square_threshold(3, self.constant_excess) - 3.0
+
+    @property
+    def lead(self) -> float:
+        """By which the log ratio of one cause exceeds all others."""
+        return -math.log(self.mistaken)
 
     @property
     def largest_contradiction(self) -> float:

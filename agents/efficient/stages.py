@@ -20,6 +20,7 @@ class Event(Enum):
     UNDECIDED = "a load has been fitted, but a sensor that reads something in excess explains wrenches as well"
     LOAD_CHANGED = "the load is another one"
     MISFIT = "wrenches do not fit the load that was fitted to them"
+    SLIPPED = "a grasp has slipped, and the load is what it was before"
     STARTED_OVER = "all is forgotten: motions fit no poses, errors of sensors no tolerances, or a contradiction lasts"
 
 
@@ -27,15 +28,18 @@ TRANSITIONS = {
     (Stage.GATHERING, Event.FITTED): Stage.ESTIMATING,
     (Stage.GATHERING, Event.UNDECIDED): Stage.UNDECIDED,
     (Stage.GATHERING, Event.MISFIT): Stage.GATHERING,
+    (Stage.GATHERING, Event.SLIPPED): Stage.ESTIMATING,
     (Stage.GATHERING, Event.STARTED_OVER): Stage.GATHERING,
     (Stage.UNDECIDED, Event.FITTED): Stage.ESTIMATING,
     (Stage.UNDECIDED, Event.UNDECIDED): Stage.UNDECIDED,
     (Stage.UNDECIDED, Event.LOAD_CHANGED): Stage.GATHERING,
     (Stage.UNDECIDED, Event.MISFIT): Stage.GATHERING,
+    (Stage.UNDECIDED, Event.SLIPPED): Stage.ESTIMATING,
     (Stage.UNDECIDED, Event.STARTED_OVER): Stage.GATHERING,
     (Stage.ESTIMATING, Event.FITTED): Stage.ESTIMATING,
     (Stage.ESTIMATING, Event.LOAD_CHANGED): Stage.GATHERING,
     (Stage.ESTIMATING, Event.MISFIT): Stage.GATHERING,
+    (Stage.ESTIMATING, Event.SLIPPED): Stage.ESTIMATING,
     (Stage.ESTIMATING, Event.STARTED_OVER): Stage.GATHERING,
 }
 """All that can happen; anything else is an error in this file."""

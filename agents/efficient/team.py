@@ -44,6 +44,7 @@ class Team:
         times: Of rows.
         start: First block in which all of them hold the load.
         noticed: Block in which each change of the load was noticed.
+        noticed_slips: Blocks in which each slip was noticed, and was told from a change of the load.
         newest: Newest block of which a row was taken; the one before ``start`` if there is none yet.
     """
 
@@ -71,6 +72,8 @@ class Team:
         self._next, self._taken = times.begun_from(start), set[int]()
         self.start, self.newest, self._index = start, start - 1, start
         self.noticed: list[int] = []
+        self.noticed_slips: list[tuple[int, int]] = []
+        self._unclear_since: int | None = None  # block since which it is not known what has changed
 
     def begin(self, prior: Prior, anchor: int, newcomers: Sequence[str] = ()) -> None:
         """Go on from what is known, which robots that are new in the team are told when they are first heard of."""
@@ -78,7 +81,8 @@ class Team:
         is_told = Unknowns(len(self.names), self._settings.errors).size <= MOST_TOLD
         self._newcomers = dict.fromkeys(newcomers, _TOLD) if is_told else {}
         self.session = Session(len(self.names), self.own, self._settings, self._guards, prior, anchor)
-        self._next, self._taken, self.noticed = self.times.begun_from(self.start), set(), []
+        self._next, self._taken = self.times.begun_from(self.start), set()
+        self.noticed, self.noticed_slips = [], []
 
     def adopt(self, channels: Channels) -> None:
         """Begin with what a neighbour knows, if this robot knows nothing."""
@@ -116,7 +120,14 @@ class Team:
                 self.session.take(number, row)
                 self._taken.add(number)
                 self.newest = max(self.newest, self.times.last_block(number))
-        self.noticed += [index] * (len(self.session.changes) - len(self.noticed))
+        session = self.session
+        if self._unclear_since is None:
+            self._unclear_since = index
+        del self.noticed[len(session.changes) :]
+        self.noticed += [index] * (len(session.changes) - len(self.noticed))
+        self.noticed_slips += [(self._unclear_since, index)] * (len(session.slips) - len(self.noticed_slips))
+        if session.suspect is None and not session.is_suspected:
+            self._unclear_since = None
         oldest = self.times.begun_from(index - self._waits)
         while self._next in self._taken or self._next < oldest:
             self._taken.discard(self._next)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from coheft.api.tracks import RobotResult, robot_result
 from coheft.app.results.judge import Judge
+from coheft.app.run.follower import Follower
 from coheft.app.run.heard import News
 from coheft.app.run.pairing import Pairing
 from coheft.estimation.rigid_body.mass_properties import Inertia
@@ -12,8 +13,8 @@ from coheft.wire.messages.scene import Scene
 from coheft.wire.messages.structs import Estimate, Truth
 
 
-class Collector:
-    """Follows a run, see ``coheft.app.run.follower.Follower``. Its memory grows with the run."""
+class Collector(Follower):
+    """Follows a run. Its memory grows with the run."""
 
     def begin(self, status: Status) -> None:
         """All links stand and the clock runs."""
@@ -34,9 +35,6 @@ class Collector:
         for estimate in ready:
             truth = self._judge.payload(estimate.robot, estimate.block)
             self._kept[estimate.robot].append((estimate, truth))
-
-    def end(self, status: Status) -> None:
-        """Nothing is left to do."""
 
     @property
     def _judge(self) -> Judge:

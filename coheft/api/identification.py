@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy.typing as npt
 
-from coheft.app.identify.choices import Bounds, Method
+from coheft.app.identify.choices import Bounds, Method, Options
 from coheft.app.identify.evaluate import ARRAYS, evaluate
 from coheft.app.identify.report import IdentifyReport, make_report
 
@@ -39,7 +39,7 @@ def identify(
         cutoff: Cutoff of the low-pass filter [Hz].
         topics: Topics of each robot in an MCAP file or a bag, as ``ROBOT=TOPIC``.
         holds: Recording of the same load held still in several orientations by the same robots.
-        assume: Correct the recording for this fault first, named as in the report's verdict (method ``pose``).
+        assume: Correct the recording for this fault first, named as in the report's verdict.
 
     Returns:
         What ``coheft identify --json`` writes; ``doubts`` and ``not_observable`` say what is not to be trusted.
@@ -48,17 +48,17 @@ def identify(
         RecordingError: The recording cannot be read, or cannot be of one load; says why.
         UsageError: Arguments contradict each other; names the options of the command, which have the same names.
     """
-    is_file = not isinstance(recording, Mapping)
-    recorded, found = evaluate(
-        Path(recording) if isinstance(recording, str | Path) else recording,
+    options = Options(
         method=method,
         calibrate=calibrate,
         bounds=bounds,
         from_=from_,
         to=to,
         cutoff=cutoff,
-        topics=topics,
+        topics=tuple(topics),
         holds=None if holds is None else Path(holds),
         assume=assume,
     )
-    return make_report(str(recording) if is_file else ARRAYS, recorded, found)
+    if isinstance(recording, Mapping):
+        return make_report(ARRAYS, *evaluate(recording, options))
+    return make_report(str(recording), *evaluate(Path(recording), options))

@@ -136,7 +136,7 @@ def _pose_track(judge: Judge, robot: str, neighbour: str, estimates: Sequence[Es
         if found is not None and estimate.phase == "inertia":
             pose = Pose(found.rotation, found.translation)
             matrices[k] = _matrix(pose)
-            errors[k] = pose_error(judge.relative_pose(robot, neighbour), pose)
+            errors[k] = pose_error(judge.relative_pose(robot, neighbour, estimate.block), pose)
             stds[k] = np.sqrt(np.diagonal(found.covariance))
     return PoseTrack(_matrix(judge.relative_pose(robot, neighbour)), matrices, errors, stds)
 

@@ -93,11 +93,6 @@ class AgentConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     def __post_init__(self) -> None:
         keep_present(self)
 
-    @property
-    def seed_method(self) -> Fan2017Settings:
-        """Former name of ``fan2017``, for estimators of one's own that read it."""
-        return self.fan2017
-
     def blocks(self, duration: float) -> int:
         """Number of blocks nearest to a duration [s], at least one."""
         return max(1, round(duration * self.rate / self.block))

@@ -5,13 +5,11 @@ Structs that name an estimator call ``keep_present`` when they are made, so that
 
 from __future__ import annotations
 
-from typing import Any, TypeVar
+from typing import Any
 
 import msgspec
 
 from coheft.errors import ScenarioError
-
-T = TypeVar("T")
 
 PRESENT = {"seed": "fan2017"}
 """Estimators' present names, by the former ones."""
@@ -54,21 +52,3 @@ def rename_sections(table: dict[str, Any], origin: str) -> None:
                 f"name: leave out the former one"
             )
         table[now] = other | section
-
-
-def decode_config(data: bytes, kind: type[T]) -> T:
-    """A process's configuration from JSON, also one that a former release has written.
-
-    Raises:
-        msgspec.DecodeError: It is none.
-        ScenarioError: A key of its agent is there under both names.
-    """
-    try:
-        return msgspec.json.decode(data, type=kind)
-    except msgspec.ValidationError:
-        table = msgspec.json.decode(data)
-        agent = table.get("agent") if isinstance(table, dict) else None
-        if not isinstance(agent, dict) or not agent.keys() & SECTIONS.keys():
-            raise
-        rename_sections(agent, "the configuration of an agent")
-        return msgspec.json.decode(msgspec.json.encode(table), type=kind)

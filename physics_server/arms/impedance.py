@@ -151,6 +151,10 @@ class Arms:
         self._model.actuator_gainprm[actuators] = gains[actuators] if holding else 0.0
         self._model.actuator_biasprm[actuators] = biases[actuators] if holding else 0.0
 
+    def move_grasp(self, robot: str, grasp: Pose) -> None:
+        """A robot holds the payload elsewhere from now on, with its grasp frame at this pose in the payload's."""
+        self._adjoints[self._robots.index(robot)] = grasp.adjoint()
+
     def wrenches(self, read: Array, rotations: Array, home_rotations: Array) -> Array:
         """Wrenches on the payload.
 

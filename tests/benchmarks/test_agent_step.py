@@ -65,6 +65,7 @@ def run(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> None:
     agent_step.main()
 
 
+@pytest.mark.slow
 def test_the_command_tells_of_each_estimator_and_of_another_checkout(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
@@ -85,6 +86,7 @@ def test_the_command_tells_of_each_estimator_and_of_another_checkout(
     assert "3 robots, 0.3 of 0.3 s: efficient " in output.err
 
 
+@pytest.mark.slow
 def test_an_estimator_that_there_is_not_is_named(
     monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:

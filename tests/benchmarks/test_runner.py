@@ -25,7 +25,7 @@ def _measured_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     def measure(name: str, effort: Effort) -> Section:
         if name in ERRORS:
             raise ERRORS[name]
-        skipped = [Skipped("all of it", "it takes too long")] if name == "rounds" else []
+        skipped = [Skipped("all of it", "it takes too long")] if name == "realtime" else []
         return Section(name=name, title=name, figures=[Figure(name="x", value=1.0)], skipped=skipped)
 
     monkeypatch.setattr(runner, "measure", measure)
@@ -42,7 +42,7 @@ def run(monkeypatch: pytest.MonkeyPatch, folder: Path, *names: str) -> int | str
 def test_a_benchmark_that_fails_is_told(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert run(monkeypatch, tmp_path, "floor", "startup", "kernels") == 1
+    assert run(monkeypatch, tmp_path, "floor", "startup", "inprocess") == 1
     floor, startup, fine = load_results(tmp_path / "bench.json").sections
     assert not floor.figures
     assert [(each.name, each.reason) for each in floor.skipped] == [("all of it", "no way out")]
@@ -50,14 +50,14 @@ def test_a_benchmark_that_fails_is_told(
     assert fine.figures
     output = capsys.readouterr()
     assert "- not measured: all of it: no way out" in output.out
-    assert "kernels" in output.err
+    assert "inprocess" in output.err
     assert "Traceback" in output.err
 
 
 def test_what_was_left_out_has_not_failed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    assert run(monkeypatch, tmp_path, "kernels", "rounds") == 0
+    assert run(monkeypatch, tmp_path, "inprocess", "realtime") == 0
 
 
 def test_what_was_measured_before_ctrl_c_is_written(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    assert run(monkeypatch, tmp_path, "kernels", "wide", "rounds") == 130
-    assert [section.name for section in load_results(tmp_path / "bench.json").sections] == ["kernels"]
+    assert run(monkeypatch, tmp_path, "inprocess", "wide", "realtime") == 130
+    assert [section.name for section in load_results(tmp_path / "bench.json").sections] == ["inprocess"]

@@ -38,12 +38,7 @@ def test_several_find_the_same_cart_as_one_alone(pushers: int) -> None:
     # Every robot measures the cart's motion: together they know it better.
     assert together.mass_std_kg < 0.9 * alone.mass_std_kg
     assert together.mean_effort_n < alone.mean_effort_n
-
-
-@pytest.mark.parametrize("pushers", [2, 3])
-def test_all_come_to_the_same_cart(pushers: int) -> None:
-    found = run(pushers)
-    last = [estimates[-1] for estimates in found.estimates.values()]
+    last = [estimates[-1] for estimates in run(pushers).estimates.values()]
     assert {estimate.members for estimate in last} == {pushers}
     for estimate in last[1:]:
         np.testing.assert_allclose(estimate.cart.body.phi, last[0].cart.body.phi, rtol=1e-9)
@@ -76,7 +71,7 @@ def test_no_hand_does_it_all() -> None:
 
 def test_messages_that_do_not_come_cost_samples_and_nothing_else() -> None:
     """A tenth of all messages between two pushers is lost."""
-    scenario = structs.replace(table_one(5, pushers=2), duration=DURATION)
+    scenario = structs.replace(table_one(5, pushers=2), duration=10.0)
     graph = neighbours_of(scenario)
     simulation = CartSimulation(scenario)
     agents = {name: CartAgent(agent_config(scenario, name, graph[name])) for name in scenario.names}

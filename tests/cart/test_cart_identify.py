@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from coheft.app.cli.main import EXIT_ERROR, run_command_line
+from coheft.app.cli.base import EXIT_ERROR
+from coheft.app.cli.main import run_command_line
 from coheft.errors import RecordingError
 from coheft.estimation.cart.contact import grasp_map
 from coheft.estimation.cart.model import CartBody, axes, forward_dynamics
@@ -18,7 +19,7 @@ from coheft.wire.cart.recording import COLUMNS, read_cart_recording
 
 BODY = CartBody(26.0, (0.35, 0.05), 3.0, (8.0, 3.0))
 HAND = (-0.25, 0.1)
-RATE, FINE = 50, 20
+RATE, FINE = 50, 6
 NOISE = 0.005
 
 
@@ -73,7 +74,7 @@ def test_a_cart_is_found_in_a_recording(suffix: str, tmp_path: Path) -> None:
 
 
 def test_noise_that_is_larger_than_was_said_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = write_csv(tmp_path / "cart.csv", without_plan())
+    path = write_csv(tmp_path / "cart.csv", {name: array[: 5 * RATE] for name, array in without_plan().items()})
     hand = ["--hand", str(HAND[0]), str(HAND[1])]
     assert run_command_line(["cart", "identify", str(path), *hand, "--noise", "0.001"]) == 3
     assert "velocity is measured 5." in capsys.readouterr().out

@@ -52,7 +52,8 @@ class Case:
             if number in self.missing:
                 continue
             session.take(number, row)
-            if session.stage is Stage.ESTIMATING and session.suspect is None and session.is_confirmed:
+            is_clear = session.suspect is None and not session.is_suspected
+            if session.stage is Stage.ESTIMATING and is_clear and session.is_confirmed:
                 history.valid.append(number)
                 history.errors.append(_error(session, self.loads[number] if self.loads else LOAD))
         return session, history
@@ -100,8 +101,9 @@ def changed(share: float, before: int = 200, after: int = 100) -> tuple[Array, l
 
 
 def slipped() -> Array:
-    """Rows over a grasp that slips by 5 cm."""
-    poses = (*POSES[:2], Pose(POSES[2].rotation, POSES[2].translation + np.array([0.05, 0.0, 0.0])), *POSES[3:])
+    """Rows over grasps of two robots that slip by 5 cm at once."""
+    aside = np.array([0.05, 0.0, 0.0])
+    poses = (*POSES[:2], *(Pose(pose.rotation, pose.translation + aside) for pose in POSES[2:]))
     return np.concatenate([made_up_rows(150), made_up_rows(250, first=150, poses=poses)])
 
 

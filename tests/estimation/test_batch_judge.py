@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from coheft.app.identify.choices import Options
+from coheft.app.identify.methods import identify
 from coheft.errors import RecordingError
 from coheft.estimation.batch.identification import Identification
-from coheft.estimation.batch.identify_poses import identify_poses
 from coheft.estimation.batch.judge.band import white_level
 from coheft.estimation.batch.judge.cause import Cause
 from coheft.estimation.batch.judge.verdict import Verdict
@@ -82,7 +83,7 @@ def late(wrench: Array) -> Array:
 
 
 def judged(recording: Recording) -> tuple[Identification, Verdict]:
-    found = identify_poses(recording)
+    found = identify(recording, Options())
     assert found.verdict is not None
     return found, found.verdict
 
@@ -317,7 +318,7 @@ def test_a_drift_that_hardly_matters_is_accepted() -> None:
 
 
 def test_without_gravity_nothing_is_judged() -> None:
-    assert identify_poses(replace(held_recording(SEED), gravity=np.zeros(3))).verdict is None
+    assert identify(replace(held_recording(SEED), gravity=np.zeros(3)), Options()).verdict is None
 
 
 def test_a_sensors_own_filter_does_not_make_it_look_quiet() -> None:
@@ -366,7 +367,7 @@ def test_results_do_not_depend_on_who_is_first() -> None:
 )
 def test_what_is_assumed_is_taken_out(fault: Fault, robots: tuple[str, ...], cause: Cause) -> None:
     recording = with_fault(held_recording(SEED), fault, *robots)
-    found = identify_poses(recording, assume=cause)
+    found = identify(recording, Options(assume=cause))
     assert found.doubts == ()
     assert found.remarks[0].startswith(f"Taken out, as assumed ({cause}): ")
     assert deviations(recording, found).max() < 5.0
@@ -375,12 +376,12 @@ def test_what_is_assumed_is_taken_out(fault: Fault, robots: tuple[str, ...], cau
 def test_what_cannot_be_assumed_is_refused() -> None:
     recording = held_recording(SEED)
     with pytest.raises(RecordingError, match="nothing is wrong with the recording"):
-        identify_poses(recording, assume="offset")
+        identify(recording, Options(assume="offset"))
     wrong = with_fault(recording, to_wrench(turned))
     with pytest.raises(RecordingError, match=r"does not explain the recording\. .* is turned against the grasp frame"):
-        identify_poses(wrong, assume="lever")
+        identify(wrong, Options(assume="lever"))
     with pytest.raises(RecordingError, match="it can be any of: offset, "):
-        identify_poses(wrong, assume="weather")
+        identify(wrong, Options(assume="weather"))
     slip = with_fault(recording, slipped(0.0, 0.005))
     with pytest.raises(RecordingError, match="nothing says what sensors would have read without 'slip'"):
-        identify_poses(slip, assume="slip")
+        identify(slip, Options(assume="slip"))

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from coheft.app.identify.choices import Options
 from coheft.app.identify.methods import identify
 from coheft.errors import RecordingError
 from coheft.estimation.batch.body import total_wrench
@@ -59,7 +60,7 @@ def test_what_is_not_seen_need_not_settle() -> None:
     rng = np.random.default_rng(2)
     spinning = np.tile([0.0, 0.0, 0.3, 0.0, 0.0, 0.0, 0.0, 0.0, 9.81, 0.0, 0.0, 0.0], (2000, 1))
     recording = sensors_recording(rng, exact_signals(rng, grasps(rng), motion=spinning), NOISE)
-    found = identify(recording, "instruments")
+    found = identify(recording, Options(method="instruments"))
     assert found.team.relative(0, 1).unseen
     assert not any("still changing" in doubt for doubt in found.doubts)
 
@@ -69,7 +70,7 @@ def test_what_cannot_be_computed_with_is_told() -> None:
     rng = np.random.default_rng(0)
     recording = sensors_recording(rng, exact_signals(rng, grasps(rng)), NOISE)
     with pytest.raises(RecordingError, match=r"--method likelihood cannot compute with these numbers \("):
-        identify(replace(recording, noise=NOISE.scaled(1e-170)), "likelihood")
+        identify(replace(recording, noise=NOISE.scaled(1e-170)), Options(method="likelihood"))
 
 
 def test_impossible_bodies_are_made_possible_in_the_metric_of_all_errors() -> None:

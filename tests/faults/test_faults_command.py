@@ -15,8 +15,8 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from coheft.app.cli.base import EXIT_BROKEN_PROMISE, EXIT_INTERRUPTED, EXIT_USAGE
-from coheft.app.cli.main import EXIT_CONVERGED, run_command_line
+from coheft.app.cli.base import EXIT_BROKEN_PROMISE, EXIT_CONVERGED, EXIT_INTERRUPTED, EXIT_USAGE
+from coheft.app.cli.main import run_command_line
 from coheft.app.faults import campaign
 from coheft.app.faults.draw import draw_schedule
 from coheft.app.faults.invariants import Violation

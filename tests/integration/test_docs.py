@@ -40,6 +40,7 @@ class Way(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename={"is_"
 
     is_: str
     why: str
+    page: str = ""
     run: str = ""
     skip: bool = False
     exit: int = 0
@@ -65,7 +66,12 @@ class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 TABLE = msgspec.convert(tomllib.loads(TABLE_FILE.read_text()), Table)
-BY_COMMAND = {normal(way.is_): way for way in TABLE.command}
+WAYS = {(way.page, normal(way.is_)): way for way in TABLE.command}
+
+
+def way_of(page: Path, name: str) -> Way:
+    """How a command of a page is run; as it stands if the table does not say otherwise."""
+    return WAYS.get((page.name, name)) or WAYS.get(("", name)) or Way(name, "")
 
 
 class Reader:
@@ -101,13 +107,15 @@ class Reader:
 
     def work_through(self) -> None:
         """Do all that the page says, in order."""
+        shown = {command.name for block in blocks(self.page) for command in commands(block) if command.output}
         for block in blocks(self.page):
             if block.file_name is not None:
                 self._write(block)
             elif block.language == "python":
                 self._run_snippet(block)
             for command in commands(block):
-                self._carry_out(command)
+                if command.output or command.name not in shown:  # else once is enough: where the page shows its output
+                    self._carry_out(command)
 
     def _write(self, block: Block) -> None:
         text = block.text
@@ -119,14 +127,13 @@ class Reader:
         path.write_text(text)
 
     def _run_snippet(self, block: Block) -> None:
-        first = BY_COMMAND.get(normal(block.lines[0]))
-        if first is None or not first.skip:
+        if not way_of(self.page, normal(block.lines[0])).skip:
             script = self.folder / f"snippet{block.number}.py"
             script.write_text(block.text)
             self._run(f"python {script.name}", block.number, Way("", ""))
 
     def _carry_out(self, command: Command) -> None:
-        found = BY_COMMAND.get(command.name, Way(command.name, ""))
+        found = way_of(self.page, command.name)
         if found.skip:
             return
         if found.beside and found.beside not in self.beside:
@@ -232,9 +239,11 @@ def test_a_reader_can_do_what_the_page_says(reader: Reader) -> None:
 
 
 def test_the_table_is_about_what_pages_say() -> None:
-    said = {command.name for page in PAGES for block in blocks(page) for command in commands(block)}
-    said |= {normal(block.lines[0]) for page in PAGES for block in blocks(page) if block.language == "python"}
-    unsaid = sorted(set(BY_COMMAND) - said)
+    said = {(page.name, command.name) for page in PAGES for block in blocks(page) for command in commands(block)}
+    said |= {
+        (page.name, normal(block.lines[0])) for page in PAGES for block in blocks(page) if block.language == "python"
+    }
+    unsaid = sorted(set(WAYS) - said - {("", name) for _, name in said})
     assert not unsaid, f"{TABLE_FILE.name} is about commands that no page has"
     assert all(way.why for way in TABLE.command), "all of it needs a reason"
     files = {page.name: page.read_text() for page in PAGES}

@@ -13,7 +13,8 @@ import pytest
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
-from coheft.app.cli.main import EXIT_CONVERGED, run_command_line
+from coheft.app.cli.base import EXIT_CONVERGED
+from coheft.app.cli.main import run_command_line
 from coheft.app.recording.reader import read_recording
 from coheft.app.recording.recover import Saved, recover
 from coheft.errors import RecordingError

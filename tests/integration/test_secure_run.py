@@ -16,7 +16,8 @@ import pytest
 import zenoh
 from cryptography import x509
 
-from coheft.app.cli.main import EXIT_CONVERGED, EXIT_ERROR, run_command_line
+from coheft.app.cli.base import EXIT_CONVERGED, EXIT_ERROR
+from coheft.app.cli.main import run_command_line
 from coheft.app.run.hosts import Hosts, free_ports, load_hosts
 from coheft.app.run.keys import Authority, check_keys, make_keys
 from coheft.app.run.plan import make_plan

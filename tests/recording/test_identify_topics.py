@@ -13,7 +13,8 @@ from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import Writer as Ros2Writer
 from rosbags.typesys import Stores, get_typestore
 
-from coheft.app.cli.main import EXIT_ERROR, EXIT_USAGE, run_command_line
+from coheft.app.cli.base import EXIT_ERROR, EXIT_USAGE
+from coheft.app.cli.main import run_command_line
 from coheft.app.identify.inputs import read_any
 from coheft.app.identify.methods import identify
 from coheft.app.recording import ros

@@ -19,9 +19,10 @@ from rosbags.highlevel import AnyReader
 from scipy.spatial.transform import Rotation
 
 import coheft
-from coheft.app.cli.main import EXIT_ERROR, EXIT_USAGE, run_command_line
+from coheft.app.cli.base import EXIT_ERROR, EXIT_USAGE
+from coheft.app.cli.main import run_command_line
 from coheft.app.recording import reader as reader_module
-from coheft.app.recording.definitions import COPY
+from coheft.app.recording.mcap_file import COPY
 from coheft.app.recording.reader import read_recording
 from coheft.app.recording.recorder import Recorder
 from coheft.app.results.judge import Judge

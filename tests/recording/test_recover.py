@@ -17,7 +17,8 @@ from mcap.records import Chunk, Message
 from mcap.stream_reader import StreamReader, breakup_chunk
 from rosbags.highlevel import AnyReader
 
-from coheft.app.cli.main import EXIT_CONVERGED, EXIT_ERROR, EXIT_USAGE, run_command_line
+from coheft.app.cli.base import EXIT_CONVERGED, EXIT_ERROR, EXIT_USAGE
+from coheft.app.cli.main import run_command_line
 from coheft.app.recording.mcap_records import MAGIC
 from coheft.app.recording.reader import read_recording
 from coheft.app.recording.recover import recover
@@ -96,6 +97,16 @@ def test_a_file_whose_first_record_is_not_known_is_read_after_it(cut: Path, tmp_
     assert saved is not None
     with (tmp_path / "saved.mcap").open("rb") as file:
         assert len(list(make_reader(file).iter_messages())) == saved.messages > 0
+
+
+def test_a_chunk_is_found_whose_head_is_damaged(cut: Path, tmp_path: Path) -> None:
+    content = bytearray(cut.read_bytes())
+    chunks = chunks_in(content)
+    for chunk in chunks:
+        content[chunk.start : chunk.start + 9] = bytes([0x80, *b"\xff" * 8])
+    (tmp_path / "damaged.mcap").write_bytes(content)
+    assert recover(tmp_path / "damaged.mcap", tmp_path / "saved.mcap") is not None
+    assert len(messages_in(tmp_path / "saved.mcap")) == sum(len(chunk.messages) for chunk in chunks)
 
 
 @st.composite

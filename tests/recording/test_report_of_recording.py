@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from coheft.app.cli.main import EXIT_ERROR, run_command_line
+from coheft.app.cli.base import EXIT_ERROR
+from coheft.app.cli.main import run_command_line
 from tests.recording.runs import news_of_a_run, record
 
 pytest.importorskip("matplotlib")

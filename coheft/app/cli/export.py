@@ -68,7 +68,7 @@ def export(
     from coheft.app.export.verdict import Limits
 
     if report is not None and run is not None:
-        raise UsageError(f"--run names a run that goes on, but {report} is a report: leave one out")
+        raise UsageError(f"--run names a run in progress, but {report} is a report: leave one out")
     check_outputs(*([] if report is None else [report]), to=to)
     load = read_load(report, robot) if report is not None else hear_load(run, robot)
     text, answer = hand_over(load, as_, flange, Limits(max_mass, max_offset, max_inertia))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import Annotated
 
 from cyclopts import Parameter
@@ -18,7 +19,7 @@ from coheft.app.cli.base import (
     app,
     check_outputs,
 )
-from coheft.app.identify.choices import Bounds, Method
+from coheft.app.identify.choices import Bounds, Method, Options
 
 
 @app.command(group=EVALUATE)
@@ -62,8 +63,8 @@ def identify(
     cutoff:
         Cutoff of the low-pass filter [Hz]: by default 5 for batch, otherwise 3; likelihood has none.
     assume:
-        Correct the recording for this fault before identifying the load (method pose); the fault is named as in the
-        report's verdict, for instance 'offset' or 'sensor turned'.
+        Correct the recording for this fault before identifying the load; the fault is named as in the report's verdict,
+        for instance 'offset' or 'sensor turned'.
     topics:
         Topics of each robot in an MCAP file or a bag, for instance left=/left/wrench left=/left/pose
         right=/right/wrench right=/right/pose. By default the first part of a topic's name is the robot.
@@ -77,6 +78,8 @@ def identify(
     quiet:
         Print only errors.
     """
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # matrices are small: more threads only wait for each other
+
     from rich.console import Console
 
     from coheft.app.figures import make_folder
@@ -92,8 +95,7 @@ def identify(
     with gone_if_broken_off(report):
         if report is not None:
             make_folder(report)
-        recorded, found = evaluate(
-            recording,
+        options = Options(
             method=method,
             calibrate=calibrate,
             bounds=bounds,
@@ -104,6 +106,7 @@ def identify(
             topics=topics,
             holds=holds,
         )
+        recorded, found = evaluate(recording, options)
     result = make_report(str(recording), recorded, found)
     if not quiet:
         print_identification(Console(stderr=json == "-"), result)

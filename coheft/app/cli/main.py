@@ -11,7 +11,7 @@ from pathlib import Path
 
 import cyclopts
 
-from coheft.app.cli import (
+from coheft.app.cli import (  # noqa: F401  # each adds its commands to the application
     cart,
     control,
     export,
@@ -29,7 +29,6 @@ from coheft.app.cli import (
     view,
 )
 from coheft.app.cli.base import (
-    EXIT_CONVERGED,
     EXIT_ERROR,
     EXIT_INTERRUPTED,
     EXIT_USAGE,
@@ -129,26 +128,4 @@ def _start_by_hand(module: str, config: Path) -> int:
     return run_in_foreground(module, config)
 
 
-__all__ = [
-    "EXIT_CONVERGED",
-    "EXIT_ERROR",
-    "EXIT_INTERRUPTED",
-    "EXIT_USAGE",
-    "app",
-    "cart",
-    "control",
-    "export",
-    "faults",
-    "identify",
-    "keys",
-    "mocobots",
-    "recover",
-    "report",
-    "ros2",
-    "run",
-    "run_command_line",
-    "schema",
-    "shell",
-    "study",
-    "view",
-]
+__all__ = ["app", "run_command_line"]

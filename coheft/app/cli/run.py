@@ -182,7 +182,11 @@ def run(
     check_outputs(scenario_path(scenario), json=json, report=report, save_data=save_data, record=record)
     if keys is not None and not keys.is_dir():
         raise UsageError(f"--keys: there is no folder {str(keys)!r}; 'coheft keys' makes one")
-    places = _places(hosts, chosen)
+    places: Hosts | None = None
+    if hosts is not None:
+        from coheft.app.run.hosts import load_hosts
+
+        places = load_hosts(hosts, chosen)
 
     def once(place: Place | None, *, is_another: bool) -> tuple[int, bool]:
         """One run: its exit status, and whether whoever looks at its view wants another."""
@@ -192,7 +196,11 @@ def run(
             check_no_parts(write_configs, chosen)
         with ExitStack() as stack:
             stack.enter_context(gone_if_broken_off(report))
-            page = _report_page(report)
+            page: ReportPage | None = None
+            if report is not None:
+                from coheft.app.run_report.folder import ReportPage
+
+                page = ReportPage(report)
             folder = write_configs if write_configs is not None else make_run_folder(name, logs)
             run_keys = keys
             if secure or keys is not None:
@@ -209,15 +217,25 @@ def run(
             console = Console(stderr=json == "-")
             display = make_display(console, quiet=quiet)
             tell = partial(_tell, None if quiet else console)
-            carried = _carry_record(chosen)
+            carried: CarryRecord | None = None
+            if chosen.carry is not None:
+                from coheft.app.results.carry_record import CarryRecord
+
+                carried = CarryRecord(chosen)
             viewer: ViewBeside | None = None
             if place is not None:
-                viewer = _view_beside(folder, place, read_only=view_read_only, offers_another=offers_another)
+                from coheft.app.view.process import ViewBeside
+
+                viewer = ViewBeside(folder, place, read_only=view_read_only, offers_another=offers_another)
                 stack.enter_context(viewer)
                 _wait_for_view(console, viewer, place, waits=not (no_wait or is_another))
             if not quiet:
                 print_notes(console, chosen)
-            recorder = stack.enter_context(_recorder(record, chosen)) if record is not None else None
+            recorder: Recorder | None = None
+            if record is not None:
+                from coheft.app.recording.recorder import Recorder
+
+                recorder = stack.enter_context(Recorder(record, chosen))
             asked = {"json": json, "report": report, "save_data": save_data, "record": record}
             broken_off = BrokenOff(asked, folder, recorder)
             beside: list[Follower | None] = [page, viewer, recorder, carried, broken_off]
@@ -268,7 +286,12 @@ def run(
         return status, wants_another
 
     offers_another = view and not any((json, report, record, save_data, logs))
-    place = _view_place() if view else None
+    place: Place | None = None
+    if view:
+        from coheft.app.run.hosts import LOOPBACK
+        from coheft.app.view.process import Place
+
+        place = Place.choose(LOOPBACK)
     status, wants_another = once(place, is_another=False)
     while wants_another:
         status, wants_another = once(place, is_another=True)
@@ -287,22 +310,6 @@ def _tell(console: Console | None, what: str, place: str | Path | None) -> None:
         console.print(f"{what}: {place}", markup=False, highlight=False, soft_wrap=True)
 
 
-def _report_page(folder: Path | None) -> ReportPage | None:
-    if folder is None:
-        return None
-    from coheft.app.run_report.folder import ReportPage
-
-    return ReportPage(folder)
-
-
-def _places(hosts: Path | None, scenario: Scenario) -> Hosts | None:
-    if hosts is None:
-        return None
-    from coheft.app.run.hosts import load_hosts
-
-    return load_hosts(hosts, scenario)
-
-
 def _credentials(keys: Path | None, folder: Path, scenario: Scenario, places: Hosts | None) -> Path:
     """The folder with everyone's certificates: a given one, or a new one for this run."""
     from coheft.app.run.keys import check_keys, make_keys
@@ -314,27 +321,6 @@ def _credentials(keys: Path | None, folder: Path, scenario: Scenario, places: Ho
     return keys
 
 
-def _carry_record(scenario: Scenario) -> CarryRecord | None:
-    if scenario.carry is None:
-        return None
-    from coheft.app.results.carry_record import CarryRecord
-
-    return CarryRecord(scenario)
-
-
-def _view_place() -> Place:
-    from coheft.app.run.hosts import LOOPBACK
-    from coheft.app.view.process import Place
-
-    return Place.choose(LOOPBACK)
-
-
-def _view_beside(folder: Path, place: Place, *, read_only: bool, offers_another: bool) -> ViewBeside:
-    from coheft.app.view.process import ViewBeside
-
-    return ViewBeside(folder, place, read_only=read_only, offers_another=offers_another)
-
-
 def _wait_for_view(console: Console, viewer: ViewBeside, place: Place, *, waits: bool) -> None:
     """Tell where the view is as soon as it can be looked at, before anything else, and wait until somebody looks."""
     if not viewer.wait_until_there():
@@ -343,9 +329,3 @@ def _wait_for_view(console: Console, viewer: ViewBeside, place: Place, *, waits:
     if waits:
         console.print("The run begins when a browser has opened it; with --no-wait, at once.", highlight=False)
         viewer.wait_until_seen()
-
-
-def _recorder(target: Path, scenario: Scenario) -> Recorder:
-    from coheft.app.recording.recorder import Recorder
-
-    return Recorder(target, scenario)

@@ -11,7 +11,7 @@ import numpy as np
 from coheft.app.faults.lasting import with_lasting_errors
 from coheft.app.faults.recovery import latest_recovery
 from coheft.app.faults.schedule import (
-    EVERYBODY,
+    ALL_ROBOTS,
     AnyFault,
     ClockSkew,
     Corruption,
@@ -218,7 +218,7 @@ class _Team:
     def _link(self) -> _Fields:
         """One link, all to or from one robot, or all."""
         sender, receiver = self._pick(*self._edges)
-        return {"sender": self._pick(sender, EVERYBODY), "receiver": self._pick(receiver, EVERYBODY)}
+        return {"sender": self._pick(sender, ALL_ROBOTS), "receiver": self._pick(receiver, ALL_ROBOTS)}
 
     def _blocks(self, most: int = 10) -> int:
         return int(self._rng.integers(1, most + 1))

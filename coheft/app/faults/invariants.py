@@ -116,7 +116,7 @@ class Watch:
         for other, pose in estimate.poses.items():
             if any(release.robot in (other, estimate.robot) and release.is_active(time) for release in self._releases):
                 continue
-            true = self._judge.relative_pose(estimate.robot, other)
+            true = self._judge.relative_pose(estimate.robot, other, estimate.block)
             error = pose_error(true, Pose(pose.rotation, pose.translation))
             self._compare(estimate, f"pose of {other}", _POSE, error, pose.covariance)
 

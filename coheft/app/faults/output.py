@@ -46,16 +46,17 @@ def print_campaign(
 ) -> None:
     """What was injected and what came of it; the last line replays the first schedule that failed."""
     table = Table(box=SIMPLE_HEAD, pad_edge=False, show_edge=False, padding=(0, 1))
-    table.add_column("fault")
-    for name in ("injected", "went stale", "violations", "off, > 1 s", "all valid after [s]: median", "95 %", "worst"):
+    table.add_column("fault", min_width=16)
+    for name in ("injected", "went stale", "violations", "off, > 1 s", "median", "95 %", "worst"):
         table.add_column(name, justify="right")
     for kind in summary.kinds:
         times = ("", "", "") if kind.recovered_s is None else tuple(f"{time:.2f}" for time in kind.recovered_s)
-        stale = f"{kind.went_stale} of {kind.schedules}"
+        stale = f"{kind.went_stale}/{kind.schedules}"
         table.add_row(kind.kind, str(kind.injected), stale, str(kind.violations), _off(kind), *times)
     print_table(console, table)
+    console.print("\nMedian, 95 % and worst: seconds until all robots were valid again.")
     console.print(
-        f"\n{summary.schedules} schedules, {summary.simulated_h:.1f} simulated hours, {summary.lost} loads lost"
+        f"{summary.schedules} schedules, {summary.simulated_h:.2g} simulated hours, {summary.lost} loads lost"
     )
     lies, named = summary.lies
     if lies:
@@ -63,8 +64,8 @@ def print_campaign(
     untold, off, long = summary.untold
     if untold:
         console.print(
-            f"in {untold} schedules sensors were off by more than robots were told: in {off} of these a robot called "
-            f"numbers valid that were off, in {long} for more than 1 s"
+            f"in {untold} schedules sensor errors exceeded their tolerances: in {off} of these a valid number was off "
+            f"by more than five own std, in {long} for more than 1 s"
         )
     console.print(f"violations: {summary.violations}, in {len(summary.failed)} schedules")
     failed = [outcome for outcome in outcomes if outcome.violations]

@@ -11,7 +11,6 @@ from msgspec import Meta
 from coheft.errors import ScenarioError
 from coheft.estimation.measurement import Positive
 from coheft.wire.scenario.file import complete_scenario
-from coheft.wire.scenario.former import as_now
 from coheft.wire.scenario.schema import Scenario
 from coheft.wire.scenario.section import NotNegative, Seed
 
@@ -21,7 +20,7 @@ Sensor = Literal["gyro", "velocity", "acceleration", "force", "torque"]
 SensorFailure = Literal["nan", "frozen", "outliers", "saturation", "offset"]
 LieKind = Literal["scaled", "offset", "garbage"]
 
-EVERYBODY = "*"
+ALL_ROBOTS = "*"
 """As a sender or receiver of a link fault."""
 
 
@@ -54,12 +53,12 @@ class Fault(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 class LinkFault(Fault, frozen=True, kw_only=True):
     """A fault of messages on their way, from ``sender`` to ``receiver``; ``*`` is every robot."""
 
-    sender: str = EVERYBODY
-    receiver: str = EVERYBODY
+    sender: str = ALL_ROBOTS
+    receiver: str = ALL_ROBOTS
 
     def concerns(self, sender: str, receiver: str) -> bool:
         """Whether this link is meant."""
-        return self.sender in (EVERYBODY, sender) and self.receiver in (EVERYBODY, receiver)
+        return self.sender in (ALL_ROBOTS, sender) and self.receiver in (ALL_ROBOTS, receiver)
 
 
 class Delay(LinkFault, frozen=True, kw_only=True, tag="delay"):
@@ -259,16 +258,13 @@ def write_schedule(schedule: FaultSchedule, path: Path) -> None:
 
 
 def read_schedule(path: Path) -> FaultSchedule:
-    """Read a schedule, also one that a former release wrote.
+    """Read a schedule.
 
     Raises:
         ScenarioError: There is none, or it cannot be run.
     """
     try:
-        table = msgspec.json.decode(path.read_bytes())
-        if isinstance(table, dict) and isinstance(table.get("scenario"), dict):
-            table["scenario"] = as_now(table["scenario"])
-        schedule = msgspec.convert(table, FaultSchedule)
+        schedule = msgspec.json.decode(path.read_bytes(), type=FaultSchedule)
     except OSError as error:
         raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from error
     except msgspec.DecodeError as error:
@@ -293,7 +289,7 @@ def _check_fault(fault: AnyFault, robots: tuple[str, ...], place: str) -> None:
     match fault:
         case LinkFault():
             named = {"sender": (fault.sender,), "receiver": (fault.receiver,)}
-            robots = (*robots, EVERYBODY)
+            robots = (*robots, ALL_ROBOTS)
         case Partition():
             named = {"group": fault.group}
         case RobotFault():

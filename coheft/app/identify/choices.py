@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
 Method = Literal["batch", "instruments", "pose", "likelihood", "static"]
@@ -25,3 +26,30 @@ class Bounds:
     position_scale: float = 0.03
     force_scale: float = 0.01
     force_offset: float = 0.5
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """How to evaluate a recording; ``coheft identify`` and ``coheft.identify`` use the same names.
+
+    Attributes:
+        method: By default the best one that the recording allows.
+        calibrate: Whether to estimate calibration errors of the robots as well (method ``pose``).
+        bounds: With ``calibrate``: bounds of the calibration errors.
+        from_: Ignore everything before this time [s].
+        to: Ignore everything after this time [s].
+        cutoff: Cutoff of the low-pass filter [Hz].
+        topics: Topics of each robot in an MCAP file or a bag, as ``ROBOT=TOPIC``.
+        holds: Recording of the same load held still in several orientations by the same robots.
+        assume: Correct the recording for this fault first, named as in the verdict.
+    """
+
+    method: Method | None = None
+    calibrate: bool = False
+    bounds: Bounds | None = None
+    from_: float | None = None
+    to: float | None = None
+    cutoff: float | None = None
+    topics: tuple[str, ...] = ()
+    holds: Path | None = None
+    assume: str | None = None

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy.typing as npt
 
-from coheft.app.identify.choices import Bounds, Method
+from coheft.app.identify.choices import Options
 from coheft.app.identify.inputs import read_any, read_holds
 from coheft.app.identify.methods import identify, part_of
 from coheft.errors import RecordingError, UsageError
@@ -20,46 +20,34 @@ ARRAYS = "arrays"
 """What errors and reports call a recording that is no file."""
 
 
-def evaluate(
-    recording: Path | Mapping[str, npt.ArrayLike],
-    *,
-    method: Method | None = None,
-    calibrate: bool = False,
-    bounds: Bounds | None = None,
-    from_: float | None = None,
-    to: float | None = None,
-    cutoff: float | None = None,
-    topics: Sequence[str] = (),
-    holds: Path | None = None,
-    assume: str | None = None,
-) -> tuple[Recording, Identification]:
-    """Identify the load of a recording; arguments as of ``coheft identify``.
+def evaluate(recording: Path | Mapping[str, npt.ArrayLike], options: Options) -> tuple[Recording, Identification]:
+    """Identify the load of a recording.
 
     Returns:
         The part of the recording that was used, and what was found.
 
     Raises:
         RecordingError: It cannot be read, or cannot be a recording of one load; says what, and why.
-        UsageError: Arguments contradict each other.
+        UsageError: Options contradict each other.
     """
-    if bounds is not None and not calibrate:
+    holds, is_static = options.holds, options.method == "static"
+    if options.bounds is not None and not options.calibrate:
         raise UsageError("bounds are of errors that --calibrate estimates: add it, or leave them out")
-    if method == "static" and (holds is not None or from_ is not None or to is not None):
+    if is_static and (holds is not None or options.from_ is not None or options.to is not None):
         raise UsageError("--method static takes all holds of RECORDING: leave --holds, --from and --to out")
     statics: Statics | None = None
     if isinstance(recording, Mapping):
-        recorded = _of_arrays(recording, topics)
-    elif method == "static" and not topics:
+        recorded = _of_arrays(recording, options.topics)
+    elif is_static and not options.topics:
         statics = read_holds(recording)
         recorded = statics.as_recording()
     else:
-        recorded = read_any(recording, topics)
+        recorded = read_any(recording, options.topics)
     if holds is not None:
         statics = read_holds(holds, recorded.names)
     try:
-        recorded = part_of(recorded, from_, to)
-        limits = (bounds or Bounds()) if calibrate else None
-        return recorded, identify(recorded, method, limits, cutoff, statics, assume)
+        recorded = part_of(recorded, options.from_, options.to)
+        return recorded, identify(recorded, options, statics)
     except RecordingError as error:
         raise RecordingError(f"{ARRAYS if isinstance(recording, Mapping) else recording}: {error}") from error
 

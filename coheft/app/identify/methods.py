@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from coheft.app.identify.choices import Bounds, Method
+from coheft.app.identify.choices import Bounds, Method, Options
 from coheft.errors import RecordingError, UsageError
 from coheft.estimation.batch.calibration import Tolerances
 from coheft.estimation.batch.identification import Identification
@@ -12,9 +12,12 @@ from coheft.estimation.batch.identify import identify_batch, identify_with_instr
 from coheft.estimation.batch.identify_poses import identify_poses
 from coheft.estimation.batch.identify_sensors import identify_sensors
 from coheft.estimation.batch.identify_statics import identify_statics, with_statics
+from coheft.estimation.batch.judged import judged
 from coheft.estimation.batch.recording import Recording
 from coheft.estimation.batch.signals import CUTOFF, PAPER_CUTOFF
 from coheft.estimation.batch.statics import Statics
+
+_BEST = Options()
 
 
 def suitable(recording: Recording) -> Method:
@@ -43,31 +46,28 @@ def part_of(recording: Recording, start: float | None, end: float | None) -> Rec
     return recording.between(float(time[0] if start is None else start), float(time[-1] if end is None else end))
 
 
-def identify(
-    recording: Recording,
-    method: Method | None = None,
-    bounds: Bounds | None = None,
-    cutoff: float | None = None,
-    statics: Statics | None = None,
-    assume: str | None = None,
-) -> Identification:
-    """Identify the load.
+def identify(recording: Recording, options: Options = _BEST, statics: Statics | None = None) -> Identification:
+    """Identify the load, and judge the recording.
 
     Args:
         recording: What was recorded.
-        method: None: what suits it.
-        bounds: Of calibration errors, which are then estimated along; None: there are none.
-        cutoff: Of the low-pass filter [Hz]; None: the method's own.
+        options: How; without a method, what suits the recording.
         statics: Holds that were recorded apart, of the same robots.
-        assume: What is wrong with the recording, as verdicts name it; it is taken out of it.
 
     Raises:
         RecordingError: The recording does not hold what the method needs, or numbers that cannot be computed with.
         UsageError: The method cannot do it.
     """
-    method = method or suitable(recording)
+    method = options.method or suitable(recording)
+    _check(method, options, statics)
+
+    def fit(recorded: Recording) -> Identification:
+        return fitted(recorded, method, options, statics)
+
     try:
-        return _identify(recording, method, bounds, cutoff, statics, assume)
+        if method == "static":
+            return fit(recording)
+        return judged(recording, fit, options.cutoff or CUTOFF, options.assume)
     except (np.linalg.LinAlgError, OverflowError) as error:
         raise RecordingError(
             f"--method {method} cannot compute with these numbers ({error}): are some of them huge, or constant "
@@ -76,33 +76,32 @@ def identify(
         ) from error
 
 
-def _identify(
-    recording: Recording,
-    method: Method,
-    bounds: Bounds | None,
-    cutoff: float | None,
-    statics: Statics | None,
-    assume: str | None,
-) -> Identification:
-    """Identify the load, arguments as of ``identify``."""
-    if bounds is not None and method != "pose":
+def _check(method: Method, options: Options, statics: Statics | None) -> None:
+    """Check that the method can do what is asked for."""
+    if options.calibrate and method != "pose":
         raise UsageError(f"calibration errors are estimated by --method pose only, not by {method}")
-    if bounds is not None and statics is not None:
+    if options.calibrate and statics is not None:
         raise UsageError("--calibrate cannot correct holds that were recorded apart: leave it, or --holds, out")
-    if assume is not None and (method != "pose" or bounds is not None):
-        raise UsageError("--assume goes with --method pose, and without --calibrate: only that is judged")
-    if cutoff is not None and method in ("likelihood", "static"):
+    if options.assume is not None and method == "static":
+        raise UsageError("--assume needs a load that moves: --method static does not judge what is wrong")
+    if options.cutoff is not None and method in ("likelihood", "static"):
         raise UsageError(f"--method {method} has no filter: leave --cutoff out, or choose another method")
+
+
+def fitted(
+    recording: Recording, method: Method, options: Options = _BEST, statics: Statics | None = None
+) -> Identification:
+    """Identify the load by a method, and believe the recording; arguments and errors as of ``identify``."""
     match method:
         case "batch":
-            return identify_batch(recording, cutoff or PAPER_CUTOFF, statics)
+            return identify_batch(recording, options.cutoff or PAPER_CUTOFF, statics)
         case "static":
             return identify_statics(statics or Statics.of_recording(recording))
         case "instruments":
-            found = identify_with_instruments(recording, cutoff or CUTOFF)
+            found = identify_with_instruments(recording, options.cutoff or CUTOFF)
         case "pose":
-            tolerances = None if bounds is None else _tolerances(bounds)
-            found = identify_poses(recording, tolerances, cutoff or CUTOFF, assume)
+            tolerances = _tolerances(options.bounds or Bounds()) if options.calibrate else None
+            found = identify_poses(recording, tolerances, options.cutoff or CUTOFF)
         case "likelihood":
             found = identify_sensors(recording)
     return found if statics is None else with_statics(found, statics)

@@ -263,6 +263,8 @@ def _not_observable(found: Identification) -> list[str]:
         elif directions:
             parts = ", ".join(str(direction) for direction in directions)
             sentences.append(f"pose of {name}, {parts}: turn the load about other axes as well")
+    if found.is_explained:  # what the load hides may be what is wrong
+        return sentences
     are_poses_seen = not sentences
     for part in found.payload.unseen:
         # Gravity shows the mass to whoever can add up the forces.

@@ -8,8 +8,8 @@ from typing import Literal
 import msgspec
 import numpy as np
 
-from coheft.app.identify.choices import Bounds, Method
-from coheft.app.identify.methods import identify
+from coheft.app.identify.choices import Bounds, Method, Options
+from coheft.app.identify.methods import fitted
 from coheft.app.identify.report import load_errors, pose_errors
 from coheft.app.mocobots.paper import PAIRS, PAPER
 from coheft.app.mocobots.record import record, record_sphere
@@ -106,7 +106,7 @@ def run_experiment(configuration: str, noise: Noise, number: int) -> list[Trial]
     trials = []
     for method in _METHODS[noise]:
         bounds = Bounds() if noise == "calibration" and method == "pose" else None
-        rows = errors_of(recording, identify(recording, method, bounds))
+        rows = errors_of(recording, fitted(recording, method, Options(calibrate=bounds is not None, bounds=bounds)))
         trials.append(Trial(configuration, noise, method, number, rows))
     return trials
 

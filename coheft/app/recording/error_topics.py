@@ -31,7 +31,7 @@ def error_messages(time: int, estimate: Estimate, judge: Judge, total_time: int)
     if truth is not None:
         yield f"/{name}/error/total_wrench", ros.wrench(total_time, name, estimate.total_wrench - truth)
     for other, pose in estimate.poses.items() if estimate.phase == "inertia" else ():
-        error = judge.pose_error(name, other, pose)
+        error = judge.pose_error(name, other, pose, estimate.block)
         yield f"/{name}/error/poses/{other}/rotation_deg", ros.number(error.rotation_error_deg)
         yield f"/{name}/error/poses/{other}/translation_mm", ros.number(error.translation_error_mm)
         rotation, translation = _length_spread(pose.covariance[:3, :3]), _length_spread(pose.covariance[3:, 3:])

@@ -27,6 +27,7 @@ class LogBook:
         self._loads: dict[int, LoadState] | None = None
         self._states: dict[str, str] = {}
         self._noticed: set[tuple[str, float]] = set()
+        self._named: set[tuple[str, float]] = set()
 
     def lines(self, news: News) -> Iterator[Line]:
         """What these news say that was not so before."""
@@ -55,6 +56,10 @@ class LogBook:
             if (name, change.noticed_at) not in self._noticed:
                 self._noticed.add((name, change.noticed_at))
                 yield Line(name, ros.INFO, f"notices at {change.noticed_at:.2f} s that the load has changed")
+        for slip in estimate.slips:
+            if (name, slip.named_at) not in self._named:
+                self._named.add((name, slip.named_at))
+                yield Line(name, ros.INFO, f"finds at {slip.named_at:.2f} s that the grasp of {slip.robot} has slipped")
         state = State.of(estimate)
         if state != self._states.get(name):
             self._states[name] = state

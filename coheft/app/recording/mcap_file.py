@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import BinaryIO
 
+from mcap.data_stream import RecordBuilder
 from mcap.records import Channel, McapRecord, Schema
 from mcap.writer import CompressionType, Writer
 
 import coheft
-from coheft.app.recording.definitions import COPY, to_copy
 from coheft.app.recording.ros import RosMessage, definition, to_cdr
 
+COPY = "definitions.mcap"
+"""Attachments with all records that define topics and types: without these, messages mean nothing, and a chunk that
+defines some may be damaged."""
 _CHUNK = 2**18
 """Messages are compressed together in pieces of about this size [bytes]."""
 
@@ -68,7 +71,7 @@ class McapFile:
         is_time_to_repeat = self._flushes & (self._flushes - 1) == 0  # 1, 2, 4, 8, …: far apart, and few
         if self._copied < len(self._definitions) or (is_time_to_repeat and self._copied):
             self._copied = len(self._definitions)
-            self.attach(COPY, "application/octet-stream", to_copy(self._definitions))
+            self.attach(COPY, "application/octet-stream", _bytes(self._definitions))
         if is_time_to_repeat:
             for each in self._repeated:
                 self.attach(*each)
@@ -77,3 +80,10 @@ class McapFile:
     def finish(self) -> None:
         """Write the table of contents; nothing can be added any more."""
         self._writer.finish()
+
+
+def _bytes(records: Iterable[McapRecord]) -> bytes:
+    builder = RecordBuilder()
+    for record in records:
+        record.write(builder)
+    return bytes(builder.end())

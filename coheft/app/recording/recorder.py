@@ -11,6 +11,7 @@ from typing import BinaryIO, Self
 
 from coheft.app.recording.mcap_file import McapFile
 from coheft.app.recording.writer import RunWriter
+from coheft.app.run.follower import Follower
 from coheft.app.run.heard import News
 from coheft.errors import RecordingError
 from coheft.wire.messages.requests import Status
@@ -20,8 +21,8 @@ _FLUSH_EVERY = 1.0
 """Wall time of which a killed run loses the recording at most [s]."""
 
 
-class Recorder:
-    """A follower that writes all that it hears to an MCAP file.
+class Recorder(Follower):
+    """Writes all that it hears to an MCAP file.
 
     It writes in a thread of its own: Ctrl-C ends what the main thread does in the middle, and a message that was
     written by half would spoil the file. Leaving the context finishes the file, however the run has ended; a run that
@@ -65,9 +66,6 @@ class Recorder:
         """Somebody has said something."""
         if self._failure is None:
             self._news.put(news)
-
-    def end(self, status: Status) -> None:
-        """The run has ended."""
 
     @property
     def problem(self) -> str:

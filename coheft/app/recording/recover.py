@@ -5,16 +5,16 @@ from __future__ import annotations
 import math
 import mmap
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from mcap.records import Attachment, Message, Metadata
+from mcap.records import Attachment, Channel, Chunk, Header, McapRecord, Message, Metadata, Schema
+from mcap.stream_reader import breakup_chunk
 from mcap.writer import Writer
 
-from coheft.app.recording.definitions import COPY, Definitions
-from coheft.app.recording.mcap_file import make_writer
-from coheft.app.recording.mcap_records import MAGIC
+from coheft.app.recording.mcap_file import COPY, make_writer
+from coheft.app.recording.mcap_records import DAMAGE, MAGIC
 from coheft.app.recording.pieces import Loss, Piece, is_whole, pieces
 from coheft.errors import RecordingError
 
@@ -110,16 +110,7 @@ def _content(path: Path) -> Iterator[bytes]:
 
 def _copy(content: bytes, writer: Writer) -> Saved:
     """Write all sound pieces, and an end."""
-    known = Definitions.of(pieces(content))
-    writer.start(known.header.profile, known.header.library)
-    schemas = {0: 0}
-    for schema in known.schemas.values():
-        schemas[schema.id] = writer.register_schema(schema.name, schema.encoding, schema.data)
-    channels = {
-        each.id: writer.register_channel(each.topic, each.message_encoding, schemas[each.schema_id], each.metadata)
-        for each in known.channels.values()
-        if each.schema_id in schemas
-    }
+    channels = _define(content, writer)
     count, nameless, latest = 0, 0, -math.inf
     lost: list[Lost] = []
     for piece in pieces(content):
@@ -148,6 +139,47 @@ def _copy(content: bytes, writer: Writer) -> Saved:
         raise RecordingError("there is no message in it that could be saved")
     writer.finish()
     return Saved(count, latest, tuple(lost), nameless)
+
+
+def _define(content: bytes, writer: Writer) -> dict[int, int]:
+    """Write what topics and types a file has; return the new number of each topic, by the old one.
+
+    A chunk defines the topics of which it has the first message. If it is damaged, a copy of the definitions tells what
+    those of later chunks are. What has a checksum counts more than what has none.
+    """
+    header = Header("", "")
+    found: dict[tuple[type[McapRecord], int], McapRecord] = {}
+    for piece in pieces(content):
+        if isinstance(piece, Loss):
+            continue
+        for record in _with_copied(piece.records):
+            match record:
+                case Header():
+                    header = record
+                case Schema() | Channel() if piece.is_sealed or (type(record), record.id) not in found:
+                    found[type(record), record.id] = record
+                case _:
+                    pass
+    writer.start(header.profile, header.library)
+    schemas = {0: 0} | {
+        schema.id: writer.register_schema(schema.name, schema.encoding, schema.data)
+        for schema in found.values()
+        if isinstance(schema, Schema)
+    }
+    return {
+        each.id: writer.register_channel(each.topic, each.message_encoding, schemas[each.schema_id], each.metadata)
+        for each in found.values()
+        if isinstance(each, Channel) and each.schema_id in schemas
+    }
+
+
+def _with_copied(records: list[McapRecord]) -> Iterator[McapRecord]:
+    """All records, and those of which a file has a copy."""
+    for record in records:
+        yield record
+        if isinstance(record, Attachment) and record.name == COPY:
+            with suppress(*DAMAGE):
+                yield from breakup_chunk(Chunk("", record.data, 0, 0, 0, len(record.data)))
 
 
 def _with(lost: list[Lost], loss: Loss, latest: float) -> list[Lost]:

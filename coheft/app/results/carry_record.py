@@ -10,6 +10,7 @@ import numpy as np
 from coheft.agents.motion.common_path import CommonPath
 from coheft.app.results.record import load_ids, loads_since
 from coheft.app.results.report import CarryPhaseReport, CarryReport, LoadDropReport
+from coheft.app.run.follower import Follower
 from coheft.app.run.heard import News
 from coheft.estimation.geometry.spatial import Array, Pose, rotation_exp, rotation_from_quaternion, rotation_log
 from coheft.estimation.measurement import WRENCH
@@ -53,8 +54,8 @@ class _Drop:
     last_off: float | None = None
 
 
-class CarryRecord:
-    """Follows a run that carries its load, see ``coheft.app.run.follower.Follower``.
+class CarryRecord(Follower):
+    """Follows a run that carries its load.
 
     Args:
         scenario: What is run; it has a common path.
@@ -83,9 +84,6 @@ class CarryRecord:
         """Take in the truth of a block."""
         if isinstance(news, Truth):
             self.add(news)
-
-    def end(self, status: Status) -> None:
-        """The run has ended."""
 
     def add(self, truth: Truth) -> None:
         """Take in the truth of a block."""

@@ -142,7 +142,7 @@ class Judge:
 
     def __init__(self, scene: Scene, truths: Iterable[Truth] = ()) -> None:
         self.scene = scene
-        self.pose_payload_in = {
+        self._pose_payload_in = {
             name: Pose(rotation, translation).inverse()
             for name, rotation, translation in zip(scene.robots, scene.rotations, scene.translations, strict=True)
         }
@@ -159,26 +159,33 @@ class Judge:
         after = bisect.bisect_right(self._truths, block, key=lambda truth: truth.block)
         return self._truths[max(0, after - 1)]
 
+    def pose_payload_in(self, robot: str, block: int) -> Pose:
+        """Pose of the payload's frame in the robot's, in that block: its grasp may have slipped."""
+        slipped = self.truth_at(block).slipped.get(robot) if self._truths else None
+        if slipped is None:
+            return self._pose_payload_in[robot]
+        return Pose(slipped.rotation, slipped.translation).inverse()
+
     def payload(self, robot: str, block: int) -> Inertia:
         """The true payload of that block in the robot's frame."""
         truth = self.truth_at(block).payload
-        return Inertia(truth.mass, truth.com, truth.tensor).carried(self.pose_payload_in[robot])
+        return Inertia(truth.mass, truth.com, truth.tensor).carried(self.pose_payload_in(robot, block))
 
     def total_wrench(self, robot: str, block: int) -> Array | None:
         """The true total wrench (6,) at the last sample of that block about the robot's origin; None if not known."""
         truth = self.truth_at(block)
         if truth.block != block:
             return None
-        wrench: Array = self.pose_payload_in[robot].adjoint() @ truth.total_wrench
+        wrench: Array = self.pose_payload_in(robot, block).adjoint() @ truth.total_wrench
         return wrench
 
-    def relative_pose(self, robot: str, neighbour: str) -> Pose:
-        """The neighbour's true pose in the robot's frame, ``pose_j_in_i``."""
-        return self.pose_payload_in[robot] @ self.pose_payload_in[neighbour].inverse()
+    def relative_pose(self, robot: str, neighbour: str, block: int = -1) -> Pose:
+        """The neighbour's true pose in the robot's frame, ``pose_j_in_i``, in that block."""
+        return self.pose_payload_in(robot, block) @ self.pose_payload_in(neighbour, block).inverse()
 
-    def pose_error(self, robot: str, neighbour: str, estimate: PoseEstimate) -> PoseReport:
+    def pose_error(self, robot: str, neighbour: str, estimate: PoseEstimate, block: int) -> PoseReport:
         """Error of a neighbour's pose ``(R_ij, p_ij)``."""
-        truth = self.relative_pose(robot, neighbour)
+        truth = self.relative_pose(robot, neighbour, block)
         turn = rotation_log(truth.rotation.T @ estimate.rotation)
         return PoseReport(
             rotation_error_deg=float(np.degrees(np.linalg.norm(turn))),
@@ -194,7 +201,7 @@ class Judge:
             mass=_mass(truth, last.payload),
             com=_com(truth, last.payload),
             inertia=_inertia(truth, last.payload),
-            poses={name: self.pose_error(last.robot, name, pose) for name, pose in last.poses.items()}
+            poses={name: self.pose_error(last.robot, name, pose, last.block) for name, pose in last.poses.items()}
             if last.phase == "inertia"
             else {},
             converged=last.converged,
@@ -217,7 +224,7 @@ class Judge:
             found |= {name: errors[part] for name, part in PAYLOAD_PARTS.items()}
         if estimate.phase == "inertia":
             for name, pose in estimate.poses.items():
-                true = self.relative_pose(estimate.robot, name)
+                true = self.relative_pose(estimate.robot, name, estimate.block)
                 error = pose_error(true, Pose(pose.rotation, pose.translation))
                 found[f"pose of {name}"] = in_stds(error, pose.covariance)
         largest = {name: float(errors.max(initial=0.0)) for name, errors in found.items()}

@@ -99,7 +99,9 @@ def published_errors(judge: Judge, edges: Edges, estimates: Mapping[str, Estimat
         estimate = estimates.get(name)
         if estimate is not None and estimate.phase == "inertia" and other in estimate.poses:
             found = estimate.poses[other]
-            poses[k] = pose_error(judge.relative_pose(name, other), Pose(found.rotation, found.translation))
+            poses[k] = pose_error(
+                judge.relative_pose(name, other, estimate.block), Pose(found.rotation, found.translation)
+            )
             pose_covariances[k] = found.covariance
     for k, name in enumerate(names):
         estimate = estimates.get(name)

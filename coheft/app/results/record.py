@@ -7,6 +7,7 @@ from collections.abc import Iterable
 import msgspec
 
 from coheft.app.results.robot_record import LoadPeriod, RobotRecord
+from coheft.app.results.slips import SlipRecord
 from coheft.app.run.heard import News
 from coheft.app.run.pairing import Pairing
 from coheft.wire.messages.scene import Scene
@@ -42,6 +43,7 @@ class Record:
         robots: What is kept of each robot's estimates.
         latest: The newest estimate of each robot that has said something, as it said it.
         estimators: Which ones the robots have used, the newest last.
+        slips: Grasps that have slipped.
     """
 
     def __init__(self, scene: Scene, duration: float, *, with_history: bool = False) -> None:
@@ -55,6 +57,7 @@ class Record:
         self.robots = {name: RobotRecord(self.judge, self.periods, with_history=with_history) for name in scene.robots}
         self.latest: dict[str, Estimate] = {}
         self.estimators: list[EstimatorUse] = []
+        self.slips = SlipRecord(self.judge)
 
     @property
     def truth(self) -> Truth | None:
@@ -97,6 +100,7 @@ class Record:
         if self.truth is None or load_ids(truth) != load_ids(self.truth):
             self.periods.append(LoadPeriod(loads_since(truth), truth))
         self.blocks += 1
+        self.slips.follow(truth)
         self._compare(self._pairing.add_truth(truth))
 
     def add_estimate(self, estimate: Estimate) -> None:

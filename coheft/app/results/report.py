@@ -14,6 +14,7 @@ import numpy as np
 from coheft.app.results.judge import Matrix, RobotReport, Verdict
 from coheft.app.results.record import EstimatorUse, Record
 from coheft.app.results.robot_record import HistoryPoint, LoadPeriod
+from coheft.app.results.slips import SlipReport
 from coheft.errors import CoheftError
 
 
@@ -133,6 +134,7 @@ class Report(msgspec.Struct, frozen=True):
             says. Of a block for which several robots were late each one counts.
         history: Errors about once a second, if asked for.
         carry: How the load was carried, if the scenario has a common path.
+        slips: Grasps that slipped.
     """
 
     scenario: str
@@ -149,6 +151,7 @@ class Report(msgspec.Struct, frozen=True):
     late_blocks: int
     history: dict[str, list[HistoryPoint]] | None = None
     carry: CarryReport | None = None
+    slips: list[SlipReport] = []
 
     @property
     def verdict(self) -> Verdict:
@@ -213,6 +216,7 @@ def build_report(info: RunInfo, record: Record) -> Report:
         real_time_factor=info.real_time_factor,
         messages_per_s=messages_per_block * info.real_time_factor / info.block_duration,
         late_blocks=info.late_blocks,
+        slips=record.slips.reports(record.latest.values()),
         history={name: robot.history for name, robot in record.robots.items()} if record.with_history else None,
     )
 

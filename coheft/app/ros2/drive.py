@@ -15,7 +15,6 @@ from coheft.app.ros2.team import Team
 from coheft.app.run.processes import read_config
 from coheft.errors import CoheftError, UsageError
 from coheft.wire.config import AgentProcessConfig
-from coheft.wire.former_names import decode_config
 from coheft.wire.transport.inbox import Inbox
 from coheft.wire.transport.planes import SERVER, guard_observer, guard_server_for_robot
 from coheft.wire.transport.security import Credentials, credentials_in
@@ -34,7 +33,7 @@ def read_agents(paths: Sequence[Path]) -> list[AgentProcessConfig]:
     configs = []
     for path in paths:
         try:
-            configs.append(decode_config(read_config(path), AgentProcessConfig))
+            configs.append(msgspec.json.decode(read_config(path), type=AgentProcessConfig))
         except msgspec.ValidationError as error:
             raise CoheftError(f"{path}: expected the configuration of an agent: {error}") from error
     if len({config.run for config in configs}) > 1:

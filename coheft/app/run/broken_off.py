@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from coheft.app.run.follower import Follower
 from coheft.app.run.heard import News
 from coheft.wire.messages.requests import Status
 from coheft.wire.messages.structs import Truth
@@ -17,8 +18,8 @@ WRITTEN_AT_THE_END = {"json": "report (--json)", "report": "page (--report)", "s
 """What a run that ends by itself, or by 'coheft stop', writes."""
 
 
-class BrokenOff:
-    """A follower that knows how far a run has come.
+class BrokenOff(Follower):
+    """Knows how far a run has come.
 
     Args:
         asked: Where things were to be written, by the names in ``WRITTEN_AT_THE_END`` and ``record``; None: not asked.
@@ -36,9 +37,6 @@ class BrokenOff:
         self._recorder = recorder
         self._old_data = self._data_written_at()
         self._time: float | None = None
-
-    def begin(self, status: Status) -> None:
-        """The run begins."""
 
     def hear(self, news: News) -> None:
         """Time goes on."""

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Protocol
-
 from coheft.app.run.heard import News
 from coheft.wire.messages.requests import Status
 
 
-class Follower(Protocol):
-    """Hears a run from its start to its end, in the supervisor's thread, so it must be quick."""
+class Follower:
+    """Hears a run from its start to its end, in the supervisor's thread, so it must be quick; base of all that do."""
 
     def begin(self, status: Status) -> None:
         """All links stand and the clock runs: who holds the payload, for how long."""

@@ -98,6 +98,11 @@ def check_truth(truth: Truth, scene: Scene) -> None:
         raise MessageError(f"quaternion is {truth.quaternion.tolist()} but expected one of length 1")
     check_numbers(truth.total_wrench, (6,), "total_wrench")
     check_numbers(truth.samples, (len(scene.robots), SAMPLE_SIZE), "samples")
+    for name, grasp in truth.slipped.items():
+        check_choice("robot whose grasp has slipped", name, scene.robots)
+        check_array(grasp.rotation, (3, 3), "rotation")
+        check_rotation(grasp.rotation, name)
+        check_numbers(grasp.translation, (3,), "translation")
     for load in truth.loads:
         for value in (load.mass, *load.position, *load.size, load.leak):
             check_number(value, f"a number of load {load.id}")
@@ -127,6 +132,9 @@ def check_estimate(estimate: Estimate, source: str, robots: Collection[str]) -> 
         check_pose(pose, name)
     for notice in estimate.load_changes:
         check_number(notice.noticed_at, "noticed_at")
+    for slip in estimate.slips:
+        check_choice("robot whose grasp has slipped", slip.robot, robots)
+        check_numbers(np.array([slip.noticed_at, slip.named_at, slip.slipped_at]), (3,), "a slip")
     for name in estimate.silent:
         check_choice("robot that is silent", name, robots)
     for error in estimate.sensor_errors:

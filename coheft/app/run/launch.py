@@ -229,6 +229,6 @@ def watch(run_file: RunFile, display: Display) -> str:
 
 def _explain_silence(status: Status, display: Display) -> None:
     if status.state == "paused":
-        display.note(f"paused at {status.time:.2f} s; 'coheft resume' goes on")
+        display.note(f"paused at {status.time:.2f} s; 'coheft resume' continues")
     elif status.waiting_for:
         display.note(f"waiting for {', '.join(status.waiting_for)}")

@@ -68,7 +68,7 @@ def make_point(judge: Judge, estimate: Estimate) -> Point:
         if known is not None:
             total, residual = known, estimate.total_wrench - known
         for name, pose in estimate.poses.items():
-            off = pose_error(judge.relative_pose(robot, name), Pose(pose.rotation, pose.translation))
+            off = pose_error(judge.relative_pose(robot, name, estimate.block), Pose(pose.rotation, pose.translation))
             poses[name] = np.stack([off, np.sqrt(np.diagonal(pose.covariance))])
     return Point(
         time=estimate.time,

@@ -7,6 +7,7 @@ from collections import deque
 from dataclasses import dataclass, field
 
 from coheft.app.results.record import load_ids, loads_since
+from coheft.app.run.follower import Follower
 from coheft.app.run.heard import News
 from coheft.app.run.pairing import Pairing
 from coheft.app.run_report.points import Point, make_point
@@ -98,7 +99,7 @@ class Series:
     problem_count: int = 0
 
 
-class SeriesFollower:
+class SeriesFollower(Follower):
     """Follows a run, and keeps what the report draws.
 
     Attributes:
@@ -129,9 +130,6 @@ class SeriesFollower:
                 if len(self.series.problems) < _PROBLEMS:
                     now = self._pairing.truth
                     self.series.problems.append((0.0 if now is None else now.time, news))
-
-    def end(self, status: Status) -> None:
-        """Nothing is left to do."""
 
     def _add_truth(self, truth: Truth) -> None:
         before, series = self._pairing.truth, self.series

@@ -92,6 +92,12 @@ def make_plan(
     change = min((moment for moment, _ in changes), default=None)
     chosen = msgspec.structs.replace(first, load_changes=tuple(c for moment, c in changes if moment == change))
 
+    if first.slips:
+        raise ScenarioError(
+            f"{name}: key 'slips': found {len(first.slips)}, but the bounds of a study are for grasps that do not "
+            f"slip: leave them out, or choose another scenario"
+        )
+
     def of_seed(seed: int) -> Scenario:
         return chosen if scenario is not None else _at_rate(random_team(seed, values), sensor_rate)
 

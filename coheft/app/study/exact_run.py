@@ -51,7 +51,7 @@ class ExactRun:
         self._scenario, self._edges = scenario, edges
         self._judge = Judge(exact.scene, exact.truths)
         self._wrenches = exact.samples[:, :, WRENCH]
-        in_payload = [self._judge.pose_payload_in[name].inverse() for name in exact.scene.robots]
+        in_payload = [self._judge.pose_payload_in(name, -1).inverse() for name in exact.scene.robots]
         self._poses = [in_payload[0].inverse() @ pose for pose in in_payload]
         first = exact.samples[:, 0, KINEMATICS]  # the body frame is the first robot's
         rate = scenario.sensors.rate

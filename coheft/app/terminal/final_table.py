@@ -13,6 +13,7 @@ from coheft.app.results.errors import MOST_STDS
 from coheft.app.results.judge import RobotReport, Verdict, why_stale
 from coheft.app.results.record import EstimatorUse
 from coheft.app.results.report import LoadChangeReport, Report
+from coheft.app.results.slips import SlipReport
 from coheft.app.results.states import LACKS, State
 from coheft.app.terminal.carry_table import print_carry
 from coheft.app.terminal.digits import decimals_for, error_and_std
@@ -121,6 +122,7 @@ def sentences(report: Report) -> list[str]:
     changes = report.load_changes
     return [
         *_most([_load_change_sentence(change, is_last=change is changes[-1]) for change in changes]),
+        *_most([_slip_sentence(slip) for slip in report.slips]),
         *_most([_estimator_sentence(change) for change in report.estimator_changes]),
         *_pose_sentence(report),
         *_not_observable_sentences(report),
@@ -158,6 +160,16 @@ def _load_change_sentence(change: LoadChangeReport, *, is_last: bool) -> str:
     leak = f", leaking {change.leak_kg_s:g} kg/s" if change.leak_kg_s > 0.0 else ""
     return (
         f"At {change.at_s:g} s the payload changed {start}to {change.truth.mass:.2f} kg{leak}. {noticed}. {recovered}."
+    )
+
+
+def _slip_sentence(slip: SlipReport) -> str:
+    named = "Not all robots found that"
+    if slip.named_at_s is not None:
+        named = f"All robots had found that after {slip.named_at_s - slip.at_s:.1f} s"
+    return (
+        f"At {slip.at_s:g} s the grasp of {slip.robot} slipped by {slip.translation_mm:.1f} mm and "
+        f"{slip.rotation_deg:.1f}°. {named}."
     )
 
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import re
 import time
 from collections.abc import Sequence
-from types import TracebackType
-from typing import Protocol, Self
+from typing import Self
 
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
@@ -38,8 +37,8 @@ _DIRECTION = re.compile(r" (along|about) \([^)]*\)")
 """What every robot says in its own coordinates."""
 
 
-class Display(Protocol):
-    """Shows a run while it goes on."""
+class Display:
+    """Shows a run while it goes on; this one shows nothing, and is the base of those that do."""
 
     def begin(self, status: Status) -> None:
         """All links stand: what is run."""
@@ -53,49 +52,21 @@ class Display(Protocol):
     def problem(self, problem: Problem) -> None:
         """A process refused something and went on."""
 
-    def __enter__(self) -> Self: ...
+    def __enter__(self) -> Self:
+        return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None: ...
+    def __exit__(self, *_: object) -> None:
+        """Put in order what was set up."""
 
 
 def make_display(console: Console, *, quiet: bool = False) -> Display:
     """The display that fits: nothing if quiet, a live table on a terminal, lines elsewhere."""
     if quiet:
-        return QuietDisplay()
+        return Display()
     return LiveDisplay(console) if console.is_terminal and not console.is_dumb_terminal else LineDisplay(console)
 
 
-class _NothingToClose:
-    """Base of displays that have nothing to set up, and nothing to put in order afterwards."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        pass
-
-
-class QuietDisplay(_NothingToClose):
-    """Shows nothing."""
-
-    def begin(self, status: Status) -> None:
-        """All links stand: what is run."""
-
-    def note(self, text: str) -> None:
-        """The run does not go on now, and why."""
-
-    def update(self, record: Record) -> None:
-        """Something new has come."""
-
-    def problem(self, problem: Problem) -> None:
-        """A process refused something and went on."""
-
-
-class LineDisplay(_NothingToClose):
+class LineDisplay(Display):
     """One plain line for every five simulated seconds, and others for what happens in between."""
 
     def __init__(self, console: Console) -> None:
@@ -157,7 +128,7 @@ class LineDisplay(_NothingToClose):
         self._console.print(text, markup=False, highlight=False, soft_wrap=True)
 
 
-class LiveDisplay:
+class LiveDisplay(Display):
     """A progress bar over a table of all robots' estimates, drawn again a few times a second.
 
     Where the window has too few lines for all robots, those are shown that are worst off; where it has not even room
@@ -191,9 +162,7 @@ class LiveDisplay:
         self._live.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._live.stop()
 
 

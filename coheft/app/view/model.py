@@ -123,9 +123,9 @@ class ViewModel:
         """What a robot takes the payload for, in the payload's own frame; None as long as it does not know all."""
         estimate = self._latest.get(robot)
         payload = estimate.payload if estimate is not None else None
-        if payload is None or payload.com is None or payload.tensor is None:
+        if estimate is None or payload is None or payload.com is None or payload.tensor is None:
             return None
-        pose_robot_in_payload = self._pairing.judge.pose_payload_in[robot].inverse()
+        pose_robot_in_payload = self._pairing.judge.pose_payload_in(robot, estimate.block).inverse()
         return Inertia(payload.mass, payload.com, payload.tensor).carried(pose_robot_in_payload)
 
     def link(self, edge: Edge) -> LinkHealth:

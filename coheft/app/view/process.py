@@ -8,17 +8,15 @@ from __future__ import annotations
 import time
 from functools import partial
 from pathlib import Path
-from types import TracebackType
 from typing import NoReturn, Self
 
 import msgspec
 
 from coheft.app.run.folder import find_run
-from coheft.app.run.heard import News
+from coheft.app.run.follower import Follower
 from coheft.app.run.processes import Processes
 from coheft.app.view.ports import choose_port, new_token, url
 from coheft.errors import CoheftError
-from coheft.wire.messages.requests import Status
 from coheft.wire.process.supervised import supervised_main
 
 _LOOK_EVERY = 0.2
@@ -70,8 +68,8 @@ class ViewConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     offers_another: bool = False
 
 
-class ViewBeside:
-    """A follower with the view of a run beside it, which is there before the run; leaving the context ends it.
+class ViewBeside(Follower):
+    """The view of a run beside it, which asks and hears for itself: there before the run, until the context ends.
 
     Args:
         folder: Of the run.
@@ -83,15 +81,6 @@ class ViewBeside:
     def __init__(self, folder: Path, place: Place, *, read_only: bool = False, offers_another: bool = False) -> None:
         self._config = ViewConfig(str(folder), place, read_only, offers_another)
         self._processes = Processes(folder)
-
-    def begin(self, status: Status) -> None:
-        """The view asks for itself."""
-
-    def hear(self, news: News) -> None:
-        """The view hears for itself."""
-
-    def end(self, status: Status) -> None:
-        """The last picture stays until the context ends."""
 
     @property
     def is_there(self) -> bool:
@@ -132,9 +121,7 @@ class ViewBeside:
         self._processes.start("view", "coheft.app.view.process", self._config)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._processes.stop()
 
 

@@ -108,6 +108,9 @@ def belief(report: RobotReport | None, estimate: Estimate | None) -> str:
     noticed = [f"{notice.noticed_at:.2f} s" for notice in estimate.load_changes]
     if noticed:
         lines.append(f'<div><span style="{_DIM}">noticed load changes at</span> {", ".join(noticed[-4:])}</div>')
+    named = [f"{slip.robot} at {slip.named_at:.2f} s" for slip in estimate.slips]
+    if named:
+        lines.append(f'<div><span style="{_DIM}">found grasps that slipped:</span> {", ".join(named[-4:])}</div>')
     head = (
         f'<div style="display:flex;gap:8px;align-items:center;margin-bottom:3px">'
         f"{_chip(report.state, BAD if report.contradictions else STATUS[report.status])}"

@@ -43,3 +43,8 @@ def regressor(motion: Array) -> Array:
     """``Y`` (n, 6, 10) with ``(F, T) = Y theta``, ``theta = (m, m h, I_o)``, of body motions (n, 12)."""
     result: Array = np.tensordot(features(motion, np.zeros((len(motion), 6))), _COEFFICIENTS, axes=1)
     return result
+
+
+def centre_of(poses: Sequence[Pose]) -> Pose:
+    """Middle of the grasps, in the first one's axes: seen from there, no robot's noise has a long lever."""
+    return Pose(np.eye(3), np.mean([pose.translation for pose in poses], axis=0))

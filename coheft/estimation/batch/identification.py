@@ -8,6 +8,8 @@ import numpy as np
 
 from coheft.estimation.batch.doubts import doubts_about
 from coheft.estimation.batch.holds import Holds
+from coheft.estimation.batch.judge.cause import Cause
+from coheft.estimation.batch.judge.evidence import Evidence
 from coheft.estimation.batch.judge.verdict import Verdict
 from coheft.estimation.batch.loop_closure import LoopError
 from coheft.estimation.batch.payload import Payload
@@ -67,6 +69,7 @@ class Identification:
         hidden: For each of ``(m, h, J)``, what may be wrong without being seen; empty if not judged, or refuted.
         time: Of the residuals, shape (n,) [s].
         residual: Of the total wrench (force, torque), or of the torque alone, shape (n, 6) or (n, 3).
+        evidence: What a judge looks at, where the method has found it already.
     """
 
     method: str
@@ -82,9 +85,18 @@ class Identification:
     hidden: tuple[HiddenError, ...] = ()
     time: Array = field(default_factory=lambda: np.zeros(0))
     residual: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    evidence: Evidence | None = None
 
     @property
     def doubts(self) -> tuple[str, ...]:
         """What speaks against all of it, in words: then none of the numbers is to be trusted."""
+        if self.is_explained:
+            assert self.verdict is not None
+            return (self.verdict.words,)
         refuted = (self.verdict.words,) if self.verdict is not None and self.verdict.is_refuted else ()
         return (*refuted, *self.suspicions, *doubts_about(self.names, self.team, self.payload))
+
+    @property
+    def is_explained(self) -> bool:
+        """Whether a cause was named for what does not fit: then all else that is odd comes of it."""
+        return self.verdict is not None and self.verdict.is_refuted and self.verdict.cause != Cause.UNKNOWN

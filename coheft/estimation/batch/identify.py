@@ -8,13 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from coheft.errors import RecordingError
-from coheft.estimation.batch.body import body_motions, own_motions, total_wrench
+from coheft.estimation.batch.body import body_motions, centre_of, own_motions, total_wrench
 from coheft.estimation.batch.doubts import unsettled
 from coheft.estimation.batch.holds import StaticEstimate, both_holds, holds_of, static_estimate
 from coheft.estimation.batch.identification import Identification
 from coheft.estimation.batch.inertia_fit import LinearFit, fit_parameters, fit_tensor
-from coheft.estimation.batch.loop_closure import ClosedLoops, LoopError, close_loops, loop_errors
-from coheft.estimation.batch.pairs import kabsch, pair_pose
 from coheft.estimation.batch.payload import hidden_covariance, make_payload, of_central_numbers
 from coheft.estimation.batch.plausibility import plausible_signals
 from coheft.estimation.batch.pose_differences import derivative_by_poses, turned_covariance
@@ -22,7 +20,7 @@ from coheft.estimation.batch.recording import Recording
 from coheft.estimation.batch.signals import CUTOFF, PAPER_CUTOFF, Signals
 from coheft.estimation.batch.statics import Statics
 from coheft.estimation.batch.team_poses import TeamPoses
-from coheft.estimation.geometry.observability import PoseEstimate
+from coheft.estimation.batch.twist_grasps import grasps_from_twists
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.rigid_body.derivatives import central_derivative
 from coheft.estimation.rigid_body.mass_properties import Inertia
@@ -138,35 +136,10 @@ def covariance_by_poses(signals: Signals, team: TeamPoses) -> Array:
     return result
 
 
-def centre_of(poses: Sequence[Pose]) -> Pose:
-    """Middle of the grasps, in the first one's axes: seen from there, no robot's noise has a long lever."""
-    return Pose(np.eye(3), np.mean([pose.translation for pose in poses], axis=0))
-
-
 def at_first_grasp(about_centre: Inertia, centre: Pose) -> tuple[Array, Array]:
     """``(m, h, J)`` (10,) in the first robot's frame, and its derivative by ``theta`` about the centre (10, 10)."""
     derivative = central_derivative(about_centre)
     return about_centre.carried(centre).central(), derivative
-
-
-def grasps_from_twists(signals: Signals, with_instruments: bool) -> tuple[ClosedLoops, list[LoopError]]:
-    """Poses of all pairs from their twists, then of the team, and by how much loops of seen pairs failed to close."""
-    twists = np.concatenate([signals.w, signals.v], axis=-1)
-    count = len(twists)
-    pairs: dict[tuple[int, int], PoseEstimate] = {}
-    for i in range(count):
-        for j in range(i + 1, count):
-            instrument = _instrument(signals.w, i, j) if with_instruments else None
-            pairs[i, j] = pair_pose(twists[i], twists[j], signals.rate, instrument)
-    seen = {pair: estimate for pair, estimate in pairs.items() if not estimate.unseen}
-    return close_loops(count, pairs), loop_errors(seen)
-
-
-def _instrument(w: Array, i: int, j: int) -> Array:
-    """What the robots that are not of this pair say of ``w_i``, on average; of two robots, what the other one says."""
-    third = [k for k in range(len(w)) if k not in (i, j)] or [j]
-    result: Array = np.mean([w[k] @ kabsch(w[i], w[k]).T for k in third], axis=0)
-    return result
 
 
 def _wrench(signals: Signals) -> Array:

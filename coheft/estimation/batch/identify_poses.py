@@ -10,6 +10,7 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from coheft.errors import RecordingError
+from coheft.estimation.batch.body import centre_of
 from coheft.estimation.batch.calibrated_fit import CalibratedFit, fit_calibrated
 from coheft.estimation.batch.calibration import (
     POSITION_SCALE,
@@ -26,34 +27,24 @@ from coheft.estimation.batch.hand_eye_equations import ERRORS, GRASP, position_s
 from coheft.estimation.batch.identification import Identification
 from coheft.estimation.batch.identify import (
     at_first_grasp,
-    centre_of,
     covariance_by_poses,
-    grasps_from_twists,
     parameters_fit,
 )
-from coheft.estimation.batch.judge.cause import Cause
-from coheft.estimation.batch.judge.mend import mend
-from coheft.estimation.batch.judge.verdict import Verdict
-from coheft.estimation.batch.judged import check_assumption, judge, with_hidden
+from coheft.estimation.batch.judge.evidence import POSES_PER_SECOND, Evidence, suspicions_about
 from coheft.estimation.batch.payload import make_payload, of_central_numbers
 from coheft.estimation.batch.plausibility import plausible_signals
-from coheft.estimation.batch.pose_conventions import inverse_poses
 from coheft.estimation.batch.pose_differences import derivative_by_poses, turned_covariance
 from coheft.estimation.batch.recording import Recording
 from coheft.estimation.batch.signals import CUTOFF, EDGE, Signals, signals_of
 from coheft.estimation.batch.statistics import SPAN
 from coheft.estimation.batch.team_poses import TeamPoses
+from coheft.estimation.batch.twist_grasps import grasps_from_twists
 from coheft.estimation.batch.wrist_poses import WristPoses
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.rigid_body.derivatives import seen_inertia_derivative
 from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.estimation.rigid_body.regressor import INERTIA_SIZE
 
-_POSES_PER_SECOND = 25.0
-_MENDINGS = 2
-"""A clock that poses show is finished by forces: it may be that of the poses alone, or of all that is recorded."""
-_LARGEST_TURN, _LARGEST_SHIFT = 1.0, 0.01
-"""Poses that fit worse than this, averaged over a 25th of a second, are not of one load [degrees, m]."""
 _IDENTIFIABLE = (
     "Seen from poses: zeros of each gimbal's first two angles, all angle scales, ratios of position scales. Seen from "
     "forces: ratios of force scales, offsets across gravity, and the common position scale by comparing accelerations "
@@ -69,7 +60,7 @@ _BEYOND = (
 
 
 def identify_poses(
-    recording: Recording, tolerances: Tolerances | None = None, cutoff: float = CUTOFF, assume: str | None = None
+    recording: Recording, tolerances: Tolerances | None = None, cutoff: float = CUTOFF
 ) -> Identification:
     """Grasps from poses, nothing differentiated; the load from motion, every robot with all others as instruments.
 
@@ -77,80 +68,23 @@ def identify_poses(
         recording: With poses and wrenches.
         tolerances: How well the robots are calibrated; what may be wrong is estimated along. None: perfectly.
         cutoff: Of the filter for the load's motion [Hz].
-        assume: What is wrong with the recording, as verdicts name it: that is taken out of it, and what is left is
-            identified. Not with tolerances.
 
     Raises:
-        RecordingError: Something is missing, calibration errors cannot be told from so short a motion, or what is
-            assumed does not explain the recording.
+        RecordingError: Something is missing, or calibration errors cannot be told from so short a motion.
     """
-    if assume is None:
-        return _identify(recording, tolerances, cutoff, None)
-    mended = recording
-    words: list[str] = []
-    found = _identify(recording, None, cutoff, assume)
-    verdict = check_assumption(found.verdict, assume)
-    for _ in range(_MENDINGS):
-        centre = centre_of(found.team.poses)
-        mended = mend(mended, verdict, [centre.inverse() @ pose for pose in found.team.poses])
-        words.append(f"Taken out, as assumed ({assume}): {verdict.words}")
-        found = _identify(mended, None, cutoff, assume)
-        if found.verdict is None or not found.verdict.is_refuted or found.verdict.cause != assume:
-            break
-        verdict = found.verdict
-    return replace(found, remarks=(*words, *found.remarks))
-
-
-def _identify(
-    recording: Recording, tolerances: Tolerances | None, cutoff: float, assumed: str | None
-) -> Identification:
-    """Identify, arguments as of ``identify_poses``."""
     signals = plausible_signals(recording, cutoff)
     if tolerances is not None:
         _check_duration(recording, signals)
     recording.stacked("wrench")  # better refused before the long fit than after it
     wrists = WristPoses.of(recording.stacked("pose"), recording.rate, at_home=tolerances is not None)
     start, loops = grasps_from_twists(signals, with_instruments=True)
-    grasps = fit_hand_eye(wrists.averaged(_POSES_PER_SECOND), start.team.poses, tolerances)
+    grasps = fit_hand_eye(wrists.averaged(POSES_PER_SECOND), start.team.poses, tolerances)
     if tolerances is None:
-        found = _without_doubts(recording, signals, grasps)
+        found = _without_doubts(recording, signals, grasps, cutoff)
     else:
         found = _with_doubts(recording, grasps, tolerances, cutoff)
-    suspicions = (*_suspicions(grasps), *unsettled(grasps.team, grasps.is_settled))
-    verdict = None
-    if tolerances is None and not any(map(recording.has, ("twist", "dtwist", "acceleration"))):
-        verdict = judge(recording, signals, grasps, cutoff, is_suspicious=bool(suspicions), assumed=assumed)
-        if verdict is not None and verdict.cause == Cause.UNKNOWN:
-            verdict = _inverse(recording, cutoff) or verdict
-        if verdict is not None and not verdict.is_refuted:
-            found = with_hidden(found, verdict)
-        elif verdict is not None and verdict.cause != Cause.UNKNOWN:
-            suspicions = ()  # this is what they are about
-    return replace(found, loops=tuple(loops), suspicions=suspicions, verdict=verdict)
-
-
-def _inverse(recording: Recording, cutoff: float) -> Verdict | None:
-    """That all poses are inverse, if they are: then they fit each other, but not the forces."""
-    robots = {
-        name: replace(robot, pose=None if robot.pose is None else inverse_poses(robot.pose))
-        for name, robot in recording.robots.items()
-    }
-    try:
-        signals = plausible_signals(inverse := replace(recording, robots=robots), cutoff)
-        wrists = WristPoses.of(inverse.stacked("pose"), recording.rate, at_home=False)
-        start, _ = grasps_from_twists(signals, with_instruments=True)
-    except RecordingError:
-        return None
-    grasps = fit_hand_eye(wrists.averaged(_POSES_PER_SECOND), start.team.poses)
-    verdict = None if _suspicions(grasps) else judge(inverse, signals, grasps, cutoff)
-    if verdict is None or verdict.is_refuted:
-        return None
-    return Verdict(
-        is_refuted=True,
-        cause=Cause.INVERSE,
-        words="forces are not those of a load that moves like this, but they are if all poses are those of the home "
-        "frame in the grasp frame, and not the other way round: invert them",
-    )
+    suspicions = (*suspicions_about(grasps), *unsettled(grasps.team, grasps.is_settled))
+    return replace(found, loops=tuple(loops), suspicions=suspicions)
 
 
 def _check_duration(recording: Recording, signals: Signals) -> None:
@@ -163,19 +97,7 @@ def _check_duration(recording: Recording, signals: Signals) -> None:
         )
 
 
-def _suspicions(grasps: HandEye) -> tuple[str, ...]:
-    """That poses do not fit together, in words."""
-    turn, shift = float(np.degrees(grasps.noise[0])), grasps.noise[1]
-    if turn < _LARGEST_TURN and shift < _LARGEST_SHIFT:
-        return ()
-    return (
-        f"Poses differ by {turn:.2g}° and {1e3 * shift:.2g} mm from those of robots that hold one load. Are all clocks "
-        f"alike, quaternions in the order qx qy qz qw, poses those of grasp frames in home frames that stand still? "
-        f"Did no one let go, and are the robots calibrated (--calibrate)?",
-    )
-
-
-def _without_doubts(recording: Recording, signals: Signals, grasps: HandEye) -> Identification:
+def _without_doubts(recording: Recording, signals: Signals, grasps: HandEye, cutoff: float) -> Identification:
     poses = grasps.team.poses
     fit = parameters_fit(signals, poses)
     covariance = fit.covariance + covariance_by_poses(signals, grasps.team)
@@ -190,6 +112,7 @@ def _without_doubts(recording: Recording, signals: Signals, grasps: HandEye) -> 
         ),
         time=signals.time,
         residual=fit.residual,
+        evidence=Evidence.of_poses(recording, signals, cutoff, grasps),
     )
 
 
@@ -224,7 +147,32 @@ def _with_doubts(recording: Recording, grasps: HandEye, tolerances: Tolerances, 
         remarks=(*_IDENTIFIABLE, *(() if cut else (_BEYOND,))),
         time=signals.time,
         residual=fit.residual,
+        evidence=_after_calibration(recording, grasps, fit, team, tolerances, cutoff),
     )
+
+
+def _after_calibration(
+    recording: Recording,
+    grasps: HandEye,
+    fit: CalibratedFit,
+    team: TeamPoses,
+    tolerances: Tolerances,
+    cutoff: float,
+) -> Evidence:
+    """What is left for a judge when all is taken out that was found, in true lengths."""
+    robots = {}
+    for k, (name, robot) in enumerate(corrected(recording, grasps.errors).robots.items()):
+        assert robot.pose is not None
+        assert robot.wrench is not None
+        place, turn = fit.scale * robot.pose[:, :3], robot.pose[:, 3:]
+        offset = Rotation.from_quat(turn).inv().apply(fit.force_offset[k])
+        force = (robot.wrench[:, :3] - offset) / (1.0 + fit.force_scale[k])
+        moment = robot.wrench[:, 3:] / (1.0 + fit.force_scale[k])
+        robots[name] = replace(robot, pose=np.hstack([place, turn]), wrench=np.hstack([force, moment]))
+    right = replace(recording, robots=robots)
+    tilt = float(np.sqrt(np.mean(grasps.errors_std[:, ZERO] ** 2)))
+    evidence = Evidence.of_poses(right, signals_of(right, cutoff), cutoff, replace(grasps, team=team))
+    return replace(evidence, tolerances=tolerances, tilt=tilt)
 
 
 def corrected(recording: Recording, errors: Array) -> Recording:

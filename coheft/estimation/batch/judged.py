@@ -2,60 +2,120 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from coheft.errors import RecordingError
-from coheft.estimation.batch.hand_eye import HandEye
+from coheft.estimation.batch.body import centre_of
 from coheft.estimation.batch.identification import HiddenError, Identification
-from coheft.estimation.batch.identify import at_first_grasp, centre_of
+from coheft.estimation.batch.identify import at_first_grasp
+from coheft.estimation.batch.judge.cause import Cause
+from coheft.estimation.batch.judge.evidence import Evidence
 from coheft.estimation.batch.judge.forces import judge_forces
-from coheft.estimation.batch.judge.mend import MENDABLE
+from coheft.estimation.batch.judge.mend import MENDABLE, mend
+from coheft.estimation.batch.judge.motions import judge_motions
 from coheft.estimation.batch.judge.poses import judge_poses
-from coheft.estimation.batch.judge.sensors import stuck_sensor
+from coheft.estimation.batch.judge.sensors import stuck_motion, stuck_sensor
 from coheft.estimation.batch.judge.verdict import Verdict
+from coheft.estimation.batch.pose_conventions import inverse_poses
 from coheft.estimation.batch.recording import Recording
-from coheft.estimation.batch.signals import Signals
+
+_MENDINGS = 2
+"""A clock that poses show is finished by forces: it may be that of the poses alone, or of all that is recorded."""
 
 
-def judge(
-    recording: Recording,
-    signals: Signals,
-    grasps: HandEye,
-    cutoff: float,
-    *,
-    is_suspicious: bool = False,
-    assumed: str | None = None,
-) -> Verdict | None:
-    """Judge sensors, poses and, if poses are known and those of one load, forces.
+def judged(
+    recording: Recording, fit: Callable[[Recording], Identification], cutoff: float, assume: str | None = None
+) -> Identification:
+    """Identify with any method, and judge the recording.
 
     Args:
-        recording: With poses and wrenches alone.
-        signals: Of it, filtered.
-        grasps: Fitted to its poses.
-        cutoff: Of the filter [Hz].
-        is_suspicious: Whether poses do not fit together: then forces say nothing.
-        assumed: The cause that the user names; None: the one that explains most.
+        recording: With wrenches.
+        fit: The method.
+        cutoff: Of the judge's filter [Hz].
+        assume: What is wrong with the recording, as verdicts name it: that is taken out of it, and what is left is
+            identified.
+
+    Raises:
+        RecordingError: The method cannot identify it, or what is assumed does not explain the recording.
     """
-    team = grasps.team
-    relative = [team.relative(0, other) for other in range(1, len(team.poses))]
-    if any(pose.unseen for pose in relative) or not recording.gravity.any():  # nothing has a weight there
+    found, evidence = _judged(recording, fit, cutoff, assume)
+    if assume is None:
+        return found
+    words: list[str] = []
+    verdict = _checked(found.verdict, assume)
+    for _ in range(_MENDINGS):
+        assert evidence is not None  # by which the verdict is
+        words.append(f"Taken out, as assumed ({assume}): {verdict.words}")
+        recording = mend(recording, verdict, evidence.poses)
+        found, evidence = _judged(recording, fit, cutoff, assume)
+        if found.verdict is None or not found.verdict.is_refuted or found.verdict.cause != assume:
+            break
+        verdict = found.verdict
+    return replace(found, remarks=(*words, *found.remarks))
+
+
+def _judged(
+    recording: Recording, fit: Callable[[Recording], Identification], cutoff: float, assume: str | None
+) -> tuple[Identification, Evidence | None]:
+    found = fit(recording)
+    try:
+        evidence = found.evidence or Evidence.of(recording, cutoff)
+        verdict = stuck_motion(recording)
+        if not evidence.is_seen:
+            return replace(found, verdict=verdict), evidence
+        verdict = verdict or judge(evidence, assume)
+        if verdict.cause == Cause.UNKNOWN and recording.has("pose"):
+            verdict = _inverse(recording, cutoff) or verdict
+    except (ValueError, RecordingError) as error:
+        return replace(found, remarks=(*found.remarks, f"Not judged: {error}.")), None
+    if not verdict.is_refuted:
+        return replace(with_hidden(found, verdict), verdict=verdict), evidence
+    suspicions = tuple(one for one in found.suspicions if one != verdict.words)
+    return replace(found, verdict=verdict, suspicions=suspicions), evidence
+
+
+def judge(evidence: Evidence, assumed: str | None = None) -> Verdict:
+    """Judge poses, motions and, if poses are those of one load, forces.
+
+    Args:
+        evidence: Whose motion shows all grasps.
+        assumed: The cause that the user names; None: the one that explains most.
+
+    Raises:
+        ValueError: There are too few samples, or too few per second, to tell noise from motion.
+    """
+    by_motion = stuck_sensor(evidence.recording) or judge_poses(evidence) or judge_motions(evidence)
+    if by_motion is not None:
+        return by_motion
+    if evidence.suspicions:
+        return Verdict(is_refuted=True, cause=Cause.UNKNOWN, words=evidence.suspicions[0])
+    return judge_forces(evidence, assumed)
+
+
+def _inverse(recording: Recording, cutoff: float) -> Verdict | None:
+    """That all poses are inverse, if they are: then they fit each other, but not the forces."""
+    robots = {
+        name: replace(robot, pose=None if robot.pose is None else inverse_poses(robot.pose))
+        for name, robot in recording.robots.items()
+    }
+    try:
+        verdict = judge(Evidence.of(replace(recording, robots=robots), cutoff))
+    except RecordingError:
         return None
-    at_first_sight = stuck_sensor(recording)
-    if at_first_sight is not None:
-        return at_first_sight
-    centre = centre_of(team.poses)
-    poses = [centre.inverse() @ pose for pose in team.poses]
-    by_poses = judge_poses(recording, signals, grasps.homes, poses)
-    if by_poses is not None or is_suspicious:
-        return by_poses
-    turns = max(float(np.sqrt(np.linalg.eigvalsh(pose.covariance[:3, :3])[-1])) for pose in relative)
-    return judge_forces(recording, signals, poses, turns, cutoff, assumed)
+    if verdict.is_refuted:
+        return None
+    return Verdict(
+        is_refuted=True,
+        cause=Cause.INVERSE,
+        words="forces are not those of a load that moves like this, but they are if all poses are those of the home "
+        "frame in the grasp frame, and not the other way round: invert them",
+    )
 
 
-def check_assumption(verdict: Verdict | None, cause: str) -> Verdict:
+def _checked(verdict: Verdict | None, cause: str) -> Verdict:
     """The verdict, if its cause is the one that the user names.
 
     Raises:

@@ -15,6 +15,8 @@ from coheft.estimation.geometry.spatial import Array
 
 _FASTEST = 5.0
 """No one carries a load faster than this for a tenth of the time [m/s]."""
+_FASTEST_TURN = 10.0
+"""Nor turns it faster [rad/s]."""
 _SHARE = 0.9
 _STEP = 0.1
 """Speeds are taken over so long [s]."""
@@ -57,6 +59,12 @@ def check_units(recording: Recording) -> None:
             _check_speed("pose", name, (places[steps:] - places[:-steps]) * recording.rate / steps)
         if robot.twist is not None:
             _check_speed("twist", name, robot.twist[:, 3:])
+            found = float(np.quantile(np.linalg.norm(robot.twist[:, :3], axis=1), _SHARE))
+            if found > _FASTEST_TURN:
+                raise RecordingError(
+                    f"'twist' of {name} turns at {found:.3g} rad/s, expected less than {_FASTEST_TURN:g} rad/s: are "
+                    f"its angular velocities in degrees per second? Give them in rad/s"
+                )
         if robot.acceleration is not None and expected > 0.0:
             found = float(np.median(np.linalg.norm(robot.acceleration, axis=1)))
             if not _LEAST_GRAVITY * expected <= found <= _MOST_GRAVITY * expected:

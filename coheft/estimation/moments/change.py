@@ -113,7 +113,7 @@ def surprise(newest: Evidence, covariance: Array, theta: slice) -> float:
         theta: Place of theta among the unknowns.
     """
     of_noise, of_all = newest.noise[theta, theta], newest.information[theta]
-    tested, _ = _seen(of_all[:, theta] + of_noise, of_noise)
+    tested, _ = seen_directions(of_all[:, theta] + of_noise, of_noise)
     if len(tested) == 0:
         return 0.0
     score = tested @ newest.score[theta]
@@ -138,9 +138,9 @@ def _likeliest(places: Indices, views: Array, before: Array, weights: Weights) -
     vectors[-1] += weights.known_vector
 
     of_noise = counts[-1] * weights.of_noise
-    basis, shares = _seen(matrices[-1], of_noise)
+    basis, shares = seen_directions(matrices[-1], of_noise)
     load = basis.T @ np.linalg.solve(shares, basis @ vectors[-1])
-    tested, _ = _seen(matrices[-1, THETA, THETA], of_noise[THETA, THETA])
+    tested, _ = seen_directions(matrices[-1, THETA, THETA], of_noise[THETA, THETA])
     freedom = len(tested)
     if freedom == 0:
         return 0, 0.0
@@ -156,7 +156,7 @@ def _likeliest(places: Indices, views: Array, before: Array, weights: Weights) -
     return int(places[best]), float(statistics[best]) / chi_square_threshold(freedom, FALSE_ALARM)
 
 
-def _seen(matrix: Array, noise: Array) -> tuple[Array, Array]:
+def seen_directions(matrix: Array, noise: Array) -> tuple[Array, Array]:
     """Directions, as rows (k, u), in which motion is seen, and its share of the information there, shape (k, k).
 
     ``matrix``, information with noise, is the identity in these directions.

@@ -141,12 +141,6 @@ class Chapter:
                 of_all = of_load if is_only_load else of_all - newest
         return lambda body: seen_moments(body, of_all, of_load)
 
-    def evidence(self, body: BodyModel, moments: SeenMoments) -> Evidence:
-        """What moments say at a state with a load."""
-        derivatives, load = MotionDerivatives.at(body), _load(body)
-        by_motion = motion_evidence(body, derivatives, moments.motion)
-        return by_motion + wrench_evidence(body, derivatives, moments.wrench, load)
-
     def end_of_load(self, estimate: Estimate, guess: Guess, place: int, keeps_poses: bool) -> None:
         """From this place on the load is another one. What wrenches said of poses counts on only if these are known."""
         of_load, body = self.buffer.begin_load(place), estimate.body
@@ -161,14 +155,14 @@ class Chapter:
     def end(self, estimate: Estimate, guess: Guess, place: int) -> None:
         """All rows before this place, and what was expected of sensors' errors, become part of the prior."""
         of_all, of_load = self.buffer.begin_chapter(place)
-        evidence = self.evidence(estimate.body, seen_moments(estimate.body, of_all, of_load))
+        evidence = evidence_of(estimate.body, seen_moments(estimate.body, of_all, of_load))
         if self.prior is None or not self.prior.has_expectations:
             evidence += self._settings.expected(estimate.body)
         self._become(estimate, guess, evidence, True)
 
-    def summed_up(self, estimate: Estimate, guess: Guess) -> Prior:
-        """All that is known, for another robot or another team."""
-        evidence = self.evidence(estimate.body, self.look()(estimate.body))
+    def summed_up(self, estimate: Estimate, guess: Guess, look: Look | None = None) -> Prior:
+        """All that is known, or that can be seen with such a look, for another robot or another team."""
+        evidence = evidence_of(estimate.body, (self.look() if look is None else look)(estimate.body))
         if self.prior is not None:
             evidence += self.prior.at(estimate.body)
         return Prior(estimate.state, guess, evidence, self.prior is not None and self.prior.has_expectations)
@@ -178,6 +172,13 @@ class Chapter:
             evidence += self.prior.at(estimate.body)
             has_expectations = has_expectations or self.prior.has_expectations
         self.prior = Prior(estimate.state, guess, evidence, has_expectations)
+
+
+def evidence_of(body: BodyModel, moments: SeenMoments) -> Evidence:
+    """What moments say at a state with a load."""
+    derivatives, load = MotionDerivatives.at(body), _load(body)
+    by_motion = motion_evidence(body, derivatives, moments.motion)
+    return by_motion + wrench_evidence(body, derivatives, moments.wrench, load)
 
 
 def _load(body: BodyModel) -> Array:

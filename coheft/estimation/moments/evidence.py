@@ -126,16 +126,21 @@ class Evidence:
         )
 
     def loosened(self, places: slice | Indices, covariance: Array) -> Evidence:
-        """These unknowns have changed since, by a step with this covariance (k, k): process noise."""
-        size, changed = len(self.score), len(covariance)
-        before = np.hstack([np.eye(size), -np.eye(size)[:, places]])  # the old value is the new one less the change
+        """These unknowns have changed since, by a step with this covariance (k, k): process noise.
+
+        The step is ``root z`` with a standard normal ``z``, so some of them may not have changed at all.
+        """
+        values, vectors = np.linalg.eigh(covariance)
+        root = vectors[:, values > 0.0] * np.sqrt(values[values > 0.0])
+        size, changed = len(self.score), root.shape[1]
+        # The old value is the new one less the step.
+        before = np.hstack([np.eye(size), -np.eye(size)[:, places] @ root])
         both = Evidence(
             before.T @ self.score, *(before.T @ each @ before for each in (self.information, self.noise, self.doubt))
         )
-        change = slice(size, size + changed)
-        both += Evidence.of_information(inverse_of(covariance)).placed(size + changed, change)
-        eliminated = both.without(np.arange(size, size + changed), 2.0 * np.sqrt(covariance.diagonal()))
-        return eliminated.of(np.arange(size))
+        step = np.arange(size, size + changed)
+        both += Evidence.prior(np.ones(changed)).placed(size + changed, step)
+        return both.without(step, np.full(changed, 2.0)).of(np.arange(size))
 
     def solve(self, limits: Array) -> Solution:
         """Invert the information where something is seen.

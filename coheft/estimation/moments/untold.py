@@ -15,7 +15,7 @@ import numpy as np
 
 from coheft.estimation.chi_square import chi_square_threshold
 from coheft.estimation.geometry.spatial import Array
-from coheft.estimation.moments.chapter import Chapter
+from coheft.estimation.moments.chapter import Chapter, evidence_of
 from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.fit_settings import FitSettings, Guess
 from coheft.estimation.moments.sensor_errors import SensorErrors
@@ -67,7 +67,7 @@ def untold_error(
     every, own = body.unknowns, np.flatnonzero([name in told.names for name in errors.names])
     others = _places(unknowns, every, own)
 
-    rows = chapter.evidence(body, chapter.look()(body))
+    rows = evidence_of(body, chapter.look()(body))
     before = chapter.said_before(estimate.body)
     fitted = rows.of(others) + before
     free = settings.free(unknowns, anchor, with_load=True)

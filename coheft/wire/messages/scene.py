@@ -1,4 +1,4 @@
-"""What does not change during a run, and what a payload looks like."""
+"""Where robots hold the payload, what it looks like, and what else does not change during a run."""
 
 from __future__ import annotations
 
@@ -46,3 +46,15 @@ class Scene(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     boxes: list[BoxShape] = []
     triangles: np.ndarray[Any, Any] = msgspec.field(default_factory=_no_triangles)
     home: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+class SlippedGrasp(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Where a robot holds the payload since its grasp has slipped.
+
+    Attributes:
+        rotation: Of its ``F_i`` in the payload's frame, (3, 3).
+        translation: Of the same, (3,) [m].
+    """
+
+    rotation: np.ndarray[Any, Any]
+    translation: np.ndarray[Any, Any]

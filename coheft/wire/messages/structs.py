@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 
 from coheft.wire.former_names import keep_present
+from coheft.wire.messages.scene import SlippedGrasp
 
 
 class Message(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -220,6 +221,22 @@ class LoadChangeNotice(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     changed_at: float
 
 
+class SlipNotice(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """An agent noticed that a grasp has slipped.
+
+    Attributes:
+        robot: Whose.
+        noticed_at: When something was found to have changed [s].
+        named_at: When it was told from a change of the load [s].
+        slipped_at: When it slipped, about [s].
+    """
+
+    robot: str
+    noticed_at: float
+    named_at: float
+    slipped_at: float
+
+
 class SensorErrorEstimate(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What a robot has found out of one constant error of its sensors.
 
@@ -254,7 +271,8 @@ class Estimate(Message, frozen=True):
         total_wrench: Total wrench (6,) about the origin of ``F_i``, as sensors read it, at the end of ``total_block``:
             with ``efficient`` the mean over its newest row, with ``seed`` of its last sample.
         not_observable: What the motion so far cannot tell, in words.
-        load_changes: Changes noticed so far.
+        load_changes: Changes of the load noticed so far.
+        slips: Slips of grasps noticed so far.
         problems: Messages refused so far.
         status: ``starting`` until there is a first estimate of the payload. While it is ``valid``, the truth is within
             five of its own standard deviations. ``stale``: the agent cannot know whether it still holds; payload and
@@ -288,6 +306,7 @@ class Estimate(Message, frozen=True):
     silent: list[str] = []
     estimator: str = ""
     sensor_errors: list[SensorErrorEstimate] = []
+    slips: list[SlipNotice] = []
 
     def __post_init__(self) -> None:
         keep_present(self)
@@ -356,6 +375,7 @@ class Truth(Message, frozen=True):
             own frame, columns as in ``MeasurementBlock``.
         loads_since: Since when these loads, and no others, have lain there [s]: an observer may have missed blocks.
             None in recordings of protocol version 5, which do not say.
+        slipped: Grasps that have slipped so far, by robot; all others are as in the scene.
     """
 
     code: ClassVar[int] = 22
@@ -370,3 +390,4 @@ class Truth(Message, frozen=True):
     total_wrench: np.ndarray[Any, Any]
     samples: np.ndarray[Any, Any]
     loads_since: float | None = None
+    slipped: dict[str, SlippedGrasp] = {}

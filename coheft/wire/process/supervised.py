@@ -16,7 +16,6 @@ import msgspec
 
 from coheft.errors import CoheftError, PluginError, ScenarioError
 from coheft.wire.data.replace import remove_parts
-from coheft.wire.former_names import decode_config
 from coheft.wire.process.log import LOG, log_to_stderr
 from coheft.wire.process.memory import give_back_memory
 
@@ -50,7 +49,7 @@ def supervised_main(kind: type[C], run: Callable[[C], None]) -> NoReturn:
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(TERMINATED))
     log_to_stderr()
     try:
-        config = decode_config(sys.stdin.buffer.readline(), kind)
+        config = msgspec.json.decode(sys.stdin.buffer.readline(), type=kind)
     except (msgspec.DecodeError, ScenarioError) as error:
         LOG.error("expected %s as one line of JSON on stdin: %s", kind.__name__, error)
         sys.exit(UNUSABLE)

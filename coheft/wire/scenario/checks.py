@@ -79,6 +79,7 @@ def check_scenario(scenario: Scenario, origin: str) -> None:
                 f"{origin}: key 'load_changes[{number}].leak': found {change.leak} without 'mass', "
                 f"expected it for a new load only"
             )
+    check_slips(scenario, origin)
     check_noise(scenario, origin)
     check_carry(scenario, origin)
     check_encoders(scenario, origin)
@@ -88,6 +89,29 @@ def check_scenario(scenario: Scenario, origin: str) -> None:
     check_arms(scenario, origin)
     check_message_size(scenario, origin)
     check_team_size(scenario, origin)
+
+
+def check_slips(scenario: Scenario, origin: str) -> None:
+    """Check that grasps that are to slip are there, and can.
+
+    Raises:
+        ScenarioError: One is not, or cannot.
+    """
+    names = scenario.robot_names
+    for number, slip in enumerate(scenario.slips):
+        key = f"{origin}: key 'slips[{number}]"
+        if slip.robot not in names:
+            raise ScenarioError(
+                f"{key}.robot': found {slip.robot!r}, expected one of the robots {', '.join(names)}."
+                f"{did_you_mean(slip.robot, list(names))}"
+            )
+        if not any((*slip.translation, *slip.rotation_deg)):
+            raise ScenarioError(f"{key}': found neither 'translation' nor 'rotation_deg', expected at least one")
+        if scenario.robots.arms == "seven-joint":
+            raise ScenarioError(
+                f"{key}': found with 'robots.arms' = 'seven-joint', expected 'springs': hands of arms with joints are "
+                f"welded to the payload"
+            )
 
 
 def check_noise(scenario: Scenario, origin: str) -> None:
@@ -309,7 +333,7 @@ def check_loads(scenario: Scenario, origin: str) -> None:
 
 
 def check_changes_come(scenario: Scenario, origin: str) -> None:
-    """Check that no load change is to come after the end of the run.
+    """Check that no change of the load or of a grasp is to come after the end of the run.
 
     A run that is made shorter than its scenario says may well leave some out.
 
@@ -317,10 +341,12 @@ def check_changes_come(scenario: Scenario, origin: str) -> None:
         ScenarioError: One would never come.
     """
     last = (scenario.blocks - 1) * scenario.block_duration
-    for number, change in enumerate(scenario.load_changes):
-        if change.at > last:
+    changes = [("load_changes", number, change.at) for number, change in enumerate(scenario.load_changes)]
+    changes += [("slips", number, slip.at) for number, slip in enumerate(scenario.slips)]
+    for key, number, at in changes:
+        if at > last:
             raise ScenarioError(
-                f"{origin}: key 'load_changes[{number}].at': found {change.at} s, expected at most {last:g} s, when "
+                f"{origin}: key '{key}[{number}].at': found {at} s, expected at most {last:g} s, when "
                 f"the last block of the run begins, 'duration' = {scenario.duration} s"
             )
 

@@ -42,15 +42,15 @@ def _exact_method(scenario: Scenario) -> list[str]:
     if scenario.estimator != "fan2017":
         return []
     kinds = [
-        *(["errors of sensors"] if scenario.sensors.tolerance != SensorTolerance() else []),
+        *(["sensor errors"] if scenario.sensors.tolerance != SensorTolerance() else []),
         *(["drift"] if scenario.sensors.drift.is_any else []),
         *(["correlated noise"] if scenario.sensors.noise_correlation > 0.0 else []),
     ]
     if not kinds:
         return []
     return [
-        f"'estimator' = 'fan2017' knows white noise only, but robots are told of {' and '.join(kinds)}: they will say "
-        "nothing of the payload, as they cannot tell how far off they are. 'efficient' counts all of it in"
+        f"'estimator' = 'fan2017' models only white noise, but 'sensors' has {' and '.join(kinds)}: robots will not "
+        "report the payload, because they cannot know their errors. 'efficient' models all of this"
     ]
 
 

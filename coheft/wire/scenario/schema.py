@@ -24,6 +24,8 @@ PHYSICS_RATE = 1000
 """Physics steps per second."""
 MAX_ROBOTS = 1024
 """Far more than one machine can serve; a bound, so that no number in a file can fill the memory."""
+SlipLength = Annotated[float, Meta(ge=-0.1, le=0.1)]
+SlipAngle = Annotated[float, Meta(ge=-10, le=10)]
 MAX_DURATION = 1e7
 """Longest run [s]: four months."""
 
@@ -175,6 +177,26 @@ class LoadChange(Section, frozen=True):
     remove: Annotated[int, Meta(ge=1)] | None = None
 
 
+class Slip(Section, frozen=True):
+    """A slip of a grasp: from then on the robot holds the payload elsewhere, and no robot is told.
+
+    Attributes:
+        at: Time [s]; takes effect at the next start of a block.
+        robot: Whose grasp slips.
+        translation: By how much its grasp frame moves, in its own axes [m]; at most 0.1 m along each.
+        rotation_deg: By how much it turns, rotation vector in its own axes [degrees]; at most 10° about each.
+    """
+
+    at: NotNegative
+    robot: Name
+    translation: tuple[SlipLength, SlipLength, SlipLength] = (0.0, 0.0, 0.0)
+    rotation_deg: tuple[SlipAngle, SlipAngle, SlipAngle] = (0.0, 0.0, 0.0)
+
+    def pose(self) -> Pose:
+        """Pose of the grasp frame after it in the one before."""
+        return pose_of(self.translation, self.rotation_deg)
+
+
 class Scenario(Section, frozen=True):
     """Everything that defines a run. Two runs of equal scenarios in lockstep give identical numbers.
 
@@ -188,6 +210,7 @@ class Scenario(Section, frozen=True):
         motion: Motion of each robot.
         carry: A common path along which the robots carry the payload.
         load_changes: Changes of the load during the run.
+        slips: Slips of grasps during the run.
         duration: Length of the run [s].
         seed: Seed of sensor noise, sensor errors and motions.
         estimator: Estimator of the agents: ``efficient``, ``fan2017``, or one of your own, see docs/own.md.
@@ -207,6 +230,7 @@ class Scenario(Section, frozen=True):
     motion: Motion = Motion()
     carry: Carry | None = None
     load_changes: tuple[LoadChange, ...] = ()
+    slips: tuple[Slip, ...] = ()
     duration: Annotated[float, Meta(gt=0, le=MAX_DURATION)] = 30.0
     seed: Seed = 1
     estimator: Name = "efficient"

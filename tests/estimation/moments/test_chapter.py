@@ -11,7 +11,7 @@ import pytest
 
 from coheft.estimation.geometry.body_motion import perturbation_between
 from coheft.estimation.geometry.spatial import Array, Pose
-from coheft.estimation.moments.chapter import Chapter, Prior
+from coheft.estimation.moments.chapter import Chapter, Prior, evidence_of
 from coheft.estimation.moments.fit_settings import FitSettings, Guess
 from coheft.estimation.moments.moments import RowMoments
 from coheft.estimation.moments.sensor_errors import SensorErrors
@@ -143,7 +143,7 @@ def test_all_that_is_known_is_the_sum_of_rows_and_of_what_was_known(kind: str) -
     found = in_chapters(rows, settings, [100])
     prior, body = found.chapter.summed_up(found.estimate, found.guess), found.estimate.body
     assert found.chapter.prior is not None
-    expected = found.chapter.evidence(body, found.chapter.look()(body)) + found.chapter.prior.at(body)
+    expected = evidence_of(body, found.chapter.look()(body)) + found.chapter.prior.at(body)
     for name, value in vars(expected).items():
         np.testing.assert_allclose(getattr(prior.evidence, name), value, rtol=1e-9, atol=1e-9 * np.abs(value).max())
     empty = Chapter(buffer_of(rows[:0], settings, 3), settings, prior)
@@ -278,7 +278,7 @@ def test_a_body_without_a_load_has_no_wrench_to_speak_of() -> None:
     found = fit(team.noisy(np.random.default_rng(19)))
     body = IDEAL.body(found.estimate.state.with_load(None))
     with pytest.raises(ValueError, match="fit one first"):
-        found.chapter.evidence(body, found.chapter.look()(body))
+        evidence_of(body, found.chapter.look()(body))
 
 
 def test_a_prior_says_what_it_was_told() -> None:

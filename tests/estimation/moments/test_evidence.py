@@ -127,6 +127,12 @@ def test_loosened_twice_is_loosened_by_the_sum() -> None:
     assert_equal(by_slice, evidence.loosened(np.array([2, 3]), one))
 
 
+def test_some_of_what_is_loosened_may_not_have_changed_at_all() -> None:
+    evidence, only_one = random_evidence(5, 0.2), np.diag([0.7, 0.0])
+    assert_equal(evidence.loosened(PART, only_one), evidence.loosened(PART[:1], only_one[:1, :1]))
+    assert_equal(evidence.loosened(PART, np.zeros((2, 2))), evidence)
+
+
 def test_loosened_a_little_and_without_are_limits() -> None:
     evidence = random_evidence(4, 0.2)
     assert_equal(evidence.loosened(PART, 1e-14 * np.eye(2)), evidence)

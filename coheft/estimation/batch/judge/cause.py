@@ -25,5 +25,6 @@ class Cause(StrEnum):
     INVERSE = "inverse poses"
     SLIP = "slip"
     DEAD = "sensor dead"
+    MOTION = "motion sensor"
     UNKNOWN = "unknown"
     """No single cause explains it."""

@@ -52,7 +52,7 @@ def mend(recording: Recording, verdict: Verdict, poses: Sequence[Pose]) -> Recor
             wrench = value[:6] + (minutes * value[6:] if len(value) > 6 else np.zeros((len(minutes), 6)))
             own = wrench @ np.linalg.inv(poses[index].adjoint()).T
             return _changed(
-                recording, recording.names[index], lambda robot: replace(robot, wrench=_wrench(robot) - own)
+                recording, recording.names[index], lambda robot: replace(robot, wrench=wrench_of(robot) - own)
             )
         case Cause.LEVER:
             return _changed(recording, verdict.robot, lambda robot: _with_moment_about(robot, value))
@@ -72,7 +72,7 @@ def mend(recording: Recording, verdict: Verdict, poses: Sequence[Pose]) -> Recor
             assert verdict.gravity is not None
             return _in_level_homes(recording, verdict.gravity)
         case Cause.INVERSE:
-            return _changed(recording, None, lambda robot: replace(robot, pose=inverse_poses(_pose(robot))))
+            return _changed(recording, None, lambda robot: replace(robot, pose=inverse_poses(pose_of(robot))))
         case cause:
             raise RecordingError(f"nothing says what sensors would have read without '{cause}': {verdict.words}")
 
@@ -83,33 +83,35 @@ def _changed(recording: Recording, name: str | None, change: Callable[[RobotReco
     return replace(recording, robots=robots)
 
 
-def _pose(robot: RobotRecord) -> Array:
+def pose_of(robot: RobotRecord) -> Array:
+    """Of a robot whose poses were recorded."""
     assert robot.pose is not None
     return robot.pose
 
 
-def _wrench(robot: RobotRecord) -> Array:
+def wrench_of(robot: RobotRecord) -> Array:
+    """Of a robot whose wrenches were recorded."""
     assert robot.wrench is not None
     return robot.wrench
 
 
 def _rotations(robot: RobotRecord) -> Array:
-    return Rotation.from_quat(_pose(robot)[:, 3:]).as_matrix()
+    return Rotation.from_quat(pose_of(robot)[:, 3:]).as_matrix()
 
 
 def _with_moment_about(robot: RobotRecord, lever: Array) -> RobotRecord:
     """Moments about the origin of the grasp frame, which lies at ``lever`` from where they are about."""
-    wrench = _wrench(robot)
+    wrench = wrench_of(robot)
     return replace(robot, wrench=np.hstack([wrench[:, :3], wrench[:, 3:] - np.cross(lever, wrench[:, :3])]))
 
 
 def _scaled(robot: RobotRecord, factors: Array) -> RobotRecord:
-    return replace(robot, wrench=_wrench(robot) * factors)
+    return replace(robot, wrench=wrench_of(robot) * factors)
 
 
 def _turned(robot: RobotRecord, rotations: Array) -> RobotRecord:
     """Forces and moments, turned by rotations (n, 3, 3) or one (1, 3, 3)."""
-    halves = _wrench(robot).reshape(-1, 2, 3)
+    halves = wrench_of(robot).reshape(-1, 2, 3)
     return replace(robot, wrench=(halves @ rotations.swapaxes(-1, -2)).reshape(-1, 6))
 
 
@@ -130,7 +132,7 @@ def _in_level_homes(recording: Recording, gravity: Array) -> Recording:
     robots = {}
     for (name, robot), down in zip(recording.robots.items(), gravity, strict=True):
         turn, _ = Rotation.align_vectors(recording.gravity[None], down[None])
-        pose = _pose(robot)
+        pose = pose_of(robot)
         turned = (turn * Rotation.from_quat(pose[:, 3:])).as_quat()
         robots[name] = replace(robot, pose=np.hstack([turn.apply(pose[:, :3]), turned]))
     return replace(recording, robots=robots)

@@ -2,41 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from coheft.estimation.batch.judge.cause import Cause
 from coheft.estimation.batch.judge.clocks import clock_delays
+from coheft.estimation.batch.judge.evidence import Evidence
 from coheft.estimation.batch.judge.slips import find_slip
 from coheft.estimation.batch.judge.verdict import Verdict
-from coheft.estimation.batch.recording import Recording
-from coheft.estimation.batch.signals import Signals
-from coheft.estimation.geometry.spatial import Pose
 
 _SURE = 6.0
 _LATE = 1e-3
 """Clocks that differ by less hardly matter [s]."""
 
 
-def judge_poses(recording: Recording, signals: Signals, homes: Sequence[Pose], poses: Sequence[Pose]) -> Verdict | None:
-    """Judge whether poses are of the same instants, and grasps where they were all the time.
-
-    Args:
-        recording: With poses.
-        signals: Of it, filtered.
-        homes: Home frames in the world, as fitted to all of it.
-        poses: Of grasp frames in the load, likewise.
+def judge_poses(evidence: Evidence) -> Verdict | None:
+    """Judge whether robots' motions are of the same instants, and grasps where they were all the time.
 
     Returns:
         None if nothing speaks against it.
     """
-    return _late(recording, signals, poses) or _slipped(recording, homes, poses)
+    return _late(evidence) or (_slipped(evidence) if evidence.homes else None)
 
 
-def _slipped(recording: Recording, homes: Sequence[Pose], poses: Sequence[Pose]) -> Verdict | None:
+def _slipped(evidence: Evidence) -> Verdict | None:
     """A grasp that is elsewhere in the load from some time on."""
-    slip = find_slip(recording.stacked("pose"), recording.time, homes, poses)
+    recording, poses = evidence.recording, evidence.poses
+    slip = find_slip(recording.stacked("pose"), recording.time, evidence.homes, poses)
     if slip is None:
         return None
     name = recording.names[slip.robot] if len(poses) > 2 else None
@@ -51,15 +42,18 @@ def _slipped(recording: Recording, homes: Sequence[Pose], poses: Sequence[Pose])
     )
 
 
-def _late(recording: Recording, signals: Signals, poses: Sequence[Pose]) -> Verdict | None:
+def _late(evidence: Evidence) -> Verdict | None:
     """A robot whose clock is not that of the others."""
-    delays, deviations = clock_delays(signals, poses)
+    recording = evidence.recording
+    delays, deviations = clock_delays(evidence.signals, evidence.poses)
     sure = np.where(np.abs(delays) > np.maximum(_SURE * deviations, _LATE), np.abs(delays), 0.0)
     if not sure.any():
         return None
     worst = int(np.argmax(sure))
     delay, std = float(delays[worst]), float(deviations[worst])
     name = recording.names[worst] if len(delays) > 2 else None
+    channels = tuple(c for c in ("pose", "twist", "dtwist", "acceleration", "wrench") if recording.has(c))
+    what = "twists" if recording.has("twist") else "poses"
     whose = (
         f"{name} are" if name else f"{recording.names[worst]} are (or those of the other robot, the other way round)"
     )
@@ -68,7 +62,7 @@ def _late(recording: Recording, signals: Signals, poses: Sequence[Pose]) -> Verd
         cause=Cause.CLOCK,
         robot=name,
         value=(delay,),
-        channels=("pose", "wrench"),
-        words=f"poses of {whose} {abs(1e3 * delay):.3g} ms {'late' if delay > 0.0 else 'early'} against the others' "
+        channels=channels,
+        words=f"{what} of {whose} {abs(1e3 * delay):.3g} ms {'late' if delay > 0.0 else 'early'} against the others' "
         f"(std {1e3 * std:.2g} ms), and perhaps all else that is recorded of it: shift its samples in time",
     )

@@ -12,8 +12,8 @@ from coheft.estimation.geometry.spatial import Array
 
 _NOISE_ALONE = 1.5
 """Mean square of readings, in that of their noise, below which there is nothing else in them."""
-_MOVED = 0.005
-"""By how much another robot has to move [m]."""
+_MOTIONS = {"pose": ("poses", 0.005), "twist": ("twists", 0.05), "acceleration": ("accelerations", 0.5)}
+"""Words, and by how much another robot's first three columns have to change meanwhile [m, rad/s, m/s²]."""
 
 
 def stuck_sensor(recording: Recording) -> Verdict | None:
@@ -22,10 +22,17 @@ def stuck_sensor(recording: Recording) -> Verdict | None:
     Moments may be zero all the time: a hand in a gimbal has none. Encoders of a robot that stands still repeat
     themselves, but not while another robot moves.
     """
-    found = _stuck_wrench(recording) or _stuck_pose(recording)
-    if found is None:
-        return None
-    name, what, start, seconds = found
+    found = _stuck_wrench(recording)
+    return stuck_motion(recording) if found is None else _stuck(*found)
+
+
+def stuck_motion(recording: Recording) -> Verdict | None:
+    """A robot whose motion repeats itself while another one moves."""
+    found = _stuck_motion(recording)
+    return None if found is None else _stuck(*found)
+
+
+def _stuck(name: str, what: str, start: float, seconds: float) -> Verdict:
     return _dead(
         name,
         start,
@@ -55,15 +62,17 @@ def _stuck_wrench(recording: Recording) -> tuple[str, str, float, float] | None:
     return None
 
 
-def _stuck_pose(recording: Recording) -> tuple[str, str, float, float] | None:
-    """Likewise, of poses."""
-    poses = recording.stacked("pose")
-    for name, own in zip(recording.names, poses, strict=True):
-        first, count = _longest_repeat(own)
-        meanwhile = poses[:, first : first + count, :3]
-        moved = np.linalg.norm(np.ptp(meanwhile, axis=1), axis=1)
-        if count > recording.rate and moved.max() > _MOVED:
-            return name, "poses", float(recording.time[first]), count / recording.rate
+def _stuck_motion(recording: Recording) -> tuple[str, str, float, float] | None:
+    """Likewise, of what tells the motion."""
+    for channel, (what, moved) in _MOTIONS.items():
+        if not recording.has(channel):
+            continue
+        samples = recording.stacked(channel)
+        for name, own in zip(recording.names, samples, strict=True):
+            first, count = _longest_repeat(own)
+            meanwhile = np.linalg.norm(np.ptp(samples[:, first : first + count, :3], axis=1), axis=1)
+            if count > recording.rate and meanwhile.max() > moved:
+                return name, what, float(recording.time[first]), count / recording.rate
     return None
 
 

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
 from coheft.estimation.geometry.spatial import Array, Pose
@@ -100,9 +99,7 @@ def _views(poses: Array, times: Array, homes: Sequence[Pose], grasps: Sequence[P
         differences.append(np.hstack([turn, shift]))
     views = np.array(differences)
     views -= views.mean(axis=0)
-    of_home = np.array(
-        [_from_home(rotation, position) for rotation, position in zip(rotations, positions, strict=True)]
-    )
+    of_home = _from_home(rotations, positions)
     design = np.concatenate([np.broadcast_to(np.eye(6), of_home.shape), of_home], axis=-1)
     length = max(1, round(_BATCH * (len(times) - 1) / (times[-1] - times[0])))
     batches = len(times) // length
@@ -122,10 +119,10 @@ def _load(poses: Array, home: Pose, grasp: Pose) -> tuple[Array, Array]:
     return own @ to_load.rotation, places + own @ to_load.translation
 
 
-def _from_home(rotation: Array, position: Array) -> Array:
-    """How a small turn and shift of the home frame, in the world, move the load as seen in its own axes, (6, 6)."""
-    x, y, z = position
-    lever = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])
-    result: Array = block_diag(rotation.T, rotation.T)
-    result[3:, :3] = rotation.T @ lever
+def _from_home(rotations: Array, positions: Array) -> Array:
+    """How a small turn and shift of the home frame, in the world, move the load as seen in its own axes, (n, 6, 6)."""
+    turned = rotations.swapaxes(-1, -2)
+    result = np.zeros((len(positions), 6, 6))
+    result[:, :3, :3] = result[:, 3:, 3:] = turned
+    result[:, 3:, :3] = np.cross(turned, positions[:, None])
     return result

@@ -58,22 +58,25 @@ class Suspects:
 
         Args:
             misfit: Of the recording.
-            homes: Rotations of all robots' home frames in the first one's, as poses have them, shape (N, 3, 3).
+            homes: Rotations of all robots' home frames in the first one's, as poses have them, shape (N, 3, 3); none
+                without poses.
             gravity: In each home frame (3,) [m/s²].
         """
         self._misfit, self._homes, self._gravity = misfit, homes, gravity
         self._count = len(misfit.adjoints)
-        rotations = [self._body_rotations(robot) for robot in range(self._count)]
-        self._rotations = rotations[0]
-        self._supposed = np.mean([gravity @ own for own in rotations], axis=0)
-        """Gravity in the body frame (n, 3), as the motion has it: the mean of what robots take for it."""
+        if misfit.signals.rotation is not None:
+            rotations = [self._body_rotations(robot) for robot in range(self._count)]
+            self._rotations = rotations[0]
+            self._supposed = np.mean([gravity @ own for own in rotations], axis=0)
+            """Gravity in the body frame (n, 3), as the motion has it: the mean of what robots take for it."""
         self._per_unknown = float(np.log(misfit.plain.residual.size))
         self._whose = 2.0 * float(np.log(self._count))
 
     def all(self) -> list[Suspect]:
         """From the likeliest to the least likely."""
-        sensors = [*self._offset(), *self._levers(), *self._scales(), *self._clocks(), *self._axes(), *self._turned()]
-        found = [*sensors, *self._changes(), self._no_weight(), self.direction_of_gravity()]
+        found = [*self._offset(), *self._levers(), *self._scales(), *self._clocks(), *self._turned(), *self._changes()]
+        if self._misfit.signals.rotation is not None:
+            found += [*self._axes(), self._no_weight(), self.direction_of_gravity()]
         return sorted(found, key=lambda suspect: -suspect.gain)
 
     def _suspect(self, cause: Cause, robot: int | None, fit: Fit, unknowns: int, value: Array | None = None) -> Suspect:

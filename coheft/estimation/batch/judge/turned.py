@@ -68,7 +68,7 @@ def _start_of_all(misfit: WrenchMisfit, robots: Sequence[int]) -> Array:
 
     def rank(axes: Array) -> tuple[bool, float]:
         """With all signs the other way round a load of negative mass fits as well."""
-        fit = misfit.fit(total=_total(misfit, robots, axes))
+        fit = misfit.fit(total=_total(misfit, robots, axes), passes=1)
         return fit.solution[0] <= 0.0, fit.misfit
 
     return min(exchanges, key=rank)

@@ -2,19 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, Self
-
-import numpy as np
+from typing import Literal
 
 from coheft.estimation.batch.judge.cause import Cause
-from coheft.estimation.batch.judge.suspects import Suspect
-from coheft.estimation.batch.judge.wrench_misfit import BODY_NUMBERS, Fit
 from coheft.estimation.geometry.spatial import Array
-
-_HIDING = (Cause.OFFSET, Cause.LEVER, Cause.SCALE, Cause.FORCE_SCALE, Cause.CLOCK, Cause.GRAVITY)
-"""What sensors may well have without its being noticed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,17 +41,3 @@ class Verdict:
     gravity: Array | None = None
     words: str = ""
     hidden: tuple[tuple[Cause, Array], ...] = ()
-
-    @classmethod
-    def accepted(cls, plain: Fit, suspects: Sequence[Suspect], assumed: str | None) -> Self:
-        """Nothing speaks against the fit: what is not significant biases it by little more than it makes uncertain.
-
-        So does a cause that was assumed, and taken out with its own uncertainty.
-        """
-        known = plain.covariance[:BODY_NUMBERS, :BODY_NUMBERS]
-        hidden = tuple(
-            (suspect.cause, suspect.fit.covariance[:BODY_NUMBERS, :BODY_NUMBERS] - known)
-            for suspect in suspects
-            if (suspect.cause in _HIDING or suspect.cause == assumed) and suspect.gain > -np.inf
-        )
-        return cls(is_refuted=False, hidden=hidden)

@@ -12,11 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from coheft.estimation.batch.body import body_motions, regressor, total_wrench
-from coheft.estimation.batch.judge.band import Band, white_level
-from coheft.estimation.batch.recording import Recording
-from coheft.estimation.batch.signals import Signals, without_jumps
+from coheft.estimation.batch.judge.band import Band
+from coheft.estimation.batch.judge.evidence import Evidence
+from coheft.estimation.batch.judge.motion_noise import acceleration_noise, level_of
+from coheft.estimation.batch.judge.unsure import unsure_columns
 from coheft.estimation.geometry.body_motion import BODY_A, BODY_V, BODY_W
-from coheft.estimation.geometry.spatial import Array, Pose, skew
+from coheft.estimation.geometry.spatial import Array, skew
 from coheft.estimation.rigid_body.mass_properties import unpack_symmetric
 
 _FINEST = 5e-5
@@ -25,6 +26,10 @@ _REWEIGHTINGS = 3
 _ROUNDING = 1e-11
 _SMALL = 0.1
 """Share of the residuals' mean square up to which noise in columns is corrected for in the likelihood."""
+_LEVEL_UNSURE = 0.3
+"""By how much the power of noise, which is measured in a band, may be off: two standard deviations."""
+_NOTICED = 0.2
+"""In its noise's deviations: what is uncertain changes nothing if it does less to the wrench."""
 BODY_NUMBERS = 10
 Maps = Sequence[Array]
 """By what a sensor's reading is multiplied, (6, 6) each, for every unknown that a suspect has."""
@@ -56,54 +61,46 @@ class Fit:
 class WrenchMisfit:
     """Of one recording, whose poses were found."""
 
-    def __init__(self, recording: Recording, signals: Signals, poses: Sequence[Pose], cutoff: float) -> None:
+    def __init__(self, evidence: Evidence) -> None:
         """Prepare what all fits share.
 
         Args:
-            recording: With poses and wrenches.
-            signals: Of it, filtered.
-            poses: Of grasp frames in the body frame.
-            cutoff: Of the filter [Hz].
+            evidence: On the recording.
 
         Raises:
-            ValueError: The recording's rate is too low to tell noise from motion.
+            ValueError: There are too few samples, or too few per second, to tell noise from motion.
         """
+        recording, signals, poses, cutoff = evidence.recording, evidence.signals, evidence.poses, evidence.cutoff
         assert signals.wrench is not None
-        self.signals, self.wrenches = signals, signals.wrench
+        self.evidence, self.signals, self.wrenches, self.poses = evidence, signals, signals.wrench, poses
         self.adjoints = [pose.adjoint() for pose in poses]
-        self.poses = tuple(poses)
-        motion = body_motions(signals, poses).mean(axis=0)
-        self.motion = motion
+        self.motion = motion = body_motions(signals, poses).mean(axis=0)
         self.band = Band.of(signals, cutoff, np.hstack([motion[:, BODY_W], motion[:, BODY_V]]))
         self.regressor, self.total = regressor(motion), total_wrench(self.wrenches, poses)
         per_coefficient = signals.rate / recording.rate
-        levels = [white_level(wrench, recording.rate, cutoff) for wrench in recording.stacked("wrench")]
-        poses_of_all = recording.stacked("pose")
-        poses_of_all = np.concatenate([poses_of_all[..., :3], without_jumps(poses_of_all[..., 3:])], axis=-1)
-        pose_levels = [white_level(pose, recording.rate, cutoff) for pose in poses_of_all]
-        self.noise = [np.diag(level**2) * per_coefficient for level in levels if level is not None]
+        robots = range(len(poses))
+        self.noise = [np.diag(level_of(recording, "wrench", k, cutoff) ** 2) * per_coefficient for k in robots]
         """Of each robot's coefficients, (6, 6)."""
-        if len(self.noise) < len(levels):
-            raise ValueError("there are too few samples per second to tell noise from motion")
-        self._pose_noise = _of_body_pose([level for level in pose_levels if level is not None], poses) * per_coefficient
+        up, frequency = motion[:, BODY_A].mean(axis=0), self.band.frequency
+        views = [acceleration_noise(recording, k, poses[k], up, frequency, cutoff) for k in robots]
+        self._motion_noise: Array = np.sum(views, axis=0) * per_coefficient / len(poses) ** 2
+        self._unsure = np.zeros((6 * len(frequency), 0))
+        """Whitened columns of what is uncertain beside noise, in units of its standard deviations."""
         self._whitening = np.empty((len(self.band.frequency), 6, 6))
         theta = np.zeros(10)
         for _ in range(2):
             self._whiten(theta)
-            self.plain = self.fit()
-            theta = self.plain.solution
+            theta = self.fit().solution
         self._whiten(theta)
+        unsure = unsure_columns(evidence, motion, theta)
+        self._unsure = self._white(unsure)
+        self._unsure = self._unsure[:, np.linalg.norm(self._unsure, axis=0) > _NOTICED]
         self.plain = self.fit()
 
     def _whiten(self, theta: Array) -> None:
         """Set the inverse of a factor of the residuals' covariance at each frequency, for a body."""
         mass, moment, about_origin = theta[0], theta[1:4], unpack_symmetric(theta[4:])
         inertia = np.block([[-skew(moment), mass * np.eye(3)], [about_origin, skew(moment)]])
-        up = self.motion[:, BODY_A].mean(axis=0)
-        weight = np.zeros((6, 6))
-        weight[:3, :3], weight[3:, :3] = mass * skew(up), skew(moment) @ skew(up)
-        # A pose's noise (turn, shift) is differentiated twice, and turns the weight.
-        by_pose = -((2.0 * np.pi * self.band.frequency[:, None, None]) ** 2) * inertia - weight
         squares = np.mean(self.total**2, axis=0)
         force = float(squares[:3].mean())
         sizes = np.repeat([force, float(squares[3:].mean()) + 0.01 * force], 3)
@@ -112,7 +109,7 @@ class WrenchMisfit:
             (to_body @ noise @ to_body.T for to_body, noise in zip(self.adjoints, self.noise, strict=True)),
             start=np.diag(finest),
         )
-        covariance = sensors + by_pose @ self._pose_noise @ by_pose.swapaxes(-1, -2)
+        covariance = sensors + inertia @ self._motion_noise @ inertia.T
         self._whitening = np.linalg.inv(np.linalg.cholesky(covariance))
         self._design, self._output = self._white(self.regressor), self._white(self.total)
 
@@ -130,6 +127,7 @@ class WrenchMisfit:
         maps: Sequence[tuple[int, Maps]] = (),
         total: Array | None = None,
         regressor: Array | None = None,
+        passes: int = _REWEIGHTINGS,
     ) -> Fit:
         """Fit a body, and along with it what a suspect adds.
 
@@ -138,29 +136,39 @@ class WrenchMisfit:
             maps: If that comes from readings, and so holds their noise: of which robots, multiplied by what.
             total: Total wrench (n, 6), if it is another one.
             regressor: Of the body (n, 6, 10), if it is another one.
+            passes: One is enough to find a start.
         """
         design = self._design if regressor is None else self._white(regressor)
         if columns is not None:
             design = np.hstack([design, self._white(columns)])
+        known = design.shape[1]
+        design = np.hstack([design, self._unsure])
         output = self._output if total is None else self._white(total)
         spectrum = np.ones(len(output))
         best: Fit | None = None
-        for _ in range(_REWEIGHTINGS):
-            fit = self._weighted(design, output, np.sqrt(spectrum), maps)
+        for _ in range(passes):
+            fit = self._weighted(design, known, output, np.sqrt(spectrum), maps)
             if best is None or fit.misfit < best.misfit:
                 best = fit
             spectrum = np.repeat(self.band.spread(fit.residual), 3, axis=1).ravel()
         assert best is not None
         return best
 
-    def _weighted(self, design: Array, output: Array, deviation: Array, maps: Sequence[tuple[int, Maps]]) -> Fit:
-        """Least squares; what the output's own noise does in columns is taken out of the normal equations."""
+    def _weighted(
+        self, design: Array, known: int, output: Array, deviation: Array, maps: Sequence[tuple[int, Maps]]
+    ) -> Fit:
+        """Least squares; what the output's own noise does in columns is taken out of the normal equations.
+
+        Unknowns from ``known`` on have a mean of zero and a standard deviation of one beforehand.
+        """
         scaled, seen = design / deviation[:, None], output / deviation
         size = np.linalg.norm(scaled, axis=0)
         size = np.where(size > 0.0, size, 1.0)
         scaled = scaled / size
         by_noise, by_output = self._of_own_noise(deviation, maps, design.shape[1])
         information = scaled.T @ scaled - by_noise / np.outer(size, size)
+        prior = (np.arange(len(size)) >= known) / size**2
+        information[np.diag_indices_from(information)] += prior
         values, vectors = np.linalg.eigh(information)
         shown = values > _ROUNDING * values[-1]
         inverse = (vectors[:, shown] / values[shown]) @ vectors[:, shown].T
@@ -169,13 +177,14 @@ class WrenchMisfit:
         solution += inverse @ (normal - information @ solution)
         solution = solution / size
         residual = (output - design @ solution).reshape(-1, 2, 3)
-        misfit = self.band.misfit(residual)
+        misfit = self.band.misfit(residual) + float(np.sum(solution[known:] ** 2))
         own = float(solution @ (2.0 * by_output - by_noise @ solution))
-        if abs(own) < _SMALL * residual.size:  # of large ones the unknown spectrum takes care
-            misfit += own
+        if own > -_SMALL * residual.size:  # of noise that is made much larger the unknown spectrum takes care
+            misfit += own + _LEVEL_UNSURE * abs(own)
         unknowns = round(int(np.count_nonzero(shown)) * self.band.moving / len(self.band.frequency))
         excess, inside, above = self.band.excess(residual, unknowns)
-        return Fit(misfit, solution, inverse / np.outer(size, size), residual, excess, inside, above)
+        covariance = (inverse / np.outer(size, size))[:known, :known]
+        return Fit(misfit, solution[:known], covariance, residual, excess, inside, above)
 
     def _of_own_noise(self, deviation: Array, maps: Sequence[tuple[int, Maps]], unknowns: int) -> tuple[Array, Array]:
         """What noise alone adds to columns times columns (u, u), and to columns times output (u,), on average."""
@@ -197,15 +206,3 @@ class WrenchMisfit:
         changing = self._white(self.total - self.total.mean(axis=0)).reshape(-1, 6)[: self.band.moving]
         left = self.plain.residual[: self.band.moving]
         return float(np.sqrt(max(0.0, np.sum(left**2) - left.size) / max(float(np.sum(changing**2)), 1e-300)))
-
-
-def _of_body_pose(levels: Sequence[Array], poses: Sequence[Pose]) -> Array:
-    """Covariance (6, 6) of the body's pose (turn, shift), the team's mean, from deviations of ``x y z qx qy qz qw``."""
-    covariance = np.zeros((6, 6))
-    for level, pose in zip(levels, poses, strict=True):
-        turn = 4.0 * float(np.sum(level[3:] ** 2)) / 3.0
-        shift = float(np.mean(level[:3] ** 2))
-        to_body = np.eye(6)
-        to_body[3:, :3] = skew(pose.translation)
-        covariance += to_body @ np.diag(np.repeat([turn, shift], 3)) @ to_body.T / len(poses) ** 2
-    return covariance

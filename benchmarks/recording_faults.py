@@ -1,0 +1,230 @@
+"""What may be wrong with a recording, of drawn size: with its robot, and the causes by which a judge may name it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation
+
+from benchmarks.drawn_recordings import Team, between, direction, draw_team, recorded, with_record
+from coheft.estimation.batch.judge.mend import pose_of, wrench_of
+from coheft.estimation.batch.pose_conventions import inverse_poses
+from coheft.estimation.batch.recording import Recording, RobotRecord
+from coheft.estimation.batch.signals import without_jumps
+from coheft.estimation.geometry.spatial import Array
+from coheft.estimation.rigid_body.mass_properties import Inertia
+
+Change = Callable[[RobotRecord], dict[str, Array]]
+ALL = ""
+"""Instead of a robot's name: all of them."""
+
+
+@dataclass(frozen=True, eq=False)
+class Faulty:
+    """A recording with something wrong.
+
+    Attributes:
+        recording: It.
+        causes: By which it may be named; refused recordings have none.
+        robot: Whose fault it is; none if it is all robots', or no robot's.
+    """
+
+    recording: Recording
+    causes: tuple[str, ...]
+    robot: str | None
+
+
+def _both(rotation: Rotation, wrench: Array) -> Array:
+    return np.hstack([rotation.apply(wrench[:, :3]), rotation.apply(wrench[:, 3:])])
+
+
+def _late(robot: RobotRecord, delay: float, channels: Sequence[str]) -> dict[str, Array]:
+    moved: dict[str, Array] = {}
+    for channel in channels:
+        samples: Array = getattr(robot, channel)
+        if channel == "pose":
+            samples = np.hstack([samples[:, :3], without_jumps(samples[None, :, 3:])[0]])
+        moved[channel] = CubicSpline(robot.time, samples)(robot.time - delay)
+        if channel == "pose":
+            moved[channel][:, 3:] /= np.linalg.norm(moved[channel][:, 3:], axis=1, keepdims=True)
+    return moved
+
+
+def _slipped(robot: RobotRecord, when: float, shift: Array, turn: Array) -> dict[str, Array]:
+    on = (robot.time >= when)[:, None]
+    step, by = on * shift, Rotation.from_rotvec(on * turn)
+    own, wrench = Rotation.from_quat(pose_of(robot)[:, 3:]), wrench_of(robot)
+    pose = np.hstack([pose_of(robot)[:, :3] + own.apply(step), (own * by).as_quat()])
+    moment = wrench[:, 3:] - np.cross(step, wrench[:, :3])
+    return {"pose": pose, "wrench": _both(by.inv(), np.hstack([wrench[:, :3], moment]))}
+
+
+LISTED = (
+    *("offset", "tared", "drift", "lever", "lever of all", "scale", "sign", "moment unit", "moment unit of all"),
+    *("base axes", "base axes of all", "turned", "exchanged", "wrench clock", "wrench clock of all", "clock"),
+    *("compensated", "load change", "slip", "not level", "tilted", "inverse", "inverse of all", "quaternions"),
+    *("dead", "frozen"),
+)
+UNLISTED = ("crosstalk", "saturation", "one axis", "clock rate", "length scale", "two")
+_BY_POSES = {"base axes", "base axes of all", "compensated", "slip", "not level", "tilted", "inverse", "inverse of all"}
+_BY_POSES |= {"quaternions", "length scale"}
+
+
+def faulty(kind: str, seed: int, *, by_twists: bool) -> Faulty:
+    """A recording with a fault of some kind, its size, robot and time drawn."""
+    rng = np.random.default_rng([1, seed])
+    change = None
+    if kind == "load change":
+        mass = between(rng, 0.003, 0.5)
+        change = (rng.uniform(0.25, 0.75), Inertia(mass, rng.uniform(-0.25, 0.25, 3), 0.002 * mass * np.eye(3)))
+    team = draw_team(seed, change)
+    by_twists = by_twists and kind not in _BY_POSES
+    one = str(rng.choice(list(team.records)))
+    names = list(team.records) if kind.endswith(" of all") or kind in ("tared", "tilted", "compensated") else [one]
+    robot = one if len(names) == 1 and kind != "load change" else None
+    kinds = [kind]
+    if kind == "two":
+        kinds = [
+            str(name) for name in rng.choice(["offset", "lever", "turned", "wrench clock", "scale"], 2, replace=False)
+        ]
+    causes: tuple[str, ...] = ()
+    for each in kinds:
+        team, after, causes = _with(team, each.removesuffix(" of all"), names, rng, by_twists=by_twists)
+        recording = recorded(team, "white", by_twists=by_twists)
+        if after is not None:
+            robots = {k: replace(r, **after(r)) if k in names else r for k, r in recording.robots.items()}
+            recording = replace(recording, robots=robots)
+    return Faulty(recording, causes, robot)
+
+
+def _with(
+    team: Team, kind: str, names: Sequence[str], rng: np.random.Generator, *, by_twists: bool
+) -> tuple[Team, Change | None, tuple[str, ...]]:
+    """The team with the fault before noise, what it does after noise, and by which causes it is named."""
+    end = float(team.records[names[0]].time[-1])
+    when, sign = rng.uniform(0.25, 0.75) * end, float(rng.choice([-1.0, 1.0]))
+    motion = ("twist", "acceleration") if by_twists else ("pose",)
+
+    def before(change: Change) -> Team:
+        changed = team
+        for name in names:
+            changed = with_record(changed, name, **change(team.records[name]))
+        return changed
+
+    def to_wrench(change: Callable[[Array], Array]) -> Change:
+        return lambda robot: {"wrench": change(wrench_of(robot))}
+
+    def turned_home(turn: Rotation) -> Change:
+        return lambda robot: {
+            "pose": np.hstack(
+                [turn.apply(pose_of(robot)[:, :3]), (turn * Rotation.from_quat(pose_of(robot)[:, 3:])).as_quat()]
+            )
+        }
+
+    match kind:
+        case "offset":
+            size = between(rng, 0.01, 6.0)
+            off = size * np.hstack([direction(rng), 0.05 * direction(rng)])
+            return before(to_wrench(lambda wrench: wrench + off)), None, ("offset",)
+        case "tared":
+            first = int(0.2 * team.rate)
+            return team, to_wrench(lambda wrench: wrench - wrench[:first].mean(axis=0)), ("offset",)
+        case "drift":
+            off = between(rng, 0.1, 5.0) * np.hstack([direction(rng), 0.05 * direction(rng)])
+            return before(to_wrench(lambda w: w + np.linspace(-0.5, 1.0, len(w))[:, None] * off)), None, ("drift",)
+        case "lever":
+            arm = between(rng, 0.001, 0.12) * direction(rng)
+            moved = to_wrench(lambda w: np.hstack([w[:, :3], w[:, 3:] + np.cross(arm, w[:, :3])]))
+            return before(moved), None, ("lever",)
+        case "scale":
+            factor = 1.0 + sign * between(rng, 0.001, 0.3)
+            return before(to_wrench(lambda wrench: factor * wrench)), None, ("scale", "force scale")
+        case "sign":
+            return before(to_wrench(lambda wrench: -wrench)), None, ("scale", "sensor turned")
+        case "moment unit":
+            unit = np.repeat([1.0, float(rng.choice([1000.0, 100.0, 0.1019716]))], 3)
+            return team, to_wrench(lambda wrench: wrench * unit), ("moment scale",)
+        case "base axes":
+            return (
+                before(lambda r: {"wrench": _both(Rotation.from_quat(pose_of(r)[:, 3:]), wrench_of(r))}),
+                None,
+                ("base axes",),
+            )
+        case "turned":
+            turn = Rotation.from_rotvec(np.radians(between(rng, 1.0, 150.0)) * direction(rng))
+            return before(to_wrench(lambda wrench: _both(turn, wrench))), None, ("sensor turned",)
+        case "exchanged":
+            axes = [[0, 2, 1], [1, 0, 2], [2, 1, 0], [1, 2, 0]][int(rng.integers(4))]
+            return before(to_wrench(lambda w: w[:, [*axes, *(3 + k for k in axes)]])), None, ("sensor turned",)
+        case "wrench clock":
+            delay = sign * between(rng, 0.001, 0.1)
+            return before(lambda robot: _late(robot, delay, ["wrench"])), None, ("clock",)
+        case "clock":
+            delay = sign * between(rng, 0.001, 0.1)
+            return before(lambda robot: _late(robot, delay, [*motion, "wrench"])), None, ("clock",)
+        case "compensated":
+            load = team.truth.loads[0][1]
+            changed = team
+            for name, down, own_pose in zip(names, team.down, team.truth.poses, strict=True):
+                weight = load.mass / len(names) * down
+                centre = own_pose.rotation.T @ (load.com - own_pose.translation)
+                own = np.hstack([weight, np.cross(centre, weight)])
+                changed = with_record(changed, name, wrench=wrench_of(team.records[name]) + own)
+            return changed, None, ("weight compensated",)
+        case "slip":
+            shift, turn_by = between(rng, 5e-4, 0.02) * direction(rng), between(rng, 1e-3, 0.05) * direction(rng)
+            return before(lambda robot: _slipped(robot, when, shift, turn_by)), None, ("slip",)
+        case "not level" | "tilted":
+            angle = rng.uniform(0.0, 2.0 * np.pi)
+            size = np.radians(between(rng, 0.1, 90.0 if kind == "not level" else 30.0))
+            turn = Rotation.from_rotvec(size * np.array([np.cos(angle), np.sin(angle), 0.0]))
+            changed = team
+            for name in names:
+                yaw = team.yaws[list(team.records).index(name)]
+                changed = with_record(changed, name, **turned_home(yaw * turn * yaw.inv())(team.records[name]))
+            return changed, None, ("gravity", "homes not level")
+        case "load change":
+            return team, None, ("load change",)
+        case "inverse":
+            return team, lambda robot: {"pose": inverse_poses(pose_of(robot))}, ("inverse poses",)
+        case "quaternions":
+            return team, lambda robot: {"pose": pose_of(robot)[:, [0, 1, 2, 6, 3, 4, 5]]}, ()
+        case "dead":
+            return team, to_wrench(lambda w: 0.0 * w + 1e-3 * rng.normal(size=w.shape)), ("sensor dead",)
+        case "frozen":
+            start = int(when * team.rate)
+            return (
+                team,
+                to_wrench(lambda w: np.vstack([w[:start], np.tile(w[start], (len(w) - start, 1))])),
+                ("sensor dead",),
+            )
+        case "crosstalk":
+            mixed = np.eye(6) + between(rng, 0.01, 0.1) * rng.normal(size=(6, 6))
+            return before(to_wrench(lambda wrench: wrench @ mixed.T)), None, ()
+        case "saturation":
+            limit = rng.uniform(0.3, 0.8)
+            return (
+                before(to_wrench(lambda w: np.clip(w, -limit * np.abs(w).max(0), limit * np.abs(w).max(0)))),
+                None,
+                (),
+            )
+        case "one axis":
+            lost = int(rng.integers(3))
+            return before(to_wrench(lambda w: w * (np.arange(6) != lost))), None, ()
+        case "clock rate":
+            drifting = sign * between(rng, 3e-4, 5e-3)
+            return (
+                before(
+                    lambda r: {"wrench": CubicSpline(r.time, wrench_of(r))(np.clip(r.time * (1 + drifting), 0, end))}
+                ),
+                None,
+                (),
+            )
+        case "length scale":
+            ruler = 1.0 + sign * between(rng, 0.005, 0.05)
+            return before(lambda r: {"pose": pose_of(r) * np.repeat([ruler, 1.0], [3, 4])}), None, ()
+        case _:
+            raise ValueError(f"expected one of {LISTED + UNLISTED}, found {kind!r}")

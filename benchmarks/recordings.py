@@ -1,0 +1,178 @@
+"""Recordings, good ones and wrong ones: which does ``coheft identify`` accept, and what does it say of the others?
+
+    python -m benchmarks.recordings [good|listed|unlisted] [--count N] [--first N] [--method METHOD] [--log FILE]
+
+*good*: how many are refuted (at most 1 %).
+*listed*: with one fault of drawn kind and size: how many are accepted with a number that is wrong by more than five of
+its standard deviations, with what may be hidden (at most 0.5 %), named rightly where the margin is above 10 (95 %),
+with the right robot of three and more (98 %), and within five standard deviations with ``--assume`` (99 %).
+*unlisted*: with another fault, or two: refuted (95 %).
+
+Every second recording is of twists and accelerations, if the fault allows. What a log has already is not tried again.
+Bars must be shown with other seeds than those with which anything was mended.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from benchmarks.drawn_recordings import KINDS, draw_team, recorded
+from benchmarks.recording_faults import LISTED, UNLISTED, Faulty, faulty
+from coheft.app.identify.choices import Method, Options
+from coheft.app.identify.methods import identify
+from coheft.errors import RecordingError
+from coheft.estimation.batch.identification import Identification
+from coheft.estimation.batch.judge.mend import MENDABLE
+from coheft.estimation.batch.recording import Recording
+
+_FAR, _SURE, _ROBOTS = 5.0, 10.0, 3
+
+
+class Trial(msgspec.Struct):
+    """What came of one recording.
+
+    Attributes:
+        seed: Of it.
+        kind: Of noise, or of the fault.
+        by_twists: Whether twists and accelerations were recorded, and no poses.
+        robots: How many.
+        seconds: That identifying took.
+        is_refuted: Or refused.
+        cause: That was named.
+        is_right: Whether cause, and robot, are right ones; None where there is none to be named.
+        margin: Over the second best cause.
+        off: Largest error in standard deviations of what was accepted, or adopted by ``--assume``.
+        words: Of the verdict.
+    """
+
+    seed: int
+    kind: str
+    by_twists: bool
+    robots: int
+    seconds: float
+    is_refuted: bool
+    cause: str = ""
+    is_right: tuple[bool, bool] | None = None
+    margin: float = 0.0
+    off: float | None = None
+    words: str = ""
+
+
+def main() -> None:
+    """Try recordings, print each that is not as it should be, and shares at the end."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", choices=["good", "listed", "unlisted"], nargs="?", default="listed")
+    parser.add_argument("--count", type=int, default=400)
+    parser.add_argument("--first", type=int, default=1)
+    parser.add_argument("--method", choices=["pose", "likelihood", "instruments"], help="of those that suit")
+    parser.add_argument("--log", type=Path)
+    arguments = parser.parse_args()
+    trials = [] if arguments.log is None or not arguments.log.exists() else _read(arguments.log)
+    for seed in range(arguments.first, arguments.first + arguments.count):
+        if any(trial.seed == seed for trial in trials):
+            continue
+        trial = try_recording(arguments.what, seed, arguments.method)
+        trials.append(trial)
+        if arguments.log is not None:
+            with arguments.log.open("ab") as file:
+                file.write(msgspec.json.encode(trial) + b"\n")
+        if not _is_well(arguments.what, trial):
+            print(trial, flush=True)
+        if len(trials) % 20 == 0:
+            print(summary(arguments.what, trials), flush=True)
+    print(summary(arguments.what, trials))
+
+
+def _read(log: Path) -> list[Trial]:
+    return [msgspec.json.decode(line, type=Trial) for line in log.read_bytes().splitlines()]
+
+
+def try_recording(what: str, seed: int, method: Method | None = None) -> Trial:
+    """Draw a recording, identify it, and compare with what is true."""
+    by_twists = method != "pose" and (method is not None or seed % 2 == 0)
+    if what == "good":
+        kind: str = KINDS[seed // 2 % len(KINDS)]
+        case = Faulty(recorded(draw_team(seed), KINDS[seed // 2 % len(KINDS)], by_twists=by_twists), (), None)
+    else:
+        kinds = LISTED if what == "listed" else UNLISTED
+        kind = kinds[seed // 2 % len(kinds)]
+        case = faulty(kind, seed, by_twists=by_twists)
+    recording, options = case.recording, Options(method=None if case.recording.has("pose") else method)
+    trial = Trial(seed, kind, not recording.has("pose"), len(recording.names), 0.0, is_refuted=True)
+    start = time.monotonic()
+    try:
+        found = identify(recording, options)
+    except RecordingError as error:
+        trial.words = str(error)
+        trial.seconds = time.monotonic() - start
+        return trial
+    trial.seconds = time.monotonic() - start
+    trial.is_refuted = bool(found.doubts)
+    verdict = found.verdict
+    if not trial.is_refuted:
+        trial.off = deviations(recording, found)
+    elif verdict is None or not verdict.is_refuted:
+        trial.words = found.doubts[0]
+    else:
+        trial.cause, trial.margin, trial.words = str(verdict.cause), verdict.margin, verdict.words
+        if case.causes:
+            trial.is_right = verdict.cause in case.causes, verdict.robot == case.robot
+        if trial.is_right is not None and trial.is_right[0] and verdict.cause in MENDABLE:
+            adopted = identify(recording, Options(method=options.method, assume=verdict.cause))
+            trial.off = None if adopted.doubts else deviations(recording, adopted)
+    return trial
+
+
+def deviations(recording: Recording, found: Identification) -> float:
+    """The largest error of what is said to be known, in standard deviations with what may be hidden."""
+    assert recording.truth is not None
+    hidden = np.array([error.std for error in found.hidden]) if found.hidden else np.zeros(10)
+    error = np.abs(found.payload.inertia.central() - recording.truth.loads[0][1].central())
+    ratios = error / np.hypot(found.payload.std, hidden)
+    seen = [found.payload.is_seen(quantity) for quantity in ("mass", "com", "inertia")]
+    known = np.repeat(seen, [1, 3, 6])
+    return float(ratios[known].max()) if known.any() else 0.0
+
+
+def _is_well(what: str, trial: Trial) -> bool:
+    if what == "good":
+        return not trial.is_refuted and (trial.off or 0.0) < _FAR
+    if what == "unlisted":
+        return trial.is_refuted
+    right = trial.is_right is None or (trial.is_right[0] and (trial.is_right[1] or trial.robots < _ROBOTS))
+    return right and (trial.off or 0.0) < _FAR
+
+
+def summary(what: str, trials: list[Trial]) -> str:
+    """Shares, in words."""
+    refuted = [trial for trial in trials if trial.is_refuted]
+    wrong = [trial for trial in trials if not trial.is_refuted and (trial.off or 0.0) > _FAR]
+    named = [trial.is_right for trial in refuted if trial.is_right is not None and trial.margin > _SURE]
+    whose = [
+        trial.is_right[1]
+        for trial in refuted
+        if trial.is_right is not None and trial.is_right[0] and trial.robots >= _ROBOTS
+    ]
+    adopted = [trial.off < _FAR for trial in refuted if trial.off is not None]
+    seconds = np.array([trial.seconds for trial in trials])
+    words = [
+        f"{what}: {len(trials)} recordings, {len(refuted)} refuted",
+        f"{len(wrong)} accepted though wrong by more than {_FAR:g} std",
+        f"time {np.median(seconds):.1f} s, worst {seconds.max():.1f} s",
+    ]
+    if named:
+        words.append(f"named rightly {sum(one[0] for one in named)} of {len(named)} with a margin above {_SURE:g}")
+    if whose:
+        words.append(f"robot right {sum(whose)} of {len(whose)}")
+    if adopted:
+        words.append(f"adopted within {_FAR:g} std {sum(adopted)} of {len(adopted)}")
+    return "; ".join(words)
+
+
+if __name__ == "__main__":
+    main()

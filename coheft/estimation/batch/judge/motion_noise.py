@@ -1,0 +1,75 @@
+"""What sensors' noise does to the motion of the load, by frequency: how it was measured decides how it grows."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from coheft.estimation.batch.judge.band import white_level
+from coheft.estimation.batch.recording import Recording
+from coheft.estimation.batch.signals import without_jumps
+from coheft.estimation.geometry.spatial import Array, Pose, skew
+
+
+def level_of(recording: Recording, channel: str, robot: int, cutoff: float) -> Array:
+    """Standard deviations of white noise of one robot's samples, shape (c,); of poses (turn, shift), shape (6,).
+
+    Raises:
+        ValueError: There are too few samples, or too few per second, to tell noise from motion.
+    """
+    samples = recording.stacked(channel)[robot]
+    if channel == "pose":
+        samples = np.hstack([samples[:, :3], without_jumps(samples[None, :, 3:])[0]])
+    level = white_level(samples, recording.rate, cutoff)
+    if level is None:
+        raise ValueError("there are too few samples, or too few per second, to tell noise from motion")
+    if channel != "pose":
+        return level
+    turn, shift = 2.0 * np.sqrt(np.sum(level[3:] ** 2) / 3.0), np.sqrt(np.mean(level[:3] ** 2))
+    result: Array = np.repeat([turn, shift], 3)
+    return result
+
+
+def acceleration_noise(
+    recording: Recording, robot: int, pose: Pose, up: Array, frequency: Array, cutoff: float
+) -> Array:
+    """Covariance of the body frame's ``(alpha, a)`` as one robot has them, at every frequency, shape (K, 6, 6).
+
+    Poses are differentiated twice, twists once, and what poses say of turns decides where gravity is.
+
+    Args:
+        recording: Of all robots.
+        robot: Which.
+        pose: Of its grasp frame in the body frame.
+        up: What an accelerometer of its would read on average, in the body frame (3,).
+        frequency: Shape (K,) [Hz].
+        cutoff: Of the filter [Hz].
+
+    Raises:
+        ValueError: Noise cannot be told from motion.
+    """
+    pulsation = 2.0 * np.pi * frequency[:, None]
+    turned, noise = np.zeros((len(frequency), 6, 6)), np.zeros((len(frequency), 6))
+    has = recording.has
+
+    def level(channel: str) -> Array:
+        return level_of(recording, channel, robot, cutoff)
+
+    if has("dtwist"):
+        noise += level("dtwist") ** 2
+    elif has("twist"):
+        noise += (pulsation * level("twist")) ** 2
+    if has("acceleration"):
+        noise[:, 3:] = level("acceleration") ** 2
+    elif has("pose"):
+        turned[:, 3:, :3] = -skew(pose.rotation.T @ up)
+    if not has("dtwist") and not has("twist"):
+        turned[:, :3, :3] = -(pulsation[..., None] ** 2) * np.eye(3)
+        if not has("acceleration"):
+            noise[:, 3:] += (pulsation**2 * level("pose")[3:]) ** 2
+    own = noise[..., None] * np.eye(6)
+    if turned.any():
+        own = own + level("pose")[0] ** 2 * turned[..., :3] @ turned[..., :3].swapaxes(-1, -2)
+    to_body = np.kron(np.eye(2), pose.rotation)
+    to_body[3:, :3] = skew(pose.translation) @ pose.rotation
+    result: Array = to_body @ own @ to_body.T
+    return result
