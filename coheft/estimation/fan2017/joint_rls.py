@@ -9,8 +9,6 @@ with J known eq. (25) for h, and so on.
 
 Total force and alpha are measured and stand in the regressor: what their noise adds to the moments on average is taken
 out, or mass and inertia would come out wrong by several standard deviations (Proposition 2 has the covariance only).
-How large the noise of a sum over the team is follows from no robot's own data sheet. The load moves smoothly, so it is
-measured, by fifth differences of samples.
 
 The projection of the second on the complement of F (eq. 24) follows from it and adds nothing once both are weighted by
 their noise, so it is not stacked a second time.
@@ -19,35 +17,24 @@ their noise, so it is not stacked a second time.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import cache
+from dataclasses import dataclass
 
 import numpy as np
 
+from coheft.estimation.fan2017.input_noise import InputNoise
+from coheft.estimation.geometry.observability import doubt_of
 from coheft.estimation.geometry.spatial import Array, skew
 from coheft.estimation.rigid_body.mass_properties import euler_regressor
 
 _PRIOR_STD = np.array([10.0] * 6 + [1.0] * 3 + [1.0])
 _KNOWN_STD = 1e-6
 """Of what is known beforehand: next to nothing, and yet the covariance has an inverse."""
-_INPUTS = 12
-"""Numbers per sample that are measured: total force and torque, a, alpha."""
-_AS_STATED = 100.0
-"""So many samples count as having had the residuals that are expected, before any is seen."""
-_GUESSED = 10.0
-"""So many samples count as having been as noisy as is guessed, before noise is measured."""
-_LEAST = 0.01
-"""So much of the guessed variance is there in any case: where nothing moves, coarse sensors show none."""
-_LEARNT = 50.0
-"""Of noise that has been measured over so many samples, none is ever again so much larger: the load has changed."""
-_JUMP = 9.0
-"""So much larger its variance would have to be."""
-_MOST_NOISE = 0.5
-"""No more of the information in any direction is taken out as noise."""
+_MOST_DOUBTED = 0.5
+"""No more of the information in a direction is left because it may be noise, however few samples there are."""
+_ROUNDING = 1e-12
 _FADE = 2
 """What the first samples weigh follows from the guess, and may be far too much: of k samples number j counts
 ``(j / k)`` to this power."""
-_EQUATION_OF = np.array([0] * 9 + [1])
-"""Which of the two equations tells each number of theta: torques tell of J and h, forces of 1/m."""
 
 
 def joint_regressor(w: Array, a: Array, alpha: Array, force: Array, torque: Array) -> tuple[Array, Array]:
@@ -67,11 +54,29 @@ def joint_regressor(w: Array, a: Array, alpha: Array, force: Array, torque: Arra
 
 def _by_inputs() -> tuple[Array, Array]:
     """Derivatives of ``joint_regressor`` by ``(F, T, a, alpha)``, shapes (12, 6, 10) and (12, 6)."""
-    force, torque, a, alpha = np.eye(_INPUTS).reshape(_INPUTS, 4, 3).transpose(1, 0, 2)
-    return joint_regressor(np.zeros((_INPUTS, 3)), a, alpha, force, torque)
+    force, torque, a, alpha = np.eye(12).reshape(12, 4, 3).transpose(1, 0, 2)
+    return joint_regressor(np.zeros((12, 3)), a, alpha, force, torque)
 
 
 _MATRIX_BY_INPUTS, _RIGHT_SIDE_BY_INPUTS = _by_inputs()
+
+
+@dataclass(frozen=True, eq=False)
+class _Solution:
+    """Theta by some moments, of n numbers that are not known beforehand.
+
+    Attributes:
+        theta: Shape (n,).
+        inverse: Of the information without what noise adds, positive definite, shape (n, n).
+        by_guess: What theta is off for each unit of what the guess is off: prior and noise that was not taken out hold
+            it there; shape (n, n).
+        by_noise: What it would be off if noise were larger by its whole self, shape (n,).
+    """
+
+    theta: Array
+    inverse: Array
+    by_guess: Array
+    by_noise: Array
 
 
 class JointRls:
@@ -117,22 +122,24 @@ class JointRls:
         self._free = np.setdiff1d(np.arange(10), self._known)
         # From here on all is of what is not known beforehand, n numbers.
         n = len(self._free)
-        self._guess = self._newest = self.theta[self._free]
-        self._prior = self._information = np.diag(_PRIOR_STD[self._free] ** -2.0)
+        self._guess = self.theta[self._free]
+        self._prior = np.diag(_PRIOR_STD[self._free] ** -2.0)
         self._by_inputs = _split(_MATRIX_BY_INPUTS, _RIGHT_SIDE_BY_INPUTS, self.theta, self._known, self._free)
-        self._stated_noise = np.zeros((12, 12))
-        self._stated_noise[:6, :6], self._stated_noise[6:, 6:] = wrench_covariance, motion_covariance
-        self._noise_sum, self._noise_count = _GUESSED * self._stated_noise, _GUESSED
-        self._own_inputs = slice(6, 9 if is_alpha_shared else 12)
+        stated = np.zeros((12, 12))
+        stated[:6, :6], stated[6:, 6:] = wrench_covariance, motion_covariance
+        self._constant_noise = stated[3:9, 3:9]
+        self._noise = InputNoise(stated, is_alpha_shared)
         self._forgetting = forgetting
         self._is_weighted_by_state = is_weighted_by_state
-        # Of all samples, and of those before the load changed: information, vector, and what noise adds to both.
+        # Of samples since the load changed, and of those before: information, vector, and what noise adds to both.
         self._sums, self._old = np.zeros((2, n, 2 * n + 2))
+        self._count, self._old_count = 0.0, 0.0
         self._has_changed = False
         self._common_scatter, self._own_scatter = np.zeros((2, n, n))
         self._pull = np.zeros((n, causes))
         self._taken = 0
-        self._squares, self._count = np.full(6, _AS_STATED), _AS_STATED
+        self._squares = 0.0
+        self._all = self._newest = self._solution(self._sums, self._count)
 
     def update(
         self, w: Array, a: Array, alpha: Array, force: Array, torque: Array, by_causes: Array | None = None
@@ -149,39 +156,77 @@ class JointRls:
                 sample or, as it changes as slowly as the motion, of every second, third, ..., from the first on.
         """
         both = _split(*joint_regressor(w, a, alpha, force, torque), self.theta, self._known, self._free)
-        matrix, right_side = both[:, :, :-1], both[:, :, -1]
-        decay, age_weights = self._weights_of(len(w))
-        samples = float(age_weights.sum())
-        self._measure_noise(np.hstack([force, torque, a, alpha]), decay)
+        self._noise.measure(np.hstack([force, torque, a, alpha]))
         # Derivative (6, 12) of both equations' residual by (F, T, a, alpha), and by Proposition 2 their noise, (6, 6).
-        by_inputs = (self._by_inputs[:, :, -1] - self._by_inputs[:, :, :-1] @ self.theta[self._free]).T
-        noise_of_inputs = self._noise_sum / self._noise_count + _LEAST * self._stated_noise
-        noise = by_inputs @ noise_of_inputs @ by_inputs.T
-        weight = np.linalg.inv(noise if self._is_weighted_by_state else self._stated_noise[3:9, 3:9])
-        squares = np.square(right_side - matrix @ self._newest) / noise.diagonal()
-        self.surprise = float(squares.mean()) / max(float(self._squares.mean()) / self._count, 1.0)
+        by_inputs = (self._by_inputs[:, :, -1] - self._by_inputs[:, :, :-1] @ self._all.theta).T
+        common = by_inputs @ self._noise.common @ by_inputs.T
+        own = by_inputs @ self._noise.own @ by_inputs.T
+        weight = np.linalg.inv(common + own if self._is_weighted_by_state else self._constant_noise)
+        normal = np.linalg.inv(common + own)
+        self.surprise = float(_squares(both, self._newest.theta, normal).mean()) / self._residual_scale
 
-        weighted = age_weights[:, None, None] * (weight @ matrix)
-        self._sums *= decay
-        if self._has_changed:
-            self._old *= decay
+        decay, age_weights = self._weights_of(len(w))
+        weighted = age_weights[:, None, None] * (weight @ both[:, :, :-1])
         n = len(self._free)
+        self._sums *= decay
+        self._old *= decay
+        self._count = decay * self._count + float(age_weights.sum())
+        self._old_count *= decay
         self._sums[:, : n + 1] += _over_samples(weighted, both)
         if self._is_weighted_by_state:  # basic least squares takes the regressor to be exact
-            in_regressor = np.tensordot(noise_of_inputs, weight @ self._by_inputs, 1)
-            self._sums[:, n + 1 :] += samples * _over_samples(self._by_inputs, in_regressor)[:-1]
-        by_own = by_inputs[:, self._own_inputs]
-        own_noise = by_own @ noise_of_inputs[self._own_inputs, self._own_inputs] @ by_own.T
-        self._common_scatter = decay**2 * self._common_scatter + _over_samples(weighted, (noise - own_noise) @ weighted)
-        self._own_scatter = decay**2 * self._own_scatter + _over_samples(weighted, own_noise @ weighted)
+            in_regressor = np.tensordot(self._noise.common + self._noise.own, weight @ self._by_inputs, 1)
+            self._sums[:, n + 1 :] += age_weights.sum() * _over_samples(self._by_inputs, in_regressor)[:-1]
+        self._common_scatter = decay**2 * self._common_scatter + _over_samples(weighted, common @ weighted)
+        self._own_scatter = decay**2 * self._own_scatter + _over_samples(weighted, own @ weighted)
         self._pull *= decay
         if by_causes is not None:
             every = -(-len(w) // len(by_causes))
             self._pull += every * _over_samples(weighted[::every], by_inputs @ by_causes)
-        self._solve()
-        squares = np.square(right_side - matrix @ self._newest) / noise.diagonal()
-        self._squares = decay * self._squares + age_weights @ squares
-        self._count = decay * self._count + samples
+        self._all = self._solution(self._sums + self._old, self._count + self._old_count)
+        self._newest = self._solution(self._sums, self._count) if self._has_changed else self._all
+        self.theta[self._free] = self._all.theta
+        self._squares = decay * self._squares + float(age_weights @ _squares(both, self._newest.theta, normal))
+
+    def covariance(self, agreeing: int = 1) -> Array:
+        """Of the mean of the thetas of so many robots, shape (10, 10); grown where residuals are larger than noise.
+
+        Noise of what all have alike does not average out. Weights that fall with age make it about half the inverse of
+        the information: the square of a weight falls twice as fast.
+        """
+        inverse = self._all.inverse
+        scatter = self._common_scatter + self._own_scatter / agreeing
+        held = self._all.by_guess @ np.diag(_PRIOR_STD[self._free])
+        level = self._noise.uncertainty * self._all.by_noise
+        result = self._residual_scale * inverse @ scatter @ inverse + held @ held.T + np.outer(level, level)
+        return self._of_all(result) + _KNOWN_STD**2 * np.eye(10)
+
+    @property
+    def by_causes(self) -> Array:
+        """What theta is off for each unit of what may be off, shape (10, K)."""
+        result = np.zeros((10, self._pull.shape[1]))
+        result[self._free] = self._all.inverse @ self._pull
+        return result
+
+    def note_better(self, factor: float) -> None:
+        """What may be off is so much smaller from now on, while what has been taken in was off by more."""
+        self._pull /= factor
+
+    def note_change(self) -> None:
+        """The load has changed: what has been taken in so far is of another one."""
+        self._old, self._old_count, self._has_changed = self._old + self._sums, self._old_count + self._count, True
+        self._sums, self._count = np.zeros_like(self._sums), 0.0
+
+    @property
+    def covariance_of_old(self) -> Array:
+        """What old samples of another load pull theta by, as a covariance, shape (10, 10): zeros where there are none.
+
+        Without them theta would be another one, which is not known better than the samples since then tell.
+        """
+        if not self._has_changed:
+            return np.zeros((10, 10))
+        pull = self._all.theta - self._newest.theta
+        follow = self._all.inverse @ self._old[:, : len(pull)]
+        return self._of_all(np.outer(pull, pull) + follow @ self._newest.inverse @ follow.T)
 
     def _weights_of(self, samples: int) -> tuple[float, Array]:
         """What is left of the weight of older samples, and the weights of so many new ones, shape (samples,)."""
@@ -194,84 +239,38 @@ class JointRls:
         self._taken += samples
         return decay, weights
 
-    def covariance(self, agreeing: int = 1) -> Array:
-        """Of the mean of the thetas of so many robots, shape (10, 10), by noise that is as large as residuals are.
-
-        Noise of what all have alike does not average out. Weights that fall with age make it about half the inverse of
-        the information: the square of a weight falls twice as fast.
-        """
-        inverse = np.linalg.inv(self._information)
-        scatter = self._common_scatter + self._own_scatter / agreeing
-        stds = np.sqrt(self._squares.reshape(2, 3).mean(axis=1) / self._count)[_EQUATION_OF][self._free]
-        result = np.outer(stds, stds) * (inverse @ scatter @ inverse) + inverse @ self._prior @ inverse
-        # Noise that was not taken out holds theta near the guess, which may be as far off as the prior lets it.
-        left = (1.0 - self._share_taken_out(self._sums)) * self._sums[:, len(self._free) + 1 : -1]
-        held = inverse @ left @ np.diag(_PRIOR_STD[self._free])
-        return self._all(result + held @ held.T) + _KNOWN_STD**2 * np.eye(10)
-
     @property
-    def by_causes(self) -> Array:
-        """What theta is off for each unit of what may be off, shape (10, K)."""
-        result = np.zeros((10, self._pull.shape[1]))
-        result[self._free] = np.linalg.solve(self._information, self._pull)
-        return result
+    def _residual_scale(self) -> float:
+        """How much larger squared residuals are than noise explains, 1 at least; of the same samples as the sums."""
+        return max(self._squares / max(self._count + self._old_count, 1.0), 1.0)
 
-    def note_better(self, factor: float) -> None:
-        """What may be off is so much smaller from now on, while what has been taken in was off by more."""
-        self._pull /= factor
+    def _solution(self, sums: Array, count: float) -> _Solution:
+        """Theta by moments of so many samples and the prior, without what noise adds.
 
-    def note_change(self) -> None:
-        """The load has changed: what has been taken in so far is of another one."""
-        self._old, self._has_changed = self._sums.copy(), True
-
-    @property
-    def covariance_of_old(self) -> Array:
-        """What old samples of another load pull theta by, as a covariance, shape (10, 10): zeros where there are none.
-
-        Without them theta would be another one, which is not known better than the samples since then tell.
+        As much information is left in each direction as may be noise beside its average.
         """
-        if not self._has_changed:
-            return np.zeros((10, 10))
-        pull = self.theta[self._free] - self._newest
-        follow = np.linalg.solve(self._information, self._old[:, : len(pull)])
-        newest = np.linalg.inv(self._moments(self._sums - self._old)[0])
-        return self._all(np.outer(pull, pull) + follow @ newest @ follow.T)
-
-    def _solve(self) -> None:
-        self._information, vector = self._moments(self._sums)
-        self.theta[self._free] = np.linalg.solve(self._information, vector)
-        self._newest = self.theta[self._free]
-        if self._has_changed:
-            self._newest = np.linalg.solve(*self._moments(self._sums - self._old))
-
-    def _moments(self, sums: Array) -> tuple[Array, Array]:
-        """Information and vector, with the prior and without what noise adds, as far as there is more than noise."""
-        n, share = len(self._free), self._share_taken_out(sums)
-        information = sums[:, :n] + self._prior - share * sums[:, n + 1 : -1]
-        return information, sums[:, n] - share * sums[:, -1] + self._prior @ self._guess
-
-    def _share_taken_out(self, sums: Array) -> float:
-        """How much of what noise adds can be taken out."""
         n = len(self._free)
-        ratios = np.linalg.solve(sums[:, :n] + self._prior, sums[:, n + 1 : -1])
-        largest = float(np.trace(ratios))  # no less than the ratio in any direction
-        if largest > _MOST_NOISE:
-            largest = float(np.linalg.eigvals(ratios).real.max())
-        return min(1.0, _MOST_NOISE / max(largest, 1e-12))
+        information, vector, noise, noise_vector = np.split(sums, [n, n + 1, 2 * n + 1], axis=1)
+        # In this basis all information is 1, and noise a share of it in each direction: what is left is positive.
+        root = np.linalg.cholesky(information + self._prior)
+        white = np.linalg.inv(root)
+        shares, turn = np.linalg.eigh(white @ noise @ white.T)
+        basis = white.T @ turn
+        shares = np.maximum(shares, _ROUNDING)
+        left = np.maximum(1.0 - shares, np.minimum(doubt_of(shares, count), _MOST_DOUBTED))
+        taken = (1.0 - left) / shares
+        inverse = (basis / left) @ basis.T
+        right = basis.T @ (vector[:, 0] + self._prior @ self._guess) - taken * (basis.T @ noise_vector[:, 0])
+        theta = basis @ (right / left)
+        not_taken = basis @ ((1.0 - taken) / left * basis).T
+        return _Solution(
+            theta=theta,
+            inverse=inverse,
+            by_guess=inverse @ self._prior + not_taken @ noise,
+            by_noise=basis @ (taken / left * (basis.T @ (noise @ theta - noise_vector[:, 0]))),
+        )
 
-    def _measure_noise(self, inputs: Array, decay: float) -> None:
-        """Learn of the noise of ``(F, T, a, alpha)``, shape (B, 12), from what differs from any smooth motion."""
-        differences = _fifth_differences(len(inputs))
-        if not len(differences):
-            return
-        rough = differences @ inputs
-        squares = rough.T @ rough
-        usual = _JUMP * len(differences) / self._noise_count * self._noise_sum.diagonal()
-        if self._noise_count < _LEARNT or np.all(squares.diagonal() < usual):
-            self._noise_sum = decay * self._noise_sum + squares
-            self._noise_count = decay * self._noise_count + len(differences)
-
-    def _all(self, of_free: Array) -> Array:
+    def _of_all(self, of_free: Array) -> Array:
         """A covariance with zeros for what is known beforehand."""
         result = np.zeros((10, 10))
         result[np.ix_(self._free, self._free)] = of_free
@@ -290,7 +289,8 @@ def _over_samples(left: Array, right: Array) -> Array:
     return result
 
 
-@cache
-def _fifth_differences(samples: int) -> Array:
-    """What makes fifth differences of samples, with the variance of white noise; (samples - 5, samples)."""
-    return np.diff(np.eye(samples), 5, axis=0) / np.sqrt(252.0) if samples > 5 else np.zeros((0, samples))
+def _squares(both: Array, theta: Array, normal: Array) -> Array:
+    """Squared residuals of samples in units of their noise, per equation: 1 is usual; shape (B,)."""
+    residual = both[:, :, -1] - both[:, :, :-1] @ theta
+    result: Array = np.einsum("bi,ij,bj->b", residual, normal, residual) / 6.0
+    return result
