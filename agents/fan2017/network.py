@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
+from coheft.agents.estimator import Channels
 from coheft.consensus.graph import (
     Neighbours,
     convergence_rate,
@@ -13,6 +16,8 @@ from coheft.consensus.graph import (
     uniform_weight,
     weight_matrix,
 )
+from coheft.consensus.pipeline import NeighbourStages
+from coheft.estimation.geometry.spatial import Array
 from coheft.wire.config import AgentConfig
 from coheft.wire.messages.size import MANY
 
@@ -46,3 +51,33 @@ class Network:
             rate = 1.0 - 4.0 * uniform_weight(graph) / (len(graph) * diameter(graph))
             return Network(len(graph), gains, rate)
         return Network(len(graph), gains, convergence_rate(weight_matrix(graph, gain)))
+
+    @property
+    def left_by_a_round(self) -> float:
+        """So much disagreement is left at most, for what the last round did of it."""
+        return self.rate / (1.0 - self.rate)
+
+    def stages(
+        self, channel: str, transports: Mapping[str, Array], inbox: Mapping[str, Channels], rounds: int
+    ) -> list[NeighbourStages]:
+        """The neighbours' stages of a consensus.
+
+        Args:
+            channel: Its name.
+            transports: ``X_ij`` by neighbour.
+            inbox: What the neighbours sent.
+            rounds: Rounds that each value goes through.
+        """
+        stages = []
+        for name, transport in transports.items():
+            channels = inbox.get(name, {})
+            valid = channels.get(f"{channel}_valid")
+            stages.append(
+                NeighbourStages(
+                    transport=transport,
+                    gains=np.full(rounds, self.gains[name]),
+                    stages=channels.get(channel),
+                    valid=None if valid is None else valid > 0.5,
+                )
+            )
+        return stages

@@ -24,6 +24,7 @@ import numpy as np
 from coheft.estimation.fan2017.input_noise import InputNoise
 from coheft.estimation.geometry.observability import doubt_of
 from coheft.estimation.geometry.spatial import Array, skew
+from coheft.estimation.linear_algebra import inverse
 from coheft.estimation.rigid_body.mass_properties import euler_regressor
 
 _PRIOR_STD = np.array([10.0] * 6 + [1.0] * 3 + [1.0])
@@ -161,8 +162,8 @@ class JointRls:
         by_inputs = (self._by_inputs[:, :, -1] - self._by_inputs[:, :, :-1] @ self._all.theta).T
         common = by_inputs @ self._noise.common @ by_inputs.T
         own = by_inputs @ self._noise.own @ by_inputs.T
-        weight = np.linalg.inv(common + own if self._is_weighted_by_state else self._constant_noise)
-        normal = np.linalg.inv(common + own)
+        normal = inverse(common + own)
+        weight = normal if self._is_weighted_by_state else inverse(self._constant_noise)
         self.surprise = float(_squares(both, self._newest.theta, normal).mean()) / self._residual_scale
 
         decay, age_weights = self._weights_of(len(w))
@@ -193,11 +194,11 @@ class JointRls:
         Noise of what all have alike does not average out. Weights that fall with age make it about half the inverse of
         the information: the square of a weight falls twice as fast.
         """
-        inverse = self._all.inverse
+        gain = self._all.inverse
         scatter = self._common_scatter + self._own_scatter / agreeing
         held = self._all.by_guess @ np.diag(_PRIOR_STD[self._free])
         level = self._noise.uncertainty * self._all.by_noise
-        result = self._residual_scale * inverse @ scatter @ inverse + held @ held.T + np.outer(level, level)
+        result = self._residual_scale * gain @ scatter @ gain + held @ held.T + np.outer(level, level)
         return self._of_all(result) + _KNOWN_STD**2 * np.eye(10)
 
     @property
@@ -252,21 +253,21 @@ class JointRls:
         n = len(self._free)
         information, vector, noise, noise_vector = np.split(sums, [n, n + 1, 2 * n + 1], axis=1)
         # In this basis all information is 1, and noise a share of it in each direction: what is left is positive.
-        root = np.linalg.cholesky(information + self._prior)
-        white = np.linalg.inv(root)
+        root: Array = np.asarray(np.linalg.cholesky(information + self._prior))
+        white = inverse(root)
         shares, turn = np.linalg.eigh(white @ noise @ white.T)
         basis = white.T @ turn
         shares = np.maximum(shares, _ROUNDING)
         left = np.maximum(1.0 - shares, np.minimum(doubt_of(shares, count), _MOST_DOUBTED))
         taken = (1.0 - left) / shares
-        inverse = (basis / left) @ basis.T
+        gain = (basis / left) @ basis.T
         right = basis.T @ (vector[:, 0] + self._prior @ self._guess) - taken * (basis.T @ noise_vector[:, 0])
         theta = basis @ (right / left)
         not_taken = basis @ ((1.0 - taken) / left * basis).T
         return _Solution(
             theta=theta,
-            inverse=inverse,
-            by_guess=inverse @ self._prior + not_taken @ noise,
+            inverse=gain,
+            by_guess=gain @ self._prior + not_taken @ noise,
             by_noise=basis @ (taken / left * (basis.T @ (noise @ theta - noise_vector[:, 0]))),
         )
 
