@@ -286,7 +286,8 @@ def _split(matrix: Array, right_side: Array, theta: Array, known: Array, free: A
 
 def _over_samples(left: Array, right: Array) -> Array:
     """``sum left^T right`` over samples, shapes (B, 6, k) and (B, 6, l) to (k, l)."""
-    result: Array = left.reshape(-1, left.shape[2]).T @ right.reshape(-1, right.shape[2])
+    rows = left.shape[0] * left.shape[1]
+    result: Array = left.reshape(rows, left.shape[2]).T @ right.reshape(rows, right.shape[2])
     return result
 
 
