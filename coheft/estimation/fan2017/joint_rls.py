@@ -33,9 +33,6 @@ _KNOWN_STD = 1e-6
 _MOST_DOUBTED = 0.5
 """No more of the information in a direction is left because it may be noise, however few samples there are."""
 _ROUNDING = 1e-12
-_FADE = 2
-"""What the first samples weigh follows from the guess, and may be far too much: of k samples number j counts
-``(j / k)`` to this power."""
 
 
 def joint_regressor(w: Array, a: Array, alpha: Array, force: Array, torque: Array) -> tuple[Array, Array]:
@@ -230,13 +227,16 @@ class JointRls:
         return self._of_all(np.outer(pull, pull) + follow @ self._newest.inverse @ follow.T)
 
     def _weights_of(self, samples: int) -> tuple[float, Array]:
-        """What is left of the weight of older samples, and the weights of so many new ones, shape (samples,)."""
+        """What is left of the weight of older samples, and the weights of so many new ones, shape (samples,).
+
+        What the first samples weigh follows from the guess, and may be far too much: of k samples number j counts j / k.
+        """
         weights = self._forgetting ** np.arange(samples - 1, -1, -1.0)
         decay = self._forgetting**samples
         if self._is_weighted_by_state:
             places = np.arange(self._taken, self._taken + samples + 1) / (self._taken + samples)
-            decay *= float(places[0]) ** _FADE
-            weights *= places[1:] ** _FADE
+            decay *= float(places[0])
+            weights *= places[1:]
         self._taken += samples
         return decay, weights
 
