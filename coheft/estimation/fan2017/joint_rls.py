@@ -229,7 +229,8 @@ class JointRls:
     def _weights_of(self, samples: int) -> tuple[float, Array]:
         """What is left of the weight of older samples, and the weights of so many new ones, shape (samples,).
 
-        What the first samples weigh follows from the guess, and may be far too much: of k samples number j counts j / k.
+        What the first samples weigh follows from the guess, and may be far too much: of k samples, number j counts
+        ``j / k``.
         """
         weights = self._forgetting ** np.arange(samples - 1, -1, -1.0)
         decay = self._forgetting**samples
