@@ -48,11 +48,6 @@ class InputNoise:
         """Of what all robots have alike, shape (12, 12), zeros elsewhere."""
         return np.where(self._is_common, self._sum / self._count, 0.0)
 
-    @property
-    def uncertainty(self) -> float:
-        """Relative standard deviation of the variances."""
-        return float(np.sqrt(2.0 / self._count))
-
     def measure(self, inputs: Array) -> None:
         """Learn from a block ``(F, T, a, alpha)``, shape (B, 12); nothing from fewer than nine samples."""
         differences = _differences(len(inputs))

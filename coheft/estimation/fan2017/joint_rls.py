@@ -30,8 +30,6 @@ from coheft.estimation.rigid_body.mass_properties import euler_regressor
 _PRIOR_STD = np.array([10.0] * 6 + [1.0] * 3 + [1.0])
 _KNOWN_STD = 1e-6
 """Of what is known beforehand: next to nothing, and yet the covariance has an inverse."""
-_MOST_DOUBTED = 0.5
-"""No more of the information in a direction is left because it may be noise, however few samples there are."""
 _ROUNDING = 1e-12
 
 
@@ -68,13 +66,11 @@ class _Solution:
         inverse: Of the information without what noise adds, positive definite, shape (n, n).
         by_guess: What theta is off for each unit of what the guess is off: prior and noise that was not taken out hold
             it there; shape (n, n).
-        by_noise: What it would be off if noise were larger by its whole self, shape (n,).
     """
 
     theta: Array
     inverse: Array
     by_guess: Array
-    by_noise: Array
 
 
 class JointRls:
@@ -194,8 +190,7 @@ class JointRls:
         gain = self._all.inverse
         scatter = self._common_scatter + self._own_scatter / agreeing
         held = self._all.by_guess @ np.diag(_PRIOR_STD[self._free])
-        level = self._noise.uncertainty * self._all.by_noise
-        result = self._residual_scale * gain @ scatter @ gain + held @ held.T + np.outer(level, level)
+        result = self._residual_scale * gain @ scatter @ gain + held @ held.T
         return self._of_all(result) + _KNOWN_STD**2 * np.eye(10)
 
     @property
@@ -259,7 +254,7 @@ class JointRls:
         shares, turn = np.linalg.eigh(white @ noise @ white.T)
         basis = white.T @ turn
         shares = np.maximum(shares, _ROUNDING)
-        left = np.maximum(1.0 - shares, np.minimum(doubt_of(shares, count), _MOST_DOUBTED))
+        left = np.maximum(1.0 - shares, np.minimum(doubt_of(shares, count), 1.0))
         taken = (1.0 - left) / shares
         gain = (basis / left) @ basis.T
         right = basis.T @ (vector[:, 0] + self._prior @ self._guess) - taken * (basis.T @ noise_vector[:, 0])
@@ -269,7 +264,6 @@ class JointRls:
             theta=theta,
             inverse=gain,
             by_guess=gain @ self._prior + not_taken @ noise,
-            by_noise=basis @ (taken / left * (basis.T @ (noise @ theta - noise_vector[:, 0]))),
         )
 
     def _of_all(self, of_free: Array) -> Array:
