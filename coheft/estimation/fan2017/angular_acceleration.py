@@ -72,9 +72,11 @@ class AngularAcceleration:
         """
         carried = [other @ pose.rotation.T for pose, other in zip(self.poses_j_in_i, others, strict=True)]
         moment = self._gyro_weight * gyro_derivative
+        crosses = skew(gyro)
+        centripetal = crosses @ crosses
         for arm, seen in zip(self._arms, [acceleration, *carried], strict=True):
-            tangential = seen - np.cross(gyro, np.cross(gyro, arm))
-            moment += np.cross(arm, tangential) / self.noise.acceleration**2
+            tangential = seen - centripetal @ arm
+            moment += tangential @ skew(arm).T / self.noise.acceleration**2
         result: Array = moment @ self.covariance
         return result
 

@@ -153,8 +153,8 @@ class JointRls:
         self._noise.measure(np.hstack([force, torque, a, alpha]))
         # Derivative (6, 12) of both equations' residual by (F, T, a, alpha), and by Proposition 2 their noise, (6, 6).
         by_inputs = (self._by_inputs[:, :, -1] - self._by_inputs[:, :, :-1] @ self._all.theta).T
-        common = by_inputs @ self._noise.common @ by_inputs.T
-        own = by_inputs @ self._noise.own @ by_inputs.T
+        common_inputs, own_inputs = self._noise.common, self._noise.own
+        common, own = by_inputs @ common_inputs @ by_inputs.T, by_inputs @ own_inputs @ by_inputs.T
         normal = inverse(common + own)
         weight = normal if self._is_weighted_by_state else inverse(self._constant_noise)
         self.surprise = float(_squares(both, self._newest.theta, normal).mean()) / self._residual_scale
@@ -168,7 +168,7 @@ class JointRls:
         self._old_count *= decay
         self._sums[:, : n + 1] += _over_samples(weighted, both)
         if self._is_weighted_by_state:  # basic least squares takes the regressor to be exact
-            in_regressor = np.tensordot(self._noise.common + self._noise.own, weight @ self._by_inputs, 1)
+            in_regressor = np.tensordot(common_inputs + own_inputs, weight @ self._by_inputs, 1)
             self._sums[:, n + 1 :] += age_weights.sum() * _over_samples(self._by_inputs, in_regressor)[:-1]
         self._common_scatter = decay**2 * self._common_scatter + _over_samples(weighted, common @ weighted)
         self._own_scatter = decay**2 * self._own_scatter + _over_samples(weighted, own @ weighted)
@@ -289,5 +289,5 @@ def _over_samples(left: Array, right: Array) -> Array:
 def _squares(both: Array, theta: Array, normal: Array) -> Array:
     """Squared residuals of samples in units of their noise, per equation: 1 is usual; shape (B,)."""
     residual = both[:, :, -1] - both[:, :, :-1] @ theta
-    result: Array = np.einsum("bi,ij,bj->b", residual, normal, residual) / 6.0
+    result: Array = (residual @ normal * residual).sum(axis=1) / 6.0
     return result
