@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from coheft.agents.estimator import is_converged
+from coheft.agents.fan2017.agreement import Agreed
 from coheft.estimation.fan2017.joint_rls import JointRls
 from coheft.estimation.fan2017.systematic import covariance_of_lag
 from coheft.estimation.geometry.spatial import Array
@@ -19,33 +20,29 @@ _ORDER = [9, 6, 7, 8, 0, 1, 2, 3, 4, 5]
 
 
 def claim(
-    rls: JointRls, agreed: Array, by_poses: Array, agreeing: int, length: float, limits: Converged
+    rls: JointRls, agreed: Agreed, by_poses: Array, length: float, limits: Converged
 ) -> tuple[PayloadEstimate, tuple[str, ...]]:
     """The payload with its covariance, and why that is larger than ``limits`` ask for, in words.
 
-    The own estimate differs from the agreed one while the agreement is under way. That counts as two standard
-    deviations: so far an own estimate often is from a good agreement.
+    What robots' sums lag behind adds up to zero: of it no more is left in the mean than if it were independent.
 
     Args:
         rls: The own estimate.
-        agreed: ``(1/m, 1, h, J)``, of all robots.
+        agreed: That of all robots.
         by_poses: What frozen poses add to the covariance of theta, shape (10, 10).
-        agreeing: Robots over whose estimates the mean is taken. What they lag behind adds up to zero: of it no more is
-            left than if it were independent.
         length: Typical distance of grasps [m].
         limits: When an estimate is good enough.
     """
-    values = _payload_parameters(agreed)
-    apart = values - _payload_parameters(parameters_of(rls.theta))
-    pull = rls.pull_of_old
+    values = agreed.theta[_ORDER]
+    values[0] = 1.0 / values[0]
     parts = {
-        "noise": rls.covariance,
+        "noise": rls.covariance(agreed.robots),
         "poses that are frozen as they were when the sums began": by_poses,
-        "dynamic consensus, which lags behind": covariance_of_lag(rls.by_causes) / agreeing,
-        "samples of the load before it changed, which still count": np.outer(pull, pull),
+        "dynamic consensus, which lags behind": covariance_of_lag(rls.by_causes) / agreed.robots,
+        "samples of the load before it changed, which still count": rls.covariance_of_old,
+        "robots that do not agree yet": np.outer(agreed.behind, agreed.behind),
     }
     covariances = {cause: _in_order(part, values[0]) for cause, part in parts.items()}
-    covariances["robots that do not agree yet"] = 0.25 * np.outer(apart, apart)
     covariance = np.sum(list(covariances.values()), axis=0)
     raw = Inertia(float(values[0]), values[1:4], unpack_symmetric(values[4:]))
     inertia = _possible(raw, covariance, length)
@@ -58,16 +55,6 @@ def claim(
         if not is_converged(PayloadEstimate(inertia.mass, inertia.com, inertia.tensor, part), limits)
     ]
     return payload, tuple(f"standard deviations are too large because of {cause}" for cause in alone or covariances)
-
-
-def parameters_of(theta: Array) -> Array:
-    """``(1/m, 1, h, J)`` of ``(J, h, 1/m)``."""
-    return np.concatenate([theta[9:], [1.0], theta[6:9], theta[:6]])
-
-
-def _payload_parameters(parameters: Array) -> Array:
-    """``(m, h, J)`` of ``(1/m, 1, h, J)``."""
-    return np.concatenate([1.0 / parameters[:1], parameters[2:]])
 
 
 def _in_order(covariance: Array, mass: float) -> Array:

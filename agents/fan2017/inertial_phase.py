@@ -1,36 +1,40 @@
 """The inertial phase of Fan et al., sections VI and VII, for one robot.
 
-Total wrench and angular acceleration by dynamic consensus, mass properties by joint least squares with forgetting, and
-consensus over the robots' estimates.
+Total wrench and angular acceleration by dynamic consensus, and mass properties by joint least squares with forgetting,
+on which robots agree.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from math import ceil, log
 
 import numpy as np
 
 from coheft.agents.estimator import Channels
-from coheft.agents.fan2017.claims import claim, parameters_of
+from coheft.agents.fan2017.agreement import Agreed, Agreement
+from coheft.agents.fan2017.claims import claim
 from coheft.agents.fan2017.load_changes import LoadChanges
 from coheft.agents.fan2017.network import Network
 from coheft.consensus.dynamic import DynamicConsensus
 from coheft.consensus.graph import Neighbours
-from coheft.consensus.pipeline import NeighbourStages
 from coheft.estimation.fan2017.angular_acceleration import AngularAcceleration, gyro_derivative
 from coheft.estimation.fan2017.joint_rls import JointRls
-from coheft.estimation.fan2017.systematic import causes, covariance_of_poses, inputs_by_causes, place_covariance
-from coheft.estimation.geometry.spatial import Array, Pose, skew
+from coheft.estimation.fan2017.systematic import (
+    CAUSES,
+    covariance_of_place,
+    covariance_of_poses,
+    inputs_by_causes,
+    place_covariance,
+)
+from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.geometry.uncertain_pose import UncertainPose
-from coheft.estimation.rigid_body.mass_properties import packed_rotation
 from coheft.wire.config import AgentConfig, KnownPayload
 from coheft.wire.messages.structs import PayloadEstimate
 
 _SAMPLE_CHANNELS = 10
 """Per sample: total force and torque, angular acceleration, and 1 where these were measured or 0 where made up."""
-_PARAMETER_CHANNELS = 11
-"""Per block: 1/m, the constant 1 that makes points linear, h, J."""
 _SURPRISE = 9.0
 """A block is surprising when the mean square of its normalised residuals is so many times the usual one."""
 _SURPRISED_BLOCKS = 2
@@ -42,7 +46,7 @@ _MUCH_BETTER = 0.7
 _LEFT = 2e-3
 """Sums are looked at once so much is left of what robots disagreed on at the start."""
 _EVERY = 5
-"""Of so many samples one tells what poses and lag do to the estimate."""
+"""Of so many samples one tells what poses and lag do to the estimate, and of so many blocks one what it is off."""
 _PATIENCE = 0.25
 """After so long without a complete sum, the load may have changed unnoticed [s]."""
 
@@ -72,38 +76,34 @@ class InertialPhase:
         self._settings = config.fan2017
         self._rounds = self._settings.rounds
         self._network = Network.of(config, graph)
-        rate = self._network.rate
         # Blocks that have gone through this many times all rounds are what is looked at.
-        self._mixing_rounds = ceil(log(_LEFT) / log(max(rate, 1e-9)))
+        self._mixing_rounds = ceil(log(_LEFT) / log(max(self._network.rate, 1e-9)))
         self._passes = ceil(self._mixing_rounds / self._rounds) - 1
-        self._use_poses(poses_j_in_i)
+        self._agreement = Agreement(self._network, self._settings.initial_mass)
         self._own_acceleration: dict[int, tuple[Array, Array]] = {}
         self._inputs = np.zeros((config.block, _SAMPLE_CHANNELS))
-        # Before the first estimate h is at the own grasp, so that the consensus on h is the centre of the grasps.
-        self._start = np.array([1.0 / self._settings.initial_mass, 1.0] + [0.0] * 9)
-        self._agreed = self._start
-        self._is_known = np.isin(parameters_of(np.arange(10.0)), list(_known(config.known)))
+        self._by_place = np.zeros((10, 10))
         self._filter: JointRls | None = None
         self._surprised = 0
         self._quiet_until = np.inf
+        self._first_agreed = 0
+        """No sooner than this block have all robots agreed on any payload."""
         self.newest = -1
         self.total_wrench = np.zeros(6)
         self._load_changes = load_changes
-        self._start_sums()
+        self._start_with(poses_j_in_i)
 
-    def _use_poses(self, poses_j_in_i: Mapping[str, UncertainPose]) -> None:
-        """Freeze the neighbours' poses as they are."""
+    def _start_with(self, poses_j_in_i: Mapping[str, UncertainPose]) -> None:
+        """Freeze the neighbours' poses as they are, and start all sums."""
         self._poses = dict(sorted(poses_j_in_i.items()))
         poses = [each.pose for each in self._poses.values()]
-        self._transports = {name: _transports(each.pose) for name, each in self._poses.items()}
+        self._transports = {name: _transport(each.pose) for name, each in self._poses.items()}
         self._acceleration = AngularAcceleration(
             poses, self._config.noise, self._config.rate, self._settings.acceleration == "accelerometers"
         )
         self._length = float(np.sqrt(np.mean([pose.translation @ pose.translation for pose in poses])))
-
-    def _start_sums(self) -> None:
         self._sums = DynamicConsensus(self._rounds, self._config.block, _SAMPLE_CHANNELS)
-        self._parameters = DynamicConsensus(1, 1, _PARAMETER_CHANNELS)
+        self._agreement.start({name: each.pose for name, each in self._poses.items()})
         self._next: int | None = None
         self._converged_at: int | None = None
         self._agreed_at = 0
@@ -118,23 +118,22 @@ class InertialPhase:
         Whenever sums start, all robots do this, so that both ends of an edge use the same pose.
         """
         better = min(1.0, max(_share(poses_j_in_i[name], used) for name, used in self._poses.items()))
-        self._use_poses(poses_j_in_i)
+        self._start_with(poses_j_in_i)
         if self._filter is not None:
             self._filter.note_better(better)
-        self._start_sums()
 
     @property
     def is_broken(self) -> bool:
         """Whether a neighbour's message was lost, so that every robot has to start the sums anew."""
-        return self._sums.is_broken or self._parameters.is_broken
+        return any(each.is_broken for each in self._consensuses.values())
 
     def step(
         self, index: int, blocks: Mapping[int, Array], heard: Mapping[str, Array], inbox: Mapping[str, Channels]
     ) -> None:
         """Let block ``index - 1`` enter the sums, and take in the one that leaves them."""
         if self._next not in (None, index):
-            self._sums.pipeline.clear()
-            self._parameters.pipeline.clear()
+            for each in self._consensuses.values():
+                each.pipeline.clear()
         self._next = index + 1
         if self._converged_at is None:
             self._converged_at = index + self._rounds * (1 + self._passes)
@@ -142,46 +141,60 @@ class InertialPhase:
         self._inputs = self._inputs_of(index - 1, blocks, heard)
         self._own_acceleration = {k: each for k, each in self._own_acceleration.items() if k in blocks}
         if self._inputs[0, 9]:
-            others = [heard[name][::_EVERY, 6:9] for name in self._poses]
-            alpha = self._inputs[:, 6:9]
-            by_poses = self._acceleration.by_poses(blocks[index - 1][::_EVERY, :3], alpha[::_EVERY], others)
-            self._own_acceleration[index - 1] = alpha, by_poses
+            self._own_acceleration[index - 1] = (
+                self._inputs[:, 6:9],
+                self._acceleration_by_place(blocks[index - 1], heard),
+            )
         before_last_round = self._sums.pipeline.stages[-1]
-        finished = self._sums.step(self._inputs, self._stages(inbox, "sums", 0, self._rounds))
+        finished = self._sums.step(self._inputs, self._network.stages("sums", self._transports, inbox, self._rounds))
         leaving = index - 1 - self._rounds
         is_converged = index >= self._converged_at
         if finished is not None and is_converged and leaving in self._own_acceleration and self._is_measured(finished):
             self._take_in(leaving, index, blocks[leaving], finished, before_last_round)
-        own = self._start if self._filter is None else parameters_of(self._filter.theta)
-        agreed = self._parameters.step(own[None], self._stages(inbox, "parameters", 1, 1))
-        # Where the agreement starts anew, what was agreed on before holds until it has come as far again.
-        if agreed is not None and (self._filter is None or index >= self._agreed_at):
-            self._agreed = agreed[0]
+        is_reached = self._filter is None or index >= self._agreed_at
+        self._agreement.step(self._own_estimate(index), inbox, is_reached=is_reached)
+
+    def _own_estimate(self, index: int) -> tuple[Array, Array] | None:
+        if self._filter is None:
+            return None
+        if index % _EVERY == 0:  # it changes slowly
+            place = place_covariance(list(self._poses.values()), self._filter.theta[6:9])
+            self._by_place = covariance_of_place(self._filter.by_causes, place)
+        return self._filter.theta, self._by_place
+
+    @property
+    def _consensuses(self) -> dict[str, DynamicConsensus]:
+        return {"sums": self._sums, "parameters": self._agreement.consensus}
 
     def channels(self) -> dict[str, Array]:
         """What to send to the neighbours."""
         channels: dict[str, Array] = {}
-        for name, consensus in (("sums", self._sums), ("parameters", self._parameters)):
+        for name, consensus in self._consensuses.items():
             stages, valid = consensus.pipeline.sent()
             channels |= {name: stages, f"{name}_valid": valid.astype(np.float64)}
         return channels
 
     def payload(self) -> tuple[PayloadEstimate, tuple[str, ...]] | None:
         """The robots' agreed estimate with its covariance, and why it has not converged, if it has not."""
-        if self._filter is None or self._agreed[0] <= 0.0 or self._filter.theta[9] <= 0.0:
+        if self._filter is None or self._next is None or self._next <= self._first_agreed:
             return None
-        # What is known beforehand needs no agreement, in which frozen poses would make it wrong.
-        own = parameters_of(self._filter.theta)
-        shared = self._settings.share_estimates
-        agreed = np.where(self._is_known, own, self._agreed) if shared else own
-        poses = list(self._poses.values())
-        place = place_covariance(poses, self._filter.theta[6:9], self._network.place_variance)
-        sharing = self._network.members if self._settings.share_acceleration else 1
+        agreed = self._agreed(self._filter.theta)
+        if agreed.theta[9] <= 0.0 or self._filter.theta[9] <= 0.0:
+            return None
+        place = place_covariance(list(self._poses.values()), self._filter.theta[6:9])
         by_poses = covariance_of_poses(
-            self._filter.theta, self._filter.by_causes, place, poses, self._network.members, sharing
+            self._filter.theta, self._filter.by_causes, place, agreed.by_place, self._network.members
         )
-        agreeing = self._network.members if shared else 1
-        return claim(self._filter, agreed, by_poses, agreeing, self._length, self._config.converged)
+        return claim(self._filter, agreed, by_poses, self._length, self._config.converged)
+
+    def _agreed(self, own: Array) -> Agreed:
+        """What all robots agree on. What is known beforehand needs no agreement: frozen poses would make it wrong."""
+        agreed = self._agreement.agreed
+        if not self._settings.share_estimates:
+            return replace(agreed, theta=own, behind=np.zeros(10), robots=1)
+        is_known = np.isin(np.arange(10), list(_known(self._config.known)))
+        theta, behind = np.where(is_known, own, agreed.theta), np.where(is_known, 0.0, agreed.behind)
+        return replace(agreed, theta=theta, behind=behind)
 
     def _inputs_of(self, index: int, blocks: Mapping[int, Array], heard: Mapping[str, Array]) -> Array:
         """This robot's wrench and angular acceleration of a block; the last ones if a measurement is missing."""
@@ -196,25 +209,19 @@ class InertialPhase:
         alpha = self._acceleration.estimate(derivative, block[:, :3], block[:, 6:9], others)
         return np.hstack([block[:, 9:15], alpha, np.ones((len(block), 1))])
 
+    def _acceleration_by_place(self, samples: Array, heard: Mapping[str, Array]) -> Array:
+        """What the angular acceleration that the filter is fed is off by the own place, of some samples: (b, 3, 6).
+
+        A neighbour sees this robot as it sees the neighbour, the other way round: where all take the mean, what this
+        place does to the neighbour's estimate and to its own adds up. Else the neighbours' places are off as much.
+        """
+        others = [heard[name][::_EVERY, 6:9] for name in self._poses]
+        share = 2.0 / self._network.members if self._settings.share_acceleration else np.sqrt(2.0)
+        return share * self._acceleration.by_place(samples[::_EVERY, :3], self._inputs[::_EVERY, 6:9], others)
+
     def _is_measured(self, average: Array) -> bool:
         """Whether no robot's share in a block was made up: what is made up spreads just as the sums that it spoils."""
         return bool(average[:, 9].min() > 1.0 - 0.5 / self._network.members)
-
-    def _stages(self, inbox: Mapping[str, Channels], channel: str, which: int, rounds: int) -> list[NeighbourStages]:
-        """The neighbours' stages of one of the two consensuses, with their transports."""
-        stages = []
-        for name, transports in self._transports.items():
-            channels = inbox.get(name, {})
-            valid = channels.get(f"{channel}_valid")
-            stages.append(
-                NeighbourStages(
-                    transport=transports[which],
-                    gains=np.full(rounds, self._network.gains[name]),
-                    stages=channels.get(channel),
-                    valid=None if valid is None else valid > 0.5,
-                )
-            )
-        return stages
 
     def gap(self, block: int) -> str | None:
         """Why the load may have changed unnoticed by now, the start of a block; None if it cannot have."""
@@ -227,15 +234,15 @@ class InertialPhase:
         self.newest = leaving
         self.total_wrench = total[-1]
         if self._filter is None:
-            centre = self._agreed[2:5] if self._settings.initial_com == "centre" else np.zeros(3)
+            centre = self._agreement.centre if self._settings.initial_com == "centre" else np.zeros(3)
             self._filter = self._new_filter(centre)
             self._quiet_until = self._config.start_of(index) + _SETTLED
-        own_alpha, by_poses = self._own_acceleration[leaving]
+            self._first_agreed = index + self._mixing_rounds
+        own_alpha, by_place = self._own_acceleration[leaving]
         alpha = average[:, 6:9] if self._settings.share_acceleration else own_alpha
-        # Each round leaves a share of the disagreement, at most; from what the last one did follows what is left.
-        lag = self._network.rate / (1.0 - self._network.rate) * (average - before_last_round)[::_EVERY, :9]
+        lag = self._network.left_by_a_round * (average - before_last_round)[::_EVERY, :9]
         lag[:, :6] *= self._network.members
-        by_causes = inputs_by_causes((samples[:, 9:15] - average[:, :6])[::_EVERY], lag, by_poses)
+        by_causes = inputs_by_causes((samples[:, 9:15] - average[:, :6])[::_EVERY], lag, by_place)
         self._filter.update(samples[:, :3], samples[:, 6:9], alpha, total[:, :3], total[:, 3:], by_causes)
         self._watch_for_change(leaving, index, self._filter.surprise)
 
@@ -248,28 +255,24 @@ class InertialPhase:
             self._quiet_until = self._config.start_of(index) + self._settings.memory + _SETTLED
 
     def _new_filter(self, centre: Array) -> JointRls:
-        """The joint filter; lever arms and accelerations that it cannot know are taken to be like its neighbours'."""
+        """The joint filter. Until it has measured how large noise is, it takes all robots to be like its neighbours."""
         noise, n = self._config.noise, self._network.members
-        wrench_covariance = np.diag(np.repeat([n * noise.force**2, n * noise.torque**2], 3))
-        for each in self._poses.values():
-            arm = skew(each.pose.translation)
-            wrench_covariance[3:, 3:] += n / len(self._poses) * noise.force**2 * arm @ arm.T
+        torque_variance = noise.torque**2 + 2.0 / 3.0 * (noise.force * self._length) ** 2
+        wrench_covariance = np.diag(np.repeat([n * noise.force**2, n * torque_variance], 3))
         motion_covariance = np.zeros((6, 6))
         motion_covariance[:3, :3] = noise.acceleration**2 * np.eye(3)
-        shared = 1.0
-        if self._settings.share_acceleration:
-            sensors = len(self._poses) + 1 if self._settings.acceleration == "accelerometers" else 1
-            shared = min(1.0, sensors / n)  # each accelerometer serves its owner and its neighbours
-        motion_covariance[3:, 3:] = shared * self._acceleration.covariance
+        sharing = n if self._settings.share_acceleration else 1
+        motion_covariance[3:, 3:] = self._acceleration.covariance / sharing
         return JointRls(
             centre,
             wrench_covariance,
             motion_covariance,
             forgetting=1.0 - 1.0 / (self._settings.memory * self._config.rate),
+            is_alpha_shared=self._settings.share_acceleration,
             mass=self._settings.initial_mass,
             known=_known(self._config.known),
             is_weighted_by_state=self._settings.equation_weights == "proposition-2",
-            causes=causes(len(self._poses)),
+            causes=CAUSES,
         )
 
 
@@ -277,17 +280,12 @@ def _share(pose: UncertainPose, used: UncertainPose) -> float:
     return pose.translation_std / used.translation_std
 
 
-def _transports(pose_j_in_i: Pose) -> tuple[Array, Array]:
-    """``X_ij`` of samples (wrench, angular acceleration, 1) and of parameters (1/m, 1, h, J)."""
-    rotation = pose_j_in_i.rotation
-    samples = np.eye(_SAMPLE_CHANNELS)
-    samples[:6, :6] = pose_j_in_i.adjoint()
-    samples[6:9, 6:9] = rotation
-    parameters = np.eye(_PARAMETER_CHANNELS)
-    parameters[2:5, 1] = pose_j_in_i.translation
-    parameters[2:5, 2:5] = rotation
-    parameters[5:, 5:] = packed_rotation(rotation)
-    return samples, parameters
+def _transport(pose_j_in_i: Pose) -> Array:
+    """``X_ij`` of samples (wrench, angular acceleration, 1)."""
+    result = np.eye(_SAMPLE_CHANNELS)
+    result[:6, :6] = pose_j_in_i.adjoint()
+    result[6:9, 6:9] = pose_j_in_i.rotation
+    return result
 
 
 def _known(told: KnownPayload) -> dict[int, float]:

@@ -5,15 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
+from coheft.agents.estimator import Channels
 from coheft.consensus.graph import (
     Neighbours,
     convergence_rate,
     diameter,
     metropolis_weight,
-    place_variances,
     uniform_weight,
     weight_matrix,
 )
+from coheft.consensus.pipeline import NeighbourStages
+from coheft.estimation.geometry.spatial import Array
 from coheft.wire.config import AgentConfig
 from coheft.wire.messages.size import MANY
 
@@ -26,17 +30,15 @@ class Network:
         members: How many there are.
         gains: Weights of its edges, by neighbour.
         rate: What a round leaves of the disagreement, see ``convergence_rate``.
-        place_variance: See ``place_variances``; of the robot itself.
     """
 
     members: int
     gains: Mapping[str, float]
     rate: float
-    place_variance: float
 
     @staticmethod
     def of(config: AgentConfig, graph: Neighbours) -> Network:
-        """In a team of more than ``MANY`` the last two are bounds: no robot decomposes as large a matrix."""
+        """In a team of more than ``MANY`` the rate is a bound: no robot decomposes as large a matrix."""
         equal = uniform_weight(graph) if config.fan2017.consensus_weights == "uniform" else None
 
         def gain(one: str, other: str) -> float:
@@ -45,10 +47,37 @@ class Network:
         gains = {name: gain(config.name, name) for name in graph[config.name]}
         if len(graph) > MANY:
             # The second smallest eigenvalue of a Laplacian is 4 / (N diameter) at least (Mohar 1991), and the smallest
-            # weight that of a uniform one; a place is off by no more than a chain of edges across the graph.
-            longest = diameter(graph)
-            rate = 1.0 - 4.0 * uniform_weight(graph) / (len(graph) * longest)
-            return Network(len(graph), gains, rate, float(longest))
-        matrix = weight_matrix(graph, gain)
-        variance = float(place_variances(matrix)[list(graph).index(config.name)])
-        return Network(len(graph), gains, convergence_rate(matrix), variance)
+            # weight that of a uniform one.
+            rate = 1.0 - 4.0 * uniform_weight(graph) / (len(graph) * diameter(graph))
+            return Network(len(graph), gains, rate)
+        return Network(len(graph), gains, convergence_rate(weight_matrix(graph, gain)))
+
+    @property
+    def left_by_a_round(self) -> float:
+        """So much disagreement is left at most, for what the last round did of it."""
+        return self.rate / (1.0 - self.rate)
+
+    def stages(
+        self, channel: str, transports: Mapping[str, Array], inbox: Mapping[str, Channels], rounds: int
+    ) -> list[NeighbourStages]:
+        """The neighbours' stages of a consensus.
+
+        Args:
+            channel: Its name.
+            transports: ``X_ij`` by neighbour.
+            inbox: What the neighbours sent.
+            rounds: Rounds that each value goes through.
+        """
+        stages = []
+        for name, transport in transports.items():
+            channels = inbox.get(name, {})
+            valid = channels.get(f"{channel}_valid")
+            stages.append(
+                NeighbourStages(
+                    transport=transport,
+                    gains=np.full(rounds, self.gains[name]),
+                    stages=channels.get(channel),
+                    valid=None if valid is None else valid > 0.5,
+                )
+            )
+        return stages

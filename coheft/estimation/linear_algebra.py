@@ -17,6 +17,13 @@ def inverse(matrix: Array) -> Array:
     return result
 
 
+def positive_part(symmetric: Array) -> Array:
+    """A symmetric matrix (k, k) without what belongs to its negative eigenvalues."""
+    values, vectors = np.linalg.eigh(symmetric)
+    result: Array = (vectors * np.maximum(values, 0.0)) @ vectors.T
+    return result
+
+
 def is_positive_definite(matrix: Array) -> bool:
     """Whether a symmetric matrix (k, k) has positive eigenvalues only."""
     try:

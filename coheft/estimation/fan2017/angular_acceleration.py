@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from coheft.estimation.fan2017.systematic import place_carried
 from coheft.estimation.geometry.spatial import Array, Pose, skew
 from coheft.estimation.measurement import SensorNoise
 
@@ -71,14 +72,16 @@ class AngularAcceleration:
         """
         carried = [other @ pose.rotation.T for pose, other in zip(self.poses_j_in_i, others, strict=True)]
         moment = self._gyro_weight * gyro_derivative
+        crosses = skew(gyro)
+        centripetal = crosses @ crosses
         for arm, seen in zip(self._arms, [acceleration, *carried], strict=True):
-            tangential = seen - np.cross(gyro, np.cross(gyro, arm))
-            moment += np.cross(arm, tangential) / self.noise.acceleration**2
+            tangential = seen - centripetal @ arm
+            moment += tangential @ skew(arm).T / self.noise.acceleration**2
         result: Array = moment @ self.covariance
         return result
 
-    def by_poses(self, gyro: Array, alpha: Array, others: Sequence[Array]) -> Array:
-        """How ``alpha_i`` follows when neighbours' poses are perturbed as in ``UncertainPose``.
+    def by_place(self, gyro: Array, alpha: Array, others: Sequence[Array]) -> Array:
+        """How ``alpha_i`` follows when the own place is perturbed by ``(theta, p)``: to it, neighbours move instead.
 
         Args:
             gyro: Own ``w_i``, shape (B, 3) [rad/s].
@@ -86,15 +89,15 @@ class AngularAcceleration:
             others: The neighbours' ``a_j`` in their own frames, shape (B, 3) each.
 
         Returns:
-            Shape (B, 3, 6 n): by turn and by distance of each neighbour.
+            Shape (B, 3, 6): by turn and by distance.
         """
-        result = np.zeros((len(gyro), 3, 6 * len(self.poses_j_in_i)))
+        result = np.zeros((len(gyro), 3, 6))
         crosses = skew(gyro)
         field = skew(alpha) + crosses @ crosses  # acceleration by distance
-        for k, (arm, pose, other) in enumerate(zip(self._arms[1:], self.poses_j_in_i, others, strict=True)):
+        for arm, pose, other in zip(self._arms[1:], self.poses_j_in_i, others, strict=True):
             gain = self.covariance @ skew(arm) / self.noise.acceleration**2
-            result[:, :, 6 * k : 6 * k + 3] = -gain @ skew(other @ pose.rotation.T)
-            result[:, :, 6 * k + 3 : 6 * k + 6] = -gain @ field
+            by_pose = -gain @ np.concatenate([skew(other @ pose.rotation.T), field], axis=2)
+            result -= by_pose @ place_carried(pose.translation)
         return result
 
     @cached_property

@@ -7,9 +7,8 @@ The unknown is ``theta = (J, h, 1/m)``: J packed (6), h (3) [m], 1/m [1/kg]; lin
 What is known beforehand goes over to the right-hand side: with h known that leaves eq. (26) for J and eq. (27) for m,
 with J known eq. (25) for h, and so on.
 
-The total force is measured and stands in the regressor: what its noise adds to the moments on average is taken out, or
-the mass would come out wrong by several standard deviations (Proposition 2 has the covariance only). The noise of alpha
-stays in: how large that of the team's mean is no robot knows, and to take out too much makes it worse.
+Total force and alpha are measured and stand in the regressor: what their noise adds to the moments on average is taken
+out, or mass and inertia would come out wrong by several standard deviations (Proposition 2 has the covariance only).
 
 The projection of the second on the complement of F (eq. 24) follows from it and adds nothing once both are weighted by
 their noise, so it is not stacked a second time.
@@ -18,17 +17,20 @@ their noise, so it is not stacked a second time.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
+from coheft.estimation.fan2017.input_noise import InputNoise
+from coheft.estimation.geometry.observability import doubt_of
 from coheft.estimation.geometry.spatial import Array, skew
+from coheft.estimation.linear_algebra import inverse
 from coheft.estimation.rigid_body.mass_properties import euler_regressor
 
 _PRIOR_STD = np.array([10.0] * 6 + [1.0] * 3 + [1.0])
 _KNOWN_STD = 1e-6
 """Of what is known beforehand: next to nothing, and yet the covariance has an inverse."""
-_INPUTS = 12
-"""Numbers per sample that are measured: total force and torque, a, alpha."""
+_ROUNDING = 1e-12
 
 
 def joint_regressor(w: Array, a: Array, alpha: Array, force: Array, torque: Array) -> tuple[Array, Array]:
@@ -48,11 +50,27 @@ def joint_regressor(w: Array, a: Array, alpha: Array, force: Array, torque: Arra
 
 def _by_inputs() -> tuple[Array, Array]:
     """Derivatives of ``joint_regressor`` by ``(F, T, a, alpha)``, shapes (12, 6, 10) and (12, 6)."""
-    force, torque, a, alpha = np.eye(_INPUTS).reshape(_INPUTS, 4, 3).transpose(1, 0, 2)
-    return joint_regressor(np.zeros((_INPUTS, 3)), a, alpha, force, torque)
+    force, torque, a, alpha = np.eye(12).reshape(12, 4, 3).transpose(1, 0, 2)
+    return joint_regressor(np.zeros((12, 3)), a, alpha, force, torque)
 
 
 _MATRIX_BY_INPUTS, _RIGHT_SIDE_BY_INPUTS = _by_inputs()
+
+
+@dataclass(frozen=True, eq=False)
+class _Solution:
+    """Theta by some moments, of n numbers that are not known beforehand.
+
+    Attributes:
+        theta: Shape (n,).
+        inverse: Of the information without what noise adds, positive definite, shape (n, n).
+        by_guess: What theta is off for each unit of what the guess is off: prior and noise that was not taken out hold
+            it there; shape (n, n).
+    """
+
+    theta: Array
+    inverse: Array
+    by_guess: Array
 
 
 class JointRls:
@@ -63,14 +81,19 @@ class JointRls:
 
     Args:
         centre: Geometric centre of all grasps, the initial guess of h, shape (3,) [m].
-        wrench_covariance: Of the noise of the total wrench ``(F, T)``, shape (6, 6).
-        motion_covariance: Of the noise of ``(a, alpha)``, shape (6, 6).
+        wrench_covariance: Of the noise of the total wrench ``(F, T)``, shape (6, 6), before it is measured.
+        motion_covariance: Of the noise of ``(a, alpha)``, shape (6, 6), likewise.
         forgetting: Factor per sample by which older samples count less.
+        is_alpha_shared: Whether all robots of the team have the same ``alpha``, as they have the same total wrench.
         mass: Initial guess of the mass [kg].
         known: What is known beforehand, by index of theta.
         is_weighted_by_state: Whether observations are weighted by their noise as it is at the present estimate; else by
             a constant, the noise of T and of a.
         causes: ``K``, numbers that may be off as long as the filter runs, such as those of a frozen pose.
+
+    Attributes:
+        theta: The estimate, shape (10,).
+        surprise: Mean squared normalised residual of the last block before it was taken in, relative to the usual one.
     """
 
     def __init__(
@@ -80,36 +103,37 @@ class JointRls:
         motion_covariance: Array,
         forgetting: float,
         *,
+        is_alpha_shared: bool = True,
         mass: float = 1.0,
         known: Mapping[int, float] | None = None,
         is_weighted_by_state: bool = True,
         causes: int = 0,
     ) -> None:
-        self._noise = np.zeros((12, 12))
-        self._noise[:6, :6] = wrench_covariance
-        # What noise of the wrench adds to information and vector, (10, 11), is linear in the weight, (6, 6).
-        wrench_noise = np.tensordot(wrench_covariance, _MATRIX_BY_INPUTS[:6], 1)
-        both = np.concatenate([_MATRIX_BY_INPUTS[:6], _RIGHT_SIDE_BY_INPUTS[:6, :, None]], axis=2)
-        self._noise_by_weight = np.einsum("kia,kjb->abij", wrench_noise, both).reshape(110, 36)
-        self._noise[6:, 6:] = motion_covariance
-        self._forgetting = forgetting
-        self._prior = np.diag(_PRIOR_STD**-2.0)
-        self._guess = np.concatenate([np.zeros(6), centre, [1.0 / mass]])
-        self._known = np.array(sorted(known or {}), dtype=int)
-        self._guess[self._known] = [(known or {})[k] for k in self._known]
-        self._free = np.setdiff1d(np.arange(10), self._known)
-        self._is_weighted_by_state = is_weighted_by_state
-        self._information = np.zeros((10, 10))
-        self._vector = np.zeros(10)
-        self._noise_information = np.zeros((10, 10))
-        self._noise_vector = np.zeros(10)
-        self._pull = np.zeros((10, causes))
-        self._old: tuple[Array, Array] | None = None
-        self._residual_sum = 0.0
-        self._count = 0.0
-        self.theta: Array = self._guess.copy()
+        self.theta: Array = np.concatenate([np.zeros(6), centre, [1.0 / mass]])
         self.surprise = 0.0
-        """Mean squared normalised residual of the last block before it was taken in, relative to that of the past."""
+        self._known = np.array(sorted(known or {}), dtype=int)
+        self.theta[self._known] = [(known or {})[k] for k in self._known]
+        self._free = np.setdiff1d(np.arange(10), self._known)
+        # From here on all is of what is not known beforehand, n numbers.
+        n = len(self._free)
+        self._guess = self.theta[self._free]
+        self._prior = np.diag(_PRIOR_STD[self._free] ** -2.0)
+        self._by_inputs = _split(_MATRIX_BY_INPUTS, _RIGHT_SIDE_BY_INPUTS, self.theta, self._known, self._free)
+        stated = np.zeros((12, 12))
+        stated[:6, :6], stated[6:, 6:] = wrench_covariance, motion_covariance
+        self._constant_noise = stated[3:9, 3:9]
+        self._noise = InputNoise(stated, is_alpha_shared)
+        self._forgetting = forgetting
+        self._is_weighted_by_state = is_weighted_by_state
+        # Of samples since the load changed, and of those before: information, vector, and what noise adds to both.
+        self._sums, self._old = np.zeros((2, n, 2 * n + 2))
+        self._count, self._old_count = 0.0, 0.0
+        self._has_changed = False
+        self._common_scatter, self._own_scatter = np.zeros((2, n, n))
+        self._pull = np.zeros((n, causes))
+        self._taken = 0
+        self._squares = 0.0
+        self._all = self._newest = self._solution(self._sums, self._count)
 
     def update(
         self, w: Array, a: Array, alpha: Array, force: Array, torque: Array, by_causes: Array | None = None
@@ -125,50 +149,55 @@ class JointRls:
             by_causes: By what ``(F, T, a, alpha)`` are off for each unit of what may be off, shape (b, 12, K): of every
                 sample or, as it changes as slowly as the motion, of every second, third, ..., from the first on.
         """
-        matrix, right_side = joint_regressor(w, a, alpha, force, torque)
-        by_inputs = self._residual_by_inputs()
-        weight = np.linalg.inv(self._equation_covariance(by_inputs))
-        residual = right_side - matrix @ self.theta
-        squares = np.einsum("bi,ij,bj->b", residual, weight, residual)
-        if self._count > 0.0:
-            expected = max(self._residual_sum / self._count, 1.0)
-            self.surprise = float(squares.mean()) / 6.0 / expected
+        both = _split(*joint_regressor(w, a, alpha, force, torque), self.theta, self._known, self._free)
+        self._noise.measure(np.hstack([force, torque, a, alpha]))
+        # Derivative (6, 12) of both equations' residual by (F, T, a, alpha), and by Proposition 2 their noise, (6, 6).
+        by_inputs = (self._by_inputs[:, :, -1] - self._by_inputs[:, :, :-1] @ self._all.theta).T
+        common_inputs, own_inputs = self._noise.common, self._noise.own
+        common, own = by_inputs @ common_inputs @ by_inputs.T, by_inputs @ own_inputs @ by_inputs.T
+        normal = inverse(common + own)
+        weight = normal if self._is_weighted_by_state else inverse(self._constant_noise)
+        self.surprise = float(_squares(both, self._newest.theta, normal).mean()) / self._residual_scale
 
-        age_weights = self._forgetting ** np.arange(len(w) - 1, -1, -1.0)
-        decay = self._forgetting ** len(w)
-        weighted = age_weights[:, None, None] * (weight @ matrix)
-        self._information = decay * self._information + np.tensordot(matrix, weighted, ([0, 1], [0, 1]))
-        self._vector = decay * self._vector + np.tensordot(weighted, right_side, ([0, 1], [0, 1]))
-        self._noise_information, self._noise_vector = decay * self._noise_information, decay * self._noise_vector
+        decay, age_weights = self._weights_of(len(w))
+        weighted = age_weights[:, None, None] * (weight @ both[:, :, :-1])
+        n = len(self._free)
+        self._sums *= decay
+        self._old *= decay
+        self._count = decay * self._count + float(age_weights.sum())
+        self._old_count *= decay
+        self._sums[:, : n + 1] += _over_samples(weighted, both)
         if self._is_weighted_by_state:  # basic least squares takes the regressor to be exact
-            noise = float(age_weights.sum()) * (self._noise_by_weight @ weight.ravel()).reshape(10, 11)
-            self._noise_information += noise[:, :10]
-            self._noise_vector += noise[:, 10]
-        if self._old is not None:
-            self._old = decay * self._old[0], decay * self._old[1]
+            in_regressor = np.tensordot(common_inputs + own_inputs, weight @ self._by_inputs, 1)
+            self._sums[:, n + 1 :] += age_weights.sum() * _over_samples(self._by_inputs, in_regressor)[:-1]
+        self._common_scatter = decay**2 * self._common_scatter + _over_samples(weighted, common @ weighted)
+        self._own_scatter = decay**2 * self._own_scatter + _over_samples(weighted, own @ weighted)
         self._pull *= decay
         if by_causes is not None:
             every = -(-len(w) // len(by_causes))
-            self._pull += every * np.tensordot(weighted[::every], by_inputs @ by_causes, ([0, 1], [0, 1]))
-        self._solve()
-        residual = right_side - matrix @ self.theta
-        squares = np.einsum("bi,ij,bj->b", residual, weight, residual)
-        self._residual_sum = decay * self._residual_sum + float(age_weights @ squares)
-        self._count = decay * self._count + 6.0 * float(age_weights.sum())
+            self._pull += every * _over_samples(weighted[::every], by_inputs @ by_causes)
+        self._all = self._solution(self._sums + self._old, self._count + self._old_count)
+        self._newest = self._solution(self._sums, self._count) if self._has_changed else self._all
+        self.theta[self._free] = self._all.theta
+        self._squares = decay * self._squares + float(age_weights @ _squares(both, self._newest.theta, normal))
 
-    @property
-    def covariance(self) -> Array:
-        """Of theta, shape (10, 10); grown where residuals are larger than the sensors' noise explains."""
-        scale = max(self._residual_sum / self._count, 1.0) if self._count > 0.0 else 1.0
-        result = _KNOWN_STD**2 * np.eye(10)
-        result[np.ix_(self._free, self._free)] = scale * self._covariance_of_free()
-        return result
+    def covariance(self, agreeing: int = 1) -> Array:
+        """Of the mean of the thetas of so many robots, shape (10, 10); grown where residuals are larger than noise.
+
+        Noise of what all have alike does not average out. Weights that fall with age make it about half the inverse of
+        the information: the square of a weight falls twice as fast.
+        """
+        gain = self._all.inverse
+        scatter = self._common_scatter + self._own_scatter / agreeing
+        held = self._all.by_guess @ np.diag(_PRIOR_STD[self._free])
+        result = self._residual_scale * gain @ scatter @ gain + held @ held.T
+        return self._of_all(result) + _KNOWN_STD**2 * np.eye(10)
 
     @property
     def by_causes(self) -> Array:
         """What theta is off for each unit of what may be off, shape (10, K)."""
-        result = np.zeros_like(self._pull)
-        result[self._free] = self._covariance_of_free() @ self._pull[self._free]
+        result = np.zeros((10, self._pull.shape[1]))
+        result[self._free] = self._all.inverse @ self._pull
         return result
 
     def note_better(self, factor: float) -> None:
@@ -177,50 +206,88 @@ class JointRls:
 
     def note_change(self) -> None:
         """The load has changed: what has been taken in so far is of another one."""
-        self._old = self._information.copy(), self._vector.copy()
+        self._old, self._old_count, self._has_changed = self._old + self._sums, self._old_count + self._count, True
+        self._sums, self._count = np.zeros_like(self._sums), 0.0
 
     @property
-    def pull_of_old(self) -> Array:
-        """What old samples of another load pull theta by, shape (10,): zeros where there are none."""
-        pull = np.zeros(10)
-        if self._old is not None:
-            information, vector = self._information - self._old[0], self._vector - self._old[1]
-            pull[self._free] = self.theta[self._free] - self._solution(information, vector)
-        return pull
+    def covariance_of_old(self) -> Array:
+        """What old samples of another load pull theta by, as a covariance, shape (10, 10): zeros where there are none.
 
-    def _solve(self) -> None:
-        """Theta, without what noise adds to the moments, as far as there is more than noise in them."""
-        free = np.ix_(self._free, self._free)
-        # The largest ratio of noise to information in any direction is at most the sum of all.
-        ratios = np.linalg.solve((self._information + self._prior)[free], self._noise_information[free])
-        share = min(1.0, 0.5 / max(float(np.trace(ratios)), 1e-12))
-        self.theta = self._guess.copy()
-        self.theta[self._free] = self._solution(
-            self._information - share * self._noise_information, self._vector - share * self._noise_vector
+        Without them theta would be another one, which is not known better than the samples since then tell.
+        """
+        if not self._has_changed:
+            return np.zeros((10, 10))
+        pull = self._all.theta - self._newest.theta
+        follow = self._all.inverse @ self._old[:, : len(pull)]
+        return self._of_all(np.outer(pull, pull) + follow @ self._newest.inverse @ follow.T)
+
+    def _weights_of(self, samples: int) -> tuple[float, Array]:
+        """What is left of the weight of older samples, and the weights of so many new ones, shape (samples,).
+
+        What the first samples weigh follows from the guess, and may be far too much: of k samples, number j counts
+        ``j / k``.
+        """
+        weights = self._forgetting ** np.arange(samples - 1, -1, -1.0)
+        decay = self._forgetting**samples
+        if self._is_weighted_by_state:
+            places = np.arange(self._taken, self._taken + samples + 1) / (self._taken + samples)
+            decay *= float(places[0])
+            weights *= places[1:]
+        self._taken += samples
+        return decay, weights
+
+    @property
+    def _residual_scale(self) -> float:
+        """How much larger squared residuals are than noise explains, 1 at least; of the same samples as the sums."""
+        return max(self._squares / max(self._count + self._old_count, 1.0), 1.0)
+
+    def _solution(self, sums: Array, count: float) -> _Solution:
+        """Theta by moments of so many samples and the prior, without what noise adds.
+
+        As much information is left in each direction as may be noise beside its average.
+        """
+        n = len(self._free)
+        information, vector, noise, noise_vector = np.split(sums, [n, n + 1, 2 * n + 1], axis=1)
+        # In this basis all information is 1, and noise a share of it in each direction: what is left is positive.
+        root: Array = np.asarray(np.linalg.cholesky(information + self._prior))
+        white = inverse(root)
+        shares, turn = np.linalg.eigh(white @ noise @ white.T)
+        basis = white.T @ turn
+        shares = np.maximum(shares, _ROUNDING)
+        left = np.maximum(1.0 - shares, np.minimum(doubt_of(shares, count), 1.0))
+        taken = (1.0 - left) / shares
+        gain = (basis / left) @ basis.T
+        right = basis.T @ (vector[:, 0] + self._prior @ self._guess) - taken * (basis.T @ noise_vector[:, 0])
+        theta = basis @ (right / left)
+        not_taken = basis @ ((1.0 - taken) / left * basis).T
+        return _Solution(
+            theta=theta,
+            inverse=gain,
+            by_guess=gain @ self._prior + not_taken @ noise,
         )
 
-    def _solution(self, information: Array, vector: Array) -> Array:
-        """What is not known beforehand, by these moments and the prior."""
-        right = (vector + self._prior @ self._guess)[self._free]
-        right -= information[np.ix_(self._free, self._known)] @ self._guess[self._known]
-        return np.linalg.solve((information + self._prior)[np.ix_(self._free, self._free)], right)
+    def _of_all(self, of_free: Array) -> Array:
+        """A covariance with zeros for what is known beforehand."""
+        result = np.zeros((10, 10))
+        result[np.ix_(self._free, self._free)] = of_free
+        return result
 
-    def _covariance_of_free(self) -> Array:
-        """Of what is not known beforehand, if noise is as large as it is said to be."""
-        information = (self._information + self._prior)[np.ix_(self._free, self._free)]
-        return np.linalg.inv(information).astype(np.float64)
 
-    def _equation_covariance(self, by_inputs: Array) -> Array:
-        """Covariance (6, 6) of both equations' noise at the current estimate (Fan et al., Proposition 2)."""
-        if not self._is_weighted_by_state:
-            return self._noise[3:9, 3:9]
-        covariance: Array = by_inputs @ self._noise @ by_inputs.T
-        return covariance
+def _split(matrix: Array, right_side: Array, theta: Array, known: Array, free: Array) -> Array:
+    """Columns of what is not known, (.., 6, n), and the right-hand side with all that is: shape (.., 6, n + 1)."""
+    right = right_side - matrix[:, :, known] @ theta[known] if len(known) else right_side
+    return np.concatenate([matrix[:, :, free] if len(known) else matrix, right[:, :, None]], axis=2)
 
-    def _residual_by_inputs(self) -> Array:
-        """Derivative (6, 12) of both equations' residual by ``(F, T, a, alpha)`` at the current estimate.
 
-        ``T`` enters by itself, ``F`` through ``h x F`` and ``F / m``, ``alpha`` through ``J alpha`` and ``alpha x h``.
-        """
-        derivative: Array = (_RIGHT_SIDE_BY_INPUTS - _MATRIX_BY_INPUTS @ self.theta).T
-        return derivative
+def _over_samples(left: Array, right: Array) -> Array:
+    """``sum left^T right`` over samples, shapes (B, 6, k) and (B, 6, l) to (k, l)."""
+    rows = left.shape[0] * left.shape[1]
+    result: Array = left.reshape(rows, left.shape[2]).T @ right.reshape(rows, right.shape[2])
+    return result
+
+
+def _squares(both: Array, theta: Array, normal: Array) -> Array:
+    """Squared residuals of samples in units of their noise, per equation: 1 is usual; shape (B,)."""
+    residual = both[:, :, -1] - both[:, :, :-1] @ theta
+    result: Array = (residual @ normal * residual).sum(axis=1) / 6.0
+    return result

@@ -16,6 +16,7 @@ from coheft.estimation.fan2017.dual_quaternion import (
 from coheft.estimation.geometry.observability import doubt_of
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.geometry.uncertain_pose import UncertainPose
+from coheft.estimation.linear_algebra import positive_part
 from coheft.estimation.measurement import SensorNoise
 
 _PRIOR_STD = np.repeat([3.0, 10.0], 3)
@@ -117,12 +118,12 @@ class PoseRls:
         # H(w) holds noise of both gyros: 6 sigma_w^2 per sample on average, weighted with 1 / (2 sigma_w^2).
         noise = 3.0 * self._count * np.eye(4)
         surely_motion = self._rotation_moment - noise - doubt_of(noise, self._count)
-        rotation_information = _positive_part(derivative[:4, :3].T @ surely_motion @ derivative[:4, :3])
+        rotation_information = positive_part(derivative[:4, :3].T @ surely_motion @ derivative[:4, :3])
         rotation_covariance = np.linalg.inv(rotation_information + prior[0] * np.eye(3))
         by_theta, by_translation = derivative[:, :3], derivative[4:, 3:]
         noise = self._gyro_variance * self._noise_share
         surely_motion = self._translation_moment[:, :4] - noise - doubt_of(noise, self._count)
-        translation_information = _positive_part(by_translation.T @ surely_motion @ by_translation)
+        translation_information = positive_part(by_translation.T @ surely_motion @ by_translation)
         translation_covariance = np.linalg.inv(translation_information + prior[3] * np.eye(3))
         follow = -translation_covariance @ by_translation.T @ (ww @ by_theta[4:] + wv @ by_theta[:4])
         coupling = follow @ rotation_covariance
@@ -132,9 +133,3 @@ class PoseRls:
         self._q_r, self._q_d, self._covariance = q_r, q_d, covariance
         derivative = dual_tangent(q_r, q_d)
         self._spread = np.diag(derivative @ covariance @ derivative.T)
-
-
-def _positive_part(symmetric: Array) -> Array:
-    values, vectors = np.linalg.eigh(symmetric)
-    result: Array = (vectors * np.maximum(values, 0.0)) @ vectors.T
-    return result

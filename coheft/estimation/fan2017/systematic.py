@@ -1,11 +1,13 @@
 """What is off for as long as samples are taken in: the frozen poses, and what dynamic consensus lags behind.
 
-White noise averages out; these do not, so they enter the covariance by themselves (beyond Fan et al.). To first order,
-poses of edges that are off by themselves act as if each robot stood a bit elsewhere in one frame that all share
-(``coheft.consensus.graph.place_variances``). That does two things to what robot i finds: it sees the payload from its
-wrong place, and the wrenches of all robots, each from a wrong place, add up to a wrong total.
+White noise averages out; these do not, so they enter the covariance by themselves (beyond Fan et al.). What a pose is
+off comes of the noise of the two robots' own sensors, and each robot's noise enters all of its edges alike. So to first
+order poses are off as if each robot stood a bit elsewhere, and they close around cycles: what an edge is off is what
+one end is, less what the other is. That does two things to what robot i finds: it sees the payload from its wrong
+place, and the wrenches of all robots, each from a wrong place, add up to a wrong total.
 
-A robot knows the poses of its own neighbours only: it takes all others to be like these.
+A robot knows what its own place does to the estimate. All of these add up to what poses do, so robots find their mean
+by consensus, as that of their estimates.
 """
 
 from __future__ import annotations
@@ -16,81 +18,88 @@ import numpy as np
 
 from coheft.estimation.geometry.spatial import CROSS_OF_AXES, Array, skew
 from coheft.estimation.geometry.uncertain_pose import UncertainPose
+from coheft.estimation.linear_algebra import positive_part
 from coheft.estimation.rigid_body.mass_properties import pack_symmetric, unpack_symmetric
 
-_PLACE, _LAG, _POSES = slice(0, 6), slice(6, 7), slice(7, None)
+_PLACE, _LAG = slice(0, 6), slice(6, 7)
+CAUSES = 7
+"""How many numbers may be off: the own place (6) and the lag (1)."""
 
 
-def causes(neighbours: int) -> int:
-    """How many numbers may be off: the own place (6), the lag (1), and the poses of all neighbours (6 each)."""
-    return 7 + 6 * neighbours
-
-
-def inputs_by_causes(wrench: Array, lag: Array, acceleration_by_poses: Array) -> Array:
+def inputs_by_causes(wrench: Array, lag: Array, acceleration_by_place: Array) -> Array:
     """By what a block's ``(F, T, a, alpha)`` are off for each unit of what may be off.
 
     Args:
         wrench: The robot's own ``(f, t)`` in ``F_i`` less the team's mean, shape (B, 6) [N, N·m]. What all places are
             off has the mean zero, so the mean wrench does not change by it.
         lag: What total wrench and angular acceleration may lag behind, shape (B, 9).
-        acceleration_by_poses: See ``AngularAcceleration.by_poses``, shape (B, 3, 6 n).
+        acceleration_by_place: What angular acceleration is off by the own place, shape (B, 3, 6).
 
     Returns:
-        Shape (B, 12, 7 + 6 n). A place is off by ``(theta, p)``: by a turn, in the axes of ``F_i``, and a distance.
+        Shape (B, 12, 7). A place is off by ``(theta, p)``: by a turn, in the axes of ``F_i``, and a distance.
     """
-    result = np.zeros((len(wrench), 12, causes(acceleration_by_poses.shape[2] // 6)))
+    result = np.zeros((len(wrench), 12, CAUSES))
     crosses = skew(wrench[:, :3])
     result[:, 0:3, 0:3] = -crosses
     result[:, 3:6, 0:3] = -skew(wrench[:, 3:])
     result[:, 3:6, 3:6] = -crosses
     result[:, 0:6, 6], result[:, 9:12, 6] = lag[:, :6], lag[:, 6:]
-    result[:, 9:12, _POSES] = acceleration_by_poses
+    result[:, 9:12, _PLACE] = acceleration_by_place
     return result
 
 
-def place_covariance(poses: Sequence[UncertainPose], centre: Array, variance: float) -> Array:
-    """Covariance (6, 6) of what a robot's place is off, ``(theta, p)`` at its own origin.
+def place_covariance(poses: Sequence[UncertainPose], centre: Array) -> Array:
+    """Covariance (6, 6) of what a robot's place is off, ``(theta, p)`` at its own origin: half that of an edge.
 
     Args:
         poses: Of its neighbours, ``pose_j_in_i``.
         centre: Where errors of all edges are compared, such as the middle of the payload in ``F_i``, shape (3,) [m].
-        variance: Of its place, if that of every edge were 1.
     """
     at_centre = np.zeros((6, 6))
     for each in poses:
-        carried = _carried(centre - each.pose.translation)
-        at_centre += variance / len(poses) * carried @ each.covariance @ carried.T
-    back = _carried(-centre)
+        carried = place_carried(centre - each.pose.translation)
+        at_centre += 0.5 / len(poses) * carried @ each.covariance @ carried.T
+    back = place_carried(-centre)
     result: Array = back @ at_centre @ back.T
     return result
 
 
-def _carried(distance: Array) -> Array:
+def place_carried(distance: Array) -> Array:
     """What carries ``(theta, p)`` to a point that is so far away, shape (6, 6)."""
     result = np.eye(6)
     result[3:, :3] = -skew(distance)
     return result
 
 
-def covariance_of_poses(
-    theta: Array, by_causes: Array, place: Array, poses: Sequence[UncertainPose], team: int, sharing: int
-) -> Array:
-    """What frozen poses add to the covariance of white noise, for ``theta = (J, h, 1/m)``, shape (10, 10).
+def covariance_of_place(by_causes: Array, place: Array) -> Array:
+    """What a robot's own place adds to the covariance of white noise, shape (10, 10).
+
+    Args:
+        by_causes: What ``theta = (J, h, 1/m)`` is off for each unit of what may be off, shape (10, 7).
+        place: See ``place_covariance``.
+    """
+    by_place = by_causes[:, _PLACE]
+    result: Array = by_place @ place @ by_place.T
+    return result
+
+
+def covariance_of_poses(theta: Array, by_causes: Array, place: Array, mean: Array, team: int) -> Array:
+    """What frozen poses add to the covariance of white noise for what a robot sees from its place, shape (10, 10).
 
     Args:
         theta: The estimate, shape (10,).
-        by_causes: What it is off for each unit of what may be off, shape (10, 7 + 6 n).
-        place: See ``place_covariance``.
-        poses: As they are in use, of all neighbours.
-        team: Robots that hold the load; the wrenches of all add up.
-        sharing: Robots over whose angular accelerations the mean is taken.
+        by_causes: What it is off for each unit of what may be off, shape (10, 7).
+        place: See ``place_covariance``. Places of all robots are off by themselves, and only what they are off their
+            mean counts.
+        mean: Over all robots, of ``covariance_of_place``.
+        team: Robots that hold the load.
     """
-    by_place, by_poses = by_causes[:, _PLACE], by_causes[:, _POSES]
-    own = by_place - _payload_by_place(theta)
-    result: Array = own @ place @ own.T + (team - 1) * by_place @ place @ by_place.T
-    for k, pose in enumerate(poses):
-        column = by_poses[:, 6 * k : 6 * k + 6]
-        result += column @ pose.covariance @ column.T / sharing
+    # With C_j the derivative by the place of j, all of which add up to zero, S its covariance, P what a robot sees:
+    # sum_j C_j S C_j^T - C_i S P^T - P S C_i^T + (1 - 1/N) P S P^T, as two squares.
+    share = 1.0 - 1.0 / team
+    own = np.sqrt(share) * _payload_by_place(theta) - by_causes[:, _PLACE] / np.sqrt(share)
+    of_others = positive_part(team * mean - covariance_of_place(by_causes, place) / share)
+    result: Array = of_others + own @ place @ own.T
     return result
 
 

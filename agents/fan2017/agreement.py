@@ -1,0 +1,105 @@
+"""Consensus over the robots' estimates (Fan et al., eqs 31, 32), and over what their own places do to these."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from coheft.agents.estimator import Channels
+from coheft.agents.fan2017.network import Network
+from coheft.consensus.dynamic import DynamicConsensus
+from coheft.estimation.geometry.spatial import Array, Pose
+from coheft.estimation.rigid_body.mass_properties import packed_rotation
+
+_PARAMETERS = 11
+"""1/m, the constant 1 that makes points linear, h, J."""
+_CHANNELS = _PARAMETERS + 100
+"""And what the own place adds to the covariance of (J, h, 1/m), see ``covariance_of_place``."""
+
+
+@dataclass(frozen=True, eq=False)
+class Agreed:
+    """What robots agree on.
+
+    Attributes:
+        theta: ``(J, h, 1/m)``, shape (10,).
+        behind: What that may lag behind the mean of all robots' own ones, likewise.
+        by_place: Mean over all robots of ``covariance_of_place``, shape (10, 10).
+        robots: Over whose estimates the mean is taken.
+    """
+
+    theta: Array
+    behind: Array
+    by_place: Array
+    robots: int
+
+
+class Agreement:
+    """One robot's share of it.
+
+    Before the first estimate h is at the own grasp, so that the consensus on h is the centre of the grasps.
+
+    Args:
+        network: The team as the robot sees it.
+        mass: Initial guess [kg].
+    """
+
+    def __init__(self, network: Network, mass: float) -> None:
+        self._network = network
+        self._own = self._mean = _channels(np.array([0.0] * 9 + [1.0 / mass]), np.zeros((10, 10)))
+        self._behind = np.zeros(_CHANNELS)
+        self.start({})
+
+    def start(self, poses_j_in_i: Mapping[str, Pose]) -> None:
+        """Start anew with these poses of the neighbours; what was agreed on holds until it has come as far again."""
+        self.consensus = DynamicConsensus(1, 1, _CHANNELS)
+        self._transports = {name: _transport(pose) for name, pose in poses_j_in_i.items()}
+
+    def step(self, own: tuple[Array, Array] | None, inbox: Mapping[str, Channels], *, is_reached: bool) -> None:
+        """A round.
+
+        Args:
+            own: The robot's theta, shape (10,), and what its place adds to the covariance, shape (10, 10), if any yet.
+            inbox: What the neighbours sent.
+            is_reached: Whether there have been rounds enough since the start.
+        """
+        former, self._own = self._own, self._own if own is None else _channels(*own)
+        before_round = self.consensus.pipeline.stages[0, 0]
+        stages = self._network.stages("parameters", self._transports, inbox, rounds=1)
+        mean = self.consensus.step(self._own[None], stages)
+        self._behind = self._behind + self._own - former
+        if mean is not None and is_reached:
+            self._mean = mean[0]
+            self._behind = self._network.left_by_a_round * (mean[0] - before_round) + self._own - former
+
+    @property
+    def centre(self) -> Array:
+        """Mean of all h, shape (3,) [m]."""
+        return self._mean[2:5]
+
+    @property
+    def agreed(self) -> Agreed:
+        """What comes of it."""
+        by_place = self._mean[_PARAMETERS:].reshape(10, 10)
+        return Agreed(_theta(self._mean), _theta(self._behind), by_place, self._network.members)
+
+
+def _channels(theta: Array, by_place: Array) -> Array:
+    return np.concatenate([theta[9:], [1.0], theta[6:9], theta[:6], by_place.ravel()])
+
+
+def _theta(channels: Array) -> Array:
+    return np.concatenate([channels[5:_PARAMETERS], channels[2:5], channels[:1]])
+
+
+def _transport(pose_j_in_i: Pose) -> Array:
+    """``X_ij`` of all channels. Where theta is a point that moves, what it is off only turns."""
+    turn = np.eye(10)
+    turn[:6, :6], turn[6:9, 6:9] = packed_rotation(pose_j_in_i.rotation), pose_j_in_i.rotation
+    result = np.eye(_CHANNELS)
+    result[2:5, 1] = pose_j_in_i.translation
+    result[2:5, 2:5], result[5:_PARAMETERS, 5:_PARAMETERS] = turn[6:9, 6:9], turn[:6, :6]
+    result[_PARAMETERS:, _PARAMETERS:] = np.kron(turn, turn)
+    return result

@@ -1,0 +1,72 @@
+"""How noisy total wrench and accelerations are that joint least squares is fed with.
+
+How large the noise of a sum over the team is follows from no robot's own data sheet. The load moves smoothly, so it is
+measured: differences of high order leave nothing but noise. One of their seven steps spans two samples, which makes
+them as large for the derivative of a noisy gyro (eq. 16) as for white noise of the same variance.
+"""
+
+from __future__ import annotations
+
+from functools import cache, reduce
+
+import numpy as np
+
+from coheft.estimation.geometry.spatial import Array
+
+_GUESSED = 10.0
+"""So many differences count as having been as large as is guessed, before any is seen."""
+_LEARNT = 50.0
+"""Of noise that has been measured over so many differences, none is ever again so much larger: the load has changed."""
+_JUMP = 25.0
+"""So much larger its variance would have to be."""
+
+
+class InputNoise:
+    """Covariance of white noise of ``(F, T, a, alpha)``, of which ``a``, and perhaps ``alpha``, are the robot's own.
+
+    Own noise and that of what all robots have alike are independent of each other: the covariance is the sum of two.
+
+    Args:
+        guess: Covariance before it is measured, shape (12, 12), positive definite.
+        is_alpha_shared: Whether all robots have the same ``alpha``, as they have the same total wrench.
+    """
+
+    def __init__(self, guess: Array, is_alpha_shared: bool) -> None:
+        own = np.zeros(12, dtype=bool)
+        own[6 : 9 if is_alpha_shared else 12] = True
+        self._is_own = np.outer(own, own)
+        self._is_common = np.outer(~own, ~own)
+        self._sum, self._count = _GUESSED * guess, _GUESSED
+
+    @property
+    def own(self) -> Array:
+        """Of what the robot measures by itself, shape (12, 12), zeros elsewhere."""
+        return np.where(self._is_own, self._sum / self._count, 0.0)
+
+    @property
+    def common(self) -> Array:
+        """Of what all robots have alike, shape (12, 12), zeros elsewhere."""
+        return np.where(self._is_common, self._sum / self._count, 0.0)
+
+    def measure(self, inputs: Array) -> None:
+        """Learn from a block ``(F, T, a, alpha)``, shape (B, 12); nothing from fewer than nine samples."""
+        differences = _differences(len(inputs))
+        if not len(differences):
+            return
+        noise = differences @ inputs
+        squares = noise.T @ noise
+        usual = _JUMP * len(noise) / self._count * self._sum.diagonal()
+        if self._count < _LEARNT or np.all(squares.diagonal() < usual):
+            self._sum = self._sum + squares
+            self._count += len(noise)
+
+
+@cache
+def _differences(samples: int) -> Array:
+    """Matrix that takes differences of samples, with the variance of white noise; shape (samples - 8, samples)."""
+    steps = [np.array([1.0, -1.0])] * 6 + [np.array([1.0, 0.0, -1.0])]
+    kernel = reduce(np.convolve, steps)
+    result = np.zeros((max(0, samples - len(kernel) + 1), samples))
+    for row, entries in enumerate(result):
+        entries[row : row + len(kernel)] = kernel / np.linalg.norm(kernel)
+    return result
