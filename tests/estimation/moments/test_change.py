@@ -10,7 +10,7 @@ import pytest
 from coheft.estimation.chi_square import chi_square_threshold
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.body import FORCING, REGRESSOR, BodyModel, residual_covariance
-from coheft.estimation.moments.change import FALSE_ALARM, Weights, likeliest_change, surprise
+from coheft.estimation.moments.change import FALSE_ALARM, Weights, likeliest_change, surprise, unnoticed_step
 from coheft.estimation.moments.chapter import Chapter
 from coheft.estimation.moments.derivatives import MotionDerivatives
 from coheft.estimation.moments.evidence import Evidence
@@ -45,6 +45,9 @@ class Watched:
     def look(self, until: int | None = None, older: int = 0, is_known: bool = False) -> tuple[int, float]:
         views, before = self.views[older:until], self.views[:older]
         return likeliest_change(views, before.T @ before, self.weights, is_known)
+
+    def step(self, until: int, shortest: int = 8) -> float:
+        return unnoticed_step(self.views[:until], NOTHING_OLDER, self.weights, False, shortest)
 
     def gained(self, place: int, settings: FitSettings) -> float:
         """By how much the sum of squares of all rows is smaller if the load is another one from this place on."""
@@ -201,3 +204,24 @@ def test_a_second_look_allows_for_what_the_fit_does_not_know() -> None:
     sizes = [surprise(newest, factor * older.estimate.covariance, theta) for factor in (0.0, 1.0, 100.0, 1e4)]
     assert sizes == sorted(sizes, reverse=True)
     assert sizes[0] > 1.1 * sizes[2]
+
+
+def test_without_a_change_few_looks_find_a_step_that_is_too_small_to_be_noticed() -> None:
+    team, found = make_team(seed=5, number=100), []
+    for seed in range(200):
+        watched = Watched.of(team, team.noisy(np.random.default_rng(seed)), IDEAL)
+        found.append(watched.step(100) > 0.0)
+    assert 0.01 < np.mean(found) < 0.08
+
+
+def test_a_step_that_is_too_small_to_be_noticed_is_found_as_large_as_it_is() -> None:
+    team, found = make_team(seed=6, number=120), []
+    mass = 0.002 * team.load[6]
+    changed = team.holding(heavier(team, 0.002), slice(90, None))
+    for seed in range(20):
+        watched = Watched.of(changed, changed.noisy(np.random.default_rng(seed)), IDEAL)
+        found.append((watched.look(112)[1], watched.step(112), watched.step(112, shortest=100)))
+    sizes, steps, long = np.transpose(found)
+    assert np.median(sizes) < 1.0
+    assert np.median(steps) == pytest.approx(0.8 * mass, rel=0.35)
+    assert (long == 0.0).mean() > 0.8
