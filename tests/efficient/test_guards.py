@@ -131,7 +131,7 @@ CASES = {
     "mass": Case(off(200, 400, 400, 2, TORQUE.start, 0.125), lambda _, then: then.is_sure),
     "shortest": Case(changed(0.002)[0], lambda _, then: is_sure_after(then, 216), changed(0.002)[1]),
     "small": Case(
-        leaking(3e-4)[0], lambda _, then: is_sure_after(then, 100) and len(then.valid) > 400, leaking(3e-4)[1]
+        leaking(2e-4)[0], lambda _, then: is_sure_after(then, 100) and len(then.valid) > 400, leaking(2e-4)[1]
     ),
     "waiting": Case(
         changed(0.01, after=60)[0], lambda _, then: then.is_sure, changed(0.01)[1], missing=range(180, 210)
