@@ -118,6 +118,11 @@ def test_forces_in_another_unit_than_moments_are_not_weighed_unasked() -> None:
         assert (deviations(recording, found) < 5.0) == (cause == "force scale")
 
 
+def test_what_filters_do_at_the_ends_is_no_change_of_the_load() -> None:
+    recording = recorded(draw_team(3445), "filtered", by_twists=False)
+    assert identify(recording, Options()).doubts == ()
+
+
 @pytest.mark.parametrize("seed", [3334, 3336])
 def test_noise_of_the_motion_is_no_scale(seed: int) -> None:
     """Two robots that share a heavy load always alike: what one reads too much, the load may weigh too much."""

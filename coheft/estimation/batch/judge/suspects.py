@@ -218,7 +218,7 @@ class Suspects:
                 return
             least, when = min((self._from(at, columns, passes=1).misfit, at) for at in tried)
             for step in (0.5, 0.25, 0.12, 0.06, 0.03):
-                for at in (when - step, when + step):
+                for at in np.clip((when - step, when + step), tried[0], tried[-1]):  # not what filters do at the ends
                     misfit = self._from(at, columns, passes=1).misfit
                     if misfit < least:
                         least, when = misfit, at
