@@ -51,8 +51,8 @@ def disagreement(measured: Array, truth: Truth) -> float:
     payload = Inertia(truth.payload.mass, truth.payload.com, truth.payload.tensor)
     load = np.concatenate([np.zeros(6), payload.barycentric()])
     body = settings.body(State.first(grasps, settings.errors).with_load(load))
-    of_motion = body.residuals(rows, rows @ body.see[:MOTION_SIZE].T)
-    of_wrench = rows @ (body.wrench - load_operator(load) @ body.see[FORCING]).T
+    of_motion = body.residuals(rows, rows @ body.motion_map[:MOTION_SIZE].T)
+    of_wrench = rows @ (body.wrench_map - load_operator(load) @ body.motion_map[FORCING]).T
     errors = of_motion, of_wrench / np.sqrt(np.diag(residual_covariance(body, load)))
     # Rows are less noisy than samples.
     return max(float(np.sqrt(np.square(error).mean(axis=0)).max()) for error in errors) / np.sqrt(LENGTH)

@@ -25,7 +25,7 @@ from coheft.estimation.measurement import MeasurementBlock
 from coheft.estimation.moments.claims import Claim, claim_of
 from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.found_errors import found_errors
-from coheft.estimation.moments.untold import Untold
+from coheft.estimation.moments.undeclared import UndeclaredError
 from coheft.estimation.tolerance import SENSOR_NAMES
 from coheft.wire.config import AgentConfig
 from coheft.wire.messages.structs import LoadChangeNotice, PayloadEstimate, SensorErrorEstimate, SlipNotice
@@ -82,8 +82,8 @@ class EfficientEstimator:
         if team is None:
             return ("the team is not known yet",)
         session = team.session
-        if session.untold is not None:
-            return (_untold_in_words(session.untold, team.names),)
+        if session.undeclared is not None:
+            return (_undeclared_in_words(session.undeclared, team.names),)
         if session.stage is not Stage.ESTIMATING and session.verdict.outcome is not Outcome.FITS:
             return (_in_words(session.verdict, team.names),)
         if session.estimate is None:
@@ -202,7 +202,7 @@ def _in_words(verdict: Verdict, names: list[str]) -> str:
     return f"either the load has changed or {which} reads something in excess"
 
 
-def _untold_in_words(found: Untold, names: list[str]) -> str:
+def _undeclared_in_words(found: UndeclaredError, names: list[str]) -> str:
     """Which sensor is off, though it was told to be exact."""
     sensor, _, what = found.kind.partition("_")
     seems = {"bias": "to have an offset", "mounting": "to be turned", "scale": "to have another scale"}.get(what, "")

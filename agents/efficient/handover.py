@@ -24,7 +24,7 @@ _MANY_ROWS = 1e6
 _LEAST_SCALE, _ROUNDING = 1e-9, 1e-6
 
 
-def told(team: int, prior: Prior, anchor: int) -> Array:
+def encode(team: int, prior: Prior, anchor: int) -> Array:
     """The array for a team of which this robot's session has begun with this prior and anchor."""
     state, guess, evidence = prior.state, prior.guess, prior.evidence
     information = evidence.information.diagonal()
@@ -46,7 +46,7 @@ def told(team: int, prior: Prior, anchor: int) -> Array:
     )
 
 
-def heard(numbers: npt.NDArray[Any], team: int, count: int, settings: FitSettings) -> tuple[Prior, int] | None:
+def decode(numbers: npt.NDArray[Any], team: int, count: int, settings: FitSettings) -> tuple[Prior, int] | None:
     """The prior that an array holds, and the place of the anchor; None if there is none that can be right.
 
     Args:

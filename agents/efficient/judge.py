@@ -10,8 +10,8 @@ from enum import Enum
 
 import numpy as np
 
+from coheft.agents.efficient.innovations import Innovations
 from coheft.agents.efficient.settings import Guards
-from coheft.agents.efficient.sight import Sight
 from coheft.estimation.chi_square import chi_square_threshold
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.fit import Estimate
@@ -33,7 +33,7 @@ class Outcome(Enum):
 
     FITS = "all rows fit"
     NO_BODY = "motions do not fit one rigid body: a sensor may be off"
-    MORE_THAN_TOLD = "sensors are off by more than their tolerances say"
+    BEYOND_TOLERANCE = "sensors are off by more than their tolerances say"
     NO_LOAD = "wrenches fit no load: a force or torque sensor may be off"
     UNDECIDED = "either the load has changed or a sensor reads something in excess"
 
@@ -48,13 +48,18 @@ class Verdict:
 
 
 def judge(
-    estimate: Estimate, sight: Sight, buffer: RowBuffer, guards: Guards, load_before: KnownLoad | None, has_offset: bool
+    estimate: Estimate,
+    innovations: Innovations,
+    buffer: RowBuffer,
+    guards: Guards,
+    load_before: KnownLoad | None,
+    has_offset: bool,
 ) -> Verdict:
     """Judge a fit by its residuals.
 
     Args:
         estimate: The fit.
-        sight: With it.
+        innovations: With it.
         buffer: Of rows.
         guards: Thresholds.
         load_before: Before the last change, if that may still have been a sensor's fault instead.
@@ -63,17 +68,17 @@ def judge(
     assert estimate.state.load is not None
     assumed = KnownLoad(estimate.state.load) if load_before is None else load_before
     first = max(0, buffer.count - _JUDGED)
-    wrench, motion = sight.residuals(buffer.rows[first : buffer.count])
+    wrench, motion = innovations.residuals(buffer.rows[first : buffer.count])
     wrench, count = wrench[max(0, buffer.start - first) :], estimate.body.count
     freedom = len(motion) * (KINEMATICS_SIZE * count - _MOTION) - _POSE * (count - 1)
     if not _fits(motion, freedom, guards.largest_motion_misfit, guards):
         worst = worst_misfit(motion)
         return Verdict(Outcome.NO_BODY, robot=None if worst is None else worst.source)
-    if (robot := _off_by_more_than_told(estimate, guards)) is not None:
-        return Verdict(Outcome.MORE_THAN_TOLD, robot=robot)
+    if (robot := _robot_beyond_tolerance(estimate, guards)) is not None:
+        return Verdict(Outcome.BEYOND_TOLERANCE, robot=robot)
     if not _fits(wrench, wrench.size - _LOAD, guards.largest_wrench_misfit, guards):
         return Verdict(Outcome.NO_LOAD)
-    found = explanations(estimate.body, sight.gram(buffer), assumed)
+    found = explanations(estimate.body, innovations.gram(buffer), assumed)
     if found.both > guards.largest_constant_excess and not has_offset:
         return Verdict(Outcome.NO_LOAD)
     is_load = found.load > found.sensor and _has_another_mass(estimate, assumed, guards)
@@ -92,7 +97,7 @@ def _has_another_mass(estimate: Estimate, load_before: KnownLoad, guards: Guards
     return bool((load[THETA] - load_before.load[THETA])[0] ** 2 > guards.least_mass_change * variance)
 
 
-def _off_by_more_than_told(estimate: Estimate, guards: Guards) -> int | None:
+def _robot_beyond_tolerance(estimate: Estimate, guards: Guards) -> int | None:
     """A robot whose sensors are off by more than a data sheet lets expect; None if there is none.
 
     Found errors in prior deviations are ``h ~ N(0, 1 - P)`` where ``P`` is what is still uncertain of them: along each

@@ -10,18 +10,18 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from coheft.agents.efficient.innovations import Innovations
 from coheft.agents.efficient.row_times import MANY
 from coheft.agents.efficient.settings import Guards
-from coheft.agents.efficient.sight import Sight
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.moments.chapter import Chapter, Prior
-from coheft.estimation.moments.fit import Estimate, Look, fitted
+from coheft.estimation.moments.fit import Estimate, EvaluateMoments, fit_state
 from coheft.estimation.moments.fit_settings import FitSettings, Guess
 from coheft.estimation.moments.row_buffer import RowBuffer
 from coheft.estimation.moments.start import first_load, first_poses, poses_by_motion
 from coheft.estimation.moments.suspects import SLIP
+from coheft.estimation.moments.undeclared import UndeclaredError, undeclared_error
 from coheft.estimation.moments.unknowns import Flags, State, Unknowns
-from coheft.estimation.moments.untold import Untold, untold_error
 
 _PAGES_IN_MEMORY, _KEPT_ON_PAGE = 8, 2
 """A memory that fades does so in so many steps; each leaves the newest rows to go on from."""
@@ -44,11 +44,11 @@ class Knowledge:
     Attributes:
         buffer: Rows.
         estimate: Of poses and load, None at first.
-        sight: How rows look with it, once there is one.
+        innovations: Evaluates rows with it, once there is one.
         least: Rows from which anything is fitted.
     """
 
-    sight: Sight
+    innovations: Innovations
 
     def __init__(
         self, count: int, anchor: int, settings: FitSettings, guards: Guards, prior: Prior | None = None
@@ -63,12 +63,12 @@ class Knowledge:
         self.buffer = RowBuffer(size, not self.is_exact)
         self._chapter = Chapter(self.buffer, settings, prior)
         self.estimate: Estimate | None = None
-        self._sight_before: Sight | None = None  # when the last chapter ended
+        self._innovations_before: Innovations | None = None  # when the last chapter ended
         self._next_fit, self._rows_before = 2 * self.least, 0
         if prior is not None:
             self._guess = prior.guess
-            look, before = self._chapter.look(), self._chapter.said_before
-            self._know(fitted(prior.state, look, before, prior.guess, settings, anchor, most_steps=1))
+            evaluate, before = self._chapter.evaluation(), self._chapter.prior_evidence
+            self._set_estimate(fit_state(prior.state, evaluate, before, prior.guess, settings, anchor, most_steps=1))
 
     @property
     def misses_poses(self) -> bool:
@@ -77,7 +77,7 @@ class Knowledge:
 
     @property
     def is_exact(self) -> bool:
-        """Whether moments are kept exactly, in which case fits are fast enough to look for what is rare as well."""
+        """Whether moments are kept exactly, in which case fits are fast enough to look for rare events as well."""
         return self._count <= _EXACT_UP_TO
 
     @property
@@ -90,25 +90,25 @@ class Knowledge:
         estimate = self.estimate
         if estimate is None or estimate.misses_poses or estimate.state.load is None:
             return None
-        return self._chapter.summed_up(estimate, self._guess)
+        return self._chapter.posterior(estimate, self._guess)
 
     @property
-    def first_untold(self) -> int:
+    def first_undeclared(self) -> int:
         """Rows with which errors that no robot was told of are looked for first."""
         return 3 * self.least
 
-    def untold_error(self) -> Untold | None:
+    def undeclared_error(self) -> UndeclaredError | None:
         """A sensor error with tolerance zero that the rows show nevertheless; large teams do not test for any."""
         if self.estimate is None or not self.is_exact:
             return None
-        return untold_error(
-            self.estimate, self._guess, self._chapter, self._settings, self._anchor, self._guards.untold
+        return undeclared_error(
+            self.estimate, self._guess, self._chapter, self._settings, self._anchor, self._guards.undeclared
         )
 
-    def see_again(self) -> None:
+    def reevaluate(self) -> None:
         """Rows have moved in the buffer."""
         if self.estimate is not None:
-            self._know(self.estimate)
+            self._set_estimate(self.estimate)
 
     def take_back(self, number: int) -> None:
         """Rows with larger numbers count no longer."""
@@ -116,21 +116,21 @@ class Knowledge:
 
     def fit(self, before: int | None = None, keeps_motion: bool = False) -> Estimate:
         """Fit all unknowns to all rows, or to those before a place, and to the prior from earlier chapters; see
-        ``Chapter.look``.
+        ``Chapter.evaluation``.
         """
         chapter, settings, last = self._chapter, self._settings, self.estimate
-        look = chapter.look(before, keeps_motion)
+        evaluate = chapter.evaluation(before, keeps_motion)
         identity = [Pose.identity()] * self._count
         state = State.first(identity, settings.errors) if last is None else last.state
         is_unknown = np.arange(self._count) != self._anchor if last is None else last.hidden_poses()
         if is_unknown.any():
-            state = self._from_scratch(state, is_unknown, look)
+            state = self._from_scratch(state, is_unknown, evaluate)
         if state.load is None:
             body = settings.body(state)
             self._guess = Guess.of(body, self.buffer.moments()[1])
-            state = first_load(state, look(body).wrench, self._guess, settings)
-        found = fitted(state, look, chapter.said_before, self._guess, settings, self._anchor)
-        self._know(found)
+            state = first_load(state, evaluate(body).wrench, self._guess, settings)
+        found = fit_state(state, evaluate, chapter.prior_evidence, self._guess, settings, self._anchor)
+        self._set_estimate(found)
         number = self.buffer.load_rows
         self._next_fit = number + max(3, round((self._growth - 1.0) * (number + self._rows_before)))
         return found
@@ -150,7 +150,11 @@ class Knowledge:
             body = self._settings.body(state)
             self.estimate = Estimate(body, now.seen, now.hidden, now.step, now.size)
         else:
-            self._know(fitted(state, chapter.look(), chapter.said_before, self._guess, self._settings, self._anchor))
+            self._set_estimate(
+                fit_state(
+                    state, chapter.evaluation(), chapter.prior_evidence, self._guess, self._settings, self._anchor
+                )
+            )
         self._next_fit = least
 
     def step_load(self, now: Estimate, place: int, step: Array) -> None:
@@ -160,24 +164,28 @@ class Knowledge:
     def before(self, place: int) -> tuple[Estimate, Prior]:
         """What rows before a place tell, as an estimate and as a prior; this one stays what it is."""
         assert self.estimate is not None
-        chapter, look = self._chapter, self._chapter.look(place)
-        found = fitted(self.estimate.state, look, chapter.said_before, self._guess, self._settings, self._anchor)
-        return found, chapter.summed_up(found, self._guess, look)
+        chapter, evaluate = self._chapter, self._chapter.evaluation(place)
+        found = fit_state(
+            self.estimate.state, evaluate, chapter.prior_evidence, self._guess, self._settings, self._anchor
+        )
+        return found, chapter.posterior(found, self._guess, evaluate)
 
-    def slipped(self, prior: Prior, robot: int, rows: Iterable[tuple[int, Array]], sight: Sight) -> Knowledge:
+    def slipped(
+        self, prior: Prior, robot: int, rows: Iterable[tuple[int, Array]], innovations: Innovations
+    ) -> Knowledge:
         """What is known from such a prior and rows with their numbers, if a grasp has slipped in between.
 
         Args:
             prior: Of before.
             robot: Whose grasp is elsewhere; all else stays what it is.
             rows: After the slip.
-            sight: From before.
+            innovations: From before.
         """
         own = Unknowns(self._count, self._settings.errors).poses[robot]
-        loosened = prior.loosened(own, np.diag(np.square(SLIP)))
+        loosened = prior.with_process_noise(own, np.diag(np.square(SLIP)))
         anchor = (robot + 1) % self._count if robot == self._anchor else self._anchor
         found = Knowledge(self._count, anchor, self._settings, self._guards, loosened)
-        found._sight_before = sight
+        found._innovations_before = innovations
         for number, row in rows:
             found.buffer.add(number, row)
         found.fit()
@@ -199,27 +207,27 @@ class Knowledge:
             return
         place = max(0, buffer.count - _KEPT_ON_PAGE)
         seconds, theta = place * settings.period, estimate.body.unknowns.theta
-        self._sight_before = self.sight
+        self._innovations_before = self.innovations
         chapter.end(estimate, self._guess, place)
         assert chapter.prior is not None  # it is what has ended
         if settings.memory is not None:
             faded = math.expm1(seconds / settings.memory)
-            chapter.prior = chapter.prior.loosened(theta, faded * estimate.covariance[theta, theta])
+            chapter.prior = chapter.prior.with_process_noise(theta, faded * estimate.covariance[theta, theta])
         if settings.drift.is_any:
-            chapter.prior = chapter.prior.loosened(*settings.drifted(estimate.body, seconds))
+            chapter.prior = chapter.prior.with_process_noise(*settings.drifted(estimate.body, seconds))
         longest = _LONGEST_OF_DRIFT if settings.memory is None else settings.memory
         self._rows_before = min(self._rows_before + place, round(longest / settings.period))
-        self._know(estimate)
+        self._set_estimate(estimate)
         self._next_fit = buffer.load_rows + max(3, round((self._growth - 1.0) * self._rows_before))
 
-    def _from_scratch(self, state: State, is_unknown: Flags, look: Look) -> State:
+    def _from_scratch(self, state: State, is_unknown: Flags, evaluate: EvaluateMoments) -> State:
         """Poses from far away, by motion alone."""
         settings, kept, chapter = self._settings, self.buffer.moments_kept(), self._chapter
         if chapter.prior is not None:
             return first_poses(kept, state, settings.noise, self._anchor, is_unknown)
-        return poses_by_motion(state, is_unknown, kept, look, chapter.said_before, settings, self._anchor)
+        return poses_by_motion(state, is_unknown, kept, evaluate, chapter.prior_evidence, settings, self._anchor)
 
-    def _know(self, estimate: Estimate) -> None:
+    def _set_estimate(self, estimate: Estimate) -> None:
         """From now on this is what is known, and how rows are seen."""
         self.estimate = estimate
-        self.sight = Sight(estimate, self._chapter, self._sight_before)
+        self.innovations = Innovations(estimate, self._chapter, self._innovations_before)

@@ -29,8 +29,8 @@ from coheft.estimation.moments.fit_settings import FitSettings
 from coheft.estimation.moments.likelihood import wrench_evidence
 from coheft.estimation.moments.misfit import KnownLoad
 from coheft.estimation.moments.moments import RowMoments, wrench_moments
+from coheft.estimation.moments.undeclared import UndeclaredError
 from coheft.estimation.moments.unknowns import THETA
-from coheft.estimation.moments.untold import Untold
 
 _COVER = 0.5
 """One standard deviation, as a share of a step of the mass that may be there or not: five are more than the step."""
@@ -56,7 +56,7 @@ class Session:
         slips: Of grasps.
         suspect: Place of a robot whose motion sensors contradict the others at present, or None.
         verdict: On the last fit.
-        untold: An error of a sensor that was told to be zero, but that rows ask for; None if they ask for none.
+        undeclared: An error of a sensor that was told to be zero, but that rows ask for; None if they ask for none.
         unnoticed: Mass by which the load may have changed, too little as yet to be noticed [kg].
         total_wrench: About the origin of the body frame, mean over the newest row, shape (6,); None before the first.
     """
@@ -85,9 +85,9 @@ class Session:
         self._suspicion: Suspicion | None = None
         self.verdict = Verdict(Outcome.FITS)
         self.total_wrench: Array | None = None
-        self.untold: Untold | None = None
-        self._untold_rows = self._untold_until = 0  # with which it was found, and with which it is over
-        self._most_suspected, self._untold_lasts = rows(guards.telling_apart), rows(guards.untold_lasts)
+        self.undeclared: UndeclaredError | None = None
+        self._undeclared_rows = self._undeclared_until = 0  # with which it was found, and with which it is over
+        self._most_suspected, self._undeclared_lasts = rows(guards.telling_apart), rows(guards.undeclared_lasts)
         self._told_of = self._newest = -1  # the newest change that another robot has told of; the newest row
         self._begin(Knowledge(count, anchor, settings, guards, prior))
         if prior is not None:
@@ -104,7 +104,7 @@ class Session:
         self._unconfirmed = 0  # so many rows must still fit what was known
         self._doubted_at, self._contradicted_at = -1, -self._confirming
         self._forgot_at = -self._calm
-        self._next_untold = self._known.first_untold
+        self._next_undeclared = self._known.first_undeclared
         self._asked_for: tuple[int, str] | None = None  # an error that rows have asked for once
 
     def _hold_exactly(self) -> None:
@@ -121,7 +121,7 @@ class Session:
         """All that is known, for another team of which this robot is part; None if there is nothing to rely upon."""
         if self.stage is Stage.ESTIMATING and self._known.buffer.count and not self._look_for_change(self._newest):
             self._fit_and_judge()  # the newest rows have to be judged as well
-        is_relied_upon = self.stage is Stage.ESTIMATING and self.untold is None and not self.is_suspected
+        is_relied_upon = self.stage is Stage.ESTIMATING and self.undeclared is None and not self.is_suspected
         return self._known.prior() if is_relied_upon else None
 
     def claimable(self, estimate: Estimate) -> Estimate:
@@ -187,18 +187,20 @@ class Session:
         if known.estimate is None:
             buffer.add(number, row)
         else:
-            look = known.sight.look(row)
+            evaluated = known.innovations.evaluate(row)
             if number == self._newest:
-                self.total_wrench = look.view[FORCING_SIZE:]
-            if not self._is_believed(number, look.motion):
+                self.total_wrench = evaluated.view[FORCING_SIZE:]
+            if not self._is_believed(number, evaluated.motion):
                 return
             place, has_moved = buffer.add(number, row)
-            buffer.views[place] = look.view
+            buffer.views[place] = evaluated.view
             if self.stage is not Stage.GATHERING:
                 if has_moved:
-                    known.see_again()
+                    known.reevaluate()
                     self._monitor.forget()
-                self._surprises = self._surprises + 1 if look.wrench @ look.wrench > guards.largest_surprise else 0
+                self._surprises = (
+                    self._surprises + 1 if evaluated.wrench @ evaluated.wrench > guards.largest_surprise else 0
+                )
                 is_own_turn = number % self._turn == self._own * self._turn // self._count
                 is_urgent = self._surprises >= 2 or number <= self._look_until or not self.is_confirmed
                 if (is_urgent or is_own_turn) and self._look_for_change(number):
@@ -246,19 +248,19 @@ class Session:
     def _fit_and_judge(self) -> None:
         """A fit, and whether all rows fit it, and whether it could not be a sensor instead of a load."""
         estimate, has_offset, guards = self._fit(), self._settings.has_offset, self._guards
-        sight, buffer = self._known.sight, self._known.buffer
-        self.verdict = judge(estimate, sight, buffer, guards, self._load_before, has_offset)
+        innovations, buffer = self._known.innovations, self._known.buffer
+        self.verdict = judge(estimate, innovations, buffer, guards, self._load_before, has_offset)
         first = buffer.count
-        is_body = self.verdict.outcome not in (Outcome.NO_BODY, Outcome.MORE_THAN_TOLD)
+        is_body = self.verdict.outcome not in (Outcome.NO_BODY, Outcome.BEYOND_TOLERANCE)
         if self.stage is Stage.GATHERING and is_body:
-            since, size = sight.likeliest_change(buffer)
+            since, size = innovations.likeliest_change(buffer)
             if size > guards.fresh_change:
                 first = buffer.start + since
                 if self.changes and self._take_step(first, self._fit(before=first)):
                     return
                 self.verdict = Verdict(Outcome.NO_LOAD)
         match self.verdict.outcome:
-            case Outcome.NO_BODY | Outcome.MORE_THAN_TOLD:
+            case Outcome.NO_BODY | Outcome.BEYOND_TOLERANCE:
                 self._start_over()
             case Outcome.NO_LOAD:
                 self._forget_load(first, Event.MISFIT, estimate)
@@ -268,31 +270,31 @@ class Session:
             case _:
                 self.stage, self._load_before = TRANSITIONS[self.stage, Event.FITTED], None
                 self._disputed = 0.0
-                self._look_for_untold_errors()
+                self._look_for_undeclared_errors()
 
-    def _look_for_untold_errors(self) -> None:
+    def _look_for_undeclared_errors(self) -> None:
         """Whether a sensor is off though it was told to be exact: then all begins anew, and nothing holds meanwhile.
 
         Rows have to ask for it twice. It is over when as many rows do not show it any more, the first time already
         after a shorter while.
         """
         rows = self._known.buffer.load_rows
-        if rows < self._next_untold or self._known.misses_poses:
+        if rows < self._next_undeclared or self._known.misses_poses:
             return
-        self._next_untold = round(self._guards.untold_growth * rows)
-        found, before = self._known.untold_error(), self._asked_for
+        self._next_undeclared = round(self._guards.undeclared_growth * rows)
+        found, before = self._known.undeclared_error(), self._asked_for
         self._asked_for = None if found is None else (found.robot, found.kind)
         if found is not None and self._asked_for != before:  # a sensor may have been off for a while only
-            self._next_untold = 0
+            self._next_undeclared = 0
         elif found is not None:
-            is_again = self._untold_rows > 0
-            self.untold, self._untold_rows = found, max(rows, self._untold_rows)
-            self._untold_until = self._untold_rows if is_again else min(rows, self._untold_lasts)
+            is_again = self._undeclared_rows > 0
+            self.undeclared, self._undeclared_rows = found, max(rows, self._undeclared_rows)
+            self._undeclared_until = self._undeclared_rows if is_again else min(rows, self._undeclared_lasts)
             self._start_over()
-        elif rows >= self._untold_until:
-            self.untold = None
-            if rows > 2 * self._untold_rows:
-                self._untold_rows = 0
+        elif rows >= self._undeclared_until:
+            self.undeclared = None
+            if rows > 2 * self._undeclared_rows:
+                self._undeclared_rows = 0
 
     def _start_over(self) -> None:
         self.stage = TRANSITIONS[self.stage, Event.STARTED_OVER]
@@ -334,8 +336,8 @@ class Session:
             if buffer.count < known.least:  # so few rows do not find them
                 return False
             self._fit(before=buffer.start, keeps_motion=True)  # wrenches may be of another load
-        since, size = known.sight.likeliest_change(buffer)
-        self.unnoticed = known.sight.unnoticed_step(buffer, self._shortest)
+        since, size = known.innovations.likeliest_change(buffer)
+        self.unnoticed = known.innovations.unnoticed_step(buffer, self._shortest)
         if size <= 1.0:
             self._unconfirmed = max(0, self._unconfirmed - 1)
             return False
@@ -343,7 +345,7 @@ class Session:
         if now is None or self._surprise(buffer.start + since, now) < self._guards.worth_a_fit:
             return False  # what is unknown may explain it, but that confirms nothing
         now = self._fit(before=buffer.start + since)
-        place = buffer.start + known.sight.likeliest_change(buffer)[0]
+        place = buffer.start + known.innovations.likeliest_change(buffer)[0]
         if now.state.load is None or self._surprise(place, now) <= 1.0:
             self._pause = number + buffer.count - place  # until there are twice as many rows
             self._fit()
@@ -391,11 +393,11 @@ class Session:
     def _with_changes_before(self, place: int, now: Estimate) -> tuple[int, Estimate]:
         """Where the load changed first, if it has changed several times, and the fit to older rows only."""
         known, buffer = self._known, self._known.buffer
-        since, size = known.sight.likeliest_change(buffer, place)
+        since, size = known.innovations.likeliest_change(buffer, place)
         while size > 1.0 and 0 < since < place - buffer.start:
             place = buffer.start + since
             now = self._fit(before=place)
-            since, size = known.sight.likeliest_change(buffer, place)
+            since, size = known.innovations.likeliest_change(buffer, place)
         return place, now
 
     def _surprise(self, place: int, now: Estimate) -> float:

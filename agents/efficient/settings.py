@@ -46,9 +46,9 @@ class Guards:
         lasting: A contradiction that lasts so long may be the poses' own: all begins anew [s].
         misfit: Probability that a stretch of rows fits as badly as that without any fault; a fit has some ten thousand.
         tolerance: Probability that the sensors of a robot are off by so much more than told, if tolerances are right.
-        untold: Probability that the errors of one kind of one robot seem to be there by chance, if told to be zero.
-        untold_growth: They are looked for when the load has so many times as many rows as the last time.
-        untold_lasts: What has asked for them once is over when it does not for so long [s], or for as many rows.
+        undeclared: Probability that the errors of one kind of one robot seem to be there by chance, if told to be zero.
+        undeclared_growth: They are looked for when the load has so many times as many rows as the last time.
+        undeclared_lasts: What has asked for them once is over when it does not for so long [s], or for as many rows.
         energy: Standard deviations by which the sum of squares of all residuals may be larger than noise makes it.
         noise_tolerance: Share by which the variance of noise may be larger than it was told to be.
         excess: Probability that a sensor seems to explain wrenches of another load, without reading anything in excess.
@@ -84,9 +84,9 @@ class Guards:
     lasting: float = 1.5
     misfit: float = 1e-13
     tolerance: float = 1e-8
-    untold: float = 1e-9
-    untold_growth: float = 1.5
-    untold_lasts: float = 2.5
+    undeclared: float = 1e-9
+    undeclared_growth: float = 1.5
+    undeclared_lasts: float = 2.5
     energy: float = 6.0
     noise_tolerance: float = 0.2
     excess: float = 1e-4

@@ -22,7 +22,7 @@ from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.moments.body import FORCING, load_operator, residual_covariance
 from coheft.estimation.moments.chapter import evidence_of
 from coheft.estimation.moments.fit import Estimate
-from coheft.estimation.moments.moments import RowMoments, robot_places, seen_moments
+from coheft.estimation.moments.moments import RowMoments, evaluated_moments, robot_places
 from coheft.estimation.moments.suspects import LogRatios, log_ratios
 
 _LEAST, _GROWTH = 5, 1.5
@@ -80,7 +80,7 @@ class Suspicion:
         begin = max(place - _BEFORE, (buffer.start + place) // 2)
         self._now, self._prior = known.before(begin)
         self._covariance = known.covariance_now(self._now)
-        self._sight = known.sight
+        self._innovations = known.innovations
         numbers = buffer.numbers[begin : buffer.count].tolist()
         self._rows = dict(zip(numbers, buffer.window(begin).copy(), strict=True))
         self._first = numbers[place - begin] if place < buffer.count else noticed
@@ -123,7 +123,7 @@ class Suspicion:
         """If the first of these rows after the change is that at a place."""
         if start not in self._tried:
             body, moments = self._now.body, RowMoments.of(rows[start:])
-            newest = evidence_of(body, seen_moments(body, moments, moments))
+            newest = evidence_of(body, evaluated_moments(body, moments, moments))
             self._tried[start] = log_ratios(body, newest, self._covariance, self._prior.guess)
         return self._tried[start]
 
@@ -136,13 +136,13 @@ class Suspicion:
         assert cause.robot is not None
         numbers = [number for number in sorted(self._rows) if number >= cause.first]
         rows = [(number, self._rows[number]) for number in numbers]
-        found = known.slipped(self._prior, cause.robot, rows, self._sight)
+        found = known.slipped(self._prior, cause.robot, rows, self._innovations)
         estimate = found.estimate
         assert estimate is not None
         before = self._now.state.poses[cause.robot]
         if _log_ratio_to_knock(estimate, cause.robot, before, np.array([row for _, row in rows])) < guards.lead:
             return None
-        verdict = judge(estimate, found.sight, found.buffer, guards, None, has_offset)
+        verdict = judge(estimate, found.innovations, found.buffer, guards, None, has_offset)
         return found if verdict.outcome is Outcome.FITS else None
 
 
@@ -151,9 +151,9 @@ def _log_ratio_to_knock(estimate: Estimate, robot: int, before: Pose, rows: Arra
     body, load = estimate.body, estimate.state.load
     assert load is not None
     root = np.linalg.cholesky(residual_covariance(body, load))
-    needed, own = load_operator(load) @ body.see[FORCING], robot_places(body.count, body.unknowns.errors)[robot]
+    needed, own = load_operator(load) @ body.motion_map[FORCING], robot_places(body.count, body.unknowns.errors)[robot]
     to_before = before.adjoint() @ estimate.state.poses[robot].inverse().adjoint()
-    knocked = body.wrench.copy()
+    knocked = body.wrench_map.copy()
     knocked[:, own] = to_before @ knocked[:, own]
-    of_slip, of_knock = (np.linalg.solve(root, (each - needed) @ rows.T) for each in (body.wrench, knocked))
+    of_slip, of_knock = (np.linalg.solve(root, (each - needed) @ rows.T) for each in (body.wrench_map, knocked))
     return 0.5 * float(np.square(of_knock).sum() - np.square(of_slip).sum())

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from coheft.agents.efficient.exchange import Exchange
-from coheft.agents.efficient.handover import CHANNEL, heard, told
+from coheft.agents.efficient.handover import CHANNEL, decode, encode
 from coheft.agents.efficient.row_times import OwnRows, RowTimes
 from coheft.agents.efficient.session import Session
 from coheft.agents.efficient.settings import Guards, fit_settings
@@ -87,7 +87,7 @@ class Team:
     def adopt(self, channels: Channels) -> None:
         """Begin with what a neighbour knows, if this robot knows nothing."""
         if CHANNEL in channels and self._prior is None and self.session.stage is Stage.GATHERING:
-            found = heard(channels[CHANNEL], self.exchange.team, len(self.names), self._settings)
+            found = decode(channels[CHANNEL], self.exchange.team, len(self.names), self._settings)
             if found is not None:
                 self.begin(*found, self.names)
 
@@ -100,7 +100,7 @@ class Team:
 
     def known(self) -> Channels:
         """What newcomers are told."""
-        return {} if self._prior is None else {CHANNEL: told(self.exchange.team, *self._prior)}
+        return {} if self._prior is None else {CHANNEL: encode(self.exchange.team, *self._prior)}
 
     def enter(self, index: int, samples: Array) -> None:
         """A block of this robot's own samples, shape (B, 15)."""

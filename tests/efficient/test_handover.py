@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from coheft.agents.efficient.handover import heard, told
+from coheft.agents.efficient.handover import decode, encode
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.moments.chapter import Prior
@@ -40,7 +40,7 @@ def some_prior(rng: np.random.Generator) -> Prior:
 @pytest.mark.parametrize("seed", range(3))
 def test_what_is_told_is_heard(seed: int) -> None:
     prior = some_prior(np.random.default_rng(seed))
-    found = heard(told(TEAM, prior, ANCHOR), TEAM, COUNT, SETTINGS)
+    found = decode(encode(TEAM, prior, ANCHOR), TEAM, COUNT, SETTINGS)
     assert found is not None
     same, anchor = found
     assert anchor == ANCHOR
@@ -57,18 +57,18 @@ def test_what_is_told_is_heard(seed: int) -> None:
 
 def test_nonsense_is_not_heard() -> None:
     prior = some_prior(np.random.default_rng(0))
-    right = told(TEAM, prior, ANCHOR)
+    right = encode(TEAM, prior, ANCHOR)
     indefinite = replace(prior, evidence=replace(prior.evidence, noise=-prior.evidence.noise))
     bent = replace(prior.state, poses=(Pose(2.0 * np.eye(3), np.zeros(3)), *prior.state.poses[1:]))
     wrong: dict[str, Array] = {
-        "another team": told(TEAM + 1, prior, ANCHOR),
-        "no such anchor": told(TEAM, prior, COUNT),
+        "another team": encode(TEAM + 1, prior, ANCHOR),
+        "no such anchor": encode(TEAM, prior, COUNT),
         "too short": right[:-1],
         "single precision": right.astype(np.float32),
-        "a pose that is none": told(TEAM, replace(prior, state=bent), ANCHOR),
-        "noise that is none": told(TEAM, indefinite, ANCHOR),
+        "a pose that is none": encode(TEAM, replace(prior, state=bent), ANCHOR),
+        "noise that is none": encode(TEAM, indefinite, ANCHOR),
         "a scale that is none": np.where(np.arange(len(right)) == SCALE, 1e-12, right),
-        "no mass": told(TEAM, replace(prior, guess=Guess.about(-np.ones(10), 0.7)), ANCHOR),
+        "no mass": encode(TEAM, replace(prior, guess=Guess.about(-np.ones(10), 0.7)), ANCHOR),
     }
     for what, numbers in wrong.items():
-        assert heard(numbers, TEAM, COUNT, SETTINGS) is None, what
+        assert decode(numbers, TEAM, COUNT, SETTINGS) is None, what

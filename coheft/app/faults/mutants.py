@@ -59,7 +59,7 @@ def _no_lever_arm(set_wrench: Function) -> Function:
     def mutant(self: BodyModel) -> None:
         set_wrench(self)
         lever = skew(self.places) @ self.rotations
-        for robot, part in enumerate(np.split(self.wrench[:, :-1], self.count, axis=1)):
+        for robot, part in enumerate(np.split(self.wrench_map[:, :-1], self.count, axis=1)):
             part[3:, 12:15] -= lever[robot]
 
     return mutant

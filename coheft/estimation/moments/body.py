@@ -1,8 +1,8 @@
 """What rows of the whole team say of the body's motion and of the total wrench, as matrices at one state.
 
-    psi = see @ x                      motion (1, w, v, a, alpha, products of w), least squares over all robots
+    psi = motion_map @ x                      motion (1, w, v, a, alpha, products of w), least squares over all robots
     (w, v, a, slope)_i = predict_i @ psi + noise
-    total wrench = sum_i Ad(g_i) (f, t)_i = wrench @ x
+    total wrench = sum_i Ad(g_i) (f, t)_i = wrench_map @ x
 
 ``x = (z, z')``: the rows of all robots one after another, then 1; and, only if some sensor may be late, how fast each
 of these numbers changes. ``psi`` then has the rates of its 19 numbers as well. If grasps are compliant, each robot's
@@ -111,9 +111,9 @@ class BodyModel:
         shares: Of each robot in the mean of products, shape (N,).
         weight: Inverse variances of ``(w, v, a, slope)``, shape (N, 12).
         twist, accelerations: How the motion is fused.
-        find: Takes calibrated rows and 1 to the motion, shape (19, 24 N + 1).
-        see: Takes extended rows to ``psi``, shape (features, X).
-        wrench: Takes extended rows to the total wrench, shape (6, X).
+        fusion_map: Takes calibrated rows and 1 to the motion, shape (19, 24 N + 1).
+        motion_map: Takes extended rows to ``psi``, shape (features, X).
+        wrench_map: Takes extended rows to the total wrench, shape (6, X).
         adjoints: ``Ad(g_i)``, shape (N, 6, 6).
         motion_noise: Covariance of the noise of ``psi`` in one row, shape (features, features).
         residual_noise: Covariance of what motion sensors read less their prediction with ``psi``, shape
@@ -151,23 +151,23 @@ class BodyModel:
         self.twist = Fusion.of(TWIST, rows.TWIST, self.weight, predict)
         self.accelerations = Fusion.of(ACCELERATIONS, rows.ACCELERATIONS, self.weight, predict)
 
-        self.find = find = np.zeros((MOTION_SIZE, ROW_SIZE * count + 1))
+        self.fusion_map = fusion_map = np.zeros((MOTION_SIZE, ROW_SIZE * count + 1))
         self.motion_noise = np.zeros((self.features, self.features))
-        find[0, -1] = 1.0
-        of_rows = find[:, :-1].reshape(MOTION_SIZE, count, ROW_SIZE)
+        fusion_map[0, -1] = 1.0
+        of_rows = fusion_map[:, :-1].reshape(MOTION_SIZE, count, ROW_SIZE)
         to_body = pack_symmetric(rotations[:, None] @ _PACKED @ to_own[:, None])
         of_rows[PRODUCTS, :, rows.PRODUCTS] = (self.shares[:, None, None] * to_body).transpose(2, 0, 1)
         for fusion in (self.twist, self.accelerations):
             of_rows[fusion.part, :, fusion.sensors] = fusion.gain.transpose(1, 0, 2)
             self.motion_noise[fusion.part, fusion.part] = fusion.covariance / self.noise.slowness
-        self._take_out_gyro_offset(find)
+        self._take_out_gyro_offset(fusion_map)
         centripetal = (self.accelerations.gain @ predict[:, rows.ACCELERATIONS, PRODUCTS]).sum(axis=0)
-        find[ACCELERATIONS] -= centripetal @ find[PRODUCTS]
-        self.see = self._of_extended(find)
+        fusion_map[ACCELERATIONS] -= centripetal @ fusion_map[PRODUCTS]
+        self.motion_map = self._of_extended(fusion_map)
         if self.unknowns.errors.more and self.state.calibration is not None:
             self.residual_noise = np.zeros((self.count, KINEMATICS_SIZE, self.features))
-            more = np.zeros((self.features - MOTION_SIZE, self.see.shape[1]))
-            by_robot = more[:, find.shape[1] :].reshape(len(more), self.count, self.unknowns.errors.more)
+            more = np.zeros((self.features - MOTION_SIZE, self.motion_map.shape[1]))
+            by_robot = more[:, fusion_map.shape[1] :].reshape(len(more), self.count, self.unknowns.errors.more)
             if self.has_rates:
                 self._set_noise_of_rates()
                 rates = of_rows.swapaxes(0, 1) @ self.state.calibration[:, _OWN_RATES, _OWN_RATES]
@@ -176,7 +176,7 @@ class BodyModel:
                 self._set_noise_of_flexing()
                 for robot, places in enumerate(self.flexing - MOTION_SIZE):
                     by_robot[places, robot, -FLEXING_SIZE:] = np.eye(FLEXING_SIZE)
-            self.see = np.vstack([self.see, more])
+            self.motion_map = np.vstack([self.motion_map, more])
 
     def _variance_of_rates(self, deviations: Array, part: slice) -> Array:
         """Of a part of all rows, for the noise (N or 1, k) of its numbers, shape (N, k)."""
@@ -239,12 +239,12 @@ class BodyModel:
                 self.residual_noise[:, fusion.sensors, places] -= self.predict[:, fusion.sensors, fusion.part] @ fused
             self.residual_noise[robot, :, places] += own.T
 
-    def _take_out_gyro_offset(self, find: Array) -> None:
+    def _take_out_gyro_offset(self, fusion_map: Array) -> None:
         """What the gyros read in excess is in the angular velocity and in its products."""
         gyros = self.state.gyros
-        find[W, -1] -= gyros
-        find[PRODUCTS] -= np.tensordot(gyros, PRODUCTS_BY_RATE, axes=1) @ find[W]
-        find[PRODUCTS, -1] -= pack_symmetric(np.outer(gyros, gyros))
+        fusion_map[W, -1] -= gyros
+        fusion_map[PRODUCTS] -= np.tensordot(gyros, PRODUCTS_BY_RATE, axes=1) @ fusion_map[W]
+        fusion_map[PRODUCTS, -1] -= pack_symmetric(np.outer(gyros, gyros))
 
     def _set_wrench(self) -> None:
         count, rotations = self.count, self.rotations
@@ -253,7 +253,7 @@ class BodyModel:
         self.adjoints[:, 3:, :3] = skew(self.places) @ rotations
         wrench = np.zeros((6, ROW_SIZE * count + 1))
         wrench[:, :-1].reshape(6, count, ROW_SIZE)[:, :, rows.WRENCH] = self.adjoints.transpose(1, 0, 2)
-        self.wrench = self._of_extended(wrench)
+        self.wrench_map = self._of_extended(wrench)
         self.rate_variance = self._variance_of_rates(self.noise.wrench, rows.WRENCH) / self.noise.slowness
         variance = self._corrected(self.noise.wrench, rows.WRENCH)
         is_there = np.isfinite(variance)

@@ -74,7 +74,7 @@ class Weights:
         of_noise = (noise.ravel() @ of_gram).reshape(LOAD_SIZE, LOAD_SIZE)
         if known is None:
             return Weights(of_gram, of_cross, of_noise, np.zeros_like(of_noise), np.zeros(LOAD_SIZE))
-        about = known.of(np.arange(body.unknowns.size)[body.unknowns.load])
+        about = known.restricted(np.arange(body.unknowns.size)[body.unknowns.load])
         return Weights(of_gram, of_cross, of_noise, about.information, about.score + about.information @ load)
 
     def sums(self, grams: Array) -> tuple[Array, Array]:

@@ -19,10 +19,10 @@ from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.moments.body import BodyModel
 from coheft.estimation.moments.derivatives import MotionDerivatives
 from coheft.estimation.moments.evidence import Evidence
-from coheft.estimation.moments.fit import Estimate, Look
+from coheft.estimation.moments.fit import Estimate, EvaluateMoments
 from coheft.estimation.moments.fit_settings import FitSettings, Guess
 from coheft.estimation.moments.likelihood import motion_evidence, wrench_evidence
-from coheft.estimation.moments.moments import SeenMoments, seen_moments, wrench_moments
+from coheft.estimation.moments.moments import EvaluatedMoments, evaluated_moments, wrench_moments
 from coheft.estimation.moments.row_buffer import RowBuffer
 from coheft.estimation.moments.unknowns import Indices, State, Unknowns
 from coheft.estimation.rigid_body.mass_properties import point_mass
@@ -52,15 +52,15 @@ class Prior:
 
     def at(self, body: BodyModel) -> Evidence:
         """Around another state nearby."""
-        return self.evidence.moved(body.state.since(self.state, body.unknowns))
+        return self.evidence.shifted(body.state.since(self.state, body.unknowns))
 
-    def without(self, places: Indices, limits: Array) -> Prior:
+    def marginalized(self, places: Indices, limits: Array) -> Prior:
         """Whatever these unknowns are now."""
-        return replace(self, evidence=self.evidence.without(places, limits))
+        return replace(self, evidence=self.evidence.marginalized(places, limits))
 
-    def loosened(self, places: slice | Indices, covariance: Array) -> Prior:
+    def with_process_noise(self, places: slice | Indices, covariance: Array) -> Prior:
         """These unknowns have changed by a step with this covariance."""
-        return replace(self, evidence=self.evidence.loosened(places, covariance))
+        return replace(self, evidence=self.evidence.with_process_noise(places, covariance))
 
     def for_team(self, members: Sequence[int | None], settings: FitSettings) -> Prior:
         """For another team.
@@ -81,22 +81,24 @@ class Prior:
             if settings.errors.count and not self.has_expectations:
                 deviations = np.tile(settings.errors.deviations, len(left))
                 expected = Evidence.prior(deviations, -state.eta[left].ravel())
-                evidence += expected.placed(old.size, old.eta[left].ravel())
+                evidence += expected.embedded(old.size, old.eta[left].ravel())
             places = np.concatenate([old.of_robot(robot) for robot in left])
-            evidence = evidence.without(places, settings.limits(count, self.guess)[places])
+            evidence = evidence.marginalized(places, settings.limits(count, self.guess)[places])
         kept = np.concatenate([*(old.of_robot(then) for _, then in stayed), old.common])
         places = np.concatenate([*(new.of_robot(now) for now, _ in stayed), new.common])
-        evidence = evidence.of(kept).placed(new.size, places)
+        evidence = evidence.restricted(kept).embedded(new.size, places)
         others = len(left) + len(members) - len(stayed)
         if settings.has_offset and others:
             force, torque = (
                 settings.force_offset,
                 settings.torque_offset + 2.0 * self.guess.size * settings.force_offset,
             )
-            evidence = evidence.loosened(new.offset, np.diag(np.repeat([others * force**2, others * torque**2], 3)))
+            evidence = evidence.with_process_noise(
+                new.offset, np.diag(np.repeat([others * force**2, others * torque**2], 3))
+            )
         if settings.gyro_offset > 0.0 and others:
             change = settings.gyro_offset * others / len(members)
-            evidence = evidence.loosened(new.gyros, change**2 * np.eye(3))
+            evidence = evidence.with_process_noise(new.gyros, change**2 * np.eye(3))
         fresh = State.first([Pose.identity()] * len(members), settings.errors)
         poses, eta, calibration = list(fresh.poses), fresh.eta, fresh.calibration
         for now, then in stayed:
@@ -124,14 +126,14 @@ class Chapter:
         """Whether former chapters say something of the load."""
         return self.prior is not None and self.prior.knows_load
 
-    def said_before(self, body: BodyModel) -> Evidence:
+    def prior_evidence(self, body: BodyModel) -> Evidence:
         """What former chapters and expectations of sensors' errors say at a state."""
         if self.prior is None:
             return self._settings.expected(body)
         before = self.prior.at(body)
         return before if self.prior.has_expectations else before + self._settings.expected(body)
 
-    def look(self, before: int | None = None, keeps_motion: bool = False) -> Look:
+    def evaluation(self, before: int | None = None, keeps_motion: bool = False) -> EvaluateMoments:
         """How to see the chapter's moments at a state.
 
         Args:
@@ -145,7 +147,7 @@ class Chapter:
             of_load = of_load - newest
             if not keeps_motion:
                 of_all = of_load if is_only_load else of_all - newest
-        return lambda body: seen_moments(body, of_all, of_load)
+        return lambda body: evaluated_moments(body, of_all, of_load)
 
     def end_of_load(
         self, estimate: Estimate, guess: Guess, place: int, keeps_poses: bool, step: Array | None = None
@@ -163,29 +165,29 @@ class Chapter:
         if keeps_poses:
             moments = wrench_moments(body, of_load)
             evidence = wrench_evidence(body, MotionDerivatives.at(body), moments, _load(body))
-            self._become(estimate, guess, evidence, False)
+            self._set_prior(estimate, guess, evidence, False)
         if self.prior is not None and step is not None:
-            self.prior = self.prior.loosened(body.unknowns.theta, step)
+            self.prior = self.prior.with_process_noise(body.unknowns.theta, step)
         elif self.prior is not None:
             theta = np.arange(body.unknowns.size)[body.unknowns.theta]
-            self.prior = replace(self.prior.without(theta, guess.limits), knows_load=False)
+            self.prior = replace(self.prior.marginalized(theta, guess.limits), knows_load=False)
 
     def end(self, estimate: Estimate, guess: Guess, place: int) -> None:
         """All rows before this place, and what was expected of sensors' errors, become part of the prior."""
         of_all, of_load = self.buffer.begin_chapter(place)
-        evidence = evidence_of(estimate.body, seen_moments(estimate.body, of_all, of_load))
+        evidence = evidence_of(estimate.body, evaluated_moments(estimate.body, of_all, of_load))
         if self.prior is None or not self.prior.has_expectations:
             evidence += self._settings.expected(estimate.body)
-        self._become(estimate, guess, evidence, True)
+        self._set_prior(estimate, guess, evidence, True)
 
-    def summed_up(self, estimate: Estimate, guess: Guess, look: Look | None = None) -> Prior:
-        """All that is known, or that can be seen with such a look, for another robot or another team."""
-        evidence = evidence_of(estimate.body, (self.look() if look is None else look)(estimate.body))
+    def posterior(self, estimate: Estimate, guess: Guess, evaluate: EvaluateMoments | None = None) -> Prior:
+        """All that is known, or that can be seen with such a evaluate, for another robot or another team."""
+        evidence = evidence_of(estimate.body, (self.evaluation() if evaluate is None else evaluate)(estimate.body))
         if self.prior is not None:
             evidence += self.prior.at(estimate.body)
         return Prior(estimate.state, guess, evidence, self.prior is not None and self.prior.has_expectations)
 
-    def _become(self, estimate: Estimate, guess: Guess, evidence: Evidence, has_expectations: bool) -> None:
+    def _set_prior(self, estimate: Estimate, guess: Guess, evidence: Evidence, has_expectations: bool) -> None:
         if self.prior is not None:
             evidence += self.prior.at(estimate.body)
             has_expectations = has_expectations or self.prior.has_expectations
@@ -200,7 +202,7 @@ def spread_mass(theta: Array, size: float) -> Array:
     return result
 
 
-def evidence_of(body: BodyModel, moments: SeenMoments) -> Evidence:
+def evidence_of(body: BodyModel, moments: EvaluatedMoments) -> Evidence:
     """What moments say at a state with a load."""
     derivatives, load = MotionDerivatives.at(body), _load(body)
     by_motion = motion_evidence(body, derivatives, moments.motion)

@@ -81,7 +81,7 @@ def _by_errors(body: BodyModel) -> tuple[Array, Array]:
         result: Array = (generators @ calibrated).reshape(count, errors.count, -1, features)
         return result
 
-    fused = body.find[PRODUCTS, :-1].reshape(6, count, ROW_SIZE)[:, :, rows.PRODUCTS].swapaxes(0, 1)
+    fused = body.fusion_map[PRODUCTS, :-1].reshape(6, count, ROW_SIZE)[:, :, rows.PRODUCTS].swapaxes(0, 1)
     return -generated(rows.KINEMATICS), fused[:, None] @ generated(rows.PRODUCTS)
 
 

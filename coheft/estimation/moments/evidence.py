@@ -86,7 +86,7 @@ class Evidence:
             self.doubt + other.doubt,
         )
 
-    def placed(self, size: int, places: slice | Indices) -> Evidence:
+    def embedded(self, size: int, places: slice | Indices) -> Evidence:
         """The same about ``size`` unknowns, of which these are a part."""
         places = np.arange(size)[places]
         square, score = np.ix_(places, places), np.zeros(size)
@@ -95,16 +95,16 @@ class Evidence:
         information[square], noise[square], doubt[square] = self.information, self.noise, self.doubt
         return Evidence(score, information, noise, doubt)
 
-    def of(self, places: Indices) -> Evidence:
+    def restricted(self, places: Indices) -> Evidence:
         """About these unknowns if all others are what they are assumed to be."""
         square = np.ix_(places, places)
         return Evidence(self.score[places], self.information[square], self.noise[square], self.doubt[square])
 
-    def moved(self, step: Array) -> Evidence:
+    def shifted(self, step: Array) -> Evidence:
         """Around another value, a step (u,) away."""
         return Evidence(self.score - self.information @ step, self.information, self.noise, self.doubt)
 
-    def without(self, places: Indices, limits: Array) -> Evidence:
+    def marginalized(self, places: Indices, limits: Array) -> Evidence:
         """Whatever these unknowns are: they are eliminated, keep their places, and nothing is said there.
 
         Args:
@@ -112,7 +112,7 @@ class Evidence:
             limits: Shape (k,), as of ``solve``.
         """
         others = np.setdiff1d(np.arange(len(self.score)), places)
-        inverse = self.of(places).solve(limits).inverse
+        inverse = self.restricted(places).solve(limits).inverse
         take = np.eye(len(self.score))
         take[np.ix_(others, places)] = -self.information[np.ix_(others, places)] @ inverse
         take[places] = 0.0
@@ -125,7 +125,7 @@ class Evidence:
             take @ self.doubt @ take.T,
         )
 
-    def loosened(self, places: slice | Indices, covariance: Array) -> Evidence:
+    def with_process_noise(self, places: slice | Indices, covariance: Array) -> Evidence:
         """These unknowns have changed since, by a step with this covariance (k, k): process noise.
 
         The step is ``root z`` with a standard normal ``z``, so some of them may not have changed at all.
@@ -139,8 +139,8 @@ class Evidence:
             before.T @ self.score, *(before.T @ each @ before for each in (self.information, self.noise, self.doubt))
         )
         step = np.arange(size, size + changed)
-        both += Evidence.prior(np.ones(changed)).placed(size + changed, step)
-        return both.without(step, np.full(changed, 2.0)).of(np.arange(size))
+        both += Evidence.prior(np.ones(changed)).embedded(size + changed, step)
+        return both.marginalized(step, np.full(changed, 2.0)).restricted(np.arange(size))
 
     def solve(self, limits: Array) -> Solution:
         """Invert the information where something is seen.

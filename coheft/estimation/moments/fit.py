@@ -17,7 +17,7 @@ from coheft.estimation.moments.derivatives import MotionDerivatives
 from coheft.estimation.moments.evidence import Evidence
 from coheft.estimation.moments.fit_settings import POSE_LIMITS, FitSettings, Guess
 from coheft.estimation.moments.likelihood import motion_evidence, wrench_evidence
-from coheft.estimation.moments.moments import SeenMoments
+from coheft.estimation.moments.moments import EvaluatedMoments
 from coheft.estimation.moments.unknowns import Flags, State
 
 _FARTHEST = 6.0
@@ -69,13 +69,13 @@ class Estimate:
         return np.asarray((variances > np.square(limits)).any(axis=1))
 
 
-Look = Callable[[BodyModel], SeenMoments]
+EvaluateMoments = Callable[[BodyModel], EvaluatedMoments]
 """Gives the moments at a state."""
 
 
-def fitted(
+def fit_state(
     state: State,
-    look: Look,
+    evaluate: EvaluateMoments,
     before: Callable[[BodyModel], Evidence],
     guess: Guess,
     settings: FitSettings,
@@ -86,7 +86,7 @@ def fitted(
 
     Args:
         state: Where to begin; without a load, poses are fitted to the motion alone.
-        look: Moments at a state.
+        evaluate: Moments at a state.
         before: What former chapters and expectations say at a state.
         guess: Of theta.
         settings: Of the fit.
@@ -97,7 +97,7 @@ def fitted(
     noise_of_wrench: Array | None = None
     for _ in range(most_steps):
         body, load = settings.body(state), state.load
-        moments, derivatives = look(body), MotionDerivatives.at(body)
+        moments, derivatives = evaluate(body), MotionDerivatives.at(body)
         total = motion_evidence(body, derivatives, moments.motion, noise_of_motion)
         if load is not None:
             noise_of_motion = total.noise
@@ -105,7 +105,7 @@ def fitted(
                 by_wrench = wrench_evidence(body, derivatives, moments.wrench, load, noise_of_wrench)
                 total, noise_of_wrench = total + by_wrench, by_wrench.noise
         total += before(body)
-        state, seen, hidden, size, left = _stepped(body, total, settings, guess, anchor)
+        state, seen, hidden, size, left = _step(body, total, settings, guess, anchor)
         if size > _FAR:
             noise_of_motion = noise_of_wrench = None
         if left < SMALL_ERROR:
@@ -113,7 +113,7 @@ def fitted(
     return Estimate(settings.body(state), seen, hidden, size, guess.size)
 
 
-def _stepped(
+def _step(
     body: BodyModel, total: Evidence, settings: FitSettings, guess: Guess, anchor: int
 ) -> tuple[State, Array, Array, float, float]:
     """One step: the new state, its covariances where it is seen and hidden, the step's size and what it leaves.
@@ -122,7 +122,7 @@ def _stepped(
     """
     unknowns = body.unknowns
     free = settings.free(unknowns, anchor, body.state.load is not None)
-    part = total.of(free)
+    part = total.restricted(free)
     solution = part.solve(settings.limits(unknowns.count, guess)[free])
     step, square = np.zeros(unknowns.size), np.ix_(free, free)
     seen, hidden = np.zeros((2, unknowns.size, unknowns.size))

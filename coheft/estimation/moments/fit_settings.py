@@ -54,7 +54,7 @@ class Guess:
         one = ROW_SIZE * body.count
         middle, size = middle_and_size(body.state.poses)
         sums = moments.sums(one)
-        force, acceleration = body.wrench[:3] @ sums / sums[one], body.see[FORCING[1:4]] @ sums / sums[one]
+        force, acceleration = body.wrench_map[:3] @ sums / sums[one], body.motion_map[FORCING[1:4]] @ sums / sums[one]
         mass = max(_LIGHTEST, float(np.linalg.norm(force)) / max(float(np.linalg.norm(acceleration)), 1e-9))
         theta = mass * point_mass(middle)
         theta[4:7] += mass * size**2 / 3.0
@@ -124,12 +124,12 @@ class FitSettings:
         unknowns, state = body.unknowns, body.state
         offset = np.zeros(6) if state.load is None else state.load[OFFSET]
         total = Evidence.of_information(inverse_of(self.offset_covariance(body)), -offset)
-        total = total.placed(unknowns.size, unknowns.offset)
+        total = total.embedded(unknowns.size, unknowns.offset)
         gyros = np.full(3, max(self.gyro_offset, _EXACT) / np.sqrt(unknowns.count))
-        total += Evidence.prior(gyros, -state.gyros).placed(unknowns.size, unknowns.gyros)
+        total += Evidence.prior(gyros, -state.gyros).embedded(unknowns.size, unknowns.gyros)
         if self.errors.count:
             deviations = np.tile(self.errors.deviations, unknowns.count)
-            total += Evidence.prior(deviations, -state.eta.ravel()).placed(unknowns.size, unknowns.eta.ravel())
+            total += Evidence.prior(deviations, -state.eta.ravel()).embedded(unknowns.size, unknowns.eta.ravel())
         return total
 
     def offset_covariance(self, body: BodyModel) -> Array:

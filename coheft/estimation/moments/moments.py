@@ -1,6 +1,6 @@
 """Second moments of rows, exact for every state that is assumed later.
 
-    G = sum x x^T,    at a state:  sum psi psi^T = see G see^T,    sum x psi^T = G see^T
+    G = sum x x^T,    at a state:  sum psi psi^T = S G S^T,    sum x psi^T = G S^T
 
 A robot keeps ``G`` and no poses in it, so nothing has to be summed again when poses become better. ``RowMoments`` keeps
 all of it; for large teams ``coheft.estimation.moments.projected`` keeps what is seen from one state.
@@ -58,7 +58,7 @@ class RowMoments:
 
     def with_motion(self, body: BodyModel) -> Array:
         """See ``Moments``."""
-        result: Array = self.matrix @ body.see.T
+        result: Array = self.matrix @ body.motion_map.T
         return result
 
     def of_wrenches(self, places: Indices) -> Array:
@@ -132,38 +132,38 @@ class WrenchMoments:
 
 
 @dataclass(frozen=True, eq=False)
-class SeenMoments:
+class EvaluatedMoments:
     """Of all rows, and of those that are of the present load."""
 
     motion: MotionMoments
     wrench: WrenchMoments
 
 
-def seen_moments(body: BodyModel, of_all: Moments, of_load: Moments) -> SeenMoments:
+def evaluated_moments(body: BodyModel, of_all: Moments, of_load: Moments) -> EvaluatedMoments:
     """Moments at a state, of all rows and of those of the present load."""
     crossed = of_all.with_motion(body)
     motion = _motion_moments(body, crossed)
     if of_load is of_all:
-        return SeenMoments(motion, _wrench_moments(body, of_load, crossed, motion.of_motion))
-    return SeenMoments(motion, wrench_moments(body, of_load))
+        return EvaluatedMoments(motion, _wrench_moments(body, of_load, crossed, motion.of_motion))
+    return EvaluatedMoments(motion, wrench_moments(body, of_load))
 
 
 def wrench_moments(body: BodyModel, moments: Moments) -> WrenchMoments:
     """Moments of wrenches at a state."""
     crossed = moments.with_motion(body)
-    return _wrench_moments(body, moments, crossed, body.see @ crossed)
+    return _wrench_moments(body, moments, crossed, body.motion_map @ crossed)
 
 
 def view_moments(body: BodyModel, moments: Moments) -> Array:
     """``sum v v^T`` of views ``v = (motion[FORCING], total wrench)`` of rows at a state, shape (19, 19)."""
     crossed, places = moments.with_motion(body), wrench_places(body.count, body.unknowns.errors)
-    of_forcing, wrench = crossed[:, FORCING], body.wrench[:, places]
+    of_forcing, wrench = crossed[:, FORCING], body.wrench_map[:, places]
     one, size = ROW_SIZE * body.count, FORCING_SIZE
     result = np.zeros((size + 6, size + 6))
-    result[:size, :size] = body.see[FORCING] @ of_forcing
-    result[size:, :size] = body.wrench @ of_forcing
+    result[:size, :size] = body.motion_map[FORCING] @ of_forcing
+    result[size:, :size] = body.wrench_map @ of_forcing
     result[:size, size:] = result[size:, :size].T
-    constant = body.wrench[:, one]
+    constant = body.wrench_map[:, one]
     across = np.outer(wrench @ of_forcing[places, 0], constant)
     square = wrench @ moments.of_wrenches(places) @ wrench.T
     result[size:, size:] = square + across + across.T + crossed[one, 0] * np.outer(constant, constant)
@@ -180,7 +180,7 @@ def _motion_moments(body: BodyModel, crossed: Array) -> MotionMoments:
         if body.unknowns.errors.more:
             more = crossed[one + 1 :].reshape(count, -1, body.features)
             with_motion = with_motion + calibration[:, KINEMATICS, MORE:] @ more
-    return MotionMoments(with_motion, body.see @ crossed)
+    return MotionMoments(with_motion, body.motion_map @ crossed)
 
 
 def _wrench_moments(body: BodyModel, moments: Moments, crossed: Array, of_motion: Array) -> WrenchMoments:

@@ -1,6 +1,6 @@
 """Moments for large teams: of extended rows with ``psi`` as seen at one state, and of wrenches with each other.
 
-    X * features + (6 N)^2 numbers instead of X^2,    psi(now) = (see_then @ predicted_now)^-1 psi(then)
+    X * features + (6 N)^2 numbers instead of X^2,    psi(now) = (motion_map_then @ predicted_now)^-1 psi(then)
 
 Rows obey ``T x = predicted @ psi`` up to their noise, so what was seen at one state is turned to another one by a
 constant matrix, without the data. The matrix is close to the identity where poses were known when rows were seen.
@@ -43,7 +43,7 @@ def motion_then_to_now(then: BodyModel, now: BodyModel) -> Array:
     if now.state.calibration is not None:
         predicted = inverse_of(now.state.calibration) @ predicted
     extended = [predicted[:, part].reshape(-1, now.features) for part in (slice(ROW_SIZE), slice(MORE, None))]
-    found = then.see @ np.concatenate([extended[0], predicted[:1, ONE], extended[1]])
+    found = then.motion_map @ np.concatenate([extended[0], predicted[:1, ONE], extended[1]])
     if now.has_rates:
         found[MOTION_SIZE, MOTION_SIZE] = 1.0  # the rate of the constant, which is always 0
     return inverse_of(found)
@@ -67,10 +67,10 @@ class ProjectedMoments:
     def of(extended_rows: Array, body: BodyModel) -> ProjectedMoments:
         """Of extended rows (n, X), seen at a state."""
         wrenches = extended_rows[:, wrench_places(body.count, body.unknowns.errors)]
-        return ProjectedMoments(body, extended_rows.T @ (extended_rows @ body.see.T), wrenches.T @ wrenches)
+        return ProjectedMoments(body, extended_rows.T @ (extended_rows @ body.motion_map.T), wrenches.T @ wrenches)
 
     @staticmethod
-    def seen_from(body: BodyModel, moments: Moments) -> ProjectedMoments:
+    def at(body: BodyModel, moments: Moments) -> ProjectedMoments:
         """What can be seen of moments at a state; those that were seen at another one are turned."""
         wrenches = moments.of_wrenches(wrench_places(body.count, body.unknowns.errors))
         return ProjectedMoments(body, moments.with_motion(body), wrenches)

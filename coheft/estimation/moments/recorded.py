@@ -12,9 +12,9 @@ import numpy as np
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.measurement import SAMPLE_SIZE, SensorNoise
 from coheft.estimation.moments.body import FORCING, BodyModel, load_operator, residual_covariance
-from coheft.estimation.moments.fit import Estimate, fitted
+from coheft.estimation.moments.fit import Estimate, fit_state
 from coheft.estimation.moments.fit_settings import FitSettings, Guess
-from coheft.estimation.moments.moments import RowMoments, SeenMoments, seen_moments
+from coheft.estimation.moments.moments import EvaluatedMoments, RowMoments, evaluated_moments
 from coheft.estimation.moments.rows import RowNoise, row_of_samples, rows_per_block
 from coheft.estimation.moments.start import first_load, poses_by_motion
 from coheft.estimation.moments.unknowns import State
@@ -64,28 +64,28 @@ def fit_recorded(samples: Array, noise: SensorNoise, rate: float) -> Recorded:
     settings = FitSettings(RowNoise.of_samples(noise, length, rate), length / rate)
     moments = RowMoments.of(rows)
 
-    def look(body: BodyModel) -> SeenMoments:
-        return seen_moments(body, moments, moments)
+    def evaluate(body: BodyModel) -> EvaluatedMoments:
+        return evaluated_moments(body, moments, moments)
 
     count = samples.shape[1]
     state = State.first([Pose.identity()] * count, settings.errors)
-    state = poses_by_motion(state, np.arange(count) > 0, moments, look, settings.expected, settings, anchor=0)
+    state = poses_by_motion(state, np.arange(count) > 0, moments, evaluate, settings.expected, settings, anchor=0)
     body = settings.body(state)
     guess = Guess.of(body, moments)
-    state = first_load(state, look(body).wrench, guess, settings)
+    state = first_load(state, evaluate(body).wrench, guess, settings)
     for _ in range(_MOST_STEPS):
-        estimate = fitted(state, look, settings.expected, guess, settings, anchor=0, most_steps=1)
+        estimate = fit_state(state, evaluate, settings.expected, guess, settings, anchor=0, most_steps=1)
         state = estimate.state
         if estimate.step < _CLOSE:
             break
     body, load = estimate.body, state.load
     assert load is not None  # it has been fitted
-    explained = load_operator(load) @ body.see[FORCING]
+    explained = load_operator(load) @ body.motion_map[FORCING]
     return Recorded(
         estimate=estimate,
         is_settled=estimate.step < _CLOSE,
         row_samples=length,
-        residual=rows @ (body.wrench - explained).T,
+        residual=rows @ (body.wrench_map - explained).T,
         expected=residual_covariance(body, load),
     )
 

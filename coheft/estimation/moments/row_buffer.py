@@ -115,7 +115,7 @@ class RowBuffer:
         """Rows from this place on, shape (n, X)."""
         return self.rows[place : self.count]
 
-    def see_from(self, body: BodyModel) -> None:
+    def project_at(self, body: BodyModel) -> None:
         """From now on keep what is seen from this state, if the team is large."""
         self._sum_up()
         if not self._is_projected or (self._seen_from is None and self.count < _LEAST_TO_PROJECT):
@@ -126,9 +126,9 @@ class RowBuffer:
             if self._former is not None:
                 self._former = self.moments_of(self.rows[: self.start])
             return
-        self._load = ProjectedMoments.seen_from(body, self._load)
+        self._load = ProjectedMoments.at(body, self._load)
         if self._former is not None:
-            self._former = ProjectedMoments.seen_from(body, self._former)
+            self._former = ProjectedMoments.at(body, self._former)
 
     def take_back(self, number: int) -> int:
         """Rows with larger numbers are taken out again, as if they had never come; returns how many were."""

@@ -16,7 +16,7 @@ from coheft.estimation.moments import rows
 from coheft.estimation.moments.body import BodyModel
 from coheft.estimation.moments.derivatives import MotionDerivatives
 from coheft.estimation.moments.evidence import Evidence
-from coheft.estimation.moments.fit import Look, fitted
+from coheft.estimation.moments.fit import EvaluateMoments, fit_state
 from coheft.estimation.moments.fit_settings import POSE_LIMITS, FitSettings, Guess
 from coheft.estimation.moments.likelihood import wrench_evidence
 from coheft.estimation.moments.moments import RowMoments, WrenchMoments
@@ -77,7 +77,7 @@ def poses_by_motion(
     state: State,
     is_unknown: Flags,
     kept: RowMoments,
-    look: Look,
+    evaluate: EvaluateMoments,
     before: Callable[[BodyModel], Evidence],
     settings: FitSettings,
     anchor: int,
@@ -88,14 +88,14 @@ def poses_by_motion(
         state: Poses that are known, and sensors.
         is_unknown: Whose poses are not, shape (N,).
         kept: Moments of rows.
-        look: Moments that are fitted to, at a state.
+        evaluate: Moments that are fitted to, at a state.
         before: What is known besides, at a state.
         settings: Of the fit.
         anchor: The robot whose pose stays what it is.
     """
     state = first_poses(kept, state, settings.noise, anchor, is_unknown).with_load(None)
     guess = Guess.of(settings.body(state), kept)
-    return fitted(state, look, before, guess, settings, anchor).state
+    return fit_state(state, evaluate, before, guess, settings, anchor).state
 
 
 def _likeliest_rotation(likeness: Array) -> Array:
@@ -122,7 +122,7 @@ def first_load(state: State, moments: WrenchMoments, guess: Guess, settings: Fit
     unknowns = body.unknowns
     total = wrench_evidence(body, MotionDerivatives.at(body), moments, load) + settings.expected(body)
     which = np.arange(unknowns.size)[unknowns.load if settings.has_offset else unknowns.theta]
-    part = total.of(which)
+    part = total.restricted(which)
     inverse = part.solve(settings.limits(unknowns.count, guess)[which]).inverse
     load[-len(which) :] += inverse @ part.score
     return state.with_load(load)

@@ -8,7 +8,7 @@ import numpy as np
 
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.moments.chapter import Chapter
-from coheft.estimation.moments.fit import Estimate, fitted
+from coheft.estimation.moments.fit import Estimate, fit_state
 from coheft.estimation.moments.fit_settings import FitSettings, Guess
 from coheft.estimation.moments.row_buffer import RowBuffer
 from coheft.estimation.moments.rows import ROW_SIZE
@@ -30,7 +30,7 @@ class Fitted:
 
     def error(self, truth: Team, anchor: int = 0) -> Array:
         """Step (u,) from the estimate to the true poses and load; sensors are exact."""
-        state = truth.seen_from(truth.poses[anchor]).state(self.estimate.body.unknowns.errors)
+        state = truth.expressed_in(truth.poses[anchor]).state(self.estimate.body.unknowns.errors)
         return state.since(self.estimate.state, self.estimate.body.unknowns)
 
 
@@ -53,16 +53,16 @@ def poses_of(chapter: Chapter, settings: FitSettings, count: int, anchor: int = 
     state = State.first(identity, settings.errors)
     state = first_poses(kept, state, settings.noise, anchor, np.arange(count) != anchor)
     guess = Guess.of(settings.body(state), kept)
-    return fitted(state, chapter.look(), chapter.said_before, guess, settings, anchor).state
+    return fit_state(state, chapter.evaluation(), chapter.prior_evidence, guess, settings, anchor).state
 
 
 def fit_from(state: State, chapter: Chapter, settings: FitSettings, anchor: int = 0) -> Fitted:
     """Of poses and load, from poses that are nearly right."""
-    body, look = settings.body(state), chapter.look()
+    body, evaluate = settings.body(state), chapter.evaluation()
     guess = Guess.of(body, chapter.buffer.moments()[1])
     if state.load is None:
-        state = first_load(state, look(body).wrench, guess, settings)
-    return Fitted(fitted(state, look, chapter.said_before, guess, settings, anchor), guess, chapter)
+        state = first_load(state, evaluate(body).wrench, guess, settings)
+    return Fitted(fit_state(state, evaluate, chapter.prior_evidence, guess, settings, anchor), guess, chapter)
 
 
 def fit(rows: Array, settings: FitSettings = IDEAL, anchor: int = 0, is_projected: bool = False) -> Fitted:
@@ -71,7 +71,7 @@ def fit(rows: Array, settings: FitSettings = IDEAL, anchor: int = 0, is_projecte
     chapter = Chapter(buffer_of(rows, settings, count, is_projected), settings)
     state = poses_of(chapter, settings, count, anchor)
     if is_projected:
-        chapter.buffer.see_from(settings.body(state))
+        chapter.buffer.project_at(settings.body(state))
     return fit_from(state, chapter, settings, anchor)
 
 
@@ -85,7 +85,7 @@ def normalised_error(error: Array, estimate: Estimate, settings: FitSettings, an
 
 def erring(team: Team, settings: FitSettings, rng: np.random.Generator) -> tuple[State, Array]:
     """The true state in the frame of the first robot, with random errors of sensors, and noisy rows as they read."""
-    team, errors, count = team.seen_from(team.poses[0]), settings.errors, team.count
+    team, errors, count = team.expressed_in(team.poses[0]), settings.errors, team.count
     state, unknowns = team.state(errors), Unknowns(count, errors)
     step = np.zeros(unknowns.size)
     step[unknowns.eta] = errors.deviations * rng.normal(size=unknowns.eta.shape)

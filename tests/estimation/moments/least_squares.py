@@ -50,7 +50,7 @@ def moved(body: BodyModel, step: Array) -> BodyModel:
 
 def jacobian_of_motion(body: BodyModel, rows: Array) -> tuple[Array, Array]:
     """Derivatives of the residuals by the unknowns, and by all motions and offsets."""
-    motion, offsets = (rows @ body.see.T)[:, 1:13], np.zeros((body.count, 6))
+    motion, offsets = (rows @ body.motion_map.T)[:, 1:13], np.zeros((body.count, 6))
     of_unknowns, of_others = [], []
     for step in STEP * np.eye(body.unknowns.size):
         sides = [motion_residuals(moved(body, sign * step), rows, motion, offsets) for sign in (1.0, -1.0)]

@@ -102,7 +102,7 @@ class Team:
         """The true one, with exact sensors."""
         return State.first(self.poses, errors).with_load(self.load)
 
-    def seen_from(self, frame: Pose) -> Team:
+    def expressed_in(self, frame: Pose) -> Team:
         """The same, but ``frame``, given in the body frame, is the body frame."""
         inside = frame.inverse()
         kinematics = grasp_measurements(frame, self.motion)

@@ -78,10 +78,10 @@ def test_exact_rows_show_the_exact_motion_and_wrench(count: int, errors: SensorE
     psi = np.hstack([psi[:, :MOTION_SIZE], psi[:, MOTION_SIZE + 1 :]])
     if errors.is_flexing:
         psi = np.hstack([psi, by_robot(rows, count)[:, :, -6:].reshape(len(rows), -1)])
-    np.testing.assert_allclose(rows @ body.see.T, psi, atol=1e-5)
+    np.testing.assert_allclose(rows @ body.motion_map.T, psi, atol=1e-5)
     wrench = team.total_wrench + team.load[:6]
-    np.testing.assert_allclose(rows @ body.wrench.T, wrench[1:-1] if errors.has_rates else wrench, atol=1e-9)
-    residuals = body.residuals(rows, rows @ body.see[:MOTION_SIZE].T).reshape(len(rows), count, 12)
+    np.testing.assert_allclose(rows @ body.wrench_map.T, wrench[1:-1] if errors.has_rates else wrench, atol=1e-9)
+    residuals = body.residuals(rows, rows @ body.motion_map[:MOTION_SIZE].T).reshape(len(rows), count, 12)
     residuals[:, :, :6] -= residuals[0, :, :6]  # what gyros always read in excess is the same in all rows
     np.testing.assert_allclose(residuals, 0.0, atol=1e-4)
 
@@ -91,7 +91,7 @@ def test_exact_rows_leave_no_residuals(errors: SensorErrors) -> None:
     team = make_team(seed=22, number=20)
     rows = extended_for(errors, team.rows)
     body = body_at(team.state(errors), errors)
-    np.testing.assert_allclose(body.residuals(rows, rows @ body.see[:MOTION_SIZE].T), 0.0, atol=1e-5)
+    np.testing.assert_allclose(body.residuals(rows, rows @ body.motion_map[:MOTION_SIZE].T), 0.0, atol=1e-5)
 
 
 @pytest.mark.parametrize("count", [2, 3, 6])
@@ -100,7 +100,7 @@ def test_noisy_rows_are_fused_by_weighted_least_squares(count: int) -> None:
     noise = uneven_noise(team.count)
     rows, body = team.noisy(np.random.default_rng(4), noise), body_at(team.state(), noise=noise)
     expected = [fused(team, row, noise) for row in rows]
-    np.testing.assert_allclose((rows @ body.see.T)[:, 1:13], expected, atol=1e-7)
+    np.testing.assert_allclose((rows @ body.motion_map.T)[:, 1:13], expected, atol=1e-7)
 
 
 @EVERY
@@ -112,9 +112,9 @@ def test_residuals_are_what_predictions_leave(errors: SensorErrors) -> None:
     calibrated = by_robot(rows, team.count)
     if state.calibration is not None:
         calibrated = np.einsum("nij,tnj->tni", state.calibration, calibrated)
-    left = calibrated[:, :, :12] - np.einsum("nij,tj->tni", body.predict, (rows @ body.see.T)[:, :MOTION_SIZE])
+    left = calibrated[:, :, :12] - np.einsum("nij,tj->tni", body.predict, (rows @ body.motion_map.T)[:, :MOTION_SIZE])
     whitened = (left / uneven_noise(team.count).kinematics).reshape(len(rows), -1)
-    np.testing.assert_allclose(body.residuals(rows, rows @ body.see[:MOTION_SIZE].T), whitened, atol=1e-7)
+    np.testing.assert_allclose(body.residuals(rows, rows @ body.motion_map[:MOTION_SIZE].T), whitened, atol=1e-7)
 
 
 @COUNTS
@@ -136,10 +136,10 @@ def test_predictions_are_what_sensors_read(count: int) -> None:
 
 def test_another_body_frame_shows_the_motion_of_that_frame() -> None:
     team, noise = make_team(seed=9, number=10), NOISE
-    other = team.seen_from(FRAME)
+    other = team.expressed_in(FRAME)
     rows = team.noisy(np.random.default_rng(10))
-    psi = rows @ body_at(team.state(), noise=noise).see.T
-    seen = rows @ body_at(other.state(), noise=noise).see.T
+    psi = rows @ body_at(team.state(), noise=noise).motion_map.T
+    seen = rows @ body_at(other.state(), noise=noise).motion_map.T
     turned = np.hstack([grasp_measurements(FRAME, psi[:, 1:13]), psi[:, 10:13] @ FRAME.rotation])
     # Products are those of the gyros alone, so what is centripetal follows them, and not the fused angular velocity.
     matrices = psi[:, PRODUCTS][:, [[0, 3, 4], [3, 1, 5], [4, 5, 2]]]
@@ -162,8 +162,8 @@ def test_a_sensor_that_is_not_there_says_nothing(sensor: slice) -> None:
     own[:, 2, sensor] = 100.0 * rng.normal(size=(10, 3))
     if sensor.start == 0:
         own[:, 2, 18:] = 100.0 * rng.normal(size=(10, 6))
-    np.testing.assert_allclose(garbage @ body.see.T, rows @ body.see.T, atol=1e-8)
-    motion = rows @ body.see[:MOTION_SIZE].T
+    np.testing.assert_allclose(garbage @ body.motion_map.T, rows @ body.motion_map.T, atol=1e-8)
+    motion = rows @ body.motion_map[:MOTION_SIZE].T
     np.testing.assert_allclose(body.residuals(garbage, motion), body.residuals(rows, motion), atol=1e-6)
 
 
@@ -173,8 +173,8 @@ def test_a_robot_without_motion_sensors_is_as_if_it_were_not_there() -> None:
     kinematics[3] = np.inf
     rows, fewer = team.noisy(np.random.default_rng(14)), team.permuted([0, 1, 2])
     body, without = body_at(team.state(), noise=RowNoise(kinematics, NOISE.wrench)), body_at(fewer.state())
-    psi = np.delete(rows, slice(72, 96), axis=1) @ without.see.T
-    np.testing.assert_allclose(rows @ body.see.T, psi, atol=1e-9)
+    psi = np.delete(rows, slice(72, 96), axis=1) @ without.motion_map.T
+    np.testing.assert_allclose(rows @ body.motion_map.T, psi, atol=1e-9)
     np.testing.assert_allclose(body.motion_noise, without.motion_noise, rtol=1e-6, atol=1e-15)
 
 
@@ -196,7 +196,7 @@ def test_noise_of_the_motion_is_as_claimed(errors: SensorErrors) -> None:
     noise, state = replace(uneven_noise(team.count), rates=NOISE.rates), team.state(errors)
     rows = noisy_for(errors, team, rng, noise)
     body = body_at(state, errors, noise)
-    psi = (rows - extended_for(errors, team.rows)) @ body.see.T
+    psi = (rows - extended_for(errors, team.rows)) @ body.motion_map.T
     for part in (TWIST, ACCELERATIONS):
         found = np.cov(psi[:, part].T)
         white = np.linalg.solve(body.motion_noise[part, part], found)
@@ -215,7 +215,7 @@ def test_noise_of_rates_is_in_what_late_sensors_read() -> None:
     rows = exact + noisy_for(LATE, team, rng, noise) - extended_for(LATE, team.rows)
     rows[:, 18:24] = rows[:, 42:48] = rows[:, 66:72] = 0.0  # products of noise are not what this is about
     exact[:, 18:24] = exact[:, 42:48] = exact[:, 66:72] = 0.0
-    motion, expected = rows @ body.see.T, exact @ body.see.T
+    motion, expected = rows @ body.motion_map.T, exact @ body.motion_map.T
     psi = motion - expected
     residual = body.residuals(rows, motion[:, :MOTION_SIZE]) - body.residuals(exact, expected[:, :MOTION_SIZE])
     deviations = np.sqrt(np.maximum(body.motion_noise.diagonal(), 1e-30))
@@ -246,7 +246,7 @@ def test_noise_of_forces_is_in_what_compliant_robots_read(errors: SensorErrors) 
     rows = exact + noisy_for(errors, team, rng, noise) - extended_for(errors, team.rows)
     rows[:, 18:24] = rows[:, 42:48] = rows[:, 66:72] = 0.0  # products of noise are not what this is about
     exact[:, 18:24] = exact[:, 42:48] = exact[:, 66:72] = 0.0
-    motion, expected = rows @ body.see.T, exact @ body.see.T
+    motion, expected = rows @ body.motion_map.T, exact @ body.motion_map.T
     psi = motion - expected
     residual = body.residuals(rows, motion[:, :MOTION_SIZE]) - body.residuals(exact, expected[:, :MOTION_SIZE])
     assert body.residual_noise is not None
@@ -265,7 +265,7 @@ def test_noise_of_the_wrench_is_as_claimed() -> None:
     team, rng = make_team(seed=18, number=2000), np.random.default_rng(19)
     noise = uneven_noise(team.count)
     body = body_at(team.state(), noise=noise)
-    residual = team.noisy(rng, noise) @ (body.wrench - load_operator(team.load) @ body.see[FORCING]).T
+    residual = team.noisy(rng, noise) @ (body.wrench_map - load_operator(team.load) @ body.motion_map[FORCING]).T
     white = np.linalg.solve(residual_covariance(body, team.load), np.cov(residual.T))
     assert np.trace(white) / 6.0 == pytest.approx(1.0, abs=5.0 / np.sqrt(6000.0))
     np.testing.assert_allclose(white, np.eye(6), atol=0.15)
@@ -285,6 +285,6 @@ def test_all_robots_alike_need_one_row_of_noise() -> None:
         body_at(state),
         body_at(state, noise=RowNoise(np.repeat(NOISE.kinematics, 3, 0), np.repeat(NOISE.wrench, 3, 0))),
     )
-    for name in ("see", "wrench", "motion_noise", "wrench_noise", "weight", "shares"):
+    for name in ("motion_map", "wrench_map", "motion_noise", "wrench_noise", "weight", "shares"):
         np.testing.assert_array_equal(getattr(one, name), getattr(many, name))
     assert isinstance(one, BodyModel)

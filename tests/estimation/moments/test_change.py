@@ -39,7 +39,7 @@ class Watched:
     @staticmethod
     def of(team: Team, rows: Array, settings: FitSettings) -> Watched:
         body = settings.body(team.state())
-        views = rows @ np.vstack([body.see[FORCING], body.wrench]).T
+        views = rows @ np.vstack([body.motion_map[FORCING], body.wrench_map]).T
         return Watched(body, views, Weights.of(body, team.load, settings.expected(body)))
 
     def look(self, until: int | None = None, older: int = 0, is_known: bool = False) -> tuple[int, float]:
@@ -143,11 +143,11 @@ def test_rows_that_are_not_kept_count() -> None:
 def test_a_load_that_was_known_may_have_changed_before_the_very_first_row(is_known: bool, number: int) -> None:
     team = make_team(seed=8, number=130)
     former = fit(team.noisy(np.random.default_rng(9))[:100])
-    later = team.holding(heavier(team, 0.1)).seen_from(team.poses[0])
-    body, prior = former.estimate.body, former.chapter.summed_up(former.estimate, former.guess)
+    later = team.holding(heavier(team, 0.1)).expressed_in(team.poses[0])
+    body, prior = former.estimate.body, former.chapter.posterior(former.estimate, former.guess)
     rows = later.noisy(np.random.default_rng(10))[100 : 100 + number]
-    views = rows @ np.vstack([body.see[FORCING], body.wrench]).T
-    known = Chapter(former.chapter.buffer, IDEAL, prior).said_before(body)
+    views = rows @ np.vstack([body.motion_map[FORCING], body.wrench_map]).T
+    known = Chapter(former.chapter.buffer, IDEAL, prior).prior_evidence(body)
     assert body.state.load is not None
     place, size = likeliest_change(views, NOTHING_OLDER, Weights.of(body, body.state.load, known), is_known)
     assert (size > 1.0 and place == 0) == is_known

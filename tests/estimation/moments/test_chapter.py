@@ -88,14 +88,14 @@ def test_a_new_load_is_found_and_poses_stay_known(kind: str) -> None:
     add_rows(chapter.buffer, rows[120:], 120)
     chapter.end_of_load(before.estimate, before.guess, 120, keeps_poses=True)
     assert not chapter.knows_load
-    said = chapter.said_before(before.estimate.body)
+    said = chapter.prior_evidence(before.estimate.body)
     theta = before.estimate.body.unknowns.theta
     assert not said.information[theta].any()
     assert not said.score[theta].any()
     after = fit_from(before.estimate.state.with_load(None), chapter, settings)
     load = after.estimate.state.load
     assert load is not None
-    truth = light.holding(heavier).seen_from(light.poses[0]).load
+    truth = light.holding(heavier).expressed_in(light.poses[0]).load
     covariance = after.estimate.covariance[theta, theta]
     assert np.abs((load - truth)[THETA] / np.sqrt(covariance.diagonal())).max() < 5.0
     assert (deviations(after, settings)[:12] <= 1.01 * known).all()
@@ -122,7 +122,7 @@ def test_a_look_may_leave_out_the_newest_rows() -> None:
         chapter = Chapter(buffer_of(rows, settings, 3), settings)
         body = fit(rows, settings).estimate.body
         fewer = Chapter(buffer_of(rows[:60], settings, 3), settings)
-        seen, expected = chapter.look(before=60)(body), fewer.look()(body)
+        seen, expected = chapter.evaluation(before=60)(body), fewer.evaluate()(body)
         np.testing.assert_allclose(seen.motion.of_motion, expected.motion.of_motion, rtol=1e-6, atol=1e-5)
         np.testing.assert_allclose(seen.wrench.of_wrenches, expected.wrench.of_wrenches, rtol=1e-6, atol=1e-3)
         assert seen.wrench.number == pytest.approx(60.0)
@@ -132,7 +132,7 @@ def test_a_look_leaves_out_rows_of_the_load_but_not_former_ones() -> None:
     rows = make_team(seed=6).noisy(np.random.default_rng(7))
     found = fit(rows)
     found.chapter.buffer.begin_load(30)
-    seen = found.chapter.look(before=60)(found.estimate.body)
+    seen = found.chapter.evaluation(before=60)(found.estimate.body)
     assert (seen.motion.number, seen.wrench.number) == pytest.approx((60.0, 30.0))
 
 
@@ -141,23 +141,23 @@ def test_all_that_is_known_is_the_sum_of_rows_and_of_what_was_known(kind: str) -
     settings = SETTINGS[kind]
     _, rows = erring(make_team(seed=8, number=200), settings, np.random.default_rng(9))
     found = in_chapters(rows, settings, [100])
-    prior, body = found.chapter.summed_up(found.estimate, found.guess), found.estimate.body
+    prior, body = found.chapter.posterior(found.estimate, found.guess), found.estimate.body
     assert found.chapter.prior is not None
-    expected = evidence_of(body, found.chapter.look()(body)) + found.chapter.prior.at(body)
+    expected = evidence_of(body, found.chapter.evaluation()(body)) + found.chapter.prior.at(body)
     for name, value in vars(expected).items():
         np.testing.assert_allclose(getattr(prior.evidence, name), value, rtol=1e-9, atol=1e-9 * np.abs(value).max())
     empty = Chapter(buffer_of(rows[:0], settings, 3), settings, prior)
     free = settings.free(body.unknowns, 0, with_load=True)
-    solution = empty.said_before(body).of(free).solve(settings.limits(3, found.guess)[free])
+    solution = empty.prior_evidence(body).restricted(free).solve(settings.limits(3, found.guess)[free])
     np.testing.assert_allclose(np.sqrt(solution.seen.diagonal()), deviations(found, settings), rtol=0.02)
 
 
 def test_a_prior_moves_with_the_state() -> None:
     found = fit(make_team(seed=10).noisy(np.random.default_rng(11)))
-    prior, body = found.chapter.summed_up(found.estimate, found.guess), found.estimate.body
+    prior, body = found.chapter.posterior(found.estimate, found.guess), found.estimate.body
     step = 1e-3 * np.random.default_rng(12).normal(size=body.unknowns.size)
     moved = IDEAL.body(body.state.moved(step, body.unknowns, 6.0))
-    expected = prior.evidence.moved(step)
+    expected = prior.evidence.shifted(step)
     np.testing.assert_allclose(
         prior.at(moved).score, expected.score, rtol=1e-6, atol=1e-6 * np.abs(expected.score).max()
     )
@@ -166,12 +166,12 @@ def test_a_prior_moves_with_the_state() -> None:
 
 def test_a_prior_that_is_loosened_knows_less() -> None:
     found = fit(make_team(seed=13).noisy(np.random.default_rng(14)))
-    prior, unknowns = found.chapter.summed_up(found.estimate, found.guess), found.estimate.body.unknowns
+    prior, unknowns = found.chapter.posterior(found.estimate, found.guess), found.estimate.body.unknowns
     free, limits = IDEAL.free(unknowns, 0, True), IDEAL.limits(3, found.guess)
     spread = found.estimate.covariance[unknowns.theta, unknowns.theta]
-    loosened = prior.loosened(unknowns.theta, spread)
-    before = (prior.evidence + IDEAL.expected(found.estimate.body)).of(free).solve(limits[free]).seen
-    after = (loosened.evidence + IDEAL.expected(found.estimate.body)).of(free).solve(limits[free]).seen
+    loosened = prior.with_process_noise(unknowns.theta, spread)
+    before = (prior.evidence + IDEAL.expected(found.estimate.body)).restricted(free).solve(limits[free]).seen
+    after = (loosened.evidence + IDEAL.expected(found.estimate.body)).restricted(free).solve(limits[free]).seen
     np.testing.assert_allclose(after[-10:, -10:], before[-10:, -10:] + spread, rtol=0.02, atol=1e-9)
     np.testing.assert_allclose(after[:12, :12], before[:12, :12], rtol=0.02, atol=1e-9)
     assert loosened.knows_load
@@ -180,9 +180,9 @@ def test_a_prior_that_is_loosened_knows_less() -> None:
 def new_team(kind: str, members: list[int | None], seed: int) -> tuple[Fitted, State, FitSettings]:
     """A fit of few rows of a team of which some robots were in a former one, and its true state."""
     settings, rng = SETTINGS[kind], np.random.default_rng(seed)
-    everyone = make_team(seed, count=4, number=200).seen_from(make_team(seed, count=4).poses[0])
+    everyone = make_team(seed, count=4, number=200).expressed_in(make_team(seed, count=4).poses[0])
     former = fit(erring(carrying(everyone, [0, 1, 2]), settings, rng)[1], settings)
-    prior = former.chapter.summed_up(former.estimate, former.guess).for_team(members, settings)
+    prior = former.chapter.posterior(former.estimate, former.guess).for_team(members, settings)
     robots = [3 if then is None else then for then in members]
     team = carrying(everyone, robots)
     rows = erring(team, settings, rng)[1][:40]
@@ -237,7 +237,7 @@ def test_who_has_left_is_eliminated(kind: str) -> None:
     settings = SETTINGS[kind]
     _, rows = erring(make_team(seed=16, count=4, number=150), settings, np.random.default_rng(17))
     found = fit(rows, settings)
-    prior = found.chapter.summed_up(found.estimate, found.guess)
+    prior = found.chapter.posterior(found.estimate, found.guess)
     fewer = prior.for_team([0, 3, None, 1], settings)
     unknowns, size = found.estimate.body.unknowns, fewer.evidence
     own = unknowns.own
@@ -255,11 +255,11 @@ def test_who_has_left_is_eliminated(kind: str) -> None:
     body, limits = found.estimate.body, settings.limits(4, found.guess)
     free = settings.free(unknowns, 0, with_load=True)
     before = np.zeros((unknowns.size, unknowns.size))
-    before[np.ix_(free, free)] = (prior.evidence + settings.expected(body)).of(free).solve(limits[free]).seen
+    before[np.ix_(free, free)] = (prior.evidence + settings.expected(body)).restricted(free).solve(limits[free]).seen
     held = np.setdiff1d(free, joined)
     after = np.zeros((unknowns.size, unknowns.size))
     expected = settings.expected(settings.body(fewer.state))
-    after[np.ix_(held, held)] = (size + expected).of(held).solve(limits[held]).seen
+    after[np.ix_(held, held)] = (size + expected).restricted(held).solve(limits[held]).seen
     poses = [place for place in range(len(new)) if place % own < 6 and place >= own]
     ratio = np.sqrt(after.diagonal()[new[poses]] / before.diagonal()[old[poses]])
     if kind != "offsets":
@@ -278,7 +278,7 @@ def test_a_body_without_a_load_has_no_wrench_to_speak_of() -> None:
     found = fit(team.noisy(np.random.default_rng(19)))
     body = IDEAL.body(found.estimate.state.with_load(None))
     with pytest.raises(ValueError, match="fit one first"):
-        evidence_of(body, found.chapter.look()(body))
+        evidence_of(body, found.chapter.evaluation()(body))
 
 
 def test_a_prior_says_what_it_was_told() -> None:
@@ -288,10 +288,10 @@ def test_a_prior_says_what_it_was_told() -> None:
     guess = Guess.of(body, RowMoments.of(team.rows))
     with_expectations = Prior(body.state, guess, evidence, has_expectations=True)
     chapter = Chapter(buffer_of(team.rows, IDEAL, 3), IDEAL, with_expectations)
-    np.testing.assert_array_equal(chapter.said_before(body).information, evidence.information)
+    np.testing.assert_array_equal(chapter.prior_evidence(body).information, evidence.information)
     chapter = Chapter(buffer_of(team.rows, IDEAL, 3), IDEAL, replace(with_expectations, has_expectations=False))
-    np.testing.assert_array_equal(chapter.said_before(body).information, 2.0 * evidence.information)
+    np.testing.assert_array_equal(chapter.prior_evidence(body).information, 2.0 * evidence.information)
     chapter = Chapter(buffer_of(team.rows, IDEAL, 3), IDEAL)
-    np.testing.assert_array_equal(chapter.said_before(body).information, evidence.information)
+    np.testing.assert_array_equal(chapter.prior_evidence(body).information, evidence.information)
     assert isinstance(team.poses[0], Pose)
     assert (IDEAL.noise, IDEAL.period) == (NOISE, PERIOD)

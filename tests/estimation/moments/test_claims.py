@@ -12,9 +12,9 @@ from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.body import BodyModel
 from coheft.estimation.moments.claims import CLAIM_LIMITS, Claim, claim_of
 from coheft.estimation.moments.evidence import Evidence
-from coheft.estimation.moments.fit import Estimate, fitted
+from coheft.estimation.moments.fit import Estimate, fit_state
 from coheft.estimation.moments.fit_settings import Guess
-from coheft.estimation.moments.moments import RowMoments, seen_moments
+from coheft.estimation.moments.moments import RowMoments, evaluated_moments
 from coheft.estimation.moments.start import first_load
 from coheft.estimation.rigid_body.consistency import is_possible, nearest_possible
 from coheft.estimation.rigid_body.mass_properties import Inertia, pseudo_inertia
@@ -31,11 +31,11 @@ def estimate_of(team: Team, seed: int = 0, poses: float = 1e-3) -> Estimate:
     def before(body: BodyModel) -> Evidence:
         places = body.unknowns.poses.ravel()
         step = team.state().since(body.state, body.unknowns)[places]
-        known = Evidence.prior(np.full(len(places), poses), step).placed(body.unknowns.size, places)
+        known = Evidence.prior(np.full(len(places), poses), step).embedded(body.unknowns.size, places)
         return IDEAL.expected(body) + known
 
-    state = first_load(state, seen_moments(body, moments, moments).wrench, guess, IDEAL)
-    return fitted(state, lambda body: seen_moments(body, moments, moments), before, guess, IDEAL, 0)
+    state = first_load(state, evaluated_moments(body, moments, moments).wrench, guess, IDEAL)
+    return fit_state(state, lambda body: evaluated_moments(body, moments, moments), before, guess, IDEAL, 0)
 
 
 def central(inertia: Inertia | None) -> Array:

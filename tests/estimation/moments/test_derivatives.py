@@ -54,7 +54,7 @@ def both_sides(body: BodyModel, place: int) -> tuple[BodyModel, BodyModel]:
 
 def residuals(body: BodyModel, rows: Array) -> Array:
     """Of the accelerations and slopes, and of the twists about their mean, of all robots, shape (n, N, 12)."""
-    white = body.residuals(rows, rows @ body.see[:MOTION_SIZE].T).reshape(len(rows), body.count, 12)
+    white = body.residuals(rows, rows @ body.motion_map[:MOTION_SIZE].T).reshape(len(rows), body.count, 12)
     left: Array = white / np.sqrt(body.weight)
     left[:, :, :6] -= left[:, :, :6].mean(axis=0)
     return left
@@ -63,7 +63,7 @@ def residuals(body: BodyModel, rows: Array) -> Array:
 def rho(body: BodyModel, rows: Array) -> Array:
     """Residual of the total wrench, shape (n, 6)."""
     assert body.state.load is not None
-    return rows @ (body.wrench - load_operator(body.state.load) @ body.see[FORCING]).T
+    return rows @ (body.wrench_map - load_operator(body.state.load) @ body.motion_map[FORCING]).T
 
 
 def calibrated_wrenches(state: State, rows: Array) -> Array:
@@ -105,10 +105,10 @@ def test_of_adjoints(count: int) -> None:
 @EVERY
 def test_of_products(count: int, errors: SensorErrors) -> None:
     body, rows = case(count, errors)
-    common, psi = MotionDerivatives.at(body).common, rows @ body.see.T
+    common, psi = MotionDerivatives.at(body).common, rows @ body.motion_map.T
     for place in range(body.unknowns.motion_size):
         plus, minus = both_sides(body, place)
-        expected = (rows @ (plus.see - minus.see).T)[:, PRODUCTS] / (2.0 * STEP)
+        expected = (rows @ (plus.motion_map - minus.motion_map).T)[:, PRODUCTS] / (2.0 * STEP)
         np.testing.assert_allclose(psi @ common[place].T, expected, atol=2e-7)
 
 
@@ -117,10 +117,10 @@ def test_of_products_by_the_gyros_whatever_these_read_in_excess(errors: SensorEr
     team = make_team(2, number=ROWS)
     state, rows = with_errors(team, errors, np.random.default_rng(3), gyros=0.3)
     body = body_at(state, errors)
-    common, psi = MotionDerivatives.at(body).common, rows @ body.see.T
+    common, psi = MotionDerivatives.at(body).common, rows @ body.motion_map.T
     for place in range(body.unknowns.gyros.start, body.unknowns.gyros.stop):
         plus, minus = both_sides(body, place)
-        expected = (rows @ (plus.see - minus.see).T)[:, PRODUCTS] / (2.0 * STEP)
+        expected = (rows @ (plus.motion_map - minus.motion_map).T)[:, PRODUCTS] / (2.0 * STEP)
         np.testing.assert_allclose(psi @ common[place].T, expected, atol=2e-7)
 
 
@@ -128,10 +128,10 @@ def test_of_products_by_the_gyros_whatever_these_read_in_excess(errors: SensorEr
 @EVERY
 def test_of_fused_accelerations(count: int, errors: SensorErrors) -> None:
     body, rows = case(count, errors)
-    found, psi = MotionDerivatives.at(body).found, rows @ body.see.T
+    found, psi = MotionDerivatives.at(body).found, rows @ body.motion_map.T
     for place in range(body.unknowns.motion_size):
         plus, minus = both_sides(body, place)
-        expected = (rows @ (plus.see - minus.see).T)[:, ACCELERATIONS] / (2.0 * STEP)
+        expected = (rows @ (plus.motion_map - minus.motion_map).T)[:, ACCELERATIONS] / (2.0 * STEP)
         now = psi @ (-body.accelerations.covariance @ found[place]).T
         np.testing.assert_allclose(now, expected, atol=1e-6)
 
@@ -140,7 +140,7 @@ def test_of_fused_accelerations(count: int, errors: SensorErrors) -> None:
 @EVERY
 def test_of_residuals_of_motion(count: int, errors: SensorErrors) -> None:
     body, rows = case(count, errors)
-    derivatives, psi, unknowns = MotionDerivatives.at(body), rows @ body.see.T, body.unknowns
+    derivatives, psi, unknowns = MotionDerivatives.at(body), rows @ body.motion_map.T, body.unknowns
     design = body.predict[:, :, 1:13]
     information = np.einsum("nki,nk,nkj->ij", design, body.weight, design)
     for place in range(unknowns.motion_size):
@@ -165,7 +165,7 @@ def test_of_the_residual_of_the_wrench(count: int, errors: SensorErrors) -> None
     assert load is not None
     root = np.linalg.cholesky(np.linalg.inv(residual_covariance(body, load))).T
     found = WrenchDerivatives.at(body, MotionDerivatives.at(body), load, root)
-    psi, wrenches = rows @ body.see.T, calibrated_wrenches(body.state, rows)
+    psi, wrenches = rows @ body.motion_map.T, calibrated_wrenches(body.state, rows)
     residual = wrenches @ found.of_wrenches.T + psi @ found.of_motion.T
     np.testing.assert_allclose(residual, rho(body, rows) @ root.T, atol=1e-8)
     by_own = wrenches.reshape(len(rows), count, -1)

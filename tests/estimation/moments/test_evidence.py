@@ -54,22 +54,22 @@ def test_likelihoods_multiply(seed: int) -> None:
 def test_moved_is_the_same_quadratic_around_another_value(seed: int) -> None:
     evidence, rng = random_evidence(seed, 0.1), np.random.default_rng(seed)
     step, other = rng.normal(size=(2, SIZE))
-    moved = evidence.moved(step)
+    moved = evidence.shifted(step)
     expected = log_likelihood(evidence, step + other) - log_likelihood(evidence, step)
     assert log_likelihood(moved, other) == pytest.approx(expected, abs=1e-8)
-    assert_equal(moved.moved(-step), evidence)
+    assert_equal(moved.shifted(-step), evidence)
 
 
 def test_placed_and_of_undo_each_other() -> None:
     evidence, places = random_evidence(1, 0.1), np.array([7, 0, 3, 9, 5, 2])
-    placed = evidence.placed(10, places)
-    assert_equal(placed.of(places), evidence)
+    placed = evidence.embedded(10, places)
+    assert_equal(placed.restricted(places), evidence)
     others = np.setdiff1d(np.arange(10), places)
     assert not placed.score[others].any()
     for matrix in (placed.information, placed.noise, placed.doubt):
         assert not matrix[others].any()
         assert not matrix[:, others].any()
-    assert_equal(evidence.placed(10, slice(2, 8)), evidence.placed(10, np.arange(2, 8)))
+    assert_equal(evidence.embedded(10, slice(2, 8)), evidence.embedded(10, np.arange(2, 8)))
 
 
 @given(seeds)
@@ -77,15 +77,15 @@ def test_of_is_the_quadratic_with_all_others_held(seed: int) -> None:
     evidence, step = random_evidence(seed, 0.1), np.random.default_rng(seed).normal(size=2)
     whole = np.zeros(SIZE)
     whole[PART] = step
-    assert log_likelihood(evidence.of(PART), step) == pytest.approx(log_likelihood(evidence, whole))
+    assert log_likelihood(evidence.restricted(PART), step) == pytest.approx(log_likelihood(evidence, whole))
 
 
 @given(seeds)
 def test_without_is_the_marginal(seed: int) -> None:
     evidence = random_evidence(seed)
-    marginal = evidence.without(PART, WIDE[:2])
+    marginal = evidence.marginalized(PART, WIDE[:2])
     mean, covariance = mean_and_covariance(evidence)
-    found_mean, found = mean_and_covariance(marginal.of(OTHERS))
+    found_mean, found = mean_and_covariance(marginal.restricted(OTHERS))
     np.testing.assert_allclose(found_mean, mean[OTHERS], rtol=1e-7, atol=1e-8)
     np.testing.assert_allclose(found, covariance[np.ix_(OTHERS, OTHERS)], rtol=1e-7, atol=1e-9)
     assert not marginal.score[PART].any()
@@ -96,7 +96,7 @@ def test_without_is_the_marginal(seed: int) -> None:
 @given(seeds)
 def test_without_knows_the_covariance_of_its_score(seed: int) -> None:
     evidence = random_evidence(seed, 0.2)
-    marginal, h = evidence.without(PART, WIDE[:2]), evidence.information
+    marginal, h = evidence.marginalized(PART, WIDE[:2]), evidence.information
     take = np.eye(SIZE)
     take[np.ix_(OTHERS, PART)] = -h[np.ix_(OTHERS, PART)] @ np.linalg.inv(h[np.ix_(PART, PART)])
     take = take[OTHERS]
@@ -113,7 +113,7 @@ def test_loosened_adds_to_the_covariance_and_keeps_the_mean(seed: int, magnitude
     added = definite(np.random.default_rng(seed), 2, 10.0**magnitude)
     mean, covariance = mean_and_covariance(evidence)
     covariance[np.ix_(PART, PART)] += added
-    found_mean, found = mean_and_covariance(evidence.loosened(PART, added))
+    found_mean, found = mean_and_covariance(evidence.with_process_noise(PART, added))
     np.testing.assert_allclose(found, covariance, rtol=1e-6, atol=1e-8)
     np.testing.assert_allclose(found_mean, mean, rtol=1e-6, atol=1e-6)
 
@@ -121,23 +121,26 @@ def test_loosened_adds_to_the_covariance_and_keeps_the_mean(seed: int, magnitude
 def test_loosened_twice_is_loosened_by_the_sum() -> None:
     evidence, rng = random_evidence(3, 0.2), np.random.default_rng(3)
     one, other = definite(rng, 2), definite(rng, 2)
-    twice, once = evidence.loosened(PART, one).loosened(PART, other), evidence.loosened(PART, one + other)
+    twice, once = (
+        evidence.with_process_noise(PART, one).with_process_noise(PART, other),
+        evidence.with_process_noise(PART, one + other),
+    )
     assert_equal(twice, once)
-    by_slice = evidence.loosened(slice(2, 4), one)
-    assert_equal(by_slice, evidence.loosened(np.array([2, 3]), one))
+    by_slice = evidence.with_process_noise(slice(2, 4), one)
+    assert_equal(by_slice, evidence.with_process_noise(np.array([2, 3]), one))
 
 
 def test_some_of_what_is_loosened_may_not_have_changed_at_all() -> None:
     evidence, only_one = random_evidence(5, 0.2), np.diag([0.7, 0.0])
-    assert_equal(evidence.loosened(PART, only_one), evidence.loosened(PART[:1], only_one[:1, :1]))
-    assert_equal(evidence.loosened(PART, np.zeros((2, 2))), evidence)
+    assert_equal(evidence.with_process_noise(PART, only_one), evidence.with_process_noise(PART[:1], only_one[:1, :1]))
+    assert_equal(evidence.with_process_noise(PART, np.zeros((2, 2))), evidence)
 
 
 def test_loosened_a_little_and_without_are_limits() -> None:
     evidence = random_evidence(4, 0.2)
-    assert_equal(evidence.loosened(PART, 1e-14 * np.eye(2)), evidence)
-    far, without = evidence.loosened(PART, 1e12 * np.eye(2)), evidence.without(PART, WIDE[:2])
-    assert_equal(far.of(OTHERS), without.of(OTHERS))
+    assert_equal(evidence.with_process_noise(PART, 1e-14 * np.eye(2)), evidence)
+    far, without = evidence.with_process_noise(PART, 1e12 * np.eye(2)), evidence.marginalized(PART, WIDE[:2])
+    assert_equal(far.restricted(OTHERS), without.restricted(OTHERS))
     assert np.abs(far.information[PART]).max() < 1e-9
 
 

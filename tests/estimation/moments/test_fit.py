@@ -11,9 +11,9 @@ import pytest
 from coheft.estimation.geometry.spatial import Array, Pose, rotation_exp
 from coheft.estimation.moments.body import BodyModel
 from coheft.estimation.moments.evidence import Evidence
-from coheft.estimation.moments.fit import Estimate, fitted
+from coheft.estimation.moments.fit import Estimate, fit_state
 from coheft.estimation.moments.fit_settings import POSE_LIMITS, FitSettings, Guess
-from coheft.estimation.moments.moments import RowMoments, seen_moments
+from coheft.estimation.moments.moments import RowMoments, evaluated_moments
 from coheft.estimation.moments.rows import RowNoise
 from coheft.estimation.moments.sensor_errors import SensorErrors
 from coheft.estimation.moments.unknowns import State, Unknowns
@@ -48,7 +48,7 @@ def difference(one: Fitted, other: Fitted, team: Team) -> Array:
     """Step (u,) from the first estimate to the second one, in the frame of the first robot."""
     states = (one.estimate.state, other.estimate.state)
     first, second = (
-        replace(team, poses=state.poses, load=state.load).seen_from(state.poses[0]).state() for state in states
+        replace(team, poses=state.poses, load=state.load).expressed_in(state.poses[0]).state() for state in states
     )
     return second.since(first, one.estimate.body.unknowns)
 
@@ -101,12 +101,12 @@ def test_the_anchor_does_not_matter() -> None:
 def refined(found: Fitted, frame: Pose, team: Team) -> Fitted:
     """The same fit once more, in another body frame and until nothing moves any more."""
     estimate = found.estimate
-    now = replace(team, poses=estimate.state.poses, load=estimate.state.load).seen_from(frame)
+    now = replace(team, poses=estimate.state.poses, load=estimate.state.load).expressed_in(frame)
     guess = replace(found.guess, theta=now.load[6:])
-    look, settings = found.chapter.look(), IDEAL
+    evaluate, settings = found.chapter.evaluation(), IDEAL
     state = now.state()
     for _ in range(4):
-        estimate = fitted(state, look, found.chapter.said_before, guess, settings, 0, most_steps=3)
+        estimate = fit_state(state, evaluate, found.chapter.prior_evidence, guess, settings, 0, most_steps=3)
         state = estimate.state
     return Fitted(estimate, guess, found.chapter)
 
@@ -161,9 +161,9 @@ def poses_alone(team: Team, rows: Array, start: State, known: float = np.inf) ->
     def before(body: BodyModel) -> Evidence:
         step = start.since(body.state, body.unknowns)
         places = body.unknowns.poses.ravel()
-        return Evidence.prior(np.full(len(places), known), step[places]).placed(body.unknowns.size, places)
+        return Evidence.prior(np.full(len(places), known), step[places]).embedded(body.unknowns.size, places)
 
-    return fitted(start, lambda body: seen_moments(body, moments, moments), before, guess, IDEAL, 0)
+    return fit_state(start, lambda body: evaluated_moments(body, moments, moments), before, guess, IDEAL, 0)
 
 
 def test_without_a_load_poses_alone_are_fitted() -> None:
@@ -221,8 +221,8 @@ def test_where_sensors_may_err_no_step_is_long() -> None:
     step = np.zeros(unknowns.size)
     step[unknowns.poses[1:]] = 0.6
     far = estimate.state.moved(step, unknowns, 6.0)
-    look, before = found.chapter.look(), found.chapter.said_before
-    once = fitted(far, look, before, found.guess, settings, 0, most_steps=1)
+    evaluate, before = found.chapter.evaluation(), found.chapter.prior_evidence
+    once = fit_state(far, evaluate, before, found.guess, settings, 0, most_steps=1)
     assert 0.2 < np.abs(once.state.since(far, unknowns)[unknowns.poses]).max() < 0.3 + 1e-9
 
 

@@ -97,7 +97,7 @@ def test_what_is_expected_pulls_back_to_exact_sensors(errors: SensorErrors) -> N
     body = settings.body(team.state(errors).moved(step, unknowns, 1e9))
     expected = settings.expected(body)
     known = np.concatenate([unknowns.eta.ravel(), np.arange(unknowns.gyros.start, unknowns.theta.start)])
-    part = expected.of(known)
+    part = expected.restricted(known)
     np.testing.assert_allclose(np.linalg.solve(part.information, part.score), -step[known], rtol=1e-9)
     covariance = np.linalg.inv(part.information)
     deviations = np.concatenate([np.tile(errors.deviations, 3), np.full(3, 0.01 / np.sqrt(3.0))])
@@ -113,7 +113,7 @@ def test_offsets_that_are_not_declared_are_zero() -> None:
     team = make_team(seed=7)
     body = IDEAL.body(team.state())
     known = np.r_[body.unknowns.gyros, body.unknowns.offset]
-    covariance = np.linalg.inv(IDEAL.expected(body).of(known).information)
+    covariance = np.linalg.inv(IDEAL.expected(body).restricted(known).information)
     assert np.sqrt(covariance.diagonal()).max() < 1e-8
 
 

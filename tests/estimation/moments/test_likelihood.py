@@ -10,7 +10,7 @@ from coheft.estimation.moments.body import FORCING, BodyModel, residual_covarian
 from coheft.estimation.moments.derivatives import MotionDerivatives
 from coheft.estimation.moments.evidence import Evidence
 from coheft.estimation.moments.likelihood import information_table, motion_evidence, wrench_evidence
-from coheft.estimation.moments.moments import RowMoments, seen_moments
+from coheft.estimation.moments.moments import RowMoments, evaluated_moments
 from coheft.estimation.moments.sensor_errors import SensorErrors
 from coheft.estimation.moments.unknowns import State
 from tests.estimation.moments.least_squares import STEP, jacobian_of_motion, jacobian_of_wrench, moved, wrench_residuals
@@ -39,7 +39,7 @@ CASES = pytest.mark.parametrize(
 
 def evidence_of(body: BodyModel, moments: RowMoments) -> tuple[Evidence, Evidence]:
     """Of the motion and of the wrench."""
-    seen, derivatives, load = seen_moments(body, moments, moments), MotionDerivatives.at(body), body.state.load
+    seen, derivatives, load = evaluated_moments(body, moments, moments), MotionDerivatives.at(body), body.state.load
     assert load is not None
     return (
         motion_evidence(body, derivatives, seen.motion),
@@ -200,7 +200,7 @@ def test_turning_a_grasp_and_turning_all_its_sensors_are_one() -> None:
 def test_noise_of_regressors_may_be_given() -> None:
     team = make_team(seed=7)
     body, moments = body_at(team.state()), RowMoments.of(team.noisy(np.random.default_rng(8)))
-    seen, derivatives = seen_moments(body, moments, moments), MotionDerivatives.at(body)
+    seen, derivatives = evaluated_moments(body, moments, moments), MotionDerivatives.at(body)
     by_motion, by_wrench = evidence_of(body, moments)
     again = motion_evidence(body, derivatives, seen.motion, 2.0 * by_motion.noise)
     np.testing.assert_array_equal(again.noise, 2.0 * by_motion.noise)

@@ -76,7 +76,7 @@ def explained(team: Team, rows: Array, assumed: Array, known: Array | None = Non
 def least_squares(body: BodyModel, rows: Array, assumed: Array) -> tuple[float, dict[tuple[int, str], float]]:
     """By how much another load makes the sum of squares smaller, and by how much more each sensor does."""
     root = np.linalg.cholesky(np.linalg.inv(residual_covariance(body, assumed))).T
-    motion, wrenches = rows @ body.see[FORCING].T, rows @ body.wrench.T
+    motion, wrenches = rows @ body.motion_map[FORCING].T, rows @ body.wrench_map.T
     left = ((wrenches - motion @ load_operator(assumed).T) @ root.T).ravel()
     by_load = np.einsum("nk,kij->nij", motion, REGRESSOR)[:, :, 6:]
 

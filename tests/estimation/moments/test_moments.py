@@ -11,8 +11,8 @@ from coheft.estimation.moments.moments import (
     MotionMoments,
     RowMoments,
     WrenchMoments,
+    evaluated_moments,
     robot_places,
-    seen_moments,
     view_moments,
     wrench_moments,
     wrench_places,
@@ -47,7 +47,7 @@ def calibrated(body: BodyModel, rows: Array) -> Array:
 
 
 def assert_of_motion(moments: MotionMoments, body: BodyModel, rows: Array) -> None:
-    psi = rows @ body.see.T
+    psi = rows @ body.motion_map.T
     expected = np.einsum("tni,tj->nij", calibrated(body, rows)[:, :, :12], psi)
     np.testing.assert_allclose(moments.with_motion, expected, rtol=1e-9, atol=1e-7)
     np.testing.assert_allclose(moments.of_motion, psi.T @ psi, rtol=1e-9, atol=1e-7)
@@ -55,7 +55,7 @@ def assert_of_motion(moments: MotionMoments, body: BodyModel, rows: Array) -> No
 
 
 def assert_of_wrenches(moments: WrenchMoments, body: BodyModel, rows: Array) -> None:
-    psi, own = rows @ body.see.T, calibrated(body, rows)
+    psi, own = rows @ body.motion_map.T, calibrated(body, rows)
     places = np.r_[12:18, 37:43] if body.has_rates else np.r_[12:18]
     wrenches = own[:, :, places].reshape(len(rows), -1)
     np.testing.assert_allclose(moments.of_wrenches, wrenches.T @ wrenches, rtol=1e-9, atol=1e-6)
@@ -69,7 +69,7 @@ def assert_of_wrenches(moments: WrenchMoments, body: BodyModel, rows: Array) -> 
 def test_of_all_rows_and_of_those_of_the_load(count: int, errors: SensorErrors) -> None:
     body, rows = case(count, errors)
     everything, load = RowMoments.of(rows), RowMoments.of(rows[10:])
-    moments = seen_moments(body, everything, load)
+    moments = evaluated_moments(body, everything, load)
     assert_of_motion(moments.motion, body, rows)
     assert_of_wrenches(moments.wrench, body, rows[10:])
     assert_of_wrenches(wrench_moments(body, load), body, rows[10:])
@@ -80,7 +80,7 @@ def test_of_all_rows_and_of_those_of_the_load(count: int, errors: SensorErrors) 
 def test_of_a_load_that_has_never_changed(count: int, errors: SensorErrors) -> None:
     body, rows = case(count, errors)
     everything = RowMoments.of(rows)
-    moments = seen_moments(body, everything, everything)
+    moments = evaluated_moments(body, everything, everything)
     assert_of_motion(moments.motion, body, rows)
     assert_of_wrenches(moments.wrench, body, rows)
 
@@ -97,7 +97,7 @@ def test_constant_errors_of_wrenches_are_calibrated() -> None:
 @EVERY
 def test_of_views(count: int, errors: SensorErrors) -> None:
     body, rows = case(count, errors)
-    views = np.hstack([rows @ body.see[FORCING].T, rows @ body.wrench.T])
+    views = np.hstack([rows @ body.motion_map[FORCING].T, rows @ body.wrench_map.T])
     assert views.shape == (len(rows), 19)
     for moments in (RowMoments.of(rows), ProjectedMoments.of(rows, body)):
         np.testing.assert_allclose(view_moments(body, moments), views.T @ views, rtol=1e-9, atol=1e-6)
@@ -105,8 +105,8 @@ def test_of_views(count: int, errors: SensorErrors) -> None:
 
 def test_views_of_a_body_with_a_constant_in_its_wrench() -> None:
     body, rows = case(2, ERRORS)
-    body.wrench[:, ROW_SIZE * 2] = np.arange(6.0)
-    views = np.hstack([rows @ body.see[FORCING].T, rows @ body.wrench.T])
+    body.wrench_map[:, ROW_SIZE * 2] = np.arange(6.0)
+    views = np.hstack([rows @ body.motion_map[FORCING].T, rows @ body.wrench_map.T])
     np.testing.assert_allclose(view_moments(body, RowMoments.of(rows)), views.T @ views, rtol=1e-9, atol=1e-6)
 
 
@@ -116,7 +116,7 @@ def test_moments_add_up() -> None:
     np.testing.assert_allclose((one + other).matrix, both.matrix, rtol=1e-12, atol=1e-9)
     np.testing.assert_allclose((both - other).matrix, one.matrix, rtol=1e-9, atol=1e-6)
     np.testing.assert_allclose(both.sums(2 * ROW_SIZE), rows.sum(axis=0), rtol=1e-12, atol=1e-9)
-    np.testing.assert_allclose(both.with_motion(body), rows.T @ (rows @ body.see.T), rtol=1e-9, atol=1e-6)
+    np.testing.assert_allclose(both.with_motion(body), rows.T @ (rows @ body.motion_map.T), rtol=1e-9, atol=1e-6)
 
 
 @EVERY

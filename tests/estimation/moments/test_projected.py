@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from coheft.estimation.geometry.spatial import Array
-from coheft.estimation.moments.moments import RowMoments, seen_moments, wrench_places
+from coheft.estimation.moments.moments import RowMoments, evaluated_moments, wrench_places
 from coheft.estimation.moments.projected import ProjectedMoments, motion_then_to_now
 from coheft.estimation.moments.rows import ROW_SIZE
 from coheft.estimation.moments.sensor_errors import SensorErrors
@@ -30,7 +30,7 @@ def assert_same(
 ) -> None:
     """At a state, to this share of the largest entry."""
     body = body_at(state, errors)
-    left, right = seen_moments(body, one, one), seen_moments(body, other, other)
+    left, right = evaluated_moments(body, one, one), evaluated_moments(body, other, other)
     for kind in ("motion", "wrench"):
         for name, expected in vars(getattr(right, kind)).items():
             found = getattr(getattr(left, kind), name)
@@ -62,7 +62,7 @@ def test_exact_rows_turned_to_the_true_state_are_exact(errors: SensorErrors) -> 
     then = body_at(nearby(truth, errors), errors)
     projected = ProjectedMoments.of(rows, then)
     assert_same(projected, RowMoments.of(rows), truth, errors, 1e-7)
-    turned = ProjectedMoments.seen_from(body_at(truth, errors), projected)
+    turned = ProjectedMoments.at(body_at(truth, errors), projected)
     assert_same(turned, RowMoments.of(rows), truth, errors, 1e-7)
 
 

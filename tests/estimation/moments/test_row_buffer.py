@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from coheft.estimation.moments.moments import RowMoments, seen_moments
+from coheft.estimation.moments.moments import RowMoments, evaluated_moments
 from coheft.estimation.moments.projected import ProjectedMoments
 from coheft.estimation.moments.row_buffer import RowBuffer
 from tests.estimation.moments.moving_team import LATE, body_at, make_team, with_rates
@@ -160,16 +160,16 @@ def test_moments_of_large_teams_are_kept_as_seen_from_one_state() -> None:
     for number, each in enumerate(rows):
         buffer.add(number, each)
         if number == 2:
-            buffer.see_from(far)  # too few rows, so poses are not known yet
+            buffer.project_at(far)  # too few rows, so poses are not known yet
             assert isinstance(buffer.moments()[0], RowMoments)
         elif number in (10, 30):  # all are kept at first; later only their moments
-            buffer.see_from(body)
+            buffer.project_at(body)
     found, of_load = buffer.moments()
     assert isinstance(found, ProjectedMoments)
     assert found.body is body
     assert found is of_load
-    seen, exact = seen_moments(body, found, of_load), RowMoments.of(rows)
-    expected = seen_moments(body, exact, exact)
+    seen, exact = evaluated_moments(body, found, of_load), RowMoments.of(rows)
+    expected = evaluated_moments(body, exact, exact)
     for kind in ("motion", "wrench"):
         for name, value in vars(getattr(expected, kind)).items():
             np.testing.assert_allclose(getattr(getattr(seen, kind), name), value, rtol=1e-7, atol=1e-3, err_msg=name)
@@ -180,7 +180,7 @@ def test_moments_of_small_teams_are_those_of_rows() -> None:
     buffer = RowBuffer(team.rows.shape[1])
     for number, each in enumerate(team.rows):
         buffer.add(number, each)
-    buffer.see_from(body_at(team.state()))
+    buffer.project_at(body_at(team.state()))
     assert isinstance(buffer.moments()[0], RowMoments)
 
 
@@ -192,7 +192,7 @@ def test_moments_of_rows_that_are_not_kept_can_be_seen_from_the_first_state(has_
         buffer.add(number, each)
         if number == 20 and has_former:
             buffer.begin_load(10)
-    buffer.see_from(body)  # the oldest rows have made room by now
+    buffer.project_at(body)  # the oldest rows have made room by now
     everything, load = buffer.moments()
     assert isinstance(everything, ProjectedMoments)
     assert (everything is load) != has_former

@@ -8,7 +8,7 @@ import pytest
 from coheft.estimation.geometry.body_motion import perturbation_between
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.moments.fit_settings import FitSettings, Guess
-from coheft.estimation.moments.moments import RowMoments, seen_moments
+from coheft.estimation.moments.moments import RowMoments, evaluated_moments
 from coheft.estimation.moments.rows import RowNoise
 from coheft.estimation.moments.start import first_load, first_poses
 from coheft.estimation.moments.unknowns import State
@@ -32,7 +32,7 @@ def loaded(team: Team, rows: Array, settings: FitSettings = IDEAL) -> tuple[Arra
     moments, state = RowMoments.of(rows), team.state().with_load(None)
     body = settings.body(state)
     guess = Guess.of(body, moments)
-    state = first_load(state, seen_moments(body, moments, moments).wrench, guess, settings)
+    state = first_load(state, evaluated_moments(body, moments, moments).wrench, guess, settings)
     assert state.load is not None
     return state.load, guess
 

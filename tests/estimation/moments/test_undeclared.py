@@ -7,8 +7,8 @@ import pytest
 
 from coheft.estimation.moments.fit_settings import FitSettings
 from coheft.estimation.moments.sensor_errors import SensorErrors
+from coheft.estimation.moments.undeclared import UndeclaredError, undeclared_error
 from coheft.estimation.moments.unknowns import Unknowns
-from coheft.estimation.moments.untold import Untold, untold_error
 from tests.estimation.moments.fitting import IDEAL, fit
 from tests.estimation.moments.moving_team import NOISE, PERIOD, make_team, misread, noisy_for
 
@@ -27,10 +27,12 @@ SIZES = {
 }
 
 
-def asked_for(seed: int, kind: str | None, settings: FitSettings = IDEAL, false_alarm: float = 1e-9) -> Untold | None:
+def asked_for(
+    seed: int, kind: str | None, settings: FitSettings = IDEAL, false_alarm: float = 1e-9
+) -> UndeclaredError | None:
     """Of a team of which the second robot has an error of a kind."""
     rng, team = np.random.default_rng(seed), make_team(seed, count=4, number=400)
-    team = team.seen_from(team.poses[0])
+    team = team.expressed_in(team.poses[0])
     rows = noisy_for(settings.errors, team, rng)
     if kind is not None:
         errors = SensorErrors({kind: SIZES[kind]} | settings.errors.tolerance)
@@ -40,7 +42,7 @@ def asked_for(seed: int, kind: str | None, settings: FitSettings = IDEAL, false_
         step[unknowns.eta[1, is_kind]] = SIZES[kind] * np.array([1.0, -1.0, 1.0])
         rows = misread(rows, state.moved(step, unknowns, 6.0))
     found = fit(rows, settings)
-    return untold_error(found.estimate, found.guess, found.chapter, settings, 0, false_alarm)
+    return undeclared_error(found.estimate, found.guess, found.chapter, settings, 0, false_alarm)
 
 
 @pytest.mark.parametrize("kind", SIZES)

@@ -24,7 +24,7 @@ _ROWS_BEFORE = 100
 """What rows of chapters before have shown counts as much as so many rows."""
 
 
-class Look(NamedTuple):
+class EvaluatedRow(NamedTuple):
     """An evaluated row.
 
     Attributes:
@@ -38,7 +38,7 @@ class Look(NamedTuple):
     motion: Array
 
 
-class Sight:
+class Innovations:
     """What follows from an estimate and from the rows that are kept.
 
     Args:
@@ -50,37 +50,37 @@ class Sight:
         excess: What gyros and velocities of all robots always read too much, in standard deviations, shape (12 N,).
     """
 
-    def __init__(self, estimate: Estimate, chapter: Chapter, before: Sight | None = None) -> None:
+    def __init__(self, estimate: Estimate, chapter: Chapter, before: Innovations | None = None) -> None:
         body, buffer, load = estimate.body, chapter.buffer, estimate.state.load
         if load is None:  # then residuals of wrenches are not looked at
             load = np.zeros(LOAD_SIZE)
         if not estimate.misses_poses:
-            buffer.see_from(body)
+            buffer.project_at(body)
         of_all, of_load = buffer.moments()
-        see = np.vstack([body.see[FORCING], body.wrench])
+        see = np.vstack([body.motion_map[FORCING], body.wrench_map])
         buffer.views[: buffer.count] = buffer.rows[: buffer.count] @ see.T
         self._older = np.zeros((VIEW_SIZE, VIEW_SIZE))
         if not buffer.keeps_whole_load:
             summed = buffer.summed_views()
             self._older = view_moments(body, of_load) - summed.T @ summed
         self._knows_load = chapter.knows_load and buffer.keeps_whole_load
-        self._weights = Weights.of(body, load, chapter.said_before(body))
+        self._weights = Weights.of(body, load, chapter.prior_evidence(body))
         root = np.linalg.cholesky(residual_covariance(body, load))
-        whitened = np.linalg.solve(root, body.wrench - load_operator(load) @ body.see[FORCING])
-        self._body, self._matrix = body, np.vstack([see, whitened, body.see[:MOTION_SIZE]])
+        whitened = np.linalg.solve(root, body.wrench_map - load_operator(load) @ body.motion_map[FORCING])
+        self._body, self._matrix = body, np.vstack([see, whitened, body.motion_map[:MOTION_SIZE]])
         one = ROW_SIZE * body.count
         sums, self.excess = of_all.sums(one), np.zeros(KINEMATICS_SIZE * body.count)
         number = float(sums[one])
-        mean = self.look(sums / max(number, 1.0)).motion
+        mean = self.evaluate(sums / max(number, 1.0)).motion
         self.excess = np.where(np.arange(len(mean)) % KINEMATICS_SIZE < TWIST.stop, mean, 0.0)
         if before is not None:  # a mean over few rows would be as far off as the rows that are looked at
             self.excess = (number * self.excess + _ROWS_BEFORE * before.excess) / (number + _ROWS_BEFORE)
 
-    def look(self, row: Array) -> Look:
+    def evaluate(self, row: Array) -> EvaluatedRow:
         """At an extended row (X,)."""
         seen = self._matrix @ row
         motion = self._body.residuals(row[None], seen[None, _MOTION:])[0] - self.excess
-        return Look(seen[:VIEW_SIZE], seen[VIEW_SIZE:_MOTION], motion)
+        return EvaluatedRow(seen[:VIEW_SIZE], seen[VIEW_SIZE:_MOTION], motion)
 
     def residuals(self, rows: Array) -> tuple[Array, Array]:
         """Of extended rows (n, X): of the wrench, shape (n, 1, 6), and of motion sensors, shape (n, N, 12)."""

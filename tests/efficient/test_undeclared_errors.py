@@ -33,7 +33,7 @@ def share_valid(found: list[Estimate], after: float) -> float:
 
 def test_a_small_scale_that_no_one_told_of_is_named_and_nothing_holds() -> None:
     found = estimates(14.0, acceleration_scale=0.0033)
-    assert share_valid(found, 8.0) < 0.2  # all the time without the look for untold errors
+    assert share_valid(found, 8.0) < 0.2  # all the time without the look for undeclared errors
     reasons = Counter(reason for estimate in found if estimate.time > 8.0 for reason in estimate.reasons)
     assert "seems to have another scale, but is told to be exact" in reasons.most_common(1)[0][0]
     assert reasons.most_common(1)[0][0].startswith("the accelerometer of ")
@@ -47,5 +47,5 @@ def test_sensors_that_are_exact_are_not_named() -> None:
 
 @pytest.mark.slow
 def test_without_this_guard_it_would_hold(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(estimator, "Guards", partial(Guards, untold=1e-300))
+    monkeypatch.setattr(estimator, "Guards", partial(Guards, undeclared=1e-300))
     assert share_valid(estimates(14.0, acceleration_scale=0.0033), 8.0) > 0.5

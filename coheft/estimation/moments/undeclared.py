@@ -33,7 +33,7 @@ _LEAST_SHARE = 1e-3
 """Of the information on an error that has to be left when all else is unknown: less is what was linearised."""
 
 
-class Untold(NamedTuple):
+class UndeclaredError(NamedTuple):
     """An error that rows ask for.
 
     Attributes:
@@ -47,9 +47,9 @@ class Untold(NamedTuple):
     size: float
 
 
-def untold_error(
+def undeclared_error(
     estimate: Estimate, guess: Guess, chapter: Chapter, settings: FitSettings, anchor: int, false_alarm: float
-) -> Untold | None:
+) -> UndeclaredError | None:
     """The error that rows ask for most, of those that were told to be zero; None if they ask for none.
 
     Args:
@@ -67,11 +67,11 @@ def untold_error(
     every, own = body.unknowns, np.flatnonzero([name in told.names for name in errors.names])
     others = _places(unknowns, every, own)
 
-    rows = evidence_of(body, chapter.look()(body))
-    before = chapter.said_before(estimate.body)
-    fitted = rows.of(others) + before
+    rows = evidence_of(body, chapter.evaluation()(body))
+    before = chapter.prior_evidence(estimate.body)
+    fitted = rows.restricted(others) + before
     free = settings.free(unknowns, anchor, with_load=True)
-    inverse = fitted.of(free).solve(settings.limits(unknowns.count, guess)[free]).inverse
+    inverse = fitted.restricted(free).solve(settings.limits(unknowns.count, guess)[free]).inverse
     tested = np.setdiff1d(every.eta.ravel(), others)
     gain = rows.information[np.ix_(tested, others[free])] @ inverse
     score = rows.score[tested] - gain @ fitted.score[free]
@@ -82,14 +82,14 @@ def untold_error(
     of_fit = (spread[np.ix_(others, others)] + before.information + before.noise)[square]
     variance += gain @ of_fit @ gain.T
     place_of = {place: number for number, place in enumerate(tested.tolist())}
-    found: Untold | None = None
+    found: UndeclaredError | None = None
     for robot, places in enumerate(every.eta):
         for kind in kinds:
             mine = [place_of[place] for place, name in zip(places.tolist(), errors.names, strict=True) if name == kind]
             alone = rows.information[np.ix_(tested[mine], tested[mine])]
             size = _surprise(score[mine], variance[np.ix_(mine, mine)], alone, false_alarm)
             if size > max(1.0, 0.0 if found is None else found.size):
-                found = Untold(robot, kind, size)
+                found = UndeclaredError(robot, kind, size)
     return found
 
 

@@ -13,28 +13,28 @@ from coheft.agents.efficient.settings import Guards
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.moments.fit_settings import FitSettings
 from coheft.estimation.moments.rows import RowNoise
-from coheft.estimation.moments.untold import Untold
+from coheft.estimation.moments.undeclared import UndeclaredError
 from tests.efficient.rows import PERIOD, POSES, made_up_rows
 
 ROWS = made_up_rows(700)
-FOUND = Untold(1, "acceleration_scale", 2.0)
+FOUND = UndeclaredError(1, "acceleration_scale", 2.0)
 
 
 def fed(monkeypatch: pytest.MonkeyPatch, guards: Guards, asked_for: range) -> tuple[list[int], list[int]]:
     """Rows at which a session looks for such errors, and after which one is told, if rows ask for it at some rows."""
     looks, told, now = list[int](), list[int](), [0]
 
-    def untold_error(self: Knowledge) -> Untold | None:
+    def undeclared_error(self: Knowledge) -> UndeclaredError | None:
         looks.append(now[0])
         return FOUND if now[0] in asked_for else None
 
-    monkeypatch.setattr(Knowledge, "untold_error", untold_error)
+    monkeypatch.setattr(Knowledge, "undeclared_error", undeclared_error)
     noise = RowNoise.of_samples(SensorNoise(), 20, 1000.0)
     session = Session(len(POSES), 0, FitSettings(noise, PERIOD), guards)
     for number, row in enumerate(ROWS):
         now[0] = number
         session.take(number, row)
-        if session.untold is not None:
+        if session.undeclared is not None:
             told.append(number)
     return looks, told
 
@@ -43,14 +43,14 @@ def test_looks_become_rarer_as_rows_become_many(monkeypatch: pytest.MonkeyPatch)
     looks, _ = fed(monkeypatch, Guards(), range(0))
     assert len(looks) < 9
     assert all(later > 1.5 * earlier for earlier, later in pairwise(looks))
-    often, _ = fed(monkeypatch, replace(Guards(), untold_growth=1.0), range(0))
+    often, _ = fed(monkeypatch, replace(Guards(), undeclared_growth=1.0), range(0))
     assert len(often) > 1.5 * len(looks)
 
 
 def test_what_has_passed_is_over_before_there_are_as_many_rows_again(monkeypatch: pytest.MonkeyPatch) -> None:
     passing = range(250, 430)
     _, told = fed(monkeypatch, Guards(), passing)
-    _, for_long = fed(monkeypatch, replace(Guards(), untold_lasts=1e9), passing)
+    _, for_long = fed(monkeypatch, replace(Guards(), undeclared_lasts=1e9), passing)
     assert told
     assert told[0] == for_long[0]
     assert len(told) < 0.8 * len(for_long)
