@@ -32,7 +32,7 @@ from coheft.wire.messages.structs import LoadChangeNotice, PayloadEstimate, Sens
 
 
 class EfficientEstimator:
-    """One robot. See ``coheft.agents.estimator.Estimator``."""
+    """The default estimator. See ``coheft.agents.estimator.Estimator``."""
 
     def __init__(self, config: AgentConfig, gossip: Gossip) -> None:
         self._config, self._gossip, self._guards = config, gossip, Guards()
@@ -120,7 +120,7 @@ class EfficientEstimator:
         return self._belief
 
     def _join(self, membership: int, index: int) -> None:
-        """Another team begins, with what was learned in the last one."""
+        """Start with another team, using what was learned in the last one as prior."""
         graph, last, name = self._gossip.graph, self._team, self._config.name
         if last is not None:
             self._former_changes, self._former_slips = self._notices(last), self._slips(last)
@@ -140,7 +140,7 @@ class EfficientEstimator:
             self._team.begin(prior, anchor, newcomers)
 
     def _lives(self, names: list[str]) -> list[tuple[str, int, int]]:
-        """Of each robot its name and since when it is what it is."""
+        """Name, incarnation and first block of each robot, which identify it across restarts."""
         records = [self._gossip.records[name] for name in names]
         return [(record.robot, record.incarnation, record.since) for record in records]
 
@@ -163,7 +163,7 @@ class EfficientEstimator:
         return (*self._former_slips, *new)
 
     def _said(self, team: Team, estimate: Estimate) -> Belief:
-        """What the claims of an estimate are for this robot."""
+        """Return what this robot publishes of an estimate."""
         state, unknowns, own = estimate.state, estimate.body.unknowns, team.own
         claim = claim_of(team.session.claimable(estimate), own)
         poses, not_observable = {}, []
@@ -193,7 +193,7 @@ class EfficientEstimator:
 
 
 def _in_words(verdict: Verdict, names: list[str]) -> str:
-    """Why nothing can be said of the load."""
+    """Say why the load is not known."""
     if verdict.rival is None:
         which = "" if verdict.robot is None else f"; {names[verdict.robot]} stands out"
         return verdict.outcome.value + which
@@ -203,7 +203,7 @@ def _in_words(verdict: Verdict, names: list[str]) -> str:
 
 
 def _undeclared_in_words(found: UndeclaredError, names: list[str]) -> str:
-    """Which sensor is off, though it was told to be exact."""
+    """Say which sensor has an error although its tolerance is zero."""
     sensor, _, what = found.kind.partition("_")
     seems = {"bias": "to have an offset", "mounting": "to be turned", "scale": "to have another scale"}.get(what, "")
     where = f"the {SENSOR_NAMES[sensor]} of {names[found.robot]}"
@@ -211,13 +211,13 @@ def _undeclared_in_words(found: UndeclaredError, names: list[str]) -> str:
 
 
 def _in_first(names: list[str], poses: tuple[Pose, ...]) -> dict[str, Pose]:
-    """Poses in the grasp frame of the team's first robot, by name."""
+    """Return poses in the grasp frame of the team's first robot, by name."""
     to_first = poses[0].inverse()
     return {name: to_first @ pose for name, pose in zip(names, poses, strict=True)}
 
 
 def _payload(claim: Claim) -> PayloadEstimate | None:
-    """As a message says it."""
+    """Convert a claim into the field of the message."""
     inertia = claim.inertia
     if inertia is None:
         return None

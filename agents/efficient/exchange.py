@@ -1,9 +1,9 @@
 """Flooding of rows: a robot forwards each row that it receives for the first time to its neighbours.
 
-    after d hops a row is d blocks old; each row is told twice, so that a single lost message does no harm
+    after d hops a row is d blocks old; each row is sent twice, so that a single lost message does no harm
 
-Rows may come in any order. A row that never comes delays no other. Memory is bounded whatever neighbours send: a table
-of the newest blocks, one place for each robot's row.
+Rows may arrive in any order. A row that never arrives delays no other. Memory is bounded whatever neighbours send: a
+table of the newest blocks with one entry per row and robot.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from coheft.estimation.moments.flexing import FLEXING_SIZE
 from coheft.estimation.moments.rows import ROW_SIZE
 
 WINDOW = 64
-"""Blocks of which rows may be under way at a time, or twice as many as there are hops."""
+"""Number of newest blocks whose rows are accepted, or twice the number of hops if that is more."""
 _LABELS, _ROWS = "labels", "rows"
 _ONE = np.ones(1)
 _SHAPES = tuple((ROW_SIZE * copies + more,) for copies in (1, 2) for more in (0, FLEXING_SIZE))
 _TEAMS = 2**32
-"""Numbers of teams are smaller."""
+"""Team numbers are below this."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,11 +34,11 @@ class RowMessage:
     """Message of a robot to its neighbours after a block.
 
     Attributes:
-        team: Number of the team that it takes part in, see ``Gossip.membership``.
-        changed_at: Number of the first row with the present load, as far as it knows; -1 if it never changed.
-        labels: Of each row the robot's place in the team and the row's number, shape (k, 2).
-        rows: Shape (k, 24), or more with what follows rows, in single precision: rounding is far below the noise, and
-            is done once, by the robot that measured.
+        team: Number of the sender's team, see ``Gossip.membership``.
+        changed_at: Number of the first row with the present load, as far as the sender knows; -1 if it never changed.
+        labels: Index of the robot and number of each row, shape (k, 2).
+        rows: Shape (k, 24), or more with rates, in single precision: rounding errors are far below the noise, and occur
+            once, at the robot that measured.
     """
 
     team: int
@@ -47,13 +47,13 @@ class RowMessage:
     rows: npt.NDArray[np.float32]
 
     def channels(self) -> dict[str, npt.NDArray[np.generic]]:
-        """As arrays by name; the first label is that of the team."""
+        """Return arrays by name; the first label is ``(team, changed_at)``."""
         head = np.array([[self.team, self.changed_at]]).astype(np.int32)
         return {_LABELS: np.concatenate([head, self.labels]), _ROWS: self.rows}
 
     @staticmethod
     def of_channels(channels: Mapping[str, npt.NDArray[Any]]) -> RowMessage | None:
-        """Inverse of ``channels``; None if it is no such message."""
+        """Inverse of ``channels``; None if the arrays are not such a message."""
         labels, rows = channels.get(_LABELS), channels.get(_ROWS)
         if labels is None or rows is None or labels.dtype != np.int32 or rows.dtype != np.float32:
             return None
@@ -68,16 +68,16 @@ class Exchange:
 
     Args:
         team: Number of the team.
-        count: Robots of the team.
-        own: Place of this one among them.
+        count: Number of robots.
+        own: Index of this robot.
         hops: Diameter of the graph.
-        times: Of rows.
-        size: Numbers of one robot's row, and of what follows it.
+        times: Times of rows.
+        size: Length of one robot's row, with rates if there are any.
 
     Attributes:
-        changed_at: Number of the newest first row of a new load that any robot has told of, -1 if none.
-        window: Number of newest blocks of which rows may still come.
-        disputed: Of robots of which two different rows for one time have come, the block in which that was last so.
+        changed_at: Number of a new load's first row, the newest that any robot has reported; -1 if none.
+        window: Number of newest blocks whose rows are accepted.
+        disputed: Robots of which two different rows with one number arrived, and the block in which that last happened.
     """
 
     def __init__(self, team: int, count: int, own: int, hops: int, times: RowTimes, size: int = ROW_SIZE) -> None:
@@ -92,7 +92,7 @@ class Exchange:
         self._told_once: list[tuple[npt.NDArray[np.int32], npt.NDArray[np.float32]]] = []
 
     def enter(self, number: int, row: Array) -> None:
-        """The robot's own row of this number, shape (size,)."""
+        """Add this robot's own row, shape (size,)."""
         place = number % len(self._numbers)
         if self._numbers[place, self._own] < number:
             rounded = row.astype(np.float32)
@@ -100,7 +100,7 @@ class Exchange:
             self._news.append((np.array([[self._own, number]], dtype=np.int32), rounded[None]))
 
     def hear(self, message: RowMessage, block: int) -> None:
-        """Process a neighbour's message from before this block."""
+        """Process a neighbour's message that arrived before this block."""
         if message.team != self.team or message.rows.shape[1] != self._rows.shape[2]:
             return
         if self.changed_at < message.changed_at < self._times.begun_from(block):
@@ -122,7 +122,7 @@ class Exchange:
         self.disputed |= dict.fromkeys(robots[differs].tolist(), block)
 
     def tell(self, changed_at: int) -> RowMessage:
-        """What all neighbours should hear now; ``changed_at`` is when this robot found that the load changed."""
+        """Return the message for all neighbours; ``changed_at`` is the first row of the present load."""
         told = self._told_once + self._news
         self._told_once, self._news = self._news, []
         labels = [labels for labels, _ in told] or [np.zeros((0, 2), dtype=np.int32)]
@@ -142,6 +142,6 @@ class Exchange:
         return np.concatenate([rows[:, :ROW_SIZE].ravel(), _ONE, rows[:, ROW_SIZE:].ravel()])
 
     def missing(self, number: int) -> list[int]:
-        """Places of the robots whose row of this number has not come."""
+        """Indices of the robots whose row of this number has not arrived."""
         missing: list[int] = np.flatnonzero(self._numbers[number % len(self._numbers)] != number).tolist()
         return missing

@@ -2,7 +2,7 @@
 
     known = (head, theta, poses, errors, gyro offset, load, scale s, s score, s information s, s noise s)
 
-It is one array of numbers; matrices are scaled by what each unknown is known to, and only half of them is told.
+It is sent as one array of numbers; of the scaled symmetric matrices only the upper half is sent.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ from coheft.estimation.moments.fit_settings import FitSettings, Guess
 from coheft.estimation.moments.unknowns import LOAD_SIZE, State, Unknowns
 
 CHANNEL = "known"
-_HEAD = 4  # number of the team, place of the anchor, size of the load, whether expectations are in it
+_HEAD = 4  # number of the team, index of the anchor, size of the load, whether the prior of sensor errors is in it
 _MANY_ROWS = 1e6
 _LEAST_SCALE, _ROUNDING = 1e-9, 1e-6
 
 
 def encode(team: int, prior: Prior, anchor: int) -> Array:
-    """The array for a team of which this robot's session has begun with this prior and anchor."""
+    """Encode the prior and anchor with which this robot's session has begun."""
     state, guess, evidence = prior.state, prior.guess, prior.evidence
     information = evidence.information.diagonal()
     scale = np.where(information > 0.0, 1.0 / np.sqrt(np.maximum(information, 1e-300)), 0.0)
-    assert state.load is not None  # no prior for a team is without
+    assert state.load is not None  # every prior for a team has one
     half = np.triu_indices(len(scale))
     return np.concatenate(
         [
@@ -47,13 +47,13 @@ def encode(team: int, prior: Prior, anchor: int) -> Array:
 
 
 def decode(numbers: npt.NDArray[Any], team: int, count: int, settings: FitSettings) -> tuple[Prior, int] | None:
-    """The prior that an array holds, and the place of the anchor; None if there is none that can be right.
+    """Decode a prior and the index of the anchor; None if the array cannot be right.
 
     Args:
         numbers: The array, all of it finite.
-        team: Number of the team.
-        count: Its robots.
-        settings: Of fits.
+        team: Number of this team.
+        count: Number of its robots.
+        settings: Settings of fits.
     """
     unknowns, errors = Unknowns(count, settings.errors), settings.errors
     size, half = unknowns.size, unknowns.size * (unknowns.size + 1) // 2
@@ -81,7 +81,7 @@ def decode(numbers: npt.NDArray[Any], team: int, count: int, settings: FitSettin
 
 
 def _whole(half: Array, size: int) -> Array:
-    """The symmetric matrix whose upper half this is."""
+    """Return the symmetric matrix with this upper half."""
     matrix = np.zeros((size, size))
     matrix[np.triu_indices(size)] = half
     result: Array = matrix + np.triu(matrix, 1).T

@@ -1,4 +1,4 @@
-"""Rows evaluated at one estimate: 13 numbers of the motion, the total wrench, and all residuals for each.
+"""Innovations of rows at one estimate: 13 numbers of the motion, the total wrench, and all residuals of each row.
 
 (motion[FORCING], wrench, whitened residual of the wrench, motion) = matrix @ row,    r_i = y_i - predict_i @ motion
 """
@@ -21,7 +21,7 @@ from coheft.estimation.moments.unknowns import LOAD_SIZE
 
 _MOTION = VIEW_SIZE + WRENCH_SIZE
 _ROWS_BEFORE = 100
-"""What rows of chapters before have shown counts as much as so many rows."""
+"""The mean excess of earlier chapters weighs as much as so many rows."""
 
 
 class EvaluatedRow(NamedTuple):
@@ -39,20 +39,20 @@ class EvaluatedRow(NamedTuple):
 
 
 class Innovations:
-    """What follows from an estimate and from the rows that are kept.
+    """Evaluates rows at an estimate, and the rows that are kept against the newest ones.
 
     Args:
         estimate: The estimate.
-        chapter: What is known besides; its buffer's views become those of this estimate.
-        before: From rows of chapters before, None if there were none.
+        chapter: Its rows and prior; the views in its buffer are replaced by those at this estimate.
+        before: The same from earlier chapters, None if there were none.
 
     Attributes:
-        excess: What gyros and velocities of all robots always read too much, in standard deviations, shape (12 N,).
+        excess: Mean residuals of all gyros and velocity sensors, in standard deviations, shape (12 N,).
     """
 
     def __init__(self, estimate: Estimate, chapter: Chapter, before: Innovations | None = None) -> None:
         body, buffer, load = estimate.body, chapter.buffer, estimate.state.load
-        if load is None:  # then residuals of wrenches are not looked at
+        if load is None:  # residuals of wrenches are not used then
             load = np.zeros(LOAD_SIZE)
         if not estimate.misses_poses:
             buffer.project_at(body)
@@ -73,29 +73,32 @@ class Innovations:
         number = float(sums[one])
         mean = self.evaluate(sums / max(number, 1.0)).motion
         self.excess = np.where(np.arange(len(mean)) % KINEMATICS_SIZE < TWIST.stop, mean, 0.0)
-        if before is not None:  # a mean over few rows would be as far off as the rows that are looked at
+        if before is not None:  # a mean over few rows would be as noisy as the rows that are tested
             self.excess = (number * self.excess + _ROWS_BEFORE * before.excess) / (number + _ROWS_BEFORE)
 
     def evaluate(self, row: Array) -> EvaluatedRow:
-        """At an extended row (X,)."""
+        """Evaluate an extended row (X,)."""
         seen = self._matrix @ row
         motion = self._body.residuals(row[None], seen[None, _MOTION:])[0] - self.excess
         return EvaluatedRow(seen[:VIEW_SIZE], seen[VIEW_SIZE:_MOTION], motion)
 
     def residuals(self, rows: Array) -> tuple[Array, Array]:
-        """Of extended rows (n, X): of the wrench, shape (n, 1, 6), and of motion sensors, shape (n, N, 12)."""
+        """Return residuals of extended rows (n, X): of the wrench (n, 1, 6), and of motion sensors (n, N, 12)."""
         seen = rows @ self._matrix[VIEW_SIZE:].T
         motion = self._body.residuals(rows, seen[:, WRENCH_SIZE:]) - self.excess
         return seen[:, None, :WRENCH_SIZE], motion.reshape(len(rows), -1, KINEMATICS_SIZE)
 
     def gram(self, buffer: RowBuffer) -> Array:
-        """Sum of squared views of all rows of the load, shape (19, 19)."""
+        """Return the Gram matrix of the views of all rows of the load, shape (19, 19)."""
         views = buffer.views[buffer.start : buffer.count]
         result: Array = self._older + views.T @ views
         return result
 
     def likeliest_change(self, buffer: RowBuffer, before: int | None = None) -> tuple[int, float]:
-        """The first look, at all rows or those before a place, see ``coheft.estimation.moments.change``."""
+        """Run the first test for a load change on all rows, or on those before a place.
+
+        See ``coheft.estimation.moments.change.likeliest_change``.
+        """
         views = buffer.views[buffer.start : buffer.count if before is None else before]
         return likeliest_change(views, self._older, self._weights, self._knows_load)
 

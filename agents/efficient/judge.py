@@ -21,15 +21,15 @@ from coheft.estimation.moments.rows import KINEMATICS_SIZE
 from coheft.estimation.moments.unknowns import THETA
 
 _JUDGED = 256
-"""So many of the newest rows are looked at; older ones have been."""
+"""Number of newest rows that are tested; older ones have been tested before."""
 _SEEN = 0.1
-"""Share of a sensor error's prior variance that has to be gone for it to be judged."""
+"""A sensor error is judged if measurements have removed this share of its prior variance."""
 _POSE, _MOTION, _LOAD = 6, 12, 10
-"""Numbers that a fit takes from the residuals: of each pose, of each row's motion, of the load."""
+"""Degrees of freedom that a fit takes from the residuals: for each pose, for each row's motion, for the load."""
 
 
 class Outcome(Enum):
-    """Of a judgement; each is a reason in words, but for the first."""
+    """Outcome of the tests after a fit; values are reasons in words."""
 
     FITS = "all rows fit"
     NO_BODY = "motions do not fit one rigid body: a sensor may be off"
@@ -40,7 +40,13 @@ class Outcome(Enum):
 
 @dataclass(frozen=True)
 class Verdict:
-    """An outcome; if it is undecided, the robot and sensor that would explain it; and the robot that stands out."""
+    """Outcome of the tests after a fit.
+
+    Attributes:
+        outcome: The outcome.
+        rival: If undecided, index of the robot (None if any) and sensor that would explain the wrenches as well.
+        robot: Index of the robot that fits worst, if one stands out.
+    """
 
     outcome: Outcome
     rival: tuple[int | None, str] | None = None
@@ -59,11 +65,11 @@ def judge(
 
     Args:
         estimate: The fit.
-        innovations: With it.
-        buffer: Of rows.
+        innovations: Evaluates rows at this fit.
+        buffer: Rows.
         guards: Thresholds.
-        load_before: Before the last change, if that may still have been a sensor's fault instead.
-        has_offset: Whether force and torque sensors may have constant offsets, which the fit then knows of.
+        load_before: The load before the last change, while a faulty sensor may still explain that change; else None.
+        has_offset: Whether constant offsets of force and torque are among the unknowns of the fit.
     """
     assert estimate.state.load is not None
     assumed = KnownLoad(estimate.state.load) if load_before is None else load_before
@@ -89,7 +95,7 @@ def judge(
 
 
 def _has_another_mass(estimate: Estimate, load_before: KnownLoad, guards: Guards) -> bool:
-    """Whether the mass is another one: a load that only shifts is rarer than a torque sensor that is off."""
+    """Whether the mass has changed: a load that only shifts is rarer than a faulty torque sensor."""
     load, theta = estimate.state.load, estimate.body.unknowns.theta
     if load is None or load_before.covariance is None:
         return True
@@ -98,10 +104,10 @@ def _has_another_mass(estimate: Estimate, load_before: KnownLoad, guards: Guards
 
 
 def _robot_beyond_tolerance(estimate: Estimate, guards: Guards) -> int | None:
-    """A robot whose sensors are off by more than a data sheet lets expect; None if there is none.
+    """Return a robot whose sensor errors exceed their tolerances, or None.
 
-    Found errors in prior deviations are ``h ~ N(0, 1 - P)`` where ``P`` is what is still uncertain of them: along each
-    direction that has been seen, ``h^2 / (1 - P)`` is chi-square.
+    Found errors in prior deviations are ``h ~ N(0, 1 - P)`` where ``P`` is their posterior covariance: along each
+    direction that has been observed, ``h^2 / (1 - P)`` is chi-square.
     """
     unknowns = estimate.body.unknowns
     deviations = unknowns.errors.deviations
@@ -118,7 +124,7 @@ def _robot_beyond_tolerance(estimate: Estimate, guards: Guards) -> int | None:
 
 
 def _fits(residuals: Array, freedom: float, largest: float, guards: Guards) -> bool:
-    """Whether residuals (n, s, d) are no larger than noise makes them."""
+    """Whether residuals (n, s, d) are no larger than noise explains."""
     worst = worst_misfit(residuals)
     if worst is not None and worst.chi_square > largest:
         return False

@@ -1,6 +1,6 @@
 """The knowledge of one robot: the rows of its team, the prior from earlier chapters, and the resulting estimate.
 
-fit = likeliest state given the moments of all rows and the prior of chapters before
+fit = likeliest state given the moments of all rows and the prior from earlier chapters
 """
 
 from __future__ import annotations
@@ -24,28 +24,28 @@ from coheft.estimation.moments.undeclared import UndeclaredError, undeclared_err
 from coheft.estimation.moments.unknowns import Flags, State, Unknowns
 
 _PAGES_IN_MEMORY, _KEPT_ON_PAGE = 8, 2
-"""A memory that fades does so in so many steps; each leaves the newest rows to go on from."""
+"""A fading memory forgets in so many steps per time constant; each step keeps so many of the newest rows."""
 _LONGEST_PAGE_OF_DRIFT, _LONGEST_OF_DRIFT = 2.0, 10.0
-"""Sensors drift in steps of this time at most; fits are as frequent as if rows were kept for so long only [s]."""
+"""Longest step of sensor drift [s]; fits are as frequent as if rows were kept only for the second time [s]."""
 _EXACT_UP_TO = 12
-"""Robots of a team whose moments are kept exactly: beyond, what is seen from one state is faster."""
+"""Largest team whose moments are kept exactly; for larger ones moments projected at one state are faster."""
 
 
 class Knowledge:
-    """Since all was forgotten for the last time.
+    """Rows, prior and estimate since the robot last started from nothing.
 
     Args:
-        count: Robots.
-        anchor: Place of the robot whose pose fixes the body frame.
-        settings: Of fits.
+        count: Number of robots.
+        anchor: Index of the robot whose pose fixes the body frame.
+        settings: Settings of fits.
         guards: Thresholds and times.
-        prior: From a former team, None if there is none.
+        prior: Prior from a former team, None if there is none.
 
     Attributes:
-        buffer: Rows.
-        estimate: Of poses and load, None at first.
-        innovations: Evaluates rows with it, once there is one.
-        least: Rows from which anything is fitted.
+        buffer: Rows of the team.
+        estimate: Estimate of poses and load, None at first.
+        innovations: Evaluates rows at the estimate; not set before there is one.
+        least: Smallest number of rows to fit.
     """
 
     innovations: Innovations
@@ -72,7 +72,7 @@ class Knowledge:
 
     @property
     def misses_poses(self) -> bool:
-        """Whether the pose of a robot is not known."""
+        """Whether the pose of any robot is unknown."""
         return self.estimate is None or self.estimate.misses_poses
 
     @property
@@ -86,7 +86,7 @@ class Knowledge:
         return self.buffer.load_rows >= self._next_fit
 
     def prior(self) -> Prior | None:
-        """All that is known, for another team; None if poses are missing."""
+        """Everything that is known, as a prior for another team; None if a pose or the load is unknown."""
         estimate = self.estimate
         if estimate is None or estimate.misses_poses or estimate.state.load is None:
             return None
@@ -94,11 +94,11 @@ class Knowledge:
 
     @property
     def first_undeclared(self) -> int:
-        """Rows with which errors that no robot was told of are looked for first."""
+        """Number of rows at which undeclared sensor errors are tested for the first time."""
         return 3 * self.least
 
     def undeclared_error(self) -> UndeclaredError | None:
-        """A sensor error with tolerance zero that the rows show nevertheless; large teams do not test for any."""
+        """Return a sensor error with tolerance zero that the rows show, or None; large teams do not test."""
         if self.estimate is None or not self.is_exact:
             return None
         return undeclared_error(
@@ -106,12 +106,12 @@ class Knowledge:
         )
 
     def reevaluate(self) -> None:
-        """Rows have moved in the buffer."""
+        """Evaluate all rows of the buffer again, because some have moved in it."""
         if self.estimate is not None:
             self._set_estimate(self.estimate)
 
     def take_back(self, number: int) -> None:
-        """Rows with larger numbers count no longer."""
+        """Remove rows with larger numbers."""
         self._next_fit -= self.buffer.take_back(number)
 
     def fit(self, before: int | None = None, keeps_motion: bool = False) -> Estimate:
@@ -162,7 +162,7 @@ class Knowledge:
         self._chapter.end_of_load(now, self._guess, place, True, step)
 
     def before(self, place: int) -> tuple[Estimate, Prior]:
-        """What rows before a place tell, as an estimate and as a prior; this one stays what it is."""
+        """Return the estimate from the rows before a place, and the same as a prior; changes nothing here."""
         assert self.estimate is not None
         chapter, evaluate = self._chapter, self._chapter.evaluation(place)
         found = fit_state(
@@ -173,13 +173,13 @@ class Knowledge:
     def slipped(
         self, prior: Prior, robot: int, rows: Iterable[tuple[int, Array]], innovations: Innovations
     ) -> Knowledge:
-        """What is known from such a prior and rows with their numbers, if a grasp has slipped in between.
+        """Return the knowledge from a prior and the rows since, if a grasp has slipped in between.
 
         Args:
-            prior: Of before.
-            robot: Whose grasp is elsewhere; all else stays what it is.
-            rows: After the slip.
-            innovations: From before.
+            prior: What was known before the slip.
+            robot: Index of the robot whose grasp has slipped; everything else stays the same.
+            rows: Numbers and rows after the slip.
+            innovations: From before the slip.
         """
         own = Unknowns(self._count, self._settings.errors).poses[robot]
         loosened = prior.with_process_noise(own, np.diag(np.square(SLIP)))
@@ -192,7 +192,7 @@ class Knowledge:
         return found
 
     def covariance_now(self, now: Estimate) -> Array:
-        """Of an estimate, and of what has drifted among the rows that are kept."""
+        """Covariance (u, u) of an estimate, with the drift of sensors over the rows that are kept."""
         if not self._settings.drift.is_any:
             return now.covariance
         places, drifted = self._settings.drifted(now.body, self.buffer.count * self._settings.period)
@@ -201,7 +201,7 @@ class Knowledge:
         return result
 
     def fade(self) -> None:
-        """Inflate the covariance for drift since then: of sensor offsets, and of the load if its memory fades."""
+        """End the chapter after a while and inflate its prior, for sensor drift and for a fading memory of the load."""
         estimate, settings, buffer, chapter = self.estimate, self._settings, self.buffer, self._chapter
         if not self._page or estimate is None or estimate.misses_poses or buffer.load_rows < self._page:
             return
@@ -209,7 +209,7 @@ class Knowledge:
         seconds, theta = place * settings.period, estimate.body.unknowns.theta
         self._innovations_before = self.innovations
         chapter.end(estimate, self._guess, place)
-        assert chapter.prior is not None  # it is what has ended
+        assert chapter.prior is not None  # ``end`` has set it
         if settings.memory is not None:
             faded = math.expm1(seconds / settings.memory)
             chapter.prior = chapter.prior.with_process_noise(theta, faded * estimate.covariance[theta, theta])
@@ -221,13 +221,13 @@ class Knowledge:
         self._next_fit = buffer.load_rows + max(3, round((self._growth - 1.0) * self._rows_before))
 
     def _from_scratch(self, state: State, is_unknown: Flags, evaluate: EvaluateMoments) -> State:
-        """Poses from far away, by motion alone."""
+        """Find unknown poses by the motion alone, without any guess."""
         settings, kept, chapter = self._settings, self.buffer.moments_kept(), self._chapter
         if chapter.prior is not None:
             return first_poses(kept, state, settings.noise, self._anchor, is_unknown)
         return poses_by_motion(state, is_unknown, kept, evaluate, chapter.prior_evidence, settings, self._anchor)
 
     def _set_estimate(self, estimate: Estimate) -> None:
-        """From now on this is what is known, and how rows are seen."""
+        """Adopt an estimate and evaluate rows at it from now on."""
         self.estimate = estimate
         self.innovations = Innovations(estimate, self._chapter, self._innovations_before)

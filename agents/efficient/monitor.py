@@ -2,9 +2,9 @@
 
     s_i = sum of whitened residuals r_i of k rows / sqrt(k),    s_i . s_i ~ chi-square(12)
 
-``r_i`` is what robot i reads less what all robots' fused motion lets it read, in standard deviations. What poses are
-off by is far below it, as long as they are known at all. A sensor that is frozen, saturated, biased or late, a clock, a
-robot that let go and a liar all show here, and nothing else does: no vote is taken and no robot is asked.
+``r_i`` is the reading of robot i less its prediction from the fused motion of all robots, in standard deviations. Pose
+errors contribute far less, as long as poses are known. A sensor that is frozen, saturated, biased or late, a wrong
+clock, a robot that has let go, and one that lies all show here. Each robot decides alone: there is no vote.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ class Contradiction:
     """A robot whose sensors contradict the team's motion.
 
     Attributes:
-        robot: Its place in the team.
-        rows: Over how many of the newest rows.
+        robot: Index of the robot.
+        rows: Number of newest rows over which it shows.
     """
 
     robot: int
@@ -36,10 +36,10 @@ class Contradiction:
 
 
 class Monitor:
-    """Sums of the newest residuals.
+    """Tests sums of the newest residuals.
 
     Args:
-        count: Robots.
+        count: Number of robots.
         guards: Thresholds.
     """
 
@@ -50,12 +50,12 @@ class Monitor:
         self._rows = 0
 
     def forget(self) -> None:
-        """Discard earlier residuals, because poses have changed or a contradiction is over."""
+        """Discard earlier residuals, for instance because the estimate has changed."""
         self._rows = 0
         self._sums[:] = 0.0
 
     def add(self, residuals: Array) -> Contradiction | None:
-        """The worst contradiction that a row completes, by its residuals in standard deviations, shape (12 N,)."""
+        """Add residuals of a row in standard deviations (12 N,); return the worst contradiction, or None."""
         sums = self._sums
         sums[:-1] = sums[1:]
         sums[-1] += residuals

@@ -19,17 +19,17 @@ from coheft.estimation.moments.rows import LONGEST, row_of_samples, row_with_rat
 from coheft.estimation.moments.sensor_errors import SensorErrors
 
 MANY, _MOST_TIMES = 32, 5
-"""In teams of more robots than these rows are longer, in proportion to the team and at most so many times."""
+"""In teams of more robots than this, rows are longer in proportion, but at most so many times."""
 Numbers = TypeVar("Numbers", int, npt.NDArray[np.int64])
 
 
 @dataclass(frozen=True)
 class RowTimes:
-    """Which row lies in which block.
+    """Which rows lie in which blocks.
 
     Attributes:
-        block: Samples of a block.
-        row: Samples of a row, ``L``.
+        block: Samples per block.
+        row: Samples per row, ``L``.
     """
 
     block: int
@@ -37,7 +37,7 @@ class RowTimes:
 
     @staticmethod
     def of_team(count: int, block: int, rate: float) -> RowTimes:
-        """For so many robots, whose sensors give so many samples per block and second."""
+        """Choose the length of rows for ``count`` robots with ``block`` samples per block and ``rate`` per second."""
         longest = LONGEST * min(_MOST_TIMES, math.ceil(count / MANY))
         parts = rows_per_block(block, rate, longest)
         spanned = max(1, math.floor(longest * rate / block + 1e-9)) if parts == 1 else 1
@@ -45,7 +45,7 @@ class RowTimes:
 
     @property
     def spanned(self) -> int:
-        """Blocks that a row is of."""
+        """Number of blocks that a row spans."""
         return -(-self.row // self.block)
 
     def begun_from(self, block: int) -> int:
@@ -53,7 +53,7 @@ class RowTimes:
         return -(-block * self.block // self.row)
 
     def complete(self, block: int) -> int:
-        """So many rows are complete at the end of this block."""
+        """Number of rows that are complete at the end of this block."""
         return (block + 1) * self.block // self.row
 
     def first_block(self, number: int) -> int:
@@ -61,7 +61,7 @@ class RowTimes:
         return number * self.row // self.block
 
     def last_block(self, number: Numbers) -> Numbers:
-        """Block in which it ends, or of several rows those in which they end."""
+        """Block in which a row ends; of several rows, an array."""
         return ((number + 1) * self.row - 1) // self.block
 
 
@@ -69,8 +69,8 @@ class OwnRows:
     """Cuts one robot's samples into rows.
 
     Args:
-        times: Of rows.
-        gyro_variance: Of one sample [rad²/s²].
+        times: Times of rows.
+        gyro_variance: Variance of one gyro sample [rad²/s²].
         rate: Samples per second.
         errors: Declared errors of sensors: they say what follows each row.
     """
@@ -81,7 +81,7 @@ class OwnRows:
         self._kept, self._end = np.zeros((0, SAMPLE_SIZE)), 0
 
     def add(self, index: int, samples: Array) -> list[tuple[int, Array]]:
-        """Numbers and rows that a block of samples (B, 15) completes; of a row of which samples are missing nothing."""
+        """Add a block of samples (B, 15); return numbers and rows that it completes, none with missing samples."""
         size, block, before = self._times.row, self._times.block, 2 * self._margin
         has_gap = self._end != index * block
         kept = samples if has_gap or not len(self._kept) else np.concatenate([self._kept, samples])

@@ -1,9 +1,9 @@
-"""One robot's estimate of its team, row by row: decides what is done with the rows of the whole team, and when.
+"""One robot's estimation over the rows of its team: decides for each row what to test, and when to fit.
 
-row -> does its motion contradict the team?   drop it, and those that came with the contradiction
-    -> is its wrench a surprise, or is it this robot's turn?   look -> fit to older rows -> look again -> new load
-    -> since either: does another grasp explain all rows best?   go on from before, with that grasp elsewhere
-    -> 15 % more rows than at the last fit?   fit -> do all rows fit? could it be a sensor instead of a load?
+row -> does a robot's motion contradict the team?   drop the row, and those since the contradiction began
+    -> is its wrench a surprise, or is it this robot's turn?   test for a change -> fit older rows -> test again
+    -> after either: does a slipped grasp explain all rows best?   go back, with the pose of that grasp unknown
+    -> 15 % more rows than at the last fit?   fit -> do all rows fit? would a faulty sensor explain them as well?
 """
 
 from __future__ import annotations
@@ -39,26 +39,27 @@ _NOT_YET, _SINCE = 0.25, 0.5
 
 
 class Session:
-    """Since the team is what it is.
+    """Estimation of one robot while its team stays the same.
 
     Args:
-        count: Robots.
-        own: Place of this one.
-        settings: Of fits.
+        count: Number of robots.
+        own: Index of this robot.
+        settings: Settings of fits.
         guards: Thresholds and times.
-        prior: What was learned in a former team.
-        anchor: Place of the robot whose pose fixes the body frame; with a prior one that was in the former team. All
-            robots take the same one, so that they come to the same numbers.
+        prior: What was learned in a former team, None if there is nothing.
+        anchor: Index of the robot whose pose fixes the body frame; with a prior, one that was in the former team. All
+            robots choose the same anchor, so that they compute the same numbers.
 
     Attributes:
-        stage: What it knows of the load.
-        changes: Of the load: number of its first row, and of the row at which that was noticed.
-        slips: Of grasps.
-        suspect: Place of a robot whose motion sensors contradict the others at present, or None.
-        verdict: On the last fit.
-        undeclared: An error of a sensor that was told to be zero, but that rows ask for; None if they ask for none.
-        unnoticed: Mass by which the load may have changed, too little as yet to be noticed [kg].
-        total_wrench: About the origin of the body frame, mean over the newest row, shape (6,); None before the first.
+        stage: What is known of the load.
+        changes: For each load change, the number of the new load's first row and of the row at which it was noticed.
+        slips: Slips of grasps, oldest first.
+        suspect: Index of a robot whose motion sensors contradict the others at present, or None.
+        verdict: Verdict on the last fit.
+        undeclared: A sensor error with tolerance zero that the rows show nevertheless, or None.
+        unnoticed: Mass by which the load may have changed without being noticed yet [kg].
+        total_wrench: Total wrench about the origin of the body frame [N, N·m], mean over the newest row, shape (6,);
+            None before the first row.
     """
 
     def __init__(
@@ -86,7 +87,7 @@ class Session:
         self.verdict = Verdict(Outcome.FITS)
         self.total_wrench: Array | None = None
         self.undeclared: UndeclaredError | None = None
-        self._undeclared_rows = self._undeclared_until = 0  # with which it was found, and with which it is over
+        self._undeclared_rows = self._undeclared_until = 0  # rows with which it was found, and with which it is over
         self._most_suspected, self._undeclared_lasts = rows(guards.telling_apart), rows(guards.undeclared_lasts)
         self._told_of = self._newest = -1  # the newest change that another robot has told of; the newest row
         self._begin(Knowledge(count, anchor, settings, guards, prior))
@@ -94,7 +95,7 @@ class Session:
             self.stage, self._unconfirmed = TRANSITIONS[self.stage, Event.FITTED], self._confirming
 
     def _begin(self, known: Knowledge) -> None:
-        """Go on from what is known, and from nothing else; changes that were noticed stay known."""
+        """Continue from ``known`` alone; load changes that were noticed before stay listed."""
         self._known = known
         self._monitor = Monitor(self._count, self._guards)
         self.suspect: int | None = None
@@ -114,22 +115,21 @@ class Session:
 
     @property
     def estimate(self) -> Estimate | None:
-        """Of poses and load, None at first."""
+        """Estimate of poses and load, None at first."""
         return self._known.estimate
 
     def prior(self) -> Prior | None:
-        """All that is known, for another team of which this robot is part; None if there is nothing to rely upon."""
+        """Everything that is known, as the prior for another team of this robot; None if it cannot be relied upon."""
         if self.stage is Stage.ESTIMATING and self._known.buffer.count and not self._look_for_change(self._newest):
             self._fit_and_judge()  # the newest rows have to be judged as well
         is_relied_upon = self.stage is Stage.ESTIMATING and self.undeclared is None and not self.is_suspected
         return self._known.prior() if is_relied_upon else None
 
     def claimable(self, estimate: Estimate) -> Estimate:
-        """The estimate as it may be published, with a little more or less mass somewhere that may be there or not.
+        """Return the estimate to publish; its covariance covers a small change of the mass that may have occurred.
 
-        That is a step which is too small as yet to be noticed, one that may be a sensor's fault instead, or the drift
-        of a load that repeatedly becomes lighter or heavier: it goes on as fast as it did, until it has had time enough
-        for three steps.
+        This is a step that is too small to be noticed yet, one that a faulty sensor may explain instead, or the drift
+        of a load that keeps becoming lighter or heavier, which is assumed to continue for three more steps.
         """
         load, theta, since = estimate.state.load, estimate.body.unknowns.theta, self._known.buffer.load_rows
         step = _COVER * max(self.unnoticed, self._disputed)
@@ -143,37 +143,37 @@ class Session:
 
     @property
     def changed_at(self) -> int:
-        """Number of the first row with the present load, -1 if it has never changed."""
+        """Number of the first row with the present load, -1 if the load has never changed."""
         return self.changes[-1][0] if self.changes else -1
 
     @property
     def news_at(self) -> int:
-        """Number of the first row after the newest change of whatever kind, -1 if there was none."""
+        """Number of the first row after the newest change of load or grasp, -1 if there was none."""
         return max(self.changed_at, self.slips[-1].first if self.slips else -1)
 
     @property
     def is_suspected(self) -> bool:
-        """Whether the load seems to have changed, but a grasp may have slipped instead."""
+        """Whether the load seems to have changed, but a slip of a grasp has not been ruled out yet."""
         return self._suspicion is not None and self._suspicion.is_load
 
     @property
     def certain_changes(self) -> list[tuple[int, int]]:
-        """Changes of the load that may not be slips instead."""
+        """Load changes for which a slip has been ruled out."""
         suspicion = self._suspicion
         return self.changes if suspicion is None else self.changes[: suspicion.changes]
 
     @property
     def is_confirmed(self) -> bool:
-        """Whether what was known before rows were missing, or in a former team, has fitted rows since."""
+        """Whether new rows have confirmed what was known before rows were missing, or in a former team."""
         return self._unconfirmed == 0
 
     def hear_of_change(self, first: int, number: int) -> None:
-        """Another robot has detected a load change at row ``first``: test for it here for a while."""
+        """Test for a load change in every row for a while, as another robot has detected one at row ``first``."""
         if first > max(self.news_at + self._turn, self._told_of):
             self._told_of, self._look_until = first, number + self._turn
 
     def take(self, number: int, row: Array) -> None:
-        """One more row of the whole team, shape (24 N + 1,) or (48 N + 1,); any may be missing or late."""
+        """Process a row of the whole team, shape (24 N + 1,) or (48 N + 1,); rows may be missing or arrive late."""
         self._take(number, row)
         if self._suspicion is not None:
             self._suspicion.add(number, row)
@@ -213,13 +213,13 @@ class Session:
     # --- contradictions ---
 
     def _is_believed(self, number: int, residuals: Array) -> bool:
-        """Whether a row's motion may be learned from; a contradiction takes back the rows that came with it."""
+        """Return whether to use a row; if robots contradict each other, remove the rows since that began."""
         if self._known.misses_poses:
             return True
         found = self._monitor.add(residuals)
         if found is not None:
             is_first = self.suspect is None and number > self._contradicted_at + self._confirming
-            if is_first and found.rows == 1:  # a sample that is wrong, or a jump that a late sensor saw a row later
+            if is_first and found.rows == 1:  # one wrong sample, or a jump that a late sensor shows a row later
                 self._contradicted_at = number
                 self._monitor.forget()
                 return False
@@ -241,12 +241,12 @@ class Session:
         return self.suspect is None
 
     def _fit(self, before: int | None = None, keeps_motion: bool = False) -> Estimate:
-        """See ``Knowledge.fit``; innovations count from now on."""
+        """Call ``Knowledge.fit`` and let the monitor sum innovations from now on."""
         self._monitor.forget()
         return self._known.fit(before, keeps_motion)
 
     def _fit_and_judge(self) -> None:
-        """A fit, and whether all rows fit it, and whether it could not be a sensor instead of a load."""
+        """Fit, then test whether all rows fit and whether a faulty sensor would explain them as well as a load."""
         estimate, has_offset, guards = self._fit(), self._settings.has_offset, self._guards
         innovations, buffer = self._known.innovations, self._known.buffer
         self.verdict = judge(estimate, innovations, buffer, guards, self._load_before, has_offset)
@@ -273,10 +273,10 @@ class Session:
                 self._look_for_undeclared_errors()
 
     def _look_for_undeclared_errors(self) -> None:
-        """Whether a sensor is off though it was told to be exact: then all begins anew, and nothing holds meanwhile.
+        """Test for sensor errors whose tolerance is zero; if there is one, start over, and publish nothing meanwhile.
 
-        Rows have to ask for it twice. It is over when as many rows do not show it any more, the first time already
-        after a shorter while.
+        Two tests in a row have to find the same error. It is over when as many rows do not show it any more; the
+        first time a shorter while is enough.
         """
         rows = self._known.buffer.load_rows
         if rows < self._next_undeclared or self._known.misses_poses:
@@ -303,7 +303,7 @@ class Session:
     # --- grasps that slip ---
 
     def _suspect(self, place: int, is_load: bool) -> None:
-        """From this place on the load seems to be another one, or motions contradict each other: or it was a slip."""
+        """Begin to compare causes: from this row on the load differs, or motions contradict, or a grasp has slipped."""
         known = self._known
         is_known = self.stage is Stage.ESTIMATING and not known.misses_poses
         if self._suspicion is None and is_known and known.is_exact:
@@ -311,7 +311,7 @@ class Session:
             self._suspicion = Suspicion(known, place, self._newest, len(self.changes), is_load)
 
     def _tell_apart(self, suspicion: Suspicion) -> None:
-        """What has changed: go on as if no grasp could slip, or from before the slip."""
+        """Decide between the causes once one of them leads; after a slip, continue from what was known before it."""
         cause, is_late = suspicion.cause(self._guards), self._newest - suspicion.noticed >= self._most_suspected
         if cause is not None and cause.robot is not None:
             known = suspicion.known_if_slipped(self._known, cause, self._guards, self._settings.has_offset)
@@ -328,12 +328,12 @@ class Session:
     # --- changes of the load ---
 
     def _look_for_change(self, number: int) -> bool:
-        """Whether the load has changed: what looks like it must still do so against a fit to older rows only."""
+        """Return whether the load has changed: a change must also show against a fit to the older rows only."""
         if self.stage is Stage.GATHERING or number < self._pause:
             return False
         known, buffer = self._known, self._known.buffer
         if known.misses_poses and not self.is_confirmed:
-            if buffer.count < known.least:  # so few rows do not find them
+            if buffer.count < known.least:  # too few rows to find them
                 return False
             self._fit(before=buffer.start, keeps_motion=True)  # wrenches may be of another load
         since, size = known.innovations.likeliest_change(buffer)
@@ -343,7 +343,7 @@ class Session:
             return False
         now = known.estimate
         if now is None or self._surprise(buffer.start + since, now) < self._guards.worth_a_fit:
-            return False  # what is unknown may explain it, but that confirms nothing
+            return False  # uncertain poses may explain it, so it is neither a change nor a confirmation
         now = self._fit(before=buffer.start + since)
         place = buffer.start + known.innovations.likeliest_change(buffer)[0]
         if now.state.load is None or self._surprise(place, now) <= 1.0:
@@ -391,7 +391,7 @@ class Session:
         return True
 
     def _with_changes_before(self, place: int, now: Estimate) -> tuple[int, Estimate]:
-        """Where the load changed first, if it has changed several times, and the fit to older rows only."""
+        """Return where the load changed first, if it has changed several times, and the fit to the rows before."""
         known, buffer = self._known, self._known.buffer
         since, size = known.innovations.likeliest_change(buffer, place)
         while size > 1.0 and 0 < since < place - buffer.start:
@@ -401,7 +401,7 @@ class Session:
         return place, now
 
     def _surprise(self, place: int, now: Estimate) -> float:
-        """How much all rows from a place on look like another load, with all unknown that is unknown."""
+        """Return the statistic of a load change at this row over its threshold; allows for all uncertainty."""
         return surprise(self._evidence(place, now), self._known.covariance_now(now), now.body.unknowns.theta)
 
     def _evidence(self, place: int, now: Estimate) -> Evidence:
@@ -411,7 +411,7 @@ class Session:
         return wrench_evidence(now.body, MotionDerivatives.at(now.body), moments, now.state.load)
 
     def _forget_load(self, place: int, event: Event, now: Estimate) -> None:
-        """From this place on the load has to be found anew."""
+        """Estimate the load anew from the row at this place on."""
         is_troubled = self._newest - self._forgot_at < self._calm
         least = self._known.least * (1 + is_troubled)
         self._known.forget_load(now, place, event is Event.LOAD_CHANGED, least)

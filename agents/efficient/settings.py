@@ -14,7 +14,7 @@ from coheft.wire.config import AgentConfig
 
 
 def fit_settings(config: AgentConfig, count: int) -> FitSettings:
-    """What a robot's fits take for granted in a team of so many."""
+    """Return the settings of a robot's fits in a team of ``count`` robots."""
     told, drift, row = config.tolerance, config.drift, RowTimes.of_team(count, config.block, config.rate).row
     return FitSettings(
         RowNoise.of_samples(config.noise, row, config.rate, config.noise_correlation),
@@ -30,48 +30,48 @@ def fit_settings(config: AgentConfig, count: int) -> FitSettings:
 
 @dataclass(frozen=True)
 class Guards:
-    """Of one robot's session.
+    """Thresholds and times of one robot's session.
 
     Attributes:
-        growth: All is fitted anew when the load has so many times as many rows: its deviations have then shrunk by 7 %.
-        growth_of_many: The same where sensors' errors are declared, or robots are many: such fits cost more.
-        first_rows: Time over which rows of a load are gathered before it is fitted [s], twice as long where nothing is
-            known: enough turning to see poses, and sensors that are off.
-        turn: Each robot looks for a change of the load once in this time, in turn with the others [s].
-        surprise: Probability that the wrench of one row is a surprise without a change; two in a row are looked at.
-        worth_a_fit: A second look needs two fits. It is worth them if, poses being uncertain, a change is at least so
-            surprising, over the threshold: less than 1, because some of these rows may have been fitted already.
+        growth: A new fit is due when the number of rows of the load has grown by this factor: deviations have then
+            shrunk by 7 %.
+        growth_of_many: The same if sensor errors are declared, or in large teams, where fits cost more.
+        first_rows: Time over which rows of a load are collected before it is fitted [s], twice as long if nothing is
+            known: enough rotation to show poses and faulty sensors.
+        turn: Each robot tests for a load change once in this time, in turn with the others [s].
+        surprise: Probability that the wrench of one row is a surprise without a change; two in a row start a test.
+        worth_a_fit: The second test for a change needs two fits. They are made if, with uncertain poses, the statistic
+            is at least this share of its threshold: less than 1, because some rows may have been fitted already.
         contradiction: Probability that a robot's motion seems to contradict the team's over a window of rows without
             any fault. There are some 250 windows per second and robot, so this is one in many years.
-        lasting: A contradiction that lasts so long may be the poses' own: all begins anew [s].
-        misfit: Probability that a stretch of rows fits as badly as that without any fault; a fit has some ten thousand.
-        tolerance: Probability that the sensors of a robot are off by so much more than told, if tolerances are right.
-        undeclared: Probability that the errors of one kind of one robot seem to be there by chance, if told to be zero.
-        undeclared_growth: They are looked for when the load has so many times as many rows as the last time.
-        undeclared_lasts: What has asked for them once is over when it does not for so long [s], or for as many rows.
-        energy: Standard deviations by which the sum of squares of all residuals may be larger than noise makes it.
-        noise_tolerance: Share by which the variance of noise may be larger than it was told to be.
-        excess: Probability that a sensor seems to explain wrenches of another load, without reading anything in excess.
-        constant_excess: Probability that one seems to have read something in excess all the time, whatever the load is.
-        fresh_change: Before a load is told for the first time no stretch of its rows may look so much like another one,
-            over the threshold of a change: some 1e-7 by chance.
-        calm: A load that is forgotten sooner after another one than this needs twice as many rows [s]: then it may be a
-            sensor that comes and goes, and rows may be of both.
-        mass: Probability that the mass seems to be another one by chance, where a sensor may be off instead.
-        shortest: Steps of the mass that are too small to be noticed are sought over so long at least [s]: larger ones
-            are noticed by then.
-        small: A change of the mass by less than this share is a step: if it explains all rows, the load is not
-            forgotten, but loosened.
-        explained: Rows are explained by a step if what is left of the surprise is less than this, over its threshold:
-            some 1e-4 by chance.
-        mistaken: Probability that a slip is told although another load, or a sensor, is the cause, or the other way
-            round, if both are equally likely beforehand: by so much one has to be likelier than all others.
-        telling_apart: After so long without that no slip is told any more [s].
-        undecided: After so long without an answer the load is believed to have changed [s]: a fault is over by then.
-        waiting: Rows are missing when none of the whole team has come for so long, and the time on the way [s].
-        confirming: A robot that contradicted the team, or itself, is believed again after so long without that [s].
-            After that, after rows were missing, or in another team, what was known holds only when it has fitted new
-            rows for so long: the load may have changed meanwhile.
+        lasting: After a contradiction that lasts so long, poses may be wrong, and the robot starts over [s].
+        misfit: Probability that a stretch of rows fits so badly without any fault; a fit has some ten thousand.
+        tolerance: Probability that a robot's sensor errors exceed their tolerances so much if these are right.
+        undeclared: False-alarm probability for one kind of error of one robot whose tolerance is zero.
+        undeclared_growth: The next test for undeclared errors is due when the number of rows has grown by this factor.
+        undeclared_lasts: An undeclared error is over when rows do not show it for so long [s], or for as many rows.
+        energy: Standard deviations by which the sum of all squared residuals may exceed its expectation.
+        noise_tolerance: Share by which the variance of the noise may exceed its nominal value.
+        excess: Probability that a sensor offset seems to explain the wrenches of another load by chance.
+        constant_excess: Probability that a sensor seems to have had an offset all the time by chance, for any load.
+        fresh_change: Largest statistic of a change within the rows of a load that is fitted for the first time, over
+            its threshold: some 1e-7 by chance.
+        calm: A load that is forgotten again sooner than this needs twice as many rows [s]: a sensor may be faulty from
+            time to time, and rows may be of both kinds.
+        mass: Probability that the mass seems to have changed by chance, where a faulty sensor may be the cause instead.
+        shortest: Shortest time over which small steps of the mass are searched [s]: larger ones are noticed by then.
+        small: A change of the mass by less than this share is a small step: if it explains all rows, the load is kept,
+            with process noise.
+        explained: A step explains the rows if the statistic that it leaves is below this share of its threshold: some
+            1e-4 by chance.
+        mistaken: Probability of taking a load change or a faulty sensor for a slip, or the other way round, if all are
+            equally likely a priori: one cause has to be likelier than all others by this factor.
+        telling_apart: After so long without such a decision, a slip is no longer considered [s].
+        undecided: After so long without a decision, the load counts as changed [s]: a fault is over by then.
+        waiting: Rows are missing when no new row of the whole team has been complete for so long [s].
+        confirming: A robot that contradicted the team is trusted again after so long without a contradiction [s]. After
+            that, after missing rows, or in another team, new rows have to fit for so long before the former estimate
+            is valid again, because the load may have changed meanwhile.
     """
 
     growth: float = 1.15

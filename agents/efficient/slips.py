@@ -1,9 +1,9 @@
-"""A grasp that slips: told from a load that changes, and from sensors that are off.
+"""Distinguish a grasp that has slipped from a load that has changed, and from faulty sensors.
 
-A small slip looks like another load at first, as torques come about another point; a large one contradicts the motion
-of the team. Either way what is done about these goes on as if no grasp could slip. Beside it, all rows since then are
-compared with what was known before, by the log ratios of ``coheft.estimation.moments.suspects``. Only a slip that
-leads, and with which all rows fit, takes the place of what has been found meanwhile.
+A small slip looks like another load at first, because torques are about another point; a large one contradicts the
+motion of the team. The session reacts to both as if no grasp could slip. Meanwhile a ``Suspicion`` compares all rows
+since then with what was known before, by the log ratios of ``coheft.estimation.moments.suspects``. Only a slip that is
+much likelier than all other causes, and with which all rows fit, replaces what the session has found meanwhile.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ from coheft.estimation.moments.moments import RowMoments, evaluated_moments, rob
 from coheft.estimation.moments.suspects import LogRatios, log_ratios
 
 _LEAST, _GROWTH = 5, 1.5
-"""Rows from which causes are told apart first, and in which steps again: when it came is known by then."""
+"""Number of rows at which causes are first compared, and the factor by which it grows until the next comparison."""
 _BEFORE, _STEP = 30, 8
-"""It may have come so many rows before it was noticed. Which row was the first is sought in such steps, then finer."""
+"""The change may be so many rows older than its notice. Its first row is searched in such steps, then in finer ones."""
 
 
 class Slip(NamedTuple):
     """A grasp that slipped.
 
     Attributes:
-        robot: Whose; its place in the team.
-        first: Number of the first row after it.
-        noticed: Number of the row at which something was found to have changed.
-        named: Number of the row at which it was told from all else.
+        robot: Index of the robot.
+        first: Number of the first row after the slip.
+        noticed: Number of the row at which a change of some kind was noticed.
+        named: Number of the row at which it was identified as this slip.
     """
 
     robot: int
@@ -48,10 +48,10 @@ class Slip(NamedTuple):
 
 
 class Cause(NamedTuple):
-    """What has changed.
+    """The cause of a change.
 
     Attributes:
-        robot: The one whose grasp has slipped, None if it is the load or a sensor.
+        robot: Index of the robot whose grasp has slipped, None if the cause is the load or a sensor.
         first: Number of the first row after the change.
     """
 
@@ -60,19 +60,17 @@ class Cause(NamedTuple):
 
 
 class Suspicion:
-    """That something has changed, with what was known before, and all rows since.
+    """A change whose cause is not known yet: what was known before, and all rows since.
 
     Args:
-        known: With all rows so far.
-        place: Of the first row after the change, as far as is known.
+        known: Knowledge with all rows so far.
+        place: Place in its buffer of the first row after the change, as far as is known.
         noticed: Number of the row at which it was noticed.
-        changes: Of the load that were known before.
-        is_load: Whether it looks like another load; if not, motions contradict each other.
+        changes: Number of load changes before.
+        is_load: Whether it looks like a load change; if not, motions contradict each other.
 
     Attributes:
-        noticed: Likewise.
-        changes: Likewise.
-        is_load: Likewise.
+        noticed, changes, is_load: As given.
     """
 
     def __init__(self, known: Knowledge, place: int, noticed: int, changes: int, is_load: bool) -> None:
@@ -88,11 +86,11 @@ class Suspicion:
         self.noticed, self.changes, self.is_load = noticed, changes, is_load
 
     def add(self, number: int, row: Array) -> None:
-        """Take in a row, the first one as well as any other."""
+        """Add a row."""
         self._rows[number] = row
 
     def cause(self, guards: Guards) -> Cause | None:
-        """What has changed; None while that cannot be told, or if rows are hardly more than the last time."""
+        """Return the cause; None while it is not clear, or if few rows have come since the last comparison."""
         numbers, self._tried = sorted(self._rows), {}
         place = bisect_left(numbers, self._first)
         if len(numbers) - place < self._next:
@@ -107,7 +105,7 @@ class Suspicion:
         return Cause(None, self._first) if max(load, sensor) > slip + guards.lead else None
 
     def _likeliest(self, rows: Array, place: int, ratio: Callable[[LogRatios], float]) -> tuple[float, int]:
-        """The largest log ratio wherever the change may have been, and at which place: first roughly, then exactly."""
+        """Return the largest log ratio over all possible first rows, and the place of that row."""
 
         def at(start: int) -> float:
             return ratio(self._ratios(rows, start))
@@ -120,7 +118,7 @@ class Suspicion:
         return at(best), best
 
     def _ratios(self, rows: Array, start: int) -> LogRatios:
-        """If the first of these rows after the change is that at a place."""
+        """Return the log ratios if the row at ``start`` is the first after the change."""
         if start not in self._tried:
             body, moments = self._now.body, RowMoments.of(rows[start:])
             newest = evidence_of(body, evaluated_moments(body, moments, moments))
@@ -128,10 +126,10 @@ class Suspicion:
         return self._tried[start]
 
     def known_if_slipped(self, known: Knowledge, cause: Cause, guards: Guards, has_offset: bool) -> Knowledge | None:
-        """What is known if this grasp has slipped; None if rows do not bear it out.
+        """Return the knowledge if this grasp has slipped; None if the rows do not support that.
 
-        With the grasp elsewhere all rows have to fit, and they have to be likelier than if only the robot's motion
-        sensors had been knocked, which moves what these read in the same way, but not the wrench.
+        All rows have to fit with the slipped grasp, and have to be likelier than if only the robot's motion sensors had
+        been knocked out of place: that changes their readings in the same way, but not the wrench.
         """
         assert cause.robot is not None
         numbers = [number for number in sorted(self._rows) if number >= cause.first]
@@ -147,7 +145,7 @@ class Suspicion:
 
 
 def _log_ratio_to_knock(estimate: Estimate, robot: int, before: Pose, rows: Array) -> float:
-    """How much likelier the wrenches of rows (n, X) are than if the grasp were where it was before, as a logarithm."""
+    """Return the log ratio of the wrenches of rows (n, X): slipped grasp to grasp as before."""
     body, load = estimate.body, estimate.state.load
     assert load is not None
     root = np.linalg.cholesky(residual_covariance(body, load))

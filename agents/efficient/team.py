@@ -1,6 +1,6 @@
 """One robot's view of its team while that does not change: rows in transit, session, and handover to newcomers.
 
-rows of all robots that are complete -> session, also those behind some that are not
+every row that is complete goes to the session, even if an earlier one is not complete yet
 """
 
 from __future__ import annotations
@@ -22,29 +22,29 @@ from coheft.wire.config import AgentConfig
 from coheft.wire.messages.size import MOST_TOLD
 
 _TOLD = 2
-"""What is known is told twice to a robot that is new."""
+"""A new robot is sent the prior in so many messages, in case one is lost."""
 
 
 class Team:
     """One robot's view of its team.
 
     Args:
-        lives: Of each robot its name, and since when it is what it is.
+        lives: Name, incarnation and first block of each robot.
         membership: Number of the team.
-        graph: Of the team.
-        start: First block in which all of them hold the load.
-        config: Of this robot.
+        graph: Neighbours of each robot.
+        start: First block in which all robots hold the load.
+        config: Configuration of this robot.
         guards: Thresholds and times.
 
     Attributes:
-        places: Place of each robot by its name and life.
-        names: Of its robots.
-        own: Place of this robot.
-        times: Of rows.
-        start: First block in which all of them hold the load.
-        noticed: Block in which each change of the load was noticed.
-        noticed_slips: Blocks in which each slip was noticed, and was told from a change of the load.
-        newest: Newest block of which a row was taken; the one before ``start`` if there is none yet.
+        places: Index of each robot by its name, incarnation and first block.
+        names: Names of the robots.
+        own: Index of this robot.
+        times: Times of rows.
+        start: First block in which all robots hold the load.
+        noticed: Block in which each load change was noticed.
+        noticed_slips: Blocks in which each slip was noticed, and was distinguished from a load change.
+        newest: Newest block of which a row was processed; the one before ``start`` if there is none yet.
     """
 
     def __init__(
@@ -73,10 +73,10 @@ class Team:
         self._heard_at = start + hops  # block in which the newest row was taken
         self.noticed: list[int] = []
         self.noticed_slips: list[tuple[int, int]] = []
-        self._unclear_since: int | None = None  # block since which it is not known what has changed
+        self._unclear_since: int | None = None  # block in which a change was noticed whose cause is not known yet
 
     def begin(self, prior: Prior, anchor: int, newcomers: Sequence[str] = ()) -> None:
-        """Go on from what is known, which robots that are new in the team are told when they are first heard of."""
+        """Start the session from a prior, which newcomers are sent when their first message arrives."""
         self._prior = prior, anchor
         is_told = Unknowns(len(self.names), self._settings.errors).size <= MOST_TOLD
         self._newcomers = dict.fromkeys(newcomers, _TOLD) if is_told else {}
@@ -85,34 +85,34 @@ class Team:
         self.noticed, self.noticed_slips = [], []
 
     def adopt(self, channels: Channels) -> None:
-        """Begin with what a neighbour knows, if this robot knows nothing."""
+        """Start from the prior in a neighbour's message, if this robot knows nothing yet."""
         if CHANNEL in channels and self._prior is None and self.session.stage is Stage.GATHERING:
             found = decode(channels[CHANNEL], self.exchange.team, len(self.names), self._settings)
             if found is not None:
                 self.begin(*found, self.names)
 
     def welcomes(self, name: str) -> bool:
-        """Whether a neighbour that has just been heard has to be told what is known."""
+        """Whether the neighbour whose message has just arrived has to be sent the prior."""
         times = self._newcomers.pop(name, 0)
         if times > 1:
             self._newcomers[name] = times - 1
         return times > 0
 
     def known(self) -> Channels:
-        """What newcomers are told."""
+        """The channel with the prior for newcomers, empty if there is none."""
         return {} if self._prior is None else {CHANNEL: encode(self.exchange.team, *self._prior)}
 
     def enter(self, index: int, samples: Array) -> None:
-        """A block of this robot's own samples, shape (B, 15)."""
+        """Cut a block of this robot's own samples (B, 15) into rows, and send them."""
         for number, row in self._own_rows.add(index, samples):
             self.exchange.enter(number, row)
 
     def hear_of_change(self, index: int) -> None:
-        """Load changes that other robots have reported up to this block."""
+        """Pass on load changes that other robots have reported up to this block."""
         self.session.hear_of_change(self.exchange.changed_at, self.times.begun_from(index))
 
     def take(self, index: int) -> None:
-        """All rows that are complete by now, also those behind some that are not."""
+        """Process all rows that are complete by now, even if an earlier one is not."""
         self._index = index
         for number in range(self._next, self.times.complete(index)):
             row = None if number in self._taken else self.exchange.complete(number)
@@ -135,12 +135,12 @@ class Team:
             self._next += 1
 
     def disputed(self, blocks: int) -> list[str]:
-        """Robots of which different rows for one time have come within the last so many blocks."""
+        """Robots of which two different rows with one number arrived within the last ``blocks`` blocks."""
         found = self.exchange.disputed.items()
         return [self.names[robot] for robot, block in sorted(found) if self._index - block < blocks]
 
     def missing(self) -> list[str]:
-        """Robots of which no rows have come for too long; empty if all is well."""
+        """Robots whose rows have been missing for too long; empty if there is none."""
         if self._index - self._heard_at <= self._waits:
             return []
         return [self.names[robot] for robot in self.exchange.missing(self.times.begun_from(self.newest + 1))]

@@ -1,12 +1,12 @@
-"""What rows of the whole team say of the body's motion and of the total wrench, as matrices at one state.
+"""Matrices at one state that take rows of the whole team to the body's motion and to the total wrench.
 
     psi = motion_map @ x                      motion (1, w, v, a, alpha, products of w), least squares over all robots
     (w, v, a, slope)_i = predict_i @ psi + noise
     total wrench = sum_i Ad(g_i) (f, t)_i = wrench_map @ x
 
-``x = (z, z')``: the rows of all robots one after another, then 1; and, only if some sensor may be late, how fast each
-of these numbers changes. ``psi`` then has the rates of its 19 numbers as well. If grasps are compliant, each robot's
-``z'`` and ``psi`` also have how fast its force changes (``flexing``), as measured. All else is in the body frame.
+``x = (z, z')``: the rows of all robots one after another, then 1; and, only if some sensor may be late, the rates of
+these numbers. ``psi`` then has the rates of its 19 numbers as well. If grasps are compliant, each robot's ``z'`` and
+``psi`` also contain the measured rates of its force (``flexing``). Everything else is in the body frame.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ MOTION_SIZE = 19
 W, V, A, ALPHA = slice(1, 4), slice(4, 7), slice(7, 10), slice(10, 13)
 TWIST, ACCELERATIONS, PRODUCTS = slice(1, 7), slice(7, 13), slice(13, 19)
 FORCING = np.r_[0, 7:MOTION_SIZE]
-"""Of the motion, what the wrench depends on: ``(1, a, alpha, products of w)``."""
+"""Entries of the motion that the wrench depends on: ``(1, a, alpha, products of w)``."""
 FORCING_SIZE = 13
 REGRESSOR: Array = np.ascontiguousarray(
     regressor_coefficients(with_offset=True)[:FORCING_SIZE, :, [*range(10, LOAD_SIZE), *range(10)]]
@@ -40,9 +40,9 @@ _OWN_RATES = slice(RATES, RATES + ROW_SIZE)
 _AXES = np.eye(3)
 _PACKED = unpack_symmetric(np.eye(6))
 _NO_SENSOR = 1e6
-"""Noise [N, N·m] of a wrench sensor that is not there, in the total wrench."""
+"""Assumed noise [N, N·m] of a missing wrench sensor in the total wrench."""
 _FAINT = 1e-6
-"""Information on the motion that keeps the fusion solvable where no sensor sees it."""
+"""Small prior information on the motion: keeps the fusion solvable where no sensor measures it."""
 
 
 def _centripetal(places: Array) -> Array:
@@ -66,8 +66,8 @@ class Fusion:
     """Least squares of six numbers of the motion from six numbers of each robot's row.
 
     Attributes:
-        part: Of the motion.
-        sensors: Of a row.
+        part: Entries of the motion.
+        sensors: Entries of a row.
         weight: Inverse variances, shape (N, 6).
         weighted: ``W_i B_i`` with ``B_i`` the columns ``part`` of ``predict_i``, shape (N, 6, 6).
         covariance: ``(sum_i B_i^T W_i B_i)^-1``, shape (6, 6).
@@ -83,7 +83,7 @@ class Fusion:
 
     @staticmethod
     def of(part: slice, sensors: slice, weight: Array, predict: Array) -> Fusion:
-        """From weights (N, 12) and predictions (N, 12, 19)."""
+        """Fuse with weights (N, 12) and predictions (N, 12, 19)."""
         weight, by_motion = weight[:, sensors], predict[:, sensors, part]
         weighted = weight[:, :, None] * by_motion
         information = weighted.reshape(-1, 6).T @ by_motion.reshape(-1, 6)
@@ -95,32 +95,32 @@ class BodyModel:
     """The matrices at one state.
 
     Args:
-        state: Poses of all robots, and their sensors' errors.
-        noise: Of rows.
-        unknowns: Their places.
+        state: Poses of all robots, and their sensor errors.
+        noise: Noise of rows.
+        unknowns: Indices of the unknowns.
 
     Attributes:
         state, unknowns, noise: As given.
-        count: Robots.
+        count: Number of robots.
         has_rates: Whether rows are extended by their rates.
-        features: Numbers of ``psi``: 19, or 38 with rates, and 6 N more with flexing.
-        flexing: Places of these, shape (N, 6), or (N, 0).
-        forcing: Places of the numbers of ``psi`` that accelerations and wrenches depend on: all but the velocity.
-        predict: Shape (N, 12, 19).
-        predict_products: Products of a robot's row from those of the motion, shape (N, 6, 6).
-        shares: Of each robot in the mean of products, shape (N,).
+        features: Length of ``psi``: 19, or 38 with rates, and 6 N more with flexing.
+        flexing: Indices of these, shape (N, 6), or (N, 0).
+        forcing: Indices of ``psi`` that accelerations and wrenches depend on: all but the velocity.
+        predict: Takes the motion to each robot's ``(w, v, a, slope)``, shape (N, 12, 19).
+        predict_products: Takes the products of the motion to those of a robot's row, shape (N, 6, 6).
+        shares: Weight of each robot in the mean of products, shape (N,).
         weight: Inverse variances of ``(w, v, a, slope)``, shape (N, 12).
-        twist, accelerations: How the motion is fused.
+        twist, accelerations: Fusions of ``(w, v)`` and of ``(a, alpha)``.
         fusion_map: Takes calibrated rows and 1 to the motion, shape (19, 24 N + 1).
         motion_map: Takes extended rows to ``psi``, shape (features, X).
         wrench_map: Takes extended rows to the total wrench, shape (6, X).
         adjoints: ``Ad(g_i)``, shape (N, 6, 6).
         motion_noise: Covariance of the noise of ``psi`` in one row, shape (features, features).
-        residual_noise: Covariance of what motion sensors read less their prediction with ``psi``, shape
-            (N, 12, features); None where it is zero, as without rates and flexing.
-        wrench_variance: Of each wrench sensor that is there in one row, else 0, shape (N, 6).
-        rate_variance: Of the rates of each wrench in one row, shape (N, 6).
-        wrench_noise: Covariance of the total wrench as it counts, lever arms included, shape (6, 6).
+        residual_noise: Cross covariance of residuals of motion sensors with ``psi``, shape (N, 12, features); None
+            without rates and flexing, where it is zero.
+        wrench_variance: Noise variance of each wrench sensor in one row, 0 where there is no sensor, shape (N, 6).
+        rate_variance: Noise variance of the rates of each wrench in one row, shape (N, 6).
+        wrench_noise: Noise covariance of the total wrench, shape (6, 6).
     """
 
     def __init__(self, state: State, noise: RowNoise, unknowns: Unknowns) -> None:
@@ -179,12 +179,12 @@ class BodyModel:
             self.motion_map = np.vstack([self.motion_map, more])
 
     def _variance_of_rates(self, deviations: Array, part: slice) -> Array:
-        """Of a part of all rows, for the noise (N or 1, k) of its numbers, shape (N, k)."""
+        """Variance of the rates of a part of all rows (N, k), from the deviations (N or 1, k) of its numbers."""
         variance = np.where(np.isfinite(deviations), deviations, 0.0) ** 2.0 * self.noise.rates[part] ** 2.0
         return np.broadcast_to(variance, (self.count, variance.shape[1]))
 
     def _late(self, part: slice) -> Array:
-        """By how much a part of each row is corrected per rate, shape (N, k, k); there must be rates."""
+        """Correction of a part of each row by its rates, shape (N, k, k); there must be rates."""
         assert self.state.calibration is not None
         return self.state.calibration[:, part, RATES + part.start : RATES + part.stop]
 
@@ -210,7 +210,7 @@ class BodyModel:
         return np.broadcast_to(force**2.0 * self.noise.flexing**2.0, (self.count, FLEXING_SIZE))
 
     def _set_noise_of_rates(self) -> None:
-        """Late sensors' numbers are corrected by their rates, which the rates of ``psi`` are found from as well."""
+        """Noise covariances with rates: these correct late readings, and also give the rates of ``psi``."""
         late, noise = self._late(rows.KINEMATICS), self.motion_noise
         variance = self._variance_of_rates(self.noise.kinematics, rows.KINEMATICS) / self.noise.slowness
         assert self.residual_noise is not None
@@ -240,7 +240,7 @@ class BodyModel:
             self.residual_noise[robot, :, places] += own.T
 
     def _take_out_gyro_offset(self, fusion_map: Array) -> None:
-        """What the gyros read in excess is in the angular velocity and in its products."""
+        """Subtract the gyro offset from the angular velocity and from its products."""
         gyros = self.state.gyros
         fusion_map[W, -1] -= gyros
         fusion_map[PRODUCTS] -= np.tensordot(gyros, PRODUCTS_BY_RATE, axes=1) @ fusion_map[W]
@@ -262,7 +262,7 @@ class BodyModel:
         self.wrench_noise: Array = (self.adjoints * in_total[:, None] @ self.adjoints.swapaxes(1, 2)).sum(axis=0)
 
     def _of_extended(self, matrix: Array) -> Array:
-        """The matrix for extended rows as they were measured, from one for calibrated rows (k, 24 N + 1)."""
+        """Convert a matrix for calibrated rows (k, 24 N + 1) into one for extended rows as measured (k, X)."""
         calibration, count = self.state.calibration, self.count
         if calibration is None:
             return matrix
@@ -272,7 +272,7 @@ class BodyModel:
         return np.hstack([of_rows.reshape(len(matrix), -1), constant[:, None], more.reshape(len(matrix), -1)])
 
     def predicted_rows(self) -> Array:
-        """Calibrated extended rows of each robot from ``psi``, wrenches left out, shape (N, width, features)."""
+        """Return matrices that take ``psi`` to calibrated rows without wrenches, shape (N, width, features)."""
         result = np.zeros((self.count, self.unknowns.errors.width, self.features))
         result[:, rows.KINEMATICS, :MOTION_SIZE] = self.predict
         result[:, rows.PRODUCTS, PRODUCTS], result[:, ONE, 0] = self.predict_products, 1.0
@@ -304,11 +304,11 @@ class BodyModel:
         return result
 
     def residuals(self, extended_rows: Array, motion: Array) -> Array:
-        """What all motion sensors read less what the motion predicts, in standard deviations.
+        """Return readings of all motion sensors less their predictions, in standard deviations.
 
         Args:
             extended_rows: Shape (n, X).
-            motion: ``psi`` of each, without rates, shape (n, 19).
+            motion: ``psi`` of each row, without rates, shape (n, 19).
 
         Returns:
             Shape (n, 12 N), the sensors of a robot side by side.
@@ -319,7 +319,7 @@ class BodyModel:
         return result
 
     def _calibrated(self, extended_rows: Array) -> Array:
-        """Motion sensors' numbers with what is known of their errors taken out: (n, X) to (n, N, 12)."""
+        """Readings of motion sensors, corrected by the sensor errors of the state: (n, X) to (n, N, 12)."""
         calibration, count, size = self.state.calibration, self.count, ROW_SIZE * self.count
         by_robot = extended_rows[:, :size].reshape(-1, count, ROW_SIZE)
         if calibration is None:
@@ -334,13 +334,13 @@ class BodyModel:
 
 
 def load_operator(load: Array) -> Array:
-    """The wrench that a load (16,) needs and its sensors' offset: ``result @ motion[FORCING]``, shape (6, 13)."""
+    """Return the map from ``motion[FORCING]`` to the total wrench of a load (16,), offset included, shape (6, 13)."""
     operator: Array = (REGRESSOR @ load).T
     return operator
 
 
 def residual_covariance(body: BodyModel, load: Array) -> Array:
-    """Covariance (6, 6) of ``wrench - load_operator @ motion``: noise of the motion is felt through the inertia."""
+    """Covariance (6, 6) of ``wrench - load_operator @ motion``; noise of the motion enters through the inertia."""
     spatial = spatial_inertia(load[THETA])
     covariance: Array = body.wrench_noise + spatial @ body.accelerations.covariance @ spatial.T
     return covariance

@@ -1,4 +1,4 @@
-"""Whether the load has changed: the newest rows against all rows of the load, by a likelihood ratio.
+"""Test for a change of the load: the newest rows against all rows of the load, by a likelihood ratio.
 
 With ``H`` and ``e`` the information and its vector of all rows of the load, and ``H_k`` and ``e_k`` those of the newest
 ``k`` of them, the score and its covariance without a change are
@@ -6,9 +6,9 @@ With ``H`` and ``e`` the information and its vector of all rows of the load, and
     S_k = e_k - H_k H^-1 e,    V_k = H_k - H_k H^-1 H_k,    S_k^T V_k^-1 S_k ~ chi-square with 10 degrees of freedom
 
 which is the sum of squared residuals of all rows, less those of older and of newer ones fitted separately. The wrench
-offset stays when the load changes: it is among the unknowns of ``H``, but only the part of ``S_k`` that is about theta
-counts. This is the first look, at fixed poses. The second one (``surprise``) tests the newest rows against a fit to all
-older ones, and allows for everything that this fit does not know.
+offset stays when the load changes: it is among the unknowns of ``H``, but only the part of ``S_k`` that concerns theta
+is tested. This is the first test, at fixed poses (``likeliest_change``). The second (``surprise``) tests the newest
+rows against a fit to all older ones, and includes the full uncertainty of that fit.
 """
 
 from __future__ import annotations
@@ -30,32 +30,32 @@ from coheft.estimation.moments.unknowns import LOAD_SIZE, THETA, Indices
 from coheft.estimation.rigid_body.mass_properties import point_mass
 
 FALSE_ALARM = 1e-12
-"""Probability that one window of rows looks like another load without a change. A look tests up to 18 that overlap."""
+"""Probability that one window of rows looks like another load without a change; a test covers up to 18."""
 _RATIO = 1.5
 _WINDOWS = np.unique(np.round(_RATIO ** np.arange(30)).astype(np.int64))
-"""Numbers of newest rows that are tested, each half as many again as the one before."""
+"""Numbers of newest rows that are tested, each 1.5 times the one before."""
 _DYADIC = 2 ** np.arange(30)
 """The same where steps of the mass are sought."""
 _SIGNIFICANT = chi_square_threshold(1, 0.012)
 """Of a step of the mass: with some six windows that overlap, one look in twenty finds one by chance."""
 _SEEN = 0.1
-"""Directions are compared in which at least this share of the information is motion, and not its noise."""
+"""Directions are tested if at least this share of their information is motion, not its noise."""
 _WELL = 1e-6
-"""Least eigenvalue of a scaled matrix that is inverted without looking at its directions."""
+"""Least eigenvalue of a scaled matrix that is inverted without testing its directions."""
 _FAINT = 1e-10
 """Share of the information below which all is rounding."""
 
 
 @dataclass(frozen=True, eq=False)
 class Weights:
-    """How views of rows become information on the load at fixed poses.
+    """Maps from views of rows to information on the load at fixed poses.
 
     Attributes:
         of_gram: Takes Gram matrices (169,) of ``motion[FORCING]`` to information (256,).
-        of_cross: Takes its moments with the wrench (78,) to the vector of the information (16,).
-        of_noise: What noise of one row's motion adds to the information, shape (16, 16).
-        known: Information (16, 16) on the load from elsewhere.
-        known_vector: And its vector (16,).
+        of_cross: Takes its moments with the wrench (78,) to the information vector (16,).
+        of_noise: Contribution of the noise of one row's motion to the information, shape (16, 16).
+        known: Prior information (16, 16) on the load.
+        known_vector: Its information vector (16,).
     """
 
     of_gram: Array
@@ -66,7 +66,7 @@ class Weights:
 
     @staticmethod
     def of(body: BodyModel, load: Array, known: Evidence | None = None) -> Weights:
-        """At a state, for a load (16,); ``known`` is evidence on all unknowns from before the rows."""
+        """Compute them at a state, for a load (16,); ``known`` is prior evidence on all unknowns."""
         weight: Array = inverse_of(residual_covariance(body, load))
         of_gram = information_table(weight)
         of_cross = (weight @ REGRESSOR).reshape(-1, LOAD_SIZE)
@@ -78,7 +78,7 @@ class Weights:
         return Weights(of_gram, of_cross, of_noise, about.information, about.score + about.information @ load)
 
     def sums(self, grams: Array) -> tuple[Array, Array]:
-        """Information with noise (k, 16, 16) and its vectors (k, 16), of Gram matrices of views (k, 19, 19)."""
+        """Return information, noise included, (k, 16, 16) and vectors (k, 16) of Gram matrices of views (k, 19, 19)."""
         of_motion, crossed = grams[:, :FORCING_SIZE, :FORCING_SIZE], grams[:, :FORCING_SIZE, FORCING_SIZE:]
         matrices = of_motion.reshape(len(grams), -1) @ self.of_gram
         vectors: Array = crossed.reshape(len(grams), -1) @ self.of_cross
@@ -86,17 +86,17 @@ class Weights:
 
 
 def likeliest_change(views: Array, before: Array, weights: Weights, is_known: bool = False) -> tuple[int, float]:
-    """The first look.
+    """Run the first test, at fixed poses.
 
     Args:
         views: ``(motion[FORCING], wrench)`` of rows of the load, oldest first, shape (n, 19).
-        before: Gram matrix (19, 19) of rows of the load that are older.
-        weights: Of rows.
-        is_known: Whether the load is known from elsewhere, so that all rows may be of another one.
+        before: Gram matrix (19, 19) of older rows of the load.
+        weights: Maps from views to information.
+        is_known: Whether there is a prior of the load, so that all of these rows may belong to another load.
 
     Returns:
-        The place of the row with which the load has most likely changed, and the statistic over the threshold that it
-        exceeds with the probability ``FALSE_ALARM``.
+        The place of the first row after the likeliest change, and the statistic over its threshold for the probability
+        ``FALSE_ALARM``.
     """
     count = len(views)
     windows = _WINDOWS[: np.searchsorted(_WINDOWS, count)]
@@ -111,12 +111,12 @@ def likeliest_change(views: Array, before: Array, weights: Weights, is_known: bo
 
 
 def surprise(newest: Evidence, covariance: Array, theta: slice) -> float:
-    """The second look: the statistic over its threshold if nothing is taken for granted.
+    """Run the second test: return the statistic over its threshold, with the uncertainty of all unknowns.
 
     Args:
-        newest: What the newest rows say, around a fit to all others.
-        covariance: Of all unknowns in that fit, shape (u, u).
-        theta: Place of theta among the unknowns.
+        newest: Evidence of the newest rows, around a fit to all others.
+        covariance: Covariance of all unknowns in that fit, shape (u, u).
+        theta: Slice of theta among the unknowns.
     """
     of_noise, of_all = newest.noise[theta, theta], newest.information[theta]
     tested, _ = seen_directions(of_all[:, theta] + of_noise, of_noise)
@@ -247,7 +247,7 @@ def unnoticed_step(views: Array, before: Array, weights: Weights, is_known: bool
 
 
 def seen_directions(matrix: Array, noise: Array) -> tuple[Array, Array]:
-    """Directions, as rows (k, u), in which motion is seen, and its share of the information there, shape (k, k).
+    """Return directions, as rows (k, u), in which there is motion, and its share of the information there (k, k).
 
     ``matrix``, information with noise, is the identity in these directions.
     """

@@ -1,4 +1,4 @@
-"""A chapter: moments of rows while nothing has changed, and a Gaussian prior that says what was learned before.
+"""A chapter: moments of rows while nothing has changed, and a Gaussian prior from all rows before.
 
     prior of the next chapter = (evidence of this one's rows + its prior), with what has changed loosened by Q
 
@@ -34,14 +34,14 @@ _SPHERE /= np.linalg.norm(_SPHERE, axis=1)[:, None]
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """What was learned from rows that are not kept.
+    """Evidence of rows that are not kept.
 
     Attributes:
-        state: The state around which it is a quadratic.
-        guess: Of theta.
+        state: The state around which the evidence is a quadratic.
+        guess: Guess of theta.
         evidence: The quadratic.
-        has_expectations: Whether what is expected of sensors' errors is in it already.
-        knows_load: Whether it says something of the load.
+        has_expectations: Whether the prior of sensor errors is included already.
+        knows_load: Whether it has information on the load.
     """
 
     state: State
@@ -51,26 +51,26 @@ class Prior:
     knows_load: bool = True
 
     def at(self, body: BodyModel) -> Evidence:
-        """Around another state nearby."""
+        """Return the evidence around another state nearby."""
         return self.evidence.shifted(body.state.since(self.state, body.unknowns))
 
     def marginalized(self, places: Indices, limits: Array) -> Prior:
-        """Whatever these unknowns are now."""
+        """See ``Evidence.marginalized``."""
         return replace(self, evidence=self.evidence.marginalized(places, limits))
 
     def with_process_noise(self, places: slice | Indices, covariance: Array) -> Prior:
-        """These unknowns have changed by a step with this covariance."""
+        """See ``Evidence.with_process_noise``."""
         return replace(self, evidence=self.evidence.with_process_noise(places, covariance))
 
     def for_team(self, members: Sequence[int | None], settings: FitSettings) -> Prior:
-        """For another team.
+        """Convert to the prior of another team.
 
-        What is known of robots that have left does not matter any more. Their offsets have left the sums of the team,
-        and those of robots that joined are in them.
+        Robots that have left are marginalized. Their offsets are no longer in the sums of the team, and those of robots
+        that have joined are.
 
         Args:
-            members: Place of each robot of the new team in the old one, None if it was not in it.
-            settings: Of fits.
+            members: Index of each robot of the new team in the old one, None if it was not in it.
+            settings: Settings of fits in the new team.
         """
         state, count = self.state, len(self.state.poses)
         old, new = Unknowns(count, settings.errors), Unknowns(len(members), settings.errors)
@@ -114,8 +114,8 @@ class Chapter:
 
     Args:
         buffer: Its rows.
-        settings: Of fits.
-        prior: From chapters before, None if there were none.
+        settings: Settings of fits.
+        prior: Prior from earlier chapters, None if there were none.
     """
 
     def __init__(self, buffer: RowBuffer, settings: FitSettings, prior: Prior | None = None) -> None:
@@ -123,22 +123,22 @@ class Chapter:
 
     @property
     def knows_load(self) -> bool:
-        """Whether former chapters say something of the load."""
+        """Whether the prior has information on the load."""
         return self.prior is not None and self.prior.knows_load
 
     def prior_evidence(self, body: BodyModel) -> Evidence:
-        """What former chapters and expectations of sensors' errors say at a state."""
+        """Evidence at a state from earlier chapters and from the prior of sensor errors."""
         if self.prior is None:
             return self._settings.expected(body)
         before = self.prior.at(body)
         return before if self.prior.has_expectations else before + self._settings.expected(body)
 
     def evaluation(self, before: int | None = None, keeps_motion: bool = False) -> EvaluateMoments:
-        """How to see the chapter's moments at a state.
+        """Return a function that computes the chapter's moments at a state.
 
         Args:
-            before: Leaves out the rows from this place on.
-            keeps_motion: Leaves out only what they say of wrenches.
+            before: Leave out the rows from this place on.
+            keeps_motion: Leave out only the wrenches of these rows.
         """
         of_all, of_load = self.buffer.moments()
         if before is not None:
@@ -152,14 +152,14 @@ class Chapter:
     def end_of_load(
         self, estimate: Estimate, guess: Guess, place: int, keeps_poses: bool, step: Array | None = None
     ) -> None:
-        """From this place on the load is another one. What wrenches said of poses counts on only if these are known.
+        """Start another load at this place.
 
         Args:
-            estimate: What is known.
-            guess: Of theta.
-            place: Of the first row of the new load.
-            keeps_poses: Whether poses are known.
-            step: Covariance (10, 10) of how far theta has changed; None: it may be anything.
+            estimate: The present estimate.
+            guess: Guess of theta.
+            place: Place of the new load's first row.
+            keeps_poses: Whether to keep the evidence of wrenches on poses: only if these are known.
+            step: Covariance (10, 10) of the change of theta; None: the new theta is arbitrary.
         """
         of_load, body = self.buffer.begin_load(place), estimate.body
         if keeps_poses:
@@ -173,7 +173,7 @@ class Chapter:
             self.prior = replace(self.prior.marginalized(theta, guess.limits), knows_load=False)
 
     def end(self, estimate: Estimate, guess: Guess, place: int) -> None:
-        """All rows before this place, and what was expected of sensors' errors, become part of the prior."""
+        """Make all rows before this place, and the prior of sensor errors, part of the chapter's prior."""
         of_all, of_load = self.buffer.begin_chapter(place)
         evidence = evidence_of(estimate.body, evaluated_moments(estimate.body, of_all, of_load))
         if self.prior is None or not self.prior.has_expectations:
@@ -181,7 +181,7 @@ class Chapter:
         self._set_prior(estimate, guess, evidence, True)
 
     def posterior(self, estimate: Estimate, guess: Guess, evaluate: EvaluateMoments | None = None) -> Prior:
-        """All that is known, or that can be seen with such a evaluate, for another robot or another team."""
+        """Return the posterior as a prior for another robot or team; ``evaluate`` may leave out rows."""
         evidence = evidence_of(estimate.body, (self.evaluation() if evaluate is None else evaluate)(estimate.body))
         if self.prior is not None:
             evidence += self.prior.at(estimate.body)
@@ -203,7 +203,7 @@ def spread_mass(theta: Array, size: float) -> Array:
 
 
 def evidence_of(body: BodyModel, moments: EvaluatedMoments) -> Evidence:
-    """What moments say at a state with a load."""
+    """Evidence of moments at a state with a load."""
     derivatives, load = MotionDerivatives.at(body), _load(body)
     by_motion = motion_evidence(body, derivatives, moments.motion)
     return by_motion + wrench_evidence(body, derivatives, moments.wrench, load)
@@ -213,5 +213,5 @@ def _load(body: BodyModel) -> Array:
     """The load at a state that has one."""
     load = body.state.load
     if load is None:
-        raise ValueError("the state has no load, but wrenches say something of a load only; fit one first")
+        raise ValueError("the state has no load, which the evidence of wrenches is about; fit one first")
     return load

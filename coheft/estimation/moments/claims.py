@@ -1,6 +1,6 @@
-"""What may be said of the load and of poses: what is known, in the robot's own frame, and nothing of what is hidden.
+"""What a robot publishes of load and poses: only what is known, in its own grasp frame.
 
-(m, h, J) in F_i,    covariance = D P D^T,    said as far as every direction of it is seen: 0, 1, 4 or 10 numbers
+(m, h, J) in F_i,    covariance = D P D^T,    published as far as all directions are seen: 0, 1, 4 or 10 numbers
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.estimation.rigid_body.unseen import unseen_quantities
 
 CLAIM_LIMITS: Array = np.repeat([np.radians(2.0), 0.04], 3)
-"""Poses are claimed when they are known to this [rad, m]: deviations of five times as much are then still linear."""
+"""Poses are published once they are known to this [rad, m]: errors of five deviations are then still linear."""
 
 
 @dataclass(frozen=True, eq=False)
 class Claim:
-    """What one robot may say.
+    """What one robot may publish.
 
     Attributes:
-        inertia: Of the load in ``F_i``, None if not even its mass is known; of its quantities only ``known`` count.
+        inertia: The load in ``F_i``, None if not even its mass is known; only its first ``known`` numbers are valid.
         known: How many numbers of ``(m, h, J)`` are known: 0, 1, 4 or 10.
-        covariance: Of these, shape (known, known).
+        covariance: Their covariance, shape (known, known).
         unseen: What is not known, and which motion would show it, in words.
-        hidden_poses: Whose poses are not known, shape (N,).
+        hidden_poses: Whether each robot's pose is unknown, shape (N,).
     """
 
     inertia: Inertia | None
@@ -42,7 +42,7 @@ class Claim:
 
 
 def claim_of(estimate: Estimate, robot: int) -> Claim:
-    """What a robot of the team may say of an estimate, in its own frame."""
+    """Return what a robot of the team may publish of an estimate, in its own frame."""
     state, unknowns = estimate.state, estimate.body.unknowns
     hidden = estimate.hidden_poses(CLAIM_LIMITS)
     if state.load is None:
@@ -62,7 +62,7 @@ def claim_of(estimate: Estimate, robot: int) -> Claim:
 
 
 def possible_load(estimate: Estimate) -> Inertia:
-    """The likeliest body that can exist, in the body frame; the estimate must have a load."""
+    """Return the likeliest physically possible load, in the body frame; the estimate must have a load."""
     load = estimate.state.load
     assert load is not None
     theta, places = load[THETA], estimate.body.unknowns.theta

@@ -1,10 +1,10 @@
-"""How residuals change with all unknowns: linear in the motion ``psi`` and in each robot's own wrench ``u_i``.
+"""Derivatives of residuals by all unknowns, linear in the motion ``psi`` and in each robot's own wrench ``u_i``.
 
     d r_i  = -(own_i + predict_i[products] common) psi          residuals of motion sensors of robot i
     d rho  = local_i u_i + (M C found - L[products] common) psi   residual of the total wrench
 
-``own`` is by a robot's own pose and sensors' errors; ``common`` says how the products of ``w``, in which all robots
-share, change by any unknown. ``M`` is the spatial inertia, ``C`` the covariance of the fused ``(a, alpha)``, and
+``own`` is by a robot's own pose and sensor errors; ``common`` is the derivative of the products of ``w``, to which all
+robots contribute, by any unknown. ``M`` is the spatial inertia, ``C`` the covariance of the fused ``(a, alpha)``, and
 ``found`` the change of the right side of its normal equations. Errors of sensors act on what a robot should read, not
 on what it reads: these regressors are as free of noise as the fused motion.
 """
@@ -33,7 +33,7 @@ from coheft.estimation.moments.unknowns import POSE_SIZE, THETA, Indices
 from coheft.estimation.rigid_body.regressor import spatial_inertia
 
 FORCING_PRODUCTS = slice(7, 13)
-"""Places of the products within ``motion[FORCING]``."""
+"""Slice of the products within ``motion[FORCING]``."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,9 +41,9 @@ class MotionDerivatives:
     """Derivatives by the unknowns of the motion: all robots' own ones and the gyros' offset, m in number.
 
     Attributes:
-        own: Of predictions of ``(w, v, a, slope)``, shape (N, own, 12, features).
-        common: Of the products, shape (m, 6, features).
-        found: ``sum_i B_i^T W_i`` times those of predictions of ``(a, slope)``, shape (m, 6, features).
+        own: Derivatives of predictions of ``(w, v, a, slope)``, shape (N, own, 12, features).
+        common: Derivatives of the products, shape (m, 6, features).
+        found: ``sum_i B_i^T W_i`` times derivatives of predictions of ``(a, slope)``, shape (m, 6, features).
     """
 
     own: Array
@@ -52,7 +52,7 @@ class MotionDerivatives:
 
     @staticmethod
     def at(body: BodyModel) -> MotionDerivatives:
-        """At the state of a body."""
+        """Compute them at the state of ``body``."""
         unknowns, features, count = body.unknowns, body.features, body.count
         of_robots = count * unknowns.own
         own = np.zeros((count, unknowns.own, KINEMATICS_SIZE, features))
@@ -72,7 +72,7 @@ class MotionDerivatives:
 
 
 def _by_errors(body: BodyModel) -> tuple[Array, Array]:
-    """By errors of sensors: of predictions, shape (N, q, 12, features), and of products, shape (N, q, 6, features)."""
+    """Derivatives by sensor errors: of predictions (N, q, 12, features), and of products (N, q, 6, features)."""
     errors, count, features = body.unknowns.errors, body.count, body.features
     calibrated = body.predicted_rows()
 
@@ -103,7 +103,7 @@ class WrenchDerivatives:
 
     @staticmethod
     def at(body: BodyModel, motion: MotionDerivatives, load: Array, root: Array) -> WrenchDerivatives:
-        """At the state of a body, for a load (16,); ``root`` (6, 6) makes the residual white."""
+        """Compute them at the state of ``body``, for a load (16,); ``root`` (6, 6) whitens the residual."""
         unknowns, count, features = body.unknowns, body.count, body.features
         size = WRENCH_SIZE * (1 + body.has_rates)
         local = np.zeros((count, unknowns.own, 6, size))

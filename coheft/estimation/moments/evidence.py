@@ -1,10 +1,10 @@
-"""A quadratic log likelihood that knows what noise in its regressors makes it believe.
+"""A quadratic log likelihood, corrected for the noise of its regressors.
 
     log L(step) = score . step - step . information . step / 2
 
-``information`` is free of what noise in the regressors adds on the average; that is ``noise``. The covariance of the
-score is the sum of both, so that of a fit is ``H^-1 (H + N) H^-1`` with ``H`` the information and ``N`` the noise, in
-directions in which ``H`` is more than what is uncertain about ``N`` (``doubt``) and more than a prior's information.
+Noise in the regressors adds ``noise`` to the information on average; ``information`` is without it. The covariance of
+the score is the sum of both, so that of a fit is ``H^-1 (H + N) H^-1`` with ``H`` the information and ``N`` the noise.
+This holds in directions in which ``H`` exceeds the uncertainty of ``N`` (``doubt``) and the information of a prior.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ from coheft.estimation.linear_algebra import is_positive_definite
 from coheft.estimation.moments.unknowns import Indices
 
 _DOUBT, _LEAST_DOUBT = 5.0, 0.3
-"""The noise's sum is trusted to so many of its standard deviations, and to this share at most: tolerances of noise."""
+"""The noise is uncertain by so many of its standard deviations, and at least by this share (noise tolerances)."""
 _HIDDEN = 400.0
-"""A hidden direction's variance, over that with which it would just be seen: 20 times the deviation."""
+"""Assumed variance of a hidden direction, over that at which it would just be seen: 20 times the deviation."""
 
 
 class Solution(NamedTuple):
-    """Of a quadratic.
+    """Solution of a quadratic.
 
     Attributes:
-        inverse: Of the information, in the directions that are seen, shape (u, u).
+        inverse: Inverse of the information in the directions that are seen, shape (u, u).
         seen: Covariance of a fit in these directions.
-        hidden: Assumed covariance in all others, in which nothing moves.
+        hidden: Assumed covariance in all other directions, in which a fit makes no step.
     """
 
     inverse: Array
@@ -42,13 +42,13 @@ class Solution(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """The quadratic, around some value of u unknowns.
+    """The quadratic around some value of u unknowns.
 
     Attributes:
         score: Gradient of the log likelihood, shape (u,).
         information: Shape (u, u).
-        noise: What noise of regressors would add to it, shape (u, u).
-        doubt: ``noise`` times the share of it that may have been taken out wrongly, shape (u, u).
+        noise: Contribution of the regressors' noise, already subtracted from it, shape (u, u).
+        doubt: ``noise`` times its relative uncertainty, shape (u, u).
     """
 
     score: Array
@@ -58,22 +58,22 @@ class Evidence:
 
     @staticmethod
     def of_rows(score: Array, information: Array, noise: Array, count: float) -> Evidence:
-        """From so many rows."""
+        """Evidence of ``count`` rows."""
         return Evidence(score, information, noise, max(_LEAST_DOUBT, _DOUBT / math.sqrt(max(count, 1.0))) * noise)
 
     @staticmethod
     def prior(deviations: Array, error: Array | None = None) -> Evidence:
-        """Independent Gaussians.
+        """Evidence of independent Gaussians.
 
         Args:
-            deviations: Standard deviations (u,); infinite ones say nothing.
+            deviations: Standard deviations (u,); infinite ones carry no information.
             error: Their means less the present value, shape (u,); None for zeros.
         """
         return Evidence.of_information(np.diag(deviations**-2.0), error)
 
     @staticmethod
     def of_information(information: Array, error: Array | None = None) -> Evidence:
-        """A Gaussian with this information (u, u), its mean ``error`` (u,) away from the present value."""
+        """Evidence of a Gaussian with information (u, u), whose mean is ``error`` (u,) from the present value."""
         nothing = np.zeros_like(information)
         score = np.zeros(len(information)) if error is None else information @ error
         return Evidence(score, information, nothing, nothing)
@@ -87,7 +87,7 @@ class Evidence:
         )
 
     def embedded(self, size: int, places: slice | Indices) -> Evidence:
-        """The same about ``size`` unknowns, of which these are a part."""
+        """Return the same evidence among ``size`` unknowns, of which these are at ``places``."""
         places = np.arange(size)[places]
         square, score = np.ix_(places, places), np.zeros(size)
         score[places] = self.score
@@ -96,20 +96,20 @@ class Evidence:
         return Evidence(score, information, noise, doubt)
 
     def restricted(self, places: Indices) -> Evidence:
-        """About these unknowns if all others are what they are assumed to be."""
+        """Return the evidence on these unknowns, given the present values of all others."""
         square = np.ix_(places, places)
         return Evidence(self.score[places], self.information[square], self.noise[square], self.doubt[square])
 
     def shifted(self, step: Array) -> Evidence:
-        """Around another value, a step (u,) away."""
+        """Return the same quadratic around another value, a step (u,) away."""
         return Evidence(self.score - self.information @ step, self.information, self.noise, self.doubt)
 
     def marginalized(self, places: Indices, limits: Array) -> Evidence:
-        """Whatever these unknowns are: they are eliminated, keep their places, and nothing is said there.
+        """Marginalize unknowns; they keep their places, without any information.
 
         Args:
-            places: Shape (k,).
-            limits: Shape (k,), as of ``solve``.
+            places: Indices of the unknowns, shape (k,).
+            limits: See ``solve``, shape (k,).
         """
         others = np.setdiff1d(np.arange(len(self.score)), places)
         inverse = self.restricted(places).solve(limits).inverse
@@ -126,9 +126,9 @@ class Evidence:
         )
 
     def with_process_noise(self, places: slice | Indices, covariance: Array) -> Evidence:
-        """These unknowns have changed since, by a step with this covariance (k, k): process noise.
+        """Add process noise: these unknowns have changed since, by a step with this covariance (k, k).
 
-        The step is ``root z`` with a standard normal ``z``, so some of them may not have changed at all.
+        The step is ``root z`` with a standard normal ``z``, so the covariance may be singular.
         """
         values, vectors = np.linalg.eigh(covariance)
         root = vectors[:, values > 0.0] * np.sqrt(values[values > 0.0])
@@ -143,10 +143,10 @@ class Evidence:
         return both.marginalized(step, np.full(changed, 2.0)).restricted(np.arange(size))
 
     def solve(self, limits: Array) -> Solution:
-        """Invert the information where something is seen.
+        """Invert the information in the directions that are seen.
 
-        A direction is seen if its information, less what is in doubt of it, is more than that of independent Gaussians
-        with the standard deviations ``limits`` (u,).
+        A direction is seen if its information less ``doubt`` exceeds that of independent Gaussians with the standard
+        deviations ``limits`` (u,).
         """
         scale, one = np.outer(limits, limits), np.eye(len(limits))
         if is_positive_definite(scale * (self.information - self.doubt) - one):

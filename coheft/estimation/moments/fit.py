@@ -1,6 +1,6 @@
-"""The likeliest state: damped Gauss-Newton steps on poses, sensors' errors, wrench offset and load together.
+"""The maximum-likelihood state: damped Gauss-Newton steps on poses, sensor errors, wrench offset and load together.
 
-step = (sum of informations)^-1 (sum of scores),    sum over motion, wrench, chapters before, expected errors
+step = (sum of informations)^-1 (sum of scores),    sum over motion, wrench, prior
 """
 
 from __future__ import annotations
@@ -21,24 +21,24 @@ from coheft.estimation.moments.moments import EvaluatedMoments
 from coheft.estimation.moments.unknowns import Flags, State
 
 _FARTHEST = 6.0
-"""No error of a sensor becomes larger, in prior deviations: a gain of zero would explain everything."""
+"""Sensor errors are clipped to so many prior deviations: a gain of zero would explain everything."""
 _LONGEST = 0.3
-"""A step is shortened until it moves no pose by more [rad, m]."""
+"""Steps are shortened to move no pose by more than this [rad, m]."""
 _FAR = 3.0
-"""After a step of so many standard deviations the noise of regressors is worked out anew."""
+"""After a step of so many standard deviations the noise of regressors is computed anew."""
 MOST_STEPS, SMALL_ERROR = 10, 0.01
-"""Steps of a fit at most; one that leaves less, in standard deviations of what it moves, is the last one."""
+"""Most steps of a fit; one that leaves a smaller error, in standard deviations, is the last."""
 
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """A state and how well it is known.
+    """A state and its covariance.
 
     Attributes:
         body: The matrices at the state.
         seen: Covariance (u, u) of all unknowns in the directions that are seen.
-        hidden: In those that are not.
-        step: How far the last step moved a pose, in its standard deviations.
+        hidden: Assumed covariance (u, u) in those that are not.
+        step: Largest change of a pose by the last step, in its standard deviations.
         size: Rough size of the load [m].
     """
 
@@ -50,12 +50,12 @@ class Estimate:
 
     @property
     def state(self) -> State:
-        """Of the body."""
+        """The state."""
         return self.body.state
 
     @property
     def covariance(self) -> Array:
-        """Of all unknowns, shape (u, u)."""
+        """Covariance of all unknowns, shape (u, u)."""
         return self.seen + self.hidden
 
     @cached_property
@@ -64,13 +64,13 @@ class Estimate:
         return bool(self.hidden_poses().any())
 
     def hidden_poses(self, limits: Array = POSE_LIMITS) -> Flags:
-        """Whether any part of a robot's pose is hidden or known less well than ``limits`` (6,), shape (N,)."""
+        """Whether a robot's pose is hidden or less certain than ``limits`` (6,) in any component, shape (N,)."""
         variances = (self.seen + self.hidden).diagonal()[self.body.unknowns.poses]
         return np.asarray((variances > np.square(limits)).any(axis=1))
 
 
 EvaluateMoments = Callable[[BodyModel], EvaluatedMoments]
-"""Gives the moments at a state."""
+"""Computes the moments at a state."""
 
 
 def fit_state(
@@ -82,16 +82,16 @@ def fit_state(
     anchor: int,
     most_steps: int = MOST_STEPS,
 ) -> Estimate:
-    """Step until nothing moves any more.
+    """Fit a state to moments.
 
     Args:
         state: Where to begin; without a load, poses are fitted to the motion alone.
         evaluate: Moments at a state.
-        before: What former chapters and expectations say at a state.
-        guess: Of theta.
-        settings: Of the fit.
-        anchor: The robot whose pose stays what it is.
-        most_steps: At most so many.
+        before: Prior evidence at a state.
+        guess: Guess of theta.
+        settings: Settings of the fit.
+        anchor: Index of the robot whose pose stays fixed.
+        most_steps: Largest number of steps.
     """
     noise_of_motion: Array | None = None  # what noise adds to the information, (u, u)
     noise_of_wrench: Array | None = None
@@ -116,9 +116,10 @@ def fit_state(
 def _step(
     body: BodyModel, total: Evidence, settings: FitSettings, guess: Guess, anchor: int
 ) -> tuple[State, Array, Array, float, float]:
-    """One step: the new state, its covariances where it is seen and hidden, the step's size and what it leaves.
+    """Make one step; return the new state, covariances ``seen`` and ``hidden``, the step's size and remaining error.
 
-    Both are in deviations of poses; a Gauss-Newton step ``d`` leaves about ``d^2`` (rotations in rad, lengths in m).
+    The last two are in deviations of poses; a Gauss-Newton step ``d`` leaves about ``d^2`` (rotations in rad, lengths
+    in m).
     """
     unknowns = body.unknowns
     free = settings.free(unknowns, anchor, body.state.load is not None)

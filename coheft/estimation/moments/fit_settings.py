@@ -1,4 +1,4 @@
-"""What a fit takes for granted: noise of rows, declared errors of sensors, and how far unknowns may be off.
+"""Assumptions of a fit: noise of rows, declared errors of sensors, and prior deviations of all unknowns.
 
 offset of the total wrench = sum_i Ad(g_i) offset_i,    gyro offset of the fused motion = mean of the robots' offsets
 """
@@ -25,18 +25,18 @@ from coheft.estimation.rigid_body.unseen import middle_and_size
 from coheft.estimation.tolerance import SensorDrift
 
 POSE_LIMITS: Array = np.repeat([np.radians(5.0), 0.1], 3)
-"""A pose is hidden in directions in which its standard deviation is larger [rad, m]: so far steps are nearly linear."""
+"""A pose is hidden in directions in which its deviation is larger [rad, m]: up to this, steps are nearly linear."""
 _EXACT = 1e-9
 """Standard deviation of an error that is not declared."""
 _WIDE = 2.0
-"""An error of a sensor is hidden where it is known less well than so many of its prior deviations: it never is."""
+"""A sensor error is hidden where its deviation is more than so many prior deviations; with the prior it never is."""
 _LIGHTEST = 1e-3
 """Least mass of a guess [kg]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Guess:
-    """A body that the load may roughly be, each part of it wrong by 100 %.
+    """A rough guess of the load, each part of it uncertain by 100 %.
 
     Attributes:
         theta: ``(m, m h, I_o)`` in the body frame, shape (10,).
@@ -50,7 +50,7 @@ class Guess:
 
     @staticmethod
     def of(body: BodyModel, moments: Moments) -> Guess:
-        """As heavy as the mean wrench and the mean acceleration say, in the middle of the grasps."""
+        """Guess the mass from the mean wrench and acceleration, and the centre of mass in the middle of the grasps."""
         one = ROW_SIZE * body.count
         middle, size = middle_and_size(body.state.poses)
         sums = moments.sums(one)
@@ -62,22 +62,22 @@ class Guess:
 
     @staticmethod
     def about(theta: Array, size: float) -> Guess:
-        """With deviations as large as a body of this mass and size has numbers."""
+        """Guess ``theta``, with the deviations of a body of this mass and size [m]."""
         return Guess(theta, theta[0] * np.repeat([1.0, size, size**2], [1, 3, 6]), size)
 
 
 @dataclass(frozen=True, eq=False)
 class FitSettings:
-    """Of all fits of one robot.
+    """Settings of all fits of one robot.
 
     Attributes:
-        noise: Of rows.
-        period: Of rows [s].
+        noise: Noise of rows.
+        period: Duration of a row [s].
         errors: Declared errors of sensors.
         force_offset, torque_offset: Standard deviations of the constant offsets of one robot's sensors, per axis
             [N, N·m]; 0 if they have none.
-        gyro_offset: And of its gyro [rad/s].
-        drift: How far such offsets, and those of accelerometers, wander.
+        gyro_offset: The same of its gyro [rad/s].
+        drift: Drift of these offsets and of accelerometers.
         memory: Time constant over which the load is forgotten [s]; None: never.
     """
 
@@ -96,11 +96,11 @@ class FitSettings:
         return max(self.force_offset, self.torque_offset) > 0.0
 
     def body(self, state: State) -> BodyModel:
-        """The matrices at a state."""
+        """Compute the matrices at a state."""
         return BodyModel(state, self.noise, Unknowns(len(state.poses), self.errors))
 
     def limits(self, count: int, guess: Guess) -> Array:
-        """Standard deviations (u,) beyond which an unknown is hidden, for so many robots."""
+        """Return deviations (u,) beyond which an unknown counts as hidden, for a team of ``count`` robots."""
         force = max(self.force_offset, _EXACT) * np.sqrt(count)
         torque = max(self.torque_offset, _EXACT) * np.sqrt(count) + 2.0 * guess.size * force
         own = np.concatenate([POSE_LIMITS, _WIDE * self.errors.deviations])
@@ -108,11 +108,11 @@ class FitSettings:
         return np.concatenate([np.tile(own, count), gyros, _WIDE * np.repeat([force, torque], 3), guess.limits])
 
     def free(self, unknowns: Unknowns, anchor: int, with_load: bool) -> Indices:
-        """Places of the unknowns that a fit moves."""
+        """Indices of the unknowns that a fit changes."""
         is_free = np.ones(unknowns.size, dtype=bool)
         is_free[unknowns.poses[anchor]] = False
         is_clock = [name == "clock" for name in self.errors.names]
-        is_free[unknowns.eta[anchor, is_clock]] = False  # all clocks together show nothing
+        is_free[unknowns.eta[anchor, is_clock]] = False  # an offset of all clocks together has no effect
         is_free[unknowns.offset], is_free[unknowns.gyros] = self.has_offset, self.gyro_offset > 0.0
         if not with_load:
             is_free[unknowns.gyros.start :] = False
@@ -120,7 +120,7 @@ class FitSettings:
         return np.flatnonzero(is_free)
 
     def expected(self, body: BodyModel) -> Evidence:
-        """What is known of sensors' errors before anything is measured."""
+        """Return the prior of sensor errors and offsets, as evidence around the state of ``body``."""
         unknowns, state = body.unknowns, body.state
         offset = np.zeros(6) if state.load is None else state.load[OFFSET]
         total = Evidence.of_information(inverse_of(self.offset_covariance(body)), -offset)
@@ -138,9 +138,9 @@ class FitSettings:
 
     @property
     def steady(self) -> float:
-        """Time within which what sensors wander is half of what noise leaves of a mean, ``inf`` if none wanders [s].
+        """Time over which drift stays below half of a mean's noise [s], ``inf`` without drift.
 
-        A random walk is off its own mean by a third of its variance, and noise averages out,
+        A random walk of variance ``d^2 t`` differs from its own mean by a third of that; noise averages out:
         ``d^2 t / 3 = s^2 T / (4 t)``.
         """
         kinematics, wrench = self.noise.kinematics.min(axis=0), self.noise.wrench.min(axis=0)
@@ -156,7 +156,7 @@ class FitSettings:
         )
 
     def drifted(self, body: BodyModel, seconds: float) -> tuple[Indices, Array]:
-        """Places (k,) of what wanders, and the covariance (k, k) of how far it does so in a time [s]."""
+        """Return indices (k,) of the unknowns that drift, and the covariance (k, k) of their drift in a time [s]."""
         unknowns, drift, minutes = body.unknowns, self.drift, seconds / 60.0
         is_bias = [name == "acceleration_bias" for name in self.errors.names]
         parts = [
@@ -174,7 +174,7 @@ class FitSettings:
 
 
 def _of_total(body: BodyModel, force: float, torque: float) -> Array:
-    """Covariance (6, 6) of the total wrench for such deviations of each robot's: each is carried to the body frame."""
+    """Covariance (6, 6) of the total wrench, about the body frame, for these deviations of each robot's wrench."""
     spread = np.repeat([force**2, torque**2], 3)
     covariance: Array = (body.adjoints * spread @ body.adjoints.swapaxes(1, 2)).sum(axis=0)
     return covariance

@@ -1,4 +1,4 @@
-"""Errors of sensors as a data sheet names them: what was found of each, how surely, and what was told before.
+"""Estimated sensor errors in the terms of a data sheet, with standard deviation and tolerance.
 
 error of a sensor = -eta,    delay of a sensor = eta
 """
@@ -20,11 +20,11 @@ class FoundError(NamedTuple):
     """One error of one robot's sensors.
 
     Attributes:
-        key: Of ``SensorTolerance``.
+        key: Key of ``SensorTolerance``.
         axis: ``x``, ``y``, ``z``, two of them for cross-talk, empty if it has none.
-        value: In the unit of the key.
+        value: Estimate in the unit of the key.
         std: Its standard deviation.
-        told: The standard deviation that was told.
+        told: Its tolerance.
     """
 
     key: str
@@ -35,10 +35,10 @@ class FoundError(NamedTuple):
 
 
 def found_errors(estimate: Estimate, robot: int) -> list[FoundError]:
-    """What an estimate says of the errors of a robot's sensors, in the order of the unknowns.
+    """Return the errors of a robot's sensors by an estimate, in the order of the unknowns.
 
-    Constant errors of gyros, forces and torques are missing: only their sums over the team are known. A clock is late
-    against that of the robot that fixes the body frame.
+    Offsets of gyros, forces and torques are missing: only their sums over the team are known. Clocks are relative to
+    that of the robot that fixes the body frame.
     """
     unknowns = estimate.body.unknowns
     places, errors = unknowns.eta[robot], unknowns.errors

@@ -1,10 +1,10 @@
-"""What moments of rows say of all unknowns: two least-squares problems with all motion eliminated.
+"""Score and information of all unknowns from moments of rows: two least-squares problems, the motion eliminated.
 
     motion:  r_i = y_i - predict_i psi,    information = sum D^T (W - W B (B^T W B)^-1 B^T W) D
     wrench:  rho = sum_i Ad(g_i) u_i - X(psi) theta - offset,    information = sum D^T Sigma^-1 D
 
-The sums over rows are never made: they are products of derivatives with moments. What the noise of ``psi`` and of the
-wrenches adds to the moments is taken out, as it is known.
+Sums over rows are products of derivatives with moments, so no row is visited again. The known contribution of the noise
+of ``psi`` and of the wrenches to the moments is subtracted.
 """
 
 from __future__ import annotations
@@ -29,15 +29,15 @@ def motion_evidence(
     moments: MotionMoments,
     noise: Array | None = None,
 ) -> Evidence:
-    """What motion sensors say of all unknowns.
+    """Evidence of motion sensors on all unknowns.
 
-    Means of twists are removed, so constant errors of gyros and velocities do not matter.
+    Means of twists are removed, so constant errors of gyros and velocities have no effect.
 
     Args:
-        body: At the state.
-        derivatives: There.
-        moments: There.
-        noise: What noise of regressors adds to the information (u, u), if it is known from a state nearby.
+        body: Matrices at the state.
+        derivatives: Derivatives there.
+        moments: Moments there.
+        noise: Contribution of the regressors' noise to the information (u, u), if known from a state nearby.
     """
     unknowns, count, own, number = body.unknowns, body.count, body.unknowns.own, moments.number
     of_motion = moments.of_motion
@@ -65,7 +65,7 @@ def motion_evidence(
 def _motion_information(
     body: BodyModel, derivatives: MotionDerivatives, of_twist: Array, of_accelerations: Array
 ) -> Array:
-    """Information (u, u) of motion sensors by moments of ``psi``, each (features, features), for both fusions."""
+    """Information (u, u) of motion sensors from moments of ``psi`` (features, features), for both fusions."""
     unknowns, count, own = body.unknowns, body.count, body.unknowns.own
     of_robots, motion = count * own, unknowns.motion_size
     result, alone = np.zeros((unknowns.size, unknowns.size)), np.zeros((count, own, own))
@@ -96,7 +96,7 @@ def _motion_information(
 
 
 def _summed_product(left: Array, gram: Array, right: Array, used: Indices) -> Array:
-    """``sum tr(left_k gram right_l^T)`` over the features that are used: (k, 6, f), (l, 6, f) to (k, l)."""
+    """Compute ``sum tr(left_k gram right_l^T)`` over the features ``used``: (k, 6, f), (l, 6, f) to (k, l)."""
     by_gram = left[..., used] @ gram[used[:, None], used]
     result: Array = by_gram.reshape(len(left), -1) @ right[..., used].reshape(len(right), -1).T
     return result
@@ -109,14 +109,14 @@ def wrench_evidence(
     load: Array,
     noise: Array | None = None,
 ) -> Evidence:
-    """What the total wrench says of all unknowns, poses too: robots that push against each other show where they are.
+    """Evidence of the total wrench on all unknowns; internal forces show the poses as well.
 
     Args:
-        body: At the state.
+        body: Matrices at the state.
         motion: Derivatives there.
-        moments: There.
+        moments: Moments there.
         load: Wrench offset and theta there, shape (16,).
-        noise: What noise of regressors adds to the information (u, u), if it is known from a state nearby.
+        noise: Contribution of the regressors' noise to the information (u, u), if known from a state nearby.
     """
     unknowns, count, own, number = body.unknowns, body.count, body.unknowns.own, moments.number
     root: Array = np.asarray(np.linalg.cholesky(inverse_of(residual_covariance(body, load)))).T.astype(np.float64)
@@ -152,7 +152,7 @@ def wrench_evidence(
 
 
 def _wrench_covariance(body: BodyModel, size: int) -> Array:
-    """Of the noise of each robot's calibrated wrench and, if sensors may be late, of its rates, shape (N, w, w)."""
+    """Noise covariance of each robot's calibrated wrench and, if sensors may be late, its rates, shape (N, w, w)."""
     result = np.zeros((body.count, size, size))
     result[:, range(WRENCH_SIZE), range(WRENCH_SIZE)] = body.wrench_variance
     if size > WRENCH_SIZE and body.state.calibration is not None:
@@ -164,7 +164,7 @@ def _wrench_covariance(body: BodyModel, size: int) -> Array:
 
 
 def _wrench_noise(body: BodyModel, derivatives: WrenchDerivatives, number: float) -> Array:
-    """What noise of motion and wrenches adds to the information of so many rows, shape (u, u)."""
+    """Contribution of the noise of motion and wrenches to the information of ``number`` rows, shape (u, u)."""
     count, own = body.count, body.unknowns.own
     local, common, used = derivatives.local, derivatives.common, body.forcing
     of_robots, size, of_noise = count * own, local.shape[-1], number * body.motion_noise
@@ -178,10 +178,13 @@ def _wrench_noise(body: BodyModel, derivatives: WrenchDerivatives, number: float
 
 
 def information_table(weight: Array) -> Array:
-    """Takes Gram matrices (..., 169) of ``motion[FORCING]`` to the load's information (..., 256), shape (169, 256).
+    """Return the map from Gram matrices (169,) of ``motion[FORCING]`` to the load's information (256,).
 
     Args:
-        weight: Of the residual of the total wrench, shape (6, 6).
+        weight: Information of the residual of the total wrench in one row, shape (6, 6).
+
+    Returns:
+        Shape (169, 256).
     """
     size = len(REGRESSOR)
     flat = REGRESSOR.transpose(1, 0, 2).reshape(6, -1)

@@ -1,11 +1,11 @@
-"""Whether rows fit what was fitted to them, and if wrenches do not, whether a load or a sensor has changed.
+"""Tests whether rows fit, and whether another load or a faulty sensor explains wrenches that do not.
 
-    s = sum of whitened residuals of k rows in a row / sqrt(k),    s . s ~ chi-square        without any fault
+    s = sum of whitened residuals of k consecutive rows / sqrt(k),    s . s ~ chi-square        without any fault
 
-Residuals of a fit are smaller than noise, so nothing has to be allowed for what the fit does not know.
+Residuals of a fit are smaller than the noise, so the test needs no allowance for the fit's own uncertainty.
 
-A sensor of robot i that reads a constant ``b`` in excess adds ``Ad(g_i) b`` to the total wrench, always the same in the
-body frame; gravity turns in it. The two are compared by how much of the squared residuals each of them explains.
+A sensor of robot i with an offset ``b`` adds ``Ad(g_i) b`` to the total wrench, constant in the body frame, whereas
+gravity turns in that frame. The two are compared by how much of the squared residuals each of them explains.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from coheft.estimation.moments.change import Weights
 from coheft.estimation.moments.unknowns import LOAD_SIZE, OFFSET, THETA
 
 WINDOWS = (1, 2, 4, 8, 16, 32)
-"""Numbers of rows in a row that are tested: longer ones would show what rows approximate."""
+"""Numbers of consecutive rows that are tested: longer windows would show the approximations of rows."""
 
 
 _FAINT = 1e-10
@@ -35,8 +35,8 @@ class Misfit:
     Attributes:
         first: Its first row.
         rows: Its length.
-        source: Which of the sources of residuals.
-        chi_square: Of the sum of its residuals.
+        source: Index of the source of residuals.
+        chi_square: Statistic of the sum of its residuals.
     """
 
     first: int
@@ -46,7 +46,7 @@ class Misfit:
 
 
 def worst_misfit(residuals: Array) -> Misfit | None:
-    """The stretch of rows that fits worst, None if there are no rows.
+    """Return the stretch of rows that fits worst, None if there are no rows.
 
     Args:
         residuals: In standard deviations, of n rows and s sources with d numbers each, shape (n, s, d).
@@ -65,12 +65,12 @@ def worst_misfit(residuals: Array) -> Misfit | None:
 
 
 def excess_energy(residuals: Array, freedom: float, tolerance: float) -> float:
-    """By how many standard deviations the sum of squared residuals is larger than noise makes it.
+    """Return by how many standard deviations the sum of squared residuals exceeds its expectation.
 
     Args:
         residuals: In standard deviations, of any shape.
-        freedom: Degrees of freedom that the fit has left of them.
-        tolerance: The variance of noise may be larger by this share than it was told to be.
+        freedom: Degrees of freedom that the fit has left.
+        tolerance: The variance of the noise may exceed its nominal value by this share.
     """
     expected = (1.0 + tolerance) * freedom
     return float((np.square(residuals).sum() - expected) / np.sqrt(2.0 * expected * (1.0 + tolerance)))
@@ -78,14 +78,14 @@ def excess_energy(residuals: Array, freedom: float, tolerance: float) -> float:
 
 @dataclass(frozen=True)
 class Explanations:
-    """How much of the squared residuals of wrenches is explained, less what so many free numbers explain by chance.
+    """Reductions of the squared residuals of wrenches by several causes, less their degrees of freedom.
 
     Attributes:
         load: By another load.
-        sensor: By a constant excess of one force or torque sensor, that explains most beside the load that was known.
-        both: By another load and a constant excess of any one sensor, more than by another load alone.
-        robot: Whose sensor that is.
-        kind: Which.
+        sensor: By a constant offset of the force or torque sensor that explains most, with the load known before.
+        both: By another load and an offset of any one sensor, beyond ``load``.
+        robot: Index of the robot with that sensor.
+        kind: ``force`` or ``torque``.
     """
 
     load: float
@@ -97,11 +97,11 @@ class Explanations:
 
 @dataclass(frozen=True, eq=False)
 class KnownLoad:
-    """A load that was known.
+    """A load that was known before.
 
     Attributes:
         load: Wrench offset and theta, shape (16,).
-        covariance: Of theta, shape (10, 10); None: it may be anything.
+        covariance: Covariance of theta, shape (10, 10); None: theta is arbitrary.
     """
 
     load: Array
@@ -109,17 +109,17 @@ class KnownLoad:
 
     @property
     def information(self) -> Array:
-        """On theta, shape (10, 10)."""
+        """Information on theta, shape (10, 10)."""
         return np.zeros((10, 10)) if self.covariance is None else inverse_of(self.covariance)
 
 
 def explanations(body: BodyModel, gram: Array, assumed: KnownLoad) -> Explanations:
-    """How well another load, or a sensor that reads something in excess, explains wrenches.
+    """Compare how well another load and an offset of a sensor explain wrenches.
 
     Args:
-        body: At the state.
-        gram: Sum of squared views ``(motion[FORCING], total wrench)`` of rows there, shape (19, 19).
-        assumed: The load.
+        body: Matrices at the state.
+        gram: Gram matrix of views ``(motion[FORCING], total wrench)`` of rows there, shape (19, 19).
+        assumed: The load that was known.
     """
     weights = Weights.of(body, assumed.load)
     (spread,), (vector,) = weights.sums(gram[None])
@@ -140,7 +140,7 @@ def explanations(body: BodyModel, gram: Array, assumed: KnownLoad) -> Explanatio
 
 
 def _beside_theta(score: Array, spread: Array, excess: Array, known: Array) -> tuple[float, Array]:
-    """What theta explains, and what each excess (k, 6, 3) explains beside it, with ``known`` (10, 10) of theta."""
+    """Return what theta explains, and what each offset (k, 6, 3) explains beside it, with information ``known``."""
     inverse = inverse_of(spread[THETA, THETA] + known)
     across = spread[OFFSET, THETA] @ inverse
     left = score[OFFSET] - across @ score[THETA]

@@ -1,9 +1,9 @@
-"""Second moments of rows, exact for every state that is assumed later.
+"""Second moments of rows, which are exact at every state.
 
     G = sum x x^T,    at a state:  sum psi psi^T = S G S^T,    sum x psi^T = G S^T
 
-A robot keeps ``G`` and no poses in it, so nothing has to be summed again when poses become better. ``RowMoments`` keeps
-all of it; for large teams ``coheft.estimation.moments.projected`` keeps what is seen from one state.
+``G`` does not depend on poses, so nothing has to be summed again when their estimates improve. ``RowMoments`` keeps all
+of ``G``; for large teams ``coheft.estimation.moments.projected`` keeps its projection at one state.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ from coheft.estimation.moments.unknowns import Indices
 
 
 class Moments(Protocol):
-    """Second moments of extended rows of the team, as far as likelihoods need them."""
+    """The second moments of the team's extended rows that likelihoods need."""
 
     def with_motion(self, body: BodyModel) -> Array:
-        """``sum x psi^T`` at a state, shape (X, features)."""
+        """Compute ``sum x psi^T`` at a state, shape (X, features)."""
         ...
 
     def of_wrenches(self, places: Indices) -> Array:
-        """``sum u u^T`` of all robots' wrenches and their rates, at these places of a row, shape (w N, w N)."""
+        """``sum u u^T`` of all robots' wrenches and their rates, at these indices of a row, shape (w N, w N)."""
         ...
 
     def sums(self, one: int) -> Array:
-        """``sum x``, shape (X,); ``one`` is the place of the constant, where the number of rows stands."""
+        """``sum x``, shape (X,); ``one`` is the index of the constant 1, so that entry is the number of rows."""
         ...
 
     def __add__(self, other: Self) -> Self: ...
@@ -53,7 +53,7 @@ class RowMoments:
 
     @staticmethod
     def of(extended_rows: Array) -> RowMoments:
-        """Of extended rows, shape (n, X)."""
+        """Compute moments of extended rows, shape (n, X)."""
         return RowMoments(extended_rows.T @ extended_rows)
 
     def with_motion(self, body: BodyModel) -> Array:
@@ -86,7 +86,7 @@ def robot_places(count: int, errors: SensorErrors) -> Indices:
 
 
 def wrench_places(count: int, errors: SensorErrors) -> Indices:
-    """Places of all robots' wrenches, robot by robot, each followed by its rates if there are any, shape (w N,)."""
+    """Indices of all robots' wrenches in a row, each followed by its rates if there are any, shape (w N,)."""
     own = np.arange(WRENCH.start, WRENCH.stop)
     own = np.concatenate([own, ROW_SIZE + own]) if errors.has_rates else own
     places: Indices = robot_places(count, errors)[:, own].ravel()
@@ -95,7 +95,7 @@ def wrench_places(count: int, errors: SensorErrors) -> Indices:
 
 @dataclass(frozen=True, eq=False)
 class MotionMoments:
-    """Moments of what motion sensors read, calibrated at a state.
+    """Moments of the readings of motion sensors, calibrated at a state.
 
     Attributes:
         with_motion: ``sum (w, v, a, slope)_i psi^T``, shape (N, 12, features).
@@ -113,7 +113,7 @@ class MotionMoments:
 
 @dataclass(frozen=True, eq=False)
 class WrenchMoments:
-    """Moments of what force and torque sensors read, calibrated at a state.
+    """Moments of the readings of force and torque sensors, calibrated at a state.
 
     Attributes:
         of_wrenches: ``sum u u^T`` of all robots' wrenches (w = 6, or 12 with their rates), shape (w N, w N).
@@ -133,14 +133,14 @@ class WrenchMoments:
 
 @dataclass(frozen=True, eq=False)
 class EvaluatedMoments:
-    """Of all rows, and of those that are of the present load."""
+    """Moments at a state: of the motion in all rows, and of the wrench in the rows with the present load."""
 
     motion: MotionMoments
     wrench: WrenchMoments
 
 
 def evaluated_moments(body: BodyModel, of_all: Moments, of_load: Moments) -> EvaluatedMoments:
-    """Moments at a state, of all rows and of those of the present load."""
+    """Compute moments at a state from those of all rows and of the rows with the present load."""
     crossed = of_all.with_motion(body)
     motion = _motion_moments(body, crossed)
     if of_load is of_all:
@@ -149,13 +149,13 @@ def evaluated_moments(body: BodyModel, of_all: Moments, of_load: Moments) -> Eva
 
 
 def wrench_moments(body: BodyModel, moments: Moments) -> WrenchMoments:
-    """Moments of wrenches at a state."""
+    """Compute moments of wrenches at a state."""
     crossed = moments.with_motion(body)
     return _wrench_moments(body, moments, crossed, body.motion_map @ crossed)
 
 
 def view_moments(body: BodyModel, moments: Moments) -> Array:
-    """``sum v v^T`` of views ``v = (motion[FORCING], total wrench)`` of rows at a state, shape (19, 19)."""
+    """Compute ``sum v v^T`` of views ``v = (motion[FORCING], total wrench)`` at a state, shape (19, 19)."""
     crossed, places = moments.with_motion(body), wrench_places(body.count, body.unknowns.errors)
     of_forcing, wrench = crossed[:, FORCING], body.wrench_map[:, places]
     one, size = ROW_SIZE * body.count, FORCING_SIZE

@@ -1,9 +1,9 @@
-"""Moments for large teams: of extended rows with ``psi`` as seen at one state, and of wrenches with each other.
+"""Moments for large teams: of extended rows with ``psi`` at one state, and of wrenches with each other.
 
     X * features + (6 N)^2 numbers instead of X^2,    psi(now) = (motion_map_then @ predicted_now)^-1 psi(then)
 
-Rows obey ``T x = predicted @ psi`` up to their noise, so what was seen at one state is turned to another one by a
-constant matrix, without the data. The matrix is close to the identity where poses were known when rows were seen.
+Rows obey ``T x = predicted @ psi`` up to their noise, so a constant matrix converts moments at one state to another
+state, without the rows. It is close to the identity if poses were already known at the first state.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ _RATES = slice(MOTION_SIZE, 2 * MOTION_SIZE)
 
 
 def motion_then_to_now(then: BodyModel, now: BodyModel) -> Array:
-    """Takes ``psi`` as seen at one state to ``psi`` at another one, shape (features, features)."""
+    """Return the matrix that takes ``psi`` at one state to ``psi`` at another, shape (features, features)."""
     predicted, gyros = now.predicted_rows(), now.state.gyros
-    read = np.eye(now.features)  # what gyros read in excess is in the rows
+    read = np.eye(now.features)  # rows contain the gyro offset
     read[W, 0] = gyros
     read[PRODUCTS, W] = np.tensordot(gyros, PRODUCTS_BY_RATE, axes=1)
     read[PRODUCTS, 0] = pack_symmetric(np.outer(gyros, gyros))
@@ -51,10 +51,10 @@ def motion_then_to_now(then: BodyModel, now: BodyModel) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class ProjectedMoments:
-    """Moments as seen at the state of ``body``.
+    """Moments projected at the state of ``body``.
 
     Attributes:
-        body: Where they were seen from.
+        body: The matrices at that state.
         crossed: ``sum x psi^T``, shape (X, features).
         wrenches: ``sum u u^T``, shape (w N, w N).
     """
@@ -65,13 +65,13 @@ class ProjectedMoments:
 
     @staticmethod
     def of(extended_rows: Array, body: BodyModel) -> ProjectedMoments:
-        """Of extended rows (n, X), seen at a state."""
+        """Compute moments of extended rows (n, X), projected at a state."""
         wrenches = extended_rows[:, wrench_places(body.count, body.unknowns.errors)]
         return ProjectedMoments(body, extended_rows.T @ (extended_rows @ body.motion_map.T), wrenches.T @ wrenches)
 
     @staticmethod
     def at(body: BodyModel, moments: Moments) -> ProjectedMoments:
-        """What can be seen of moments at a state; those that were seen at another one are turned."""
+        """Project moments at a state; those that are projected at another state are converted."""
         wrenches = moments.of_wrenches(wrench_places(body.count, body.unknowns.errors))
         return ProjectedMoments(body, moments.with_motion(body), wrenches)
 

@@ -1,4 +1,4 @@
-"""Everything that a whole recording says, in one place: the likeliest poses and load, and what they leave unexplained.
+"""Poses and load from a whole recording at once, with the residual wrench that they leave.
 
 rows of all samples -> moments -> poses by motion alone -> poses and load jointly
 """
@@ -20,21 +20,21 @@ from coheft.estimation.moments.start import first_load, poses_by_motion
 from coheft.estimation.moments.unknowns import State
 
 _MOST_STEPS, _CLOSE = 30, 1e-3
-"""Steps at most; a step below this share of the poses' standard deviations is the last one."""
+"""Most steps; a step below this share of the poses' standard deviations is the last one."""
 _LEAST = 2
-"""Samples of a row."""
+"""Fewest samples of a row."""
 
 
 @dataclass(frozen=True, eq=False)
 class Recorded:
-    """What was found.
+    """Fit of a recording.
 
     Attributes:
         estimate: Poses and load in the first robot's grasp frame.
-        is_settled: Whether steps had become small when no more were taken.
-        row_samples: Samples of a row.
-        residual: What the load leaves of the total wrench of each row, shape (rows, 6).
-        expected: Covariance of the residual that the sensors' noise explains, shape (6, 6).
+        is_settled: Whether the fit has converged.
+        row_samples: Samples per row.
+        residual: Total wrench of each row less that of the fitted load, shape (rows, 6).
+        expected: Covariance of the residual by the sensors' noise, shape (6, 6).
     """
 
     estimate: Estimate
@@ -45,11 +45,11 @@ class Recorded:
 
 
 def fit_recorded(samples: Array, noise: SensorNoise, rate: float) -> Recorded:
-    """Poses and load from all samples of all robots, taken while the load was the same.
+    """Fit poses and load to all samples of all robots, taken while the load was the same.
 
     Args:
         samples: Consecutive, shape (n, N, 15), columns as in ``MeasurementBlock``.
-        noise: Of every robot's sensors.
+        noise: Noise of every robot's sensors.
         rate: Samples per second.
 
     Raises:
@@ -91,7 +91,7 @@ def fit_recorded(samples: Array, noise: SensorNoise, rate: float) -> Recorded:
 
 
 def _rows(samples: Array, length: int, noise: SensorNoise, rate: float) -> Array:
-    """Of the whole team, with the constant 1, shape (rows, 24 N + 1); samples that fill no row are left out."""
+    """Rows of the whole team with the constant 1, shape (rows, 24 N + 1); left-over samples are ignored."""
     count = len(samples) // length
     rows = np.array(
         [

@@ -18,24 +18,24 @@ from coheft.estimation.moments.projected import ProjectedMoments
 from coheft.estimation.moments.rows import WRENCH_SIZE
 
 KEPT = 1024
-"""At least so many of the newest rows are kept; there is room for twice as many."""
+"""At least this many of the newest rows are kept; there is room for twice as many."""
 VIEW_SIZE = FORCING_SIZE + WRENCH_SIZE
 _LEAST_TO_PROJECT = 200
-"""Rows from which on poses are known well enough to see moments from there."""
+"""Number of rows from which on poses are known well enough to project moments."""
 
 
 class RowBuffer:
     """Rows of complete teams, in order.
 
     Args:
-        size: Numbers of a team's row, ``X``.
-        is_projected: Whether moments may be kept as seen from one state, once there is one to see them from.
+        size: Length of a team's row, ``X``.
+        is_projected: Whether to project moments at one state, once poses are known.
 
     Attributes:
-        rows: Of the team, shape (2 KEPT, X); the first ``count`` of them are there.
-        views: ``(motion[FORCING], wrench)`` of each at the newest state, shape (2 KEPT, 19).
-        numbers: Number of each.
-        start: Place of the first one with the present load.
+        rows: Rows of the team, shape (2 KEPT, X), of which the first ``count`` are in use.
+        views: ``(motion[FORCING], wrench)`` of each row at the newest state, shape (2 KEPT, 19).
+        numbers: Number of each row.
+        start: Place of the first row with the present load.
     """
 
     def __init__(self, size: int, is_projected: bool = False) -> None:
@@ -58,18 +58,18 @@ class RowBuffer:
 
     @property
     def keeps_whole_load(self) -> bool:
-        """Whether all of them are kept."""
+        """Whether all rows with the present load are kept."""
         return self._dropped == 0
 
     def summed_views(self) -> Array:
-        """Views of those of them that are both kept and in the moments, shape (n, 19)."""
+        """Views of the rows with the present load that are both kept and in the moments, shape (n, 19)."""
         return self.views[self.start : self._summed]
 
     def add(self, number: int, row: Array) -> tuple[int, bool]:
-        """Take in a row (X,) where it belongs.
+        """Insert a row (X,) in the order of numbers.
 
         Returns:
-            Its place, and whether the older half of all rows had to make room: places have changed then.
+            Its place, and whether the older half of all rows was dropped, in which case all places have changed.
         """
         is_full = self.count == len(self.rows)
         if is_full:
@@ -93,22 +93,22 @@ class RowBuffer:
         return place, is_full
 
     def moments(self) -> tuple[Moments, Moments]:
-        """Of all rows, and of those with the present load: the same object if there was no other load."""
+        """Moments of all rows, and of those with the present load; the same object if there was no other load."""
         self._sum_up()
         everything = self._load if self._former is None else self._former + self._load
         return everything, self._load
 
     def moments_of(self, rows: Array) -> Moments:
-        """Moments of rows (n, X), of the kind that can be added to the others."""
+        """Compute moments of rows (n, X), projected if the others are."""
         return RowMoments.of(rows) if self._seen_from is None else ProjectedMoments.of(rows, self._seen_from)
 
     def moments_since(self, place: int) -> Moments:
-        """Of the rows from this place on."""
+        """Moments of the rows from this place on."""
         self._sum_up()
         return self.moments_of(self.rows[place : self.count])
 
     def moments_kept(self) -> RowMoments:
-        """Of all rows that are kept."""
+        """Moments of all rows that are kept."""
         return RowMoments.of(self.rows[: self.count])
 
     def window(self, place: int) -> Array:
@@ -116,12 +116,12 @@ class RowBuffer:
         return self.rows[place : self.count]
 
     def project_at(self, body: BodyModel) -> None:
-        """From now on keep what is seen from this state, if the team is large."""
+        """Project moments at this state from now on, if the team is large."""
         self._sum_up()
         if not self._is_projected or (self._seen_from is None and self.count < _LEAST_TO_PROJECT):
             return
         self._seen_from = body
-        if not self._has_dropped:  # all rows are kept, so they are seen anew
+        if not self._has_dropped:  # all rows are kept, so they are projected anew
             self._load = self.moments_of(self.rows[self.start : self._summed])
             if self._former is not None:
                 self._former = self.moments_of(self.rows[: self.start])
@@ -131,7 +131,7 @@ class RowBuffer:
             self._former = ProjectedMoments.at(body, self._former)
 
     def take_back(self, number: int) -> int:
-        """Rows with larger numbers are taken out again, as if they had never come; returns how many were."""
+        """Remove rows with larger numbers, as if they had never arrived; return how many."""
         self._sum_up()
         first = int(np.searchsorted(self.numbers[: self.count], number, side="right"))
         first = max(first, self.start)
@@ -143,7 +143,7 @@ class RowBuffer:
         return taken
 
     def begin_load(self, place: int) -> Moments:
-        """From this place on the load is another one. Returns the moments of the last one."""
+        """Start another load at this place; return the moments of the last load."""
         present = self.moments_since(place)
         last: Moments = self._load - present
         self._former = last if self._former is None else self._former + last
@@ -156,7 +156,7 @@ class RowBuffer:
         """Forget all rows before this place.
 
         Returns:
-            The moments of all that are forgotten, and of those of them with the present load.
+            The moments of all forgotten rows, and of those of them with the present load.
         """
         everything, of_load = self.moments()
         newer = self.moments_since(place)
@@ -167,11 +167,11 @@ class RowBuffer:
         return everything - newer, of_load - newer
 
     def _number_at(self, place: int) -> int:
-        """Number of the row at this place, or of the one that will come there."""
+        """Number of the row at this place, or of the next row to come there."""
         return int(self.numbers[place] if place < self.count else self.numbers[place - 1] + 1)
 
     def _drop(self, dropped: int) -> None:
-        """The oldest rows are not kept any more."""
+        """Drop the oldest rows."""
         kept = self.count - dropped
         for buffer in (self.rows, self.views, self.numbers):
             buffer[:kept] = buffer[dropped : self.count].copy()
@@ -180,7 +180,7 @@ class RowBuffer:
         self.count, self._has_dropped = kept, True
 
     def _sum_up(self) -> None:
-        """All rows enter the moments."""
+        """Add all rows to the moments that are not in them yet."""
         if self.count > self._summed:
             self._load = self._load + self.moments_of(self.rows[self._summed : self.count])
             self._summed = self.count

@@ -1,12 +1,12 @@
-"""A block of samples becomes a row: the means of what one robot's sensors read, in its own grasp frame.
+"""Rows: the means of one robot's samples over up to 20 ms, in its own grasp frame.
 
     row = (mean w, mean v, mean a, slope of w, mean f, mean t, mean of w w^T packed),   24 numbers
 
 The kinematics of a rigid body and the laws of Newton and Euler are linear in ``(w, v, a, alpha, F, T)`` and in the six
-products ``w w^T``. They therefore hold exactly for means over any time, if the products are averaged as well. A mean
-loses how signals change within its time, a share ``(pi f T)^2 / 3`` of the information for a motion of frequency ``f``
-[Hz]: 0.3 % at 1.6 Hz and ``T`` = 20 ms. Its noise is smaller by the root of the number of samples, so the bias that
-noise in regressors causes almost disappears.
+products ``w w^T``. They therefore hold exactly for means over any time, if the products are averaged as well. Averaging
+loses a share ``(pi f T)^2 / 3`` of the information for a motion of frequency ``f`` [Hz]: 0.3 % at 1.6 Hz and ``T`` =
+20 ms. Its noise is smaller by the root of the number of samples, so the bias that noise in regressors causes almost
+disappears.
 
 Where sensors may be late, a row is followed by its rates: how much it would change per second if it were made of
 samples a moment later. For means these are the changes from the beginning of the row to its end, so they are right even
@@ -39,19 +39,19 @@ KINEMATICS_SIZE, WRENCH_SIZE = 12, 6
 LONGEST = 0.02
 """Duration of a row [s]."""
 _FASTEST, _FAST_TURNING, _TIMES = 2.0, 10.0, 3.0
-"""Frequency [Hz] and angular acceleration [rad/s²] of a fast motion; what it does to slopes does not average out, so it
-counts as so many times larger noise."""
+"""Frequency [Hz] and angular acceleration [rad/s²] of a fast motion. Its effect on slopes does not average out, so it
+counts as noise that is so many times larger."""
 _SAMPLES = slice(0, 9), slice(9, 15)
 _FLAT_PRODUCTS = 3 * PACKED_ROWS + PACKED_COLUMNS
 
 
 def rows_per_block(samples: int, rate: float, longest: float = LONGEST) -> int:
-    """How many rows a block is cut into: the fewest of equal length that are short enough.
+    """Return how many rows a block is cut into: the fewest of equal length that are short enough.
 
-    Each has at least two samples, so that it has a slope. Where no number of rows divides a block so, rows are longer.
+    Each has at least two samples, so that it has a slope. If no such number divides the block, rows are longer.
 
     Args:
-        samples: Of a block.
+        samples: Number of samples of a block.
         rate: Samples per second.
         longest: Duration of a row [s].
     """
@@ -62,18 +62,18 @@ def rows_per_block(samples: int, rate: float, longest: float = LONGEST) -> int:
 
 @dataclass(frozen=True, eq=False)
 class RowNoise:
-    """Standard deviations of the noise of rows, as they count.
+    """Effective standard deviations of the noise of rows.
 
-    Where noise is slow, a row says little that the row before has not said: its variance counts ``slowness`` times, so
-    that means over many rows are as exact as claimed. What noise adds to moments of rows is what rows have.
+    With slow noise a row adds little to the row before: its variance is multiplied by ``slowness``, so that means over
+    many rows are as accurate as stated. The noise that moments of rows contain is that of a single row.
 
-    A robot without one of the sensors has infinite noise there: its numbers say nothing, and nothing else changes.
+    A robot without one of the sensors has infinite noise there, so its numbers have no weight.
 
     Attributes:
-        kinematics: Of ``(w, v, a, slope)``, shape (N, 12), or (1, 12) if all robots are alike.
-        wrench: Of ``(f, t)``, shape (N, 6) or (1, 6).
-        rates: Of the rates of each of these 18 numbers in standard deviations of the number itself, shape (18,) [1/s].
-        slowness: Variance that counts, over that of the noise of a single row; 1 for white noise.
+        kinematics: Deviations of ``(w, v, a, slope)``, shape (N, 12), or (1, 12) if all robots are alike.
+        wrench: Deviations of ``(f, t)``, shape (N, 6) or (1, 6).
+        rates: Deviations of the rates of these 18 numbers, in deviations of the number itself, shape (18,) [1/s].
+        slowness: Effective variance over that of the noise of a single row; 1 for white noise.
         flexing: Of how fast the force changes, in standard deviations of the force, shape (6,) [1/s, 1/s²].
     """
 
@@ -85,15 +85,16 @@ class RowNoise:
 
     @staticmethod
     def of_samples(noise: SensorNoise, samples: int, rate: float, correlation: float = 0.0) -> RowNoise:
-        """Noise of means over so many samples, for robots that are all alike.
+        """Return the noise of means over several samples, for robots that are all alike.
 
-        That the slope is not quite the mean angular acceleration counts as noise of the slope: it matters in long rows.
+        The difference between slope and mean angular acceleration counts as noise of the slope; it matters in long
+        rows.
 
         Args:
-            noise: Of samples.
-            samples: Of a row.
+            noise: Noise of samples.
+            samples: Samples per row.
             rate: Samples per second.
-            correlation: Time over which noise is alike [s]: ``exp(-t / correlation)`` is left of it after ``t``.
+            correlation: Correlation time of the noise [s]; its correlation after ``t`` is ``exp(-t / correlation)``.
         """
         alike = 0.0 if correlation == 0.0 else math.exp(-1.0 / (correlation * rate))
 
@@ -121,11 +122,11 @@ class RowNoise:
 
 
 def row_of_samples(samples: Array, gyro_variance: float, rate: float) -> Array:
-    """The row of consecutive samples.
+    """Compute the row of consecutive samples.
 
     Args:
         samples: In the robot's grasp frame, ``(w, v, a, f, t)``, shape (B, 15), with B of at least 2.
-        gyro_variance: Of one sample [rad²/s²]; what it adds to the products is taken out.
+        gyro_variance: Variance of one gyro sample [rad²/s²], which is subtracted from the products.
         rate: Samples per second.
 
     Returns:
@@ -142,7 +143,7 @@ def row_of_samples(samples: Array, gyro_variance: float, rate: float) -> Array:
 
 
 def row_with_rates(samples: Array, gyro_variance: float, rate: float) -> Array:
-    """The row of all samples but the first and the last, and its rates.
+    """Compute the row of all samples but the first and the last, and its rates.
 
     Args:
         samples: See ``row_of_samples``, shape (B + 2, 15).

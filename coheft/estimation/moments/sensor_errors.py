@@ -1,4 +1,4 @@
-"""Constant errors of a robot's sensors, as a linear map from what they read to what is true.
+"""Constant errors of a robot's sensors, as a linear map from readings to true values.
 
     true row = T x,    x = (row, 1, rates of the row, flexing),    T <- exp(sum_k eta_k E_k) T
 
@@ -21,7 +21,7 @@ from coheft.estimation.moments.rows import PRODUCTS, ROW_SIZE, SLOPE, WRENCH, A,
 from coheft.estimation.tolerance import SENSORS, SHAPES, SensorDrift, SensorTolerance
 
 ONE, RATES = ROW_SIZE, ROW_SIZE + 1
-"""Places of the constant and of the rates in an extended row."""
+"""Indices of the constant and of the rates in an extended row."""
 MORE = RATES
 """Place of all that follows the constant in an extended row: rates if there are any, then flexing if there is any."""
 _FIRST = dict(zip(SENSORS, (0, 3, 6, 12, 15), strict=True))
@@ -53,14 +53,14 @@ class SensorErrors:
         ValueError: A kind is not known.
 
     Attributes:
-        tolerance: Of each kind that is declared, as given.
+        tolerance: Standard deviation of each declared kind.
         names: Kind of each parameter.
         deviations: Prior standard deviation of each parameter, shape (q,).
-        has_rates: Whether an error depends on how fast rows change, so that they are followed by their rates.
-        is_flexing: Whether grasps are compliant, so that rows are followed by how fast forces change, see ``flexing``.
-        width: Numbers of an extended row of one robot.
-        more: Of these, those that follow the constant.
-        flexing: Place of how fast forces change in an extended row; empty if grasps are stiff.
+        has_rates: Whether any error is a delay, so that rows are followed by their rates.
+        is_flexing: Whether grasps are compliant, so that rows are followed by rates of the force, see ``flexing``.
+        width: Length of an extended row of one robot.
+        more: Number of entries that follow the constant.
+        flexing: Slice of the rates of the force in an extended row; empty if grasps are stiff.
         generators: ``E_k``, shape (q, width, width).
     """
 
@@ -88,7 +88,7 @@ class SensorErrors:
 
     @staticmethod
     def of(told: SensorTolerance, drift: SensorDrift) -> SensorErrors:
-        """Of a data sheet; what wanders is not exact, whatever else is told."""
+        """Errors of a data sheet; a sensor that drifts has an offset even if its tolerance is zero."""
         kinds = {f"{sensor}_{shape}": told.of(sensor, shape) for shape in SHAPES for sensor in SENSORS}
         kinds |= {
             "acceleration_bias": max(told.acceleration_offset, drift.acceleration),
@@ -102,7 +102,7 @@ class SensorErrors:
 
     @property
     def count(self) -> int:
-        """``q``, parameters of one robot."""
+        """Number of parameters of one robot, ``q``."""
         return len(self.names)
 
     def _generators(self, kind: str) -> list[list[Entry]]:
@@ -123,7 +123,7 @@ class SensorErrors:
         return [_of_matrix(_FIRST[sensor], matrix) for matrix in SHAPES[shape]]
 
     def step(self, eta: Array) -> Array:
-        """``exp(sum_k eta_k E_k)`` to third order, of each robot: (N, q) to (N, width, width)."""
+        """Compute ``exp(sum_k eta_k E_k)`` of each robot to third order: (N, q) to (N, width, width)."""
         total = np.tensordot(eta, self.generators, axes=1)
         square = total @ total
         result: Array = np.eye(self.width) + total + 0.5 * square + square @ total / 6.0

@@ -24,19 +24,19 @@ from coheft.estimation.moments.rows import ROW_SIZE, RowNoise
 from coheft.estimation.moments.unknowns import Flags, Indices, State
 
 _WEAK = 1e-9
-"""Share of the noise that keeps an explained velocity solvable where nothing turns."""
+"""Regularization, as a share of the noise: keeps the velocity solvable if nothing rotates."""
 _FAINT = 1e-12
 
 
 def first_poses(moments: RowMoments, known: State, noise: RowNoise, anchor: int, is_unknown: Flags) -> State:
-    """Poses of robots that are not known, each from its own and the anchor's motion sensors.
+    """Compute unknown poses, each from the motion sensors of that robot and of the anchor.
 
     Args:
-        moments: Of rows that are kept.
-        known: Poses of all others, and sensors.
-        noise: Of rows.
-        anchor: A robot whose pose is known.
-        is_unknown: Shape (N,).
+        moments: Moments of rows.
+        known: A state with the poses of all other robots.
+        noise: Noise of rows.
+        anchor: Index of a robot whose pose is known.
+        is_unknown: Whether each robot's pose is unknown, shape (N,).
     """
     count = len(known.poses)
     one = ROW_SIZE * count
@@ -61,7 +61,7 @@ def first_poses(moments: RowMoments, known: State, noise: RowNoise, anchor: int,
         by_turning = np.linalg.solve(turning + _WEAK * gyro * np.eye(3), cross(w_anchor, v_robot))
         likeness = 0.5 * cross(w_anchor, w_robot) / gyro
         likeness += 0.5 * (cross(v_anchor, v_robot) - cross(v_anchor, w_anchor) @ by_turning) / velocity
-        # On the average every robot sees gravity alone.
+        # On average every accelerometer measures gravity alone.
         likeness += number**2 / (swaying + velocity) * np.outer(mean[accelerations[anchor]], mean[accelerations[robot]])
         rotation = _likeliest_rotation(likeness)
         # A weak pull to zero holds the position where the motion does not show it.
@@ -82,16 +82,16 @@ def poses_by_motion(
     settings: FitSettings,
     anchor: int,
 ) -> State:
-    """The state with poses that are not known from far away, fitted to the motion alone; it has no load.
+    """Return the state without a load, its unknown poses computed in closed form, then fitted to the motion alone.
 
     Args:
-        state: Poses that are known, and sensors.
-        is_unknown: Whose poses are not, shape (N,).
-        kept: Moments of rows.
+        state: A state with the known poses.
+        is_unknown: Whether each robot's pose is unknown, shape (N,).
+        kept: Moments of rows for the closed form.
         evaluate: Moments that are fitted to, at a state.
-        before: What is known besides, at a state.
-        settings: Of the fit.
-        anchor: The robot whose pose stays what it is.
+        before: Prior evidence at a state.
+        settings: Settings of the fit.
+        anchor: Index of the robot whose pose stays fixed.
     """
     state = first_poses(kept, state, settings.noise, anchor, is_unknown).with_load(None)
     guess = Guess.of(settings.body(state), kept)
@@ -99,7 +99,7 @@ def poses_by_motion(
 
 
 def _likeliest_rotation(likeness: Array) -> Array:
-    """The rotation ``R`` with the largest ``tr(R^T K)`` of a matrix ``K`` (3, 3) (Davenport's q-method)."""
+    """Return the rotation ``R`` that maximizes ``tr(R^T K)`` for a matrix ``K`` (3, 3) (Davenport's q-method)."""
     trace, skewed = np.trace(likeness), likeness - likeness.T
     davenport = np.zeros((4, 4))
     davenport[0, 0] = trace + _FAINT
@@ -109,13 +109,13 @@ def _likeliest_rotation(likeness: Array) -> Array:
 
 
 def first_load(state: State, moments: WrenchMoments, guess: Guess, settings: FitSettings) -> State:
-    """The state with its wrench offset and load by least squares at its poses.
+    """Return the state with wrench offset and load by least squares at its poses.
 
     Args:
-        state: Poses and sensors.
-        moments: Of wrenches at this state.
-        guess: Of theta.
-        settings: Of fits.
+        state: The state with poses and sensor errors.
+        moments: Moments of wrenches at this state.
+        guess: Guess of theta.
+        settings: Settings of fits.
     """
     load = np.concatenate([np.zeros(6), guess.theta])
     body = settings.body(state.with_load(load))

@@ -1,11 +1,11 @@
-"""What has changed: another load, a grasp that slipped, or a force or torque sensor that reads something in excess.
+"""Compare the causes of a change: another load, a slipped grasp, or an offset of a force or torque sensor.
 
     S ~ N(0, V) if nothing has changed,    N(K D x, V) if unknowns have moved by D x,    x ~ N(0, 1)
     log ratio = (r^T (1 + M)^-1 r - log det (1 + M)) / 2,    M = D^T K V^-1 K D,    r = D^T K V^-1 S
 
-with ``S`` the score of the newest rows, ``K`` their information, ``V`` its covariance, to which what the fit to older
-rows does not know adds. Each suspect has a prior of its own, ``D D^T``: how far a load, a grasp or a sensor moves if it
-does, or the likeliest of some shares of that. So one that explains rows with fewer or with more likely numbers wins.
+with ``S`` the score of the newest rows, ``K`` their information, and ``V`` the covariance of the score, which includes
+the uncertainty of the fit to older rows. Each cause has its own prior covariance ``D D^T`` of the change, or the
+likeliest of some shares of it. So a cause with fewer parameters, or with likelier values, wins.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ from coheft.estimation.moments.evidence import Evidence
 from coheft.estimation.moments.fit_settings import Guess
 
 SLIP: Array = np.repeat([np.radians(2.0), 0.02], 3)
-"""How far a grasp slips, one standard deviation [rad, m]."""
+"""Prior standard deviation of a slip [rad, m]."""
 _SHARES = 1.0, 0.1, 0.01
-"""Whatever changes may do so by a share of what is said here: the likeliest one counts."""
+"""Shares of the prior deviations that are tried; the likeliest one counts."""
 _EXCESS = 10.0, 1.0
-"""What a force or torque sensor reads in excess if it does [N, N·m]."""
+"""Prior standard deviation of a sudden offset of a force or torque sensor [N, N·m]."""
 
 
 class LogRatios(NamedTuple):
-    """How much likelier newest rows are if something has changed, as logarithms of ratios to no change.
+    """Log likelihood ratios of the newest rows, with a change to without.
 
     Attributes:
-        load: If the load has.
+        load: If the load has changed.
         slips: If the grasp of each robot has slipped, shape (N,).
-        sensor: If a force or torque sensor reads something in excess, the likeliest one.
+        sensor: If the likeliest force or torque sensor has an offset.
     """
 
     load: float
@@ -43,11 +43,11 @@ class LogRatios(NamedTuple):
 
 
 class _White(NamedTuple):
-    """The score with what it would be without a change taken for noise of variance 1.
+    """The score, whitened by its covariance without a change.
 
     Attributes:
         score: Shape (k,).
-        by_change: What it becomes by a change of each unknown, shape (k, u).
+        by_change: Its derivative by a change of each unknown, shape (k, u).
     """
 
     score: Array
@@ -64,7 +64,7 @@ class _White(NamedTuple):
         return _White(np.linalg.solve(root, basis @ newest.score[places]), np.linalg.solve(root, by_change))
 
     def log_ratio(self, directions: Array) -> float:
-        """If unknowns have moved by ``directions`` (u, a) times numbers of variance 1, or by a share of that."""
+        """Return the log ratio if unknowns have changed by ``directions`` (u, a) times standard normals, or a share."""
         return max(self._log_ratio(share * directions) for share in _SHARES)
 
     def _log_ratio(self, directions: Array) -> float:
@@ -74,13 +74,13 @@ class _White(NamedTuple):
 
 
 def log_ratios(body: BodyModel, newest: Evidence, covariance: Array, guess: Guess) -> LogRatios:
-    """Compare all suspects.
+    """Compute the log ratios of all causes.
 
     Args:
-        body: At the state of a fit to older rows.
-        newest: What the newest rows say there.
-        covariance: Of all unknowns in that fit, shape (u, u).
-        guess: Of the load.
+        body: Matrices at the state of a fit to older rows.
+        newest: Evidence of the newest rows there.
+        covariance: Covariance of all unknowns in that fit, shape (u, u).
+        guess: Guess of the load.
     """
     white, every, unknowns = _White.of(body, newest, covariance), np.eye(body.unknowns.size), body.unknowns
     excess = [

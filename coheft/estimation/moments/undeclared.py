@@ -1,9 +1,9 @@
-"""Errors of sensors that were not told of: what rows would gain from each of them, had it been an unknown.
+"""Score tests for sensor errors whose tolerance is zero: would rows fit better if the error were an unknown?
 
     s = S_k - I_ko H^-1 S_o,    V = its variance,    s^T V^-1 s ~ chi-square
 
-``o`` are the unknowns of the fit, ``k`` the parameters of one kind of error of one robot. What the fit's unknowns can
-explain is taken out, so an error that looks like another pose or another load is not seen here, nor anywhere else.
+``o`` are the unknowns of the fit, ``k`` the parameters of one kind of error of one robot. The part that the fit's
+unknowns explain is projected out, so an error that looks like another pose or another load cannot be detected.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ _TESTED = (
     "acceleration_place",
 )
 _LEAST_SHARE = 1e-3
-"""Of the information on an error that has to be left when all else is unknown: less is what was linearised."""
+"""Least share of an error's information that has to remain beside all unknowns; less may be linearisation error."""
 
 
 class UndeclaredError(NamedTuple):
-    """An error that rows ask for.
+    """A sensor error with tolerance zero that rows show nevertheless.
 
     Attributes:
-        robot: Place of the robot.
-        kind: Of ``KINDS``.
-        size: Over the threshold: more than 1.
+        robot: Index of the robot.
+        kind: One of ``KINDS``.
+        size: Statistic over its threshold, more than 1.
     """
 
     robot: int
@@ -50,15 +50,15 @@ class UndeclaredError(NamedTuple):
 def undeclared_error(
     estimate: Estimate, guess: Guess, chapter: Chapter, settings: FitSettings, anchor: int, false_alarm: float
 ) -> UndeclaredError | None:
-    """The error that rows ask for most, of those that were told to be zero; None if they ask for none.
+    """Return the most significant sensor error with tolerance zero, None if there is none.
 
     Args:
         estimate: The fit to all rows of the chapter.
-        guess: Of theta.
-        chapter: Rows, and what is known besides.
-        settings: Of the fit.
-        anchor: The robot whose pose stays what it is.
-        false_alarm: Probability that one robot's errors of one kind seem to be there by chance.
+        guess: Guess of theta.
+        chapter: Rows and prior.
+        settings: Settings of the fit.
+        anchor: Index of the robot whose pose stays fixed.
+        false_alarm: False-alarm probability for one robot and one kind of error.
     """
     told, unknowns = settings.errors, estimate.body.unknowns
     kinds = [kind for kind in _TESTED if kind not in told.names]
@@ -94,7 +94,7 @@ def undeclared_error(
 
 
 def _surprise(score: Array, variance: Array, alone: Array, false_alarm: float) -> float:
-    """Chi-square of a score over its threshold, in the directions of which enough is left."""
+    """Return the chi-square of a score over its threshold, in the directions with enough information left."""
     root = np.sqrt(np.maximum(alone.diagonal(), 1e-300))
     shares, directions = np.linalg.eigh(variance / np.outer(root, root))
     is_seen = shares > _LEAST_SHARE
@@ -105,13 +105,13 @@ def _surprise(score: Array, variance: Array, alone: Array, false_alarm: float) -
 
 
 def _with_errors(state: State, errors: SensorErrors) -> State:
-    """The same state, with more errors, all of them zero."""
+    """Return the state with more sensor errors among its unknowns, all of them zero."""
     eta = np.zeros((len(state.poses), errors.count))
     calibration = errors.step(eta) if state.calibration is None else state.calibration
     return State(state.poses, eta, calibration, state.gyros, state.load)
 
 
 def _places(few: Unknowns, many: Unknowns, own: Indices) -> Indices:
-    """Where the unknowns of a fit are among those with more errors of sensors."""
+    """Indices of a fit's unknowns among those with more sensor errors."""
     by_robot = np.hstack([many.poses, many.eta[:, own]])
     return np.concatenate([by_robot.ravel(), np.arange(many.gyros.start, many.size)])

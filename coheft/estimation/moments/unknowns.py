@@ -1,8 +1,8 @@
-"""What is estimated, and a value of all of it.
+"""The unknowns of a fit, and a value of all of them.
 
     unknowns = (pose 6, eta q) of each robot, one robot after another, then gyro offset 3, wrench offset 6, theta 10
 
-All poses are in one body frame of the estimating robot's own choice, in which the pose of one robot, the anchor, never
+All poses are in one body frame that the estimating robot chooses: one in which the pose of one robot, the anchor, never
 changes. A pose is perturbed by ``(rotation, translation)`` in the axes of the body frame: ``R <- exp(rotation) R``,
 ``p <- p + translation``. ``theta = (m, m h, I_o)`` is about the origin of the body frame.
 """
@@ -25,22 +25,22 @@ Indices = npt.NDArray[np.intp]
 Flags = npt.NDArray[np.bool_]
 POSE_SIZE = 6
 OFFSET, THETA, LOAD_SIZE = slice(0, 6), slice(6, 16), 16
-"""Places within a load ``(wrench offset, theta)``."""
+"""Slices of a load ``(wrench offset, theta)``."""
 
 
 class Unknowns:
-    """Places of all unknowns of a team.
+    """Indices of all unknowns of a team.
 
     Args:
-        count: Robots.
+        count: Number of robots.
         errors: Declared errors of their sensors.
 
     Attributes:
-        own: Unknowns of one robot.
-        size: All of them.
-        poses: Places of each robot's pose, shape (N, 6).
-        eta: Places of each robot's errors, shape (N, q).
-        gyros, offset, theta, load: Of the team; ``load`` is ``offset`` and ``theta``.
+        own: Number of unknowns of one robot.
+        size: Number of all unknowns, ``u``.
+        poses: Indices of each robot's pose, shape (N, 6).
+        eta: Indices of each robot's sensor errors, shape (N, q).
+        gyros, offset, theta, load: Slices of the team's common unknowns; ``load`` is ``offset`` and ``theta``.
     """
 
     def __init__(self, count: int, errors: SensorErrors) -> None:
@@ -52,17 +52,17 @@ class Unknowns:
         self.poses, self.eta = by_robot[:, :POSE_SIZE], by_robot[:, POSE_SIZE:]
 
     def of_robot(self, robot: int) -> Indices:
-        """Places of a robot's pose and of its sensors' errors."""
+        """Indices of a robot's pose and sensor errors."""
         return np.arange(self.own * robot, self.own * (robot + 1))
 
     @cached_property
     def common(self) -> Indices:
-        """Places of all that belongs to no single robot."""
+        """Indices of the unknowns that belong to no single robot."""
         return np.arange(self.gyros.start, self.size)
 
     @cached_property
     def motion_size(self) -> int:
-        """How many unknowns come before the load: those of which the motion depends."""
+        """Number of unknowns before the load: those that the motion depends on."""
         return int(self.gyros.stop)
 
 
@@ -71,10 +71,10 @@ class State:
     """A value of all unknowns.
 
     Attributes:
-        poses: Of all grasp frames in the body frame.
-        eta: Sums of all steps, shape (N, q).
+        poses: Poses of all grasp frames in the body frame.
+        eta: Sensor errors, as sums of all steps, shape (N, q).
         calibration: ``T`` of each robot, shape (N, width, width); None if no errors are declared.
-        gyros: What the fused angular velocity reads in excess, shape (3,) [rad/s].
+        gyros: Offset of the fused angular velocity, shape (3,) [rad/s].
         load: ``(wrench offset, theta)``, shape (16,); None while it is unknown.
     """
 
@@ -91,7 +91,7 @@ class State:
         return State(tuple(poses), eta, errors.step(eta) if errors.count else None, np.zeros(3), None)
 
     def moved(self, step: Array, unknowns: Unknowns, farthest: float) -> State:
-        """The state after a step (u,); no sensor's error becomes larger than ``farthest`` standard deviations."""
+        """Return the state after a step (u,); sensor errors are clipped to ``farthest`` prior deviations."""
         turns, shifts = np.split(step[unknowns.poses], 2, axis=1)
         poses = tuple(
             Pose(turn @ pose.rotation, shift + pose.translation)
@@ -106,7 +106,7 @@ class State:
         return State(poses, eta, calibration, self.gyros + step[unknowns.gyros], load)
 
     def since(self, other: State, unknowns: Unknowns) -> Array:
-        """The step (u,) from another state with a load to this one, to first order."""
+        """Return the step (u,) from another state to this one, to first order."""
         step = np.zeros(unknowns.size)
         step[unknowns.poses] = [
             perturbation_between(then, now) for then, now in zip(other.poses, self.poses, strict=True)
@@ -117,5 +117,5 @@ class State:
         return step
 
     def with_load(self, load: Array | None) -> State:
-        """The same poses and sensors with another load, or with none."""
+        """Return the same poses and sensors with another load, or with none."""
         return replace(self, load=load)
