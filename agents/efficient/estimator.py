@@ -50,13 +50,14 @@ class EfficientEstimator:
         team = self._team
         if team is None:
             return {}
-        is_welcoming = False
+        messages, is_welcoming = list[RowMessage](), False
         for name, channels in inbox.items():
             message = RowMessage.of_channels(channels)
             if message is not None and message.team == team.exchange.team:
-                team.exchange.hear(message, index)
+                messages.append(message)
                 team.adopt(channels)
                 is_welcoming |= team.welcomes(name)
+        team.exchange.hear(messages, index)
         team.hear_of_change(index)
         if own is not None and index >= team.start:
             team.enter(index, own.samples)
@@ -70,7 +71,7 @@ class EfficientEstimator:
         """See ``TakesLate.hear_late``: its rows count as those of any other message."""
         message = RowMessage.of_channels(channels)
         if self._team is not None and message is not None:
-            self._team.exchange.hear(message, index)
+            self._team.exchange.hear([message], index)
 
     def fits(self, channels: Channels) -> bool:
         """See ``Estimator.fits``."""

@@ -8,7 +8,7 @@ table of the newest blocks with one entry per row and robot.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,6 +27,8 @@ _ONE = np.ones(1)
 _SHAPES = tuple((ROW_SIZE * copies + more,) for copies in (1, 2) for more in (0, FLEXING_SIZE))
 _TEAMS = 2**32
 """Team numbers are below this."""
+_Labelled = tuple[int, int, bytes]
+"""Index of the robot, number of the row, and the row in single precision."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,65 +85,66 @@ class Exchange:
     def __init__(self, team: int, count: int, own: int, hops: int, times: RowTimes, size: int = ROW_SIZE) -> None:
         self.team, self.changed_at = team, -1
         self.disputed: dict[int, int] = {}
-        self._count, self._own, self._times = count, own, times
+        self._count, self._own, self._times, self._size = count, own, times, size
         self.window = max(WINDOW, 2 * hops)
-        places = times.complete(self.window) + 1
-        self._rows = np.zeros((places, count, size))
-        self._numbers = np.full((places, count), -1)  # of each row in the table
-        self._news: list[tuple[npt.NDArray[np.int32], npt.NDArray[np.float32]]] = []
-        self._told_once: list[tuple[npt.NDArray[np.int32], npt.NDArray[np.float32]]] = []
+        self._rows: dict[int, dict[int, bytes]] = {}  # by number and robot, in single precision
+        self._oldest: int | None = None  # smallest number that may be in the table
+        self._news: list[_Labelled] = []
+        self._told_once: list[_Labelled] = []
 
     def enter(self, number: int, row: Array) -> None:
         """Add this robot's own row, shape (size,)."""
-        place = number % len(self._numbers)
-        if self._numbers[place, self._own] < number:
-            rounded = row.astype(np.float32)
-            self._numbers[place, self._own], self._rows[place, self._own] = number, rounded
-            self._news.append((np.array([[self._own, number]], dtype=np.int32), rounded[None]))
+        rows = self._rows.setdefault(number, {})
+        if self._own not in rows:
+            rows[self._own] = row.astype(np.float32).tobytes()
+            self._news.append((self._own, number, rows[self._own]))
 
-    def hear(self, message: RowMessage, block: int) -> None:
-        """Process a neighbour's message that arrived before this block."""
-        if message.team != self.team or message.rows.shape[1] != self._rows.shape[2]:
-            return
-        if self.changed_at < message.changed_at < self._times.begun_from(block):
-            self.changed_at = message.changed_at
-        labels, rows = message.labels.astype(np.int64), message.rows
-        ages = block - self._times.last_block(labels[:, 1])
-        is_known = (labels[:, 0] >= 0) & (labels[:, 0] < self._count) & (labels[:, 1] >= 0)
-        heard = np.flatnonzero(is_known & (ages > 0) & (ages < self.window))
-        robots, numbers = labels[heard].T
-        places = numbers % len(self._numbers)
-        is_new = self._numbers[places, robots] < numbers
-        news = heard[is_new]
-        if len(news):
-            self._numbers[places[is_new], robots[is_new]] = numbers[is_new]
-            self._rows[places[is_new], robots[is_new]] = rows[news]
-            self._news.append((message.labels[news], rows[news]))
-        is_there = self._numbers[places, robots] == numbers
-        differs = is_there & (self._rows[places, robots] != rows[heard]).any(axis=1)
-        self.disputed |= dict.fromkeys(robots[differs].tolist(), block)
+    def hear(self, messages: Iterable[RowMessage], block: int) -> None:
+        """Process neighbours' messages that arrived before this block; of two different rows the first one counts."""
+        begun, newest = self._times.begun_from(block), self._times.complete(block - 1)
+        oldest = max(0, self._times.complete(block - self.window))
+        for number in range(oldest if self._oldest is None else self._oldest, oldest):
+            self._rows.pop(number, None)
+        self._oldest = oldest
+        length = self._size * np.dtype(np.float32).itemsize
+        for message in messages:
+            if message.team != self.team or message.rows.shape[1] != self._size:
+                continue
+            if self.changed_at < message.changed_at < begun:
+                self.changed_at = message.changed_at
+            data = message.rows.tobytes()
+            for place, (robot, number) in enumerate(message.labels.tolist()):
+                if not 0 <= robot < self._count or not oldest <= number < newest:
+                    continue
+                row = data[length * place : length * (place + 1)]
+                first = self._rows.setdefault(number, {}).setdefault(robot, row)
+                if first is row:
+                    self._news.append((robot, number, row))
+                elif first != row:
+                    self.disputed[robot] = block
 
     def tell(self, changed_at: int) -> RowMessage:
         """Return the message for all neighbours; ``changed_at`` is the first row of the present load."""
         told = self._told_once + self._news
         self._told_once, self._news = self._news, []
-        labels = [labels for labels, _ in told] or [np.zeros((0, 2), dtype=np.int32)]
-        rows = [rows for _, rows in told] or [np.zeros((0, self._rows.shape[2]), dtype=np.float32)]
-        return RowMessage(self.team, changed_at, np.concatenate(labels), np.concatenate(rows))
+        labels = np.array([(robot, number) for robot, number, _ in told], dtype=np.int32).reshape(-1, 2)
+        return RowMessage(self.team, changed_at, labels, self._array(row for _, _, row in told))
 
     def complete(self, number: int) -> Array | None:
-        """The team's row of this number: the rows of all robots, the constant 1, and what follows rows.
+        """Return the team's row of this number: the rows of all robots, the constant 1, and what follows rows.
 
         Returns:
             Shape (size N + 1,); None while a robot's is missing.
         """
-        place = number % len(self._numbers)
-        if (self._numbers[place] != number).any():
+        known = self._rows.get(number, {})
+        if len(known) < self._count:
             return None
-        rows = self._rows[place]
+        rows = self._array(known[robot] for robot in range(self._count))
         return np.concatenate([rows[:, :ROW_SIZE].ravel(), _ONE, rows[:, ROW_SIZE:].ravel()])
 
     def missing(self, number: int) -> list[int]:
         """Indices of the robots whose row of this number has not arrived."""
-        missing: list[int] = np.flatnonzero(self._numbers[number % len(self._numbers)] != number).tolist()
-        return missing
+        return [robot for robot in range(self._count) if robot not in self._rows.get(number, {})]
+
+    def _array(self, rows: Iterable[bytes]) -> npt.NDArray[np.float32]:
+        return np.frombuffer(b"".join(rows), dtype=np.float32).reshape(-1, self._size)

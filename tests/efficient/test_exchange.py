@@ -41,9 +41,8 @@ def run(blocks: int, arrives: Callable[[int, int, int], bool] = lambda block, to
     team, told = line(), dict[int, RowMessage]()
     for block in range(blocks):
         for robot, exchange in enumerate(team):
-            for other in neighbours(robot):
-                if block and arrives(block, robot, other):
-                    exchange.hear(told[other], block)
+            heard_from = [other for other in neighbours(robot) if block and arrives(block, robot, other)]
+            exchange.hear([told[other] for other in heard_from], block)
             exchange.enter(block, row_of(robot, block))
         told = {robot: exchange.tell(-1) for robot, exchange in enumerate(team)}
     return team
@@ -82,7 +81,7 @@ def test_the_order_in_which_rows_come_makes_no_difference(order: list[int]) -> N
         exchange.enter(number, row_of(0, number))
         labels = np.array([[robot, number] for robot in range(1, COUNT)], dtype=np.int32)
         rows = np.array([row_of(robot, number) for robot in range(1, COUNT)], dtype=np.float32)
-        exchange.hear(RowMessage(TEAM, -1, labels, rows), block=6)
+        exchange.hear([RowMessage(TEAM, -1, labels, rows)], block=6)
     for number in order:
         np.testing.assert_array_equal(exchange.complete(number), expected(number))
 
@@ -95,7 +94,7 @@ def test_rows_of_other_sizes_than_there_are_make_no_message(size: int) -> None:
 
 def heard(exchange: Exchange, label: tuple[int, int], block: int = 10, team: int = TEAM) -> None:
     rows = np.ones((1, ROW_SIZE), dtype=np.float32)
-    exchange.hear(RowMessage(team, 5, np.array([label], dtype=np.int32), rows), block)
+    exchange.hear([RowMessage(team, 5, np.array([label], dtype=np.int32), rows)], block)
 
 
 @pytest.mark.parametrize("label", [(COUNT, 9), (-1, 9), (1, 10), (1, 99), (1, -1), (1, 10 - WINDOW)])
@@ -116,8 +115,23 @@ def test_the_first_row_of_a_robot_and_block_counts() -> None:
     exchange = Exchange(TEAM, COUNT, 0, HOPS, EACH_BLOCK)
     heard(exchange, (1, 9))
     again = RowMessage(TEAM, -1, np.array([[1, 9]], dtype=np.int32), np.full((1, ROW_SIZE), 7, dtype=np.float32))
-    exchange.hear(again, 10)
+    exchange.hear([again], 10)
     assert exchange.tell(-1).rows.tolist() == np.ones((1, ROW_SIZE)).tolist()
+
+
+@pytest.mark.parametrize("at_once", [False, True])
+def test_neighbours_that_send_the_same_row_are_heard_as_if_one_had_sent_it(at_once: bool) -> None:
+    exchange = Exchange(TEAM, COUNT, 0, HOPS, EACH_BLOCK)
+    labels = np.array([[1, 9], [2, 9], [1, 8]], dtype=np.int32)
+    rows = np.array([row_of(*label) for label in labels.tolist()], dtype=np.float32)
+    message = RowMessage(TEAM, -1, labels, rows)
+    other = RowMessage(TEAM, -1, labels[:2], np.array([rows[0], rows[1] + 1.0], dtype=np.float32))
+    for batch in [[message, other]] if at_once else [[message], [other]]:
+        exchange.hear(batch, 10)
+    told = exchange.tell(-1)
+    np.testing.assert_array_equal(told.labels, labels)
+    np.testing.assert_array_equal(told.rows, rows)
+    assert exchange.disputed == {2: 10}
 
 
 def test_memory_is_bounded_and_each_row_is_told_twice() -> None:
@@ -133,10 +147,10 @@ def test_memory_is_bounded_and_each_row_is_told_twice() -> None:
 def test_the_newest_change_of_the_load_is_heard_of() -> None:
     exchange = Exchange(TEAM, COUNT, 0, HOPS, EACH_BLOCK)
     nothing = RowMessage(TEAM, 4, np.zeros((0, 2), dtype=np.int32), np.zeros((0, ROW_SIZE), dtype=np.float32))
-    exchange.hear(nothing, 10)
-    exchange.hear(replace(nothing, changed_at=2), 10)
+    exchange.hear([nothing], 10)
+    exchange.hear([replace(nothing, changed_at=2)], 10)
     assert exchange.changed_at == 4
-    exchange.hear(replace(nothing, changed_at=10), 10)  # of a row that has not been measured yet
+    exchange.hear([replace(nothing, changed_at=10)], 10)  # of a row that has not been measured yet
     assert exchange.changed_at == 4
 
 
@@ -158,11 +172,11 @@ def test_two_different_rows_of_one_robot_for_one_time_are_seen_by_whoever_hears_
     labels = np.array([[2, 5], [3, 5]], dtype=np.int32)
     rows = np.array([row_of(2, 5), row_of(3, 5)], dtype=np.float32)
     message = RowMessage(TEAM, -1, labels, rows)
-    exchange.hear(message, block=7)
-    exchange.hear(message, block=7)
+    exchange.hear([message], block=7)
+    exchange.hear([message], block=7)
     assert not exchange.disputed
     other = rows.copy()
     other[1, 4] = np.nextafter(other[1, 4], np.float32(np.inf))
-    exchange.hear(replace(message, rows=other), block=8)
+    exchange.hear([replace(message, rows=other)], block=8)
     assert exchange.disputed == {3: 8}
     assert exchange.missing(5) == [0, 1]  # the first one stays

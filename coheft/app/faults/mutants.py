@@ -29,8 +29,14 @@ def _half_complete_row(complete: Function) -> Function:
     """Use a row of the team although rows of some robots are missing."""
 
     def mutant(self: Exchange, number: int) -> Array | None:
-        is_begun = len(self.missing(number)) < self._count
-        return self._rows[number % len(self._numbers)] if is_begun else None
+        known = self._rows.get(number)
+        if known is None:
+            return None
+        nothing = dict.fromkeys(range(self._count), bytes(4 * self._size))
+        self._rows[number] = nothing | known
+        row: Array | None = complete(self, number)
+        self._rows[number] = known
+        return row
 
     return mutant
 

@@ -81,27 +81,33 @@ def undeclared_error(
     variance = spread[np.ix_(tested, tested)] - across - across.T
     of_fit = (spread[np.ix_(others, others)] + before.information + before.noise)[square]
     variance += gain @ of_fit @ gain.T
-    place_of = {place: number for number, place in enumerate(tested.tolist())}
-    found: UndeclaredError | None = None
-    for robot, places in enumerate(every.eta):
-        for kind in kinds:
-            mine = [place_of[place] for place, name in zip(places.tolist(), errors.names, strict=True) if name == kind]
-            alone = rows.information[np.ix_(tested[mine], tested[mine])]
-            size = _surprise(score[mine], variance[np.ix_(mine, mine)], alone, false_alarm)
-            if size > max(1.0, 0.0 if found is None else found.size):
-                found = UndeclaredError(robot, kind, size)
-    return found
+    kinds = list(dict.fromkeys(name for name in errors.names if name not in told.names))
+    alone = rows.information[np.ix_(tested, tested)]
+    sizes = _surprises(score, _blocks(variance), _blocks(alone), false_alarm)
+    largest = int(sizes.argmax()) if len(sizes) else 0
+    if not len(sizes) or sizes[largest] <= 1.0:
+        return None
+    robot, kind = divmod(largest, len(kinds))
+    return UndeclaredError(robot, kinds[kind], float(sizes[largest]))
 
 
-def _surprise(score: Array, variance: Array, alone: Array, false_alarm: float) -> float:
-    """Return the chi-square of a score over its threshold, in the directions with enough information left."""
-    root = np.sqrt(np.maximum(alone.diagonal(), 1e-300))
-    shares, directions = np.linalg.eigh(variance / np.outer(root, root))
+def _blocks(matrix: Array) -> Array:
+    """Blocks (b, 3, 3) on the diagonal of a matrix (3 b, 3 b): each kind of error of a robot has three parameters."""
+    count = len(matrix) // 3
+    blocks: Array = matrix.reshape(count, 3, count, 3)[range(count), :, range(count)]
+    return blocks
+
+
+def _surprises(score: Array, variance: Array, alone: Array, false_alarm: float) -> Array:
+    """Return chi-squares (b,) of scores (3 b,) over their thresholds, in directions with enough information left."""
+    root = np.sqrt(np.maximum(np.diagonal(alone, axis1=1, axis2=2), 1e-300))
+    shares, directions = np.linalg.eigh(variance / (root[:, :, None] * root[:, None]))
+    along = np.square(((score.reshape(-1, 3) / root)[:, None] @ directions)[:, 0])
     is_seen = shares > _LEAST_SHARE
-    if not is_seen.any():
-        return 0.0
-    square = np.square(directions.T[is_seen] @ (score / root)) / shares[is_seen]
-    return float(square.sum()) / chi_square_threshold(int(is_seen.sum()), false_alarm)
+    squares = np.where(is_seen, along / np.where(is_seen, shares, 1.0), 0.0).sum(axis=1)
+    thresholds = np.array([np.inf, *(chi_square_threshold(freedom, false_alarm) for freedom in (1, 2, 3))])
+    result: Array = squares / thresholds[is_seen.sum(axis=1)]
+    return result
 
 
 def _with_errors(state: State, errors: SensorErrors) -> State:

@@ -122,7 +122,7 @@ def test_a_look_may_leave_out_the_newest_rows() -> None:
         chapter = Chapter(buffer_of(rows, settings, 3), settings)
         body = fit(rows, settings).estimate.body
         fewer = Chapter(buffer_of(rows[:60], settings, 3), settings)
-        seen, expected = chapter.evaluation(before=60)(body), fewer.evaluate()(body)
+        seen, expected = chapter.evaluation(before=60)(body), fewer.evaluation()(body)
         np.testing.assert_allclose(seen.motion.of_motion, expected.motion.of_motion, rtol=1e-6, atol=1e-5)
         np.testing.assert_allclose(seen.wrench.of_wrenches, expected.wrench.of_wrenches, rtol=1e-6, atol=1e-3)
         assert seen.wrench.number == pytest.approx(60.0)
