@@ -148,7 +148,9 @@ def test_another_body_frame_shows_the_motion_of_that_frame() -> None:
     turned[:, 6:9] = at_frame @ FRAME.rotation
     np.testing.assert_allclose(seen[:, 1:13], turned, atol=1e-6)
     wrench = rows @ body_at(team.state(), noise=noise).wrench_map.T
-    np.testing.assert_allclose(rows @ body_at(other.state()).wrench_map.T, wrench @ FRAME.inverse().adjoint().T, atol=1e-9)
+    np.testing.assert_allclose(
+        rows @ body_at(other.state()).wrench_map.T, wrench @ FRAME.inverse().adjoint().T, atol=1e-9
+    )
 
 
 @pytest.mark.parametrize("sensor", [slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)])
