@@ -1,9 +1,9 @@
-"""The default estimator of one robot: rows of the whole team, and what follows from them.
+"""The default estimator of one robot, from rows of the whole team.
 
-Read ``row_times`` (which samples are a row), ``exchange`` (rows are handed on from neighbour to neighbour),
-``knowledge`` (rows, chapters before, and the fit), ``innovations`` (evaluates rows with it), ``monitor`` (whose sensors
-contradict the team), ``judge`` (whether rows fit), ``stages`` and ``session`` (when what is done), ``settings`` (what
-guards), ``team`` (all of this while the team is what it is, ``handover`` for robots that are new), ``estimator`` (the
-interface to the agent).
-The mathematics is ``coheft.estimation.moments``.
+Read ``row_times`` (which samples form a row), ``exchange`` (rows are forwarded from neighbour to neighbour),
+``knowledge`` (rows, prior and fit), ``innovations`` (residuals of rows at the fit), ``monitor`` (which robot's sensors
+contradict the team), ``judge`` (do all rows fit?), ``slips``, ``small_steps`` and ``undeclared_watch`` (rarer changes),
+``stages`` and ``session`` (decides what to do with each row), ``settings`` (thresholds, times), ``team`` (all of this
+while the team stays the same, with ``handover`` for robots that join), ``estimator`` (the interface to the agent). The
+mathematics is in ``coheft.estimation.moments``.
 """

@@ -8,8 +8,6 @@ row -> does a robot's motion contradict the team?   drop the row, and those sinc
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from coheft.agents.efficient.judge import Outcome, Verdict, judge
@@ -17,11 +15,13 @@ from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.monitor import Monitor
 from coheft.agents.efficient.settings import Guards
 from coheft.agents.efficient.slips import Slip, Suspicion
+from coheft.agents.efficient.small_steps import SmallSteps, explaining_step
 from coheft.agents.efficient.stages import TRANSITIONS, Event, Stage
+from coheft.agents.efficient.undeclared_watch import UndeclaredWatch
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.body import FORCING_SIZE
-from coheft.estimation.moments.change import mass_step, surprise
-from coheft.estimation.moments.chapter import Prior, spread_mass
+from coheft.estimation.moments.change import surprise
+from coheft.estimation.moments.chapter import Prior
 from coheft.estimation.moments.derivatives import MotionDerivatives
 from coheft.estimation.moments.evidence import Evidence
 from coheft.estimation.moments.fit import Estimate
@@ -30,12 +30,6 @@ from coheft.estimation.moments.likelihood import wrench_evidence
 from coheft.estimation.moments.misfit import KnownLoad
 from coheft.estimation.moments.moments import RowMoments, wrench_moments
 from coheft.estimation.moments.undeclared import UndeclaredError
-from coheft.estimation.moments.unknowns import THETA
-
-_COVER = 0.5
-"""One standard deviation, as a share of a step of the mass that may be there or not: five are more than the step."""
-_NOT_YET, _SINCE = 0.25, 0.5
-"""The same of the last step of a load that drifts, and of what a drift as fast as that makes of it until now."""
 
 
 class Session:
@@ -56,8 +50,6 @@ class Session:
         slips: Slips of grasps, oldest first.
         suspect: Index of a robot whose motion sensors contradict the others at present, or None.
         verdict: Verdict on the last fit.
-        undeclared: A sensor error with tolerance zero that the rows show nevertheless, or None.
-        unnoticed: Mass by which the load may have changed without being noticed yet [kg].
         total_wrench: Total wrench about the origin of the body frame [N, N·m], mean over the newest row, shape (6,);
             None before the first row.
     """
@@ -86,9 +78,8 @@ class Session:
         self._suspicion: Suspicion | None = None
         self.verdict = Verdict(Outcome.FITS)
         self.total_wrench: Array | None = None
-        self.undeclared: UndeclaredError | None = None
-        self._undeclared_rows = self._undeclared_until = 0  # rows with which it was found, and with which it is over
-        self._most_suspected, self._undeclared_lasts = rows(guards.telling_apart), rows(guards.undeclared_lasts)
+        self._undeclared = UndeclaredWatch(guards.undeclared_growth, rows(guards.undeclared_lasts))
+        self._most_suspected = rows(guards.telling_apart)
         self._told_of = self._newest = -1  # the newest change that another robot has told of; the newest row
         self._begin(Knowledge(count, anchor, settings, guards, prior))
         if prior is not None:
@@ -101,17 +92,11 @@ class Session:
         self.suspect: int | None = None
         self._load_before: KnownLoad | None = None  # before the oldest change that may still be a sensor's fault
         self._surprises, self._look_until, self._pause = 0, -1, -1
-        self._hold_exactly()
+        self._steps = SmallSteps()
         self._unconfirmed = 0  # so many rows must still fit what was known
         self._doubted_at, self._contradicted_at = -1, -self._confirming
         self._forgot_at = -self._calm
-        self._next_undeclared = self._known.first_undeclared
-        self._asked_for: tuple[int, str] | None = None  # an error that rows have asked for once
-
-    def _hold_exactly(self) -> None:
-        """Nothing says that the load is a little lighter or heavier than what is known of it."""
-        self.unnoticed = self._disputed = 0.0  # steps of the mass: may be there, is there or is a sensor's fault [kg]
-        self._last_step, self._gap = 0.0, 0  # of a load that drifts, with the rows from one to the next
+        self._undeclared.begin(known.first_undeclared)
 
     @property
     def estimate(self) -> Estimate | None:
@@ -126,20 +111,18 @@ class Session:
         return self._known.prior() if is_relied_upon else None
 
     def claimable(self, estimate: Estimate) -> Estimate:
-        """Return the estimate to publish; its covariance covers a small change of the mass that may have occurred.
+        """Return the estimate to publish, see ``SmallSteps.cover``."""
+        return self._steps.cover(estimate, self._known.buffer.load_rows)
 
-        This is a step that is too small to be noticed yet, one that a faulty sensor may explain instead, or the drift
-        of a load that keeps becoming lighter or heavier, which is assumed to continue for three more steps.
-        """
-        load, theta, since = estimate.state.load, estimate.body.unknowns.theta, self._known.buffer.load_rows
-        step = _COVER * max(self.unnoticed, self._disputed)
-        if since < 3 * self._gap:
-            step = max(step, (_NOT_YET + _SINCE * since / self._gap) * abs(self._last_step))
-        if load is None or step == 0.0:
-            return estimate
-        seen = estimate.seen.copy()
-        seen[theta, theta] += step**2 * spread_mass(load[THETA], estimate.size)
-        return replace(estimate, seen=seen)
+    @property
+    def undeclared(self) -> UndeclaredError | None:
+        """A sensor error with tolerance zero that the rows show nevertheless, or None."""
+        return self._undeclared.found
+
+    @property
+    def unnoticed(self) -> float:
+        """Mass by which the load may have changed without being noticed yet [kg]."""
+        return self._steps.unnoticed
 
     @property
     def changed_at(self) -> int:
@@ -265,36 +248,13 @@ class Session:
             case Outcome.NO_LOAD:
                 self._forget_load(first, Event.MISFIT, estimate)
             case Outcome.UNDECIDED if self._newest - self.changed_at <= self._longest:
-                is_covered = self._disputed > 0.0
+                is_covered = self._steps.disputed > 0.0
                 self.stage = TRANSITIONS[self.stage, Event.FITTED if is_covered else Event.UNDECIDED]
             case _:
                 self.stage, self._load_before = TRANSITIONS[self.stage, Event.FITTED], None
-                self._disputed = 0.0
-                self._look_for_undeclared_errors()
-
-    def _look_for_undeclared_errors(self) -> None:
-        """Test for sensor errors whose tolerance is zero; if there is one, start over, and publish nothing meanwhile.
-
-        Two tests in a row have to find the same error. It is over when as many rows do not show it any more; the
-        first time a shorter while is enough.
-        """
-        rows = self._known.buffer.load_rows
-        if rows < self._next_undeclared or self._known.misses_poses:
-            return
-        self._next_undeclared = round(self._guards.undeclared_growth * rows)
-        found, before = self._known.undeclared_error(), self._asked_for
-        self._asked_for = None if found is None else (found.robot, found.kind)
-        if found is not None and self._asked_for != before:  # a sensor may have been off for a while only
-            self._next_undeclared = 0
-        elif found is not None:
-            is_again = self._undeclared_rows > 0
-            self.undeclared, self._undeclared_rows = found, max(rows, self._undeclared_rows)
-            self._undeclared_until = self._undeclared_rows if is_again else min(rows, self._undeclared_lasts)
-            self._start_over()
-        elif rows >= self._undeclared_until:
-            self.undeclared = None
-            if rows > 2 * self._undeclared_rows:
-                self._undeclared_rows = 0
+                self._steps.disputed = 0.0
+                if self._undeclared.test(self._known):
+                    self._start_over()
 
     def _start_over(self) -> None:
         self.stage = TRANSITIONS[self.stage, Event.STARTED_OVER]
@@ -337,7 +297,7 @@ class Session:
                 return False
             self._fit(before=buffer.start, keeps_motion=True)  # wrenches may be of another load
         since, size = known.innovations.likeliest_change(buffer)
-        self.unnoticed = known.innovations.unnoticed_step(buffer, self._shortest)
+        self._steps.unnoticed = known.innovations.unnoticed_step(buffer, self._shortest)
         if size <= 1.0:
             self._unconfirmed = max(0, self._unconfirmed - 1)
             return False
@@ -357,7 +317,7 @@ class Session:
         return True
 
     def _note_change(self, place: int, now: Estimate) -> None:
-        """The load is another one from this place on, or a sensor reads something in excess, or a grasp has slipped."""
+        """Note a change at this place: of the load, unless a faulty sensor or a slip turns out to be the cause."""
         load, theta = now.state.load, now.body.unknowns.theta
         assert load is not None
         self._suspect(place, is_load=True)
@@ -366,25 +326,16 @@ class Session:
             self._load_before = KnownLoad(load, now.covariance[theta, theta])
 
     def _take_step(self, place: int, now: Estimate) -> bool:
-        """Whether a little more or less mass from this place on explains all rows: then all else holds that was known.
-
-        What was known is half forgotten, because a load that drifts fits no constant one exactly.
-        """
-        load, theta = now.state.load, now.body.unknowns.theta
-        if load is None or now.misses_poses:
+        """Return whether a small step of the mass at this place explains all rows: then the load is kept."""
+        if now.state.load is None or now.misses_poses:
             return False
-        evidence, covariance = self._evidence(place, now), self._known.covariance_now(now).copy()
-        step = mass_step(evidence, load, theta)
-        loosened = np.square(2.0 * step) * spread_mass(load[THETA], now.size) + covariance[theta, theta]
-        covariance[theta, theta] += loosened
-        is_small = abs(step) < self._guards.small * load[THETA.start]
-        if not is_small or surprise(evidence, covariance, theta) > self._guards.explained:
+        found = explaining_step(self._evidence(place, now), now, self._known.covariance_now(now), self._guards)
+        if found is None:
             return False
-        first = int(self._known.buffer.numbers[place])
-        self._gap = first - self.changed_at if self._last_step * step > 0.0 else 0
+        step, noise = found
+        self._steps.take(step, int(self._known.buffer.numbers[place]) - self.changed_at)
         self._note_change(place, now)
-        self._known.step_load(now, place, loosened)
-        self._last_step, self._disputed, self.unnoticed = step, abs(step), 0.0
+        self._known.step_load(now, place, noise)
         self._surprises, self._look_until, self._unconfirmed = 0, -1, 0
         self.stage = TRANSITIONS[self.stage, Event.FITTED]
         self._fit_and_judge()
@@ -405,7 +356,7 @@ class Session:
         return surprise(self._evidence(place, now), self._known.covariance_now(now), now.body.unknowns.theta)
 
     def _evidence(self, place: int, now: Estimate) -> Evidence:
-        """What wrenches of all rows from a place on say."""
+        """Evidence of the wrenches of all rows from a place on."""
         moments = wrench_moments(now.body, RowMoments.of(self._known.buffer.window(place)))
         assert now.state.load is not None
         return wrench_evidence(now.body, MotionDerivatives.at(now.body), moments, now.state.load)
@@ -419,4 +370,4 @@ class Session:
         self.stage = TRANSITIONS[self.stage, event]
         self._surprises, self._look_until = 0, -1
         self._forgot_at, self._unconfirmed = self._newest, 0
-        self.unnoticed = self._disputed = 0.0
+        self._steps.begin_load()
