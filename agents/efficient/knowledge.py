@@ -157,10 +157,6 @@ class Knowledge:
             )
         self._next_fit = least
 
-    def step_load(self, now: Estimate, place: int, step: Array) -> None:
-        """From this place on theta is another one, by a step with this covariance (10, 10); poses are known."""
-        self._chapter.end_of_load(now, self._guess, place, True, step)
-
     def before(self, place: int) -> tuple[Estimate, Prior]:
         """Return the estimate from the rows before a place, and the same as a prior; changes nothing here."""
         assert self.estimate is not None

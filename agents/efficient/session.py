@@ -15,7 +15,7 @@ from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.monitor import Monitor
 from coheft.agents.efficient.settings import Guards
 from coheft.agents.efficient.slips import Slip, Suspicion
-from coheft.agents.efficient.small_steps import SmallSteps, explaining_step
+from coheft.agents.efficient.small_steps import cover_drift, cover_step
 from coheft.agents.efficient.stages import TRANSITIONS, Event, Stage
 from coheft.agents.efficient.undeclared_watch import UndeclaredWatch
 from coheft.estimation.geometry.spatial import Array
@@ -30,6 +30,7 @@ from coheft.estimation.moments.likelihood import wrench_evidence
 from coheft.estimation.moments.misfit import KnownLoad
 from coheft.estimation.moments.moments import RowMoments, wrench_moments
 from coheft.estimation.moments.undeclared import UndeclaredError
+from coheft.estimation.moments.unknowns import THETA
 
 
 class Session:
@@ -50,6 +51,7 @@ class Session:
         slips: Slips of grasps, oldest first.
         suspect: Index of a robot whose motion sensors contradict the others at present, or None.
         verdict: Verdict on the last fit.
+        unnoticed: Mass by which the load may have changed without being noticed yet [kg].
         total_wrench: Total wrench about the origin of the body frame [N, N·m], mean over the newest row, shape (6,);
             None before the first row.
     """
@@ -70,7 +72,7 @@ class Session:
             return max(least, round(seconds / settings.period))
 
         self._confirming = rows(guards.confirming, 3)
-        self._waits, self._calm, self._shortest = rows(guards.waiting), rows(guards.calm), rows(guards.shortest)
+        self._waits, self._calm, self._drifting = rows(guards.waiting), rows(guards.calm), rows(guards.drifting)
         self._turn, self._lasting, self._longest = rows(guards.turn), rows(guards.lasting), rows(guards.undecided)
         self.stage = Stage.GATHERING
         self.changes: list[tuple[int, int]] = []
@@ -79,7 +81,8 @@ class Session:
         self.verdict = Verdict(Outcome.FITS)
         self.total_wrench: Array | None = None
         self._undeclared = UndeclaredWatch(guards.undeclared_growth, rows(guards.undeclared_lasts))
-        self._most_suspected = rows(guards.telling_apart)
+        self._most_suspected, self._shortest = rows(guards.telling_apart), rows(guards.shortest)
+        self._before = list[Array]()  # theta before each change
         self._told_of = self._newest = -1  # the newest change that another robot has told of; the newest row
         self._begin(Knowledge(count, anchor, settings, guards, prior))
         if prior is not None:
@@ -92,7 +95,7 @@ class Session:
         self.suspect: int | None = None
         self._load_before: KnownLoad | None = None  # before the oldest change that may still be a sensor's fault
         self._surprises, self._look_until, self._pause = 0, -1, -1
-        self._steps = SmallSteps()
+        self.unnoticed = 0.0
         self._unconfirmed = 0  # so many rows must still fit what was known
         self._doubted_at, self._contradicted_at = -1, -self._confirming
         self._forgot_at = -self._calm
@@ -111,18 +114,14 @@ class Session:
         return self._known.prior() if is_relied_upon else None
 
     def claimable(self, estimate: Estimate) -> Estimate:
-        """Return the estimate to publish, see ``SmallSteps.cover``."""
-        return self._steps.cover(estimate, self._known.buffer.load_rows)
+        """Return the estimate to publish: its covariance covers changes of the load that are not noticed yet."""
+        rows = self._known.buffer.load_rows
+        return cover_drift(cover_step(estimate, self.unnoticed), self._before, self.changes, rows, self._drifting)
 
     @property
     def undeclared(self) -> UndeclaredError | None:
         """A sensor error with tolerance zero that the rows show nevertheless, or None."""
         return self._undeclared.found
-
-    @property
-    def unnoticed(self) -> float:
-        """Mass by which the load may have changed without being noticed yet [kg]."""
-        return self._steps.unnoticed
 
     @property
     def changed_at(self) -> int:
@@ -238,21 +237,16 @@ class Session:
         if self.stage is Stage.GATHERING and is_body:
             since, size = innovations.likeliest_change(buffer)
             if size > guards.fresh_change:
-                first = buffer.start + since
-                if self.changes and self._take_step(first, self._fit(before=first)):
-                    return
-                self.verdict = Verdict(Outcome.NO_LOAD)
+                self.verdict, first = Verdict(Outcome.NO_LOAD), buffer.start + since
         match self.verdict.outcome:
             case Outcome.NO_BODY | Outcome.BEYOND_TOLERANCE:
                 self._start_over()
             case Outcome.NO_LOAD:
                 self._forget_load(first, Event.MISFIT, estimate)
             case Outcome.UNDECIDED if self._newest - self.changed_at <= self._longest:
-                is_covered = self._steps.disputed > 0.0
-                self.stage = TRANSITIONS[self.stage, Event.FITTED if is_covered else Event.UNDECIDED]
+                self.stage = TRANSITIONS[self.stage, Event.UNDECIDED]
             case _:
                 self.stage, self._load_before = TRANSITIONS[self.stage, Event.FITTED], None
-                self._steps.disputed = 0.0
                 if self._undeclared.test(self._known):
                     self._start_over()
 
@@ -278,7 +272,7 @@ class Session:
             if known is not None:
                 self.slips.append(Slip(cause.robot, cause.first, suspicion.noticed, self._newest))
                 self.stage, self._suspicion = TRANSITIONS[self.stage, Event.SLIPPED], None
-                del self.changes[suspicion.changes :]
+                del self.changes[suspicion.changes :], self._before[suspicion.changes :]
                 self._begin(known)
                 self._unconfirmed = self._confirming
                 return
@@ -297,7 +291,7 @@ class Session:
                 return False
             self._fit(before=buffer.start, keeps_motion=True)  # wrenches may be of another load
         since, size = known.innovations.likeliest_change(buffer)
-        self._steps.unnoticed = known.innovations.unnoticed_step(buffer, self._shortest)
+        self.unnoticed = known.innovations.unnoticed_step(buffer, self._shortest)
         if size <= 1.0:
             self._unconfirmed = max(0, self._unconfirmed - 1)
             return False
@@ -311,34 +305,14 @@ class Session:
             self._fit()
             return False
         place, now = self._with_changes_before(place, now)
-        if not self._take_step(place, now):
-            self._note_change(place, now)
-            self._forget_load(place, Event.LOAD_CHANGED, now)
-        return True
-
-    def _note_change(self, place: int, now: Estimate) -> None:
-        """Note a change at this place: of the load, unless a faulty sensor or a slip turns out to be the cause."""
         load, theta = now.state.load, now.body.unknowns.theta
         assert load is not None
         self._suspect(place, is_load=True)
-        self.changes.append((int(self._known.buffer.numbers[place]), self._newest))
+        self._before.append(load[THETA])
+        self.changes.append((int(buffer.numbers[place]), number))
         if self._load_before is None:
             self._load_before = KnownLoad(load, now.covariance[theta, theta])
-
-    def _take_step(self, place: int, now: Estimate) -> bool:
-        """Return whether a small step of the mass at this place explains all rows: then the load is kept."""
-        if now.state.load is None or now.misses_poses:
-            return False
-        found = explaining_step(self._evidence(place, now), now, self._known.covariance_now(now), self._guards)
-        if found is None:
-            return False
-        step, noise = found
-        self._steps.take(step, int(self._known.buffer.numbers[place]) - self.changed_at)
-        self._note_change(place, now)
-        self._known.step_load(now, place, noise)
-        self._surprises, self._look_until, self._unconfirmed = 0, -1, 0
-        self.stage = TRANSITIONS[self.stage, Event.FITTED]
-        self._fit_and_judge()
+        self._forget_load(place, Event.LOAD_CHANGED, now)
         return True
 
     def _with_changes_before(self, place: int, now: Estimate) -> tuple[int, Estimate]:
@@ -370,4 +344,4 @@ class Session:
         self.stage = TRANSITIONS[self.stage, event]
         self._surprises, self._look_until = 0, -1
         self._forgot_at, self._unconfirmed = self._newest, 0
-        self._steps.begin_load()
+        self.unnoticed = 0.0

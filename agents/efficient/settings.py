@@ -60,10 +60,7 @@ class Guards:
             time to time, and rows may be of both kinds.
         mass: Probability that the mass seems to have changed by chance, where a faulty sensor may be the cause instead.
         shortest: Shortest time over which small steps of the mass are searched [s]: larger ones are noticed by then.
-        small: A change of the mass by less than this share is a small step: if it explains all rows, the load is kept,
-            with process noise.
-        explained: A step explains the rows if the statistic that it leaves is below this share of its threshold: some
-            1e-4 by chance.
+        drifting: A load that changes again so soon drifts [s].
         mistaken: Probability of taking a load change or a faulty sensor for a slip, or the other way round, if all are
             equally likely a priori: one cause has to be likelier than all others by this factor.
         telling_apart: After so long without such a decision, a slip is no longer considered [s].
@@ -95,8 +92,7 @@ class Guards:
     calm: float = 1.0
     mass: float = 1e-6
     shortest: float = 0.3
-    small: float = 0.03
-    explained: float = 0.4
+    drifting: float = 3.0
     mistaken: float = 6e-6
     telling_apart: float = 1.2
     undecided: float = 4.0

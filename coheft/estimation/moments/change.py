@@ -14,6 +14,7 @@ rows against a fit to all older ones, and includes the full uncertainty of that 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -36,6 +37,9 @@ _WINDOWS = np.unique(np.round(_RATIO ** np.arange(30)).astype(np.int64))
 """Numbers of newest rows that are tested, each 1.5 times the one before."""
 _DYADIC = 2 ** np.arange(30)
 """The same where steps of the mass are sought."""
+_SPHERE: Array = np.array([each for each in product((-1.0, 0.0, 1.0), repeat=3) if any(each)])
+_SPHERE /= np.linalg.norm(_SPHERE, axis=1)[:, None]
+"""Points all over the unit sphere."""
 _SIGNIFICANT = chi_square_threshold(1, 0.012)
 """Of a step of the mass: with some six windows that overlap, one look in twenty finds one by chance."""
 _SEEN = 0.1
@@ -178,16 +182,12 @@ class _Scores(NamedTuple):
         return score, spread
 
 
-def mass_step(newest: Evidence, load: Array, theta: slice) -> float:
-    """How much more mass the newest rows show than a load (16,), if it is at the centre of mass [kg].
-
-    Args:
-        newest: What they say, around a fit to all others.
-        load: Of that fit.
-        theta: Place of theta among the unknowns.
-    """
-    kilogram = _kilogram(load)
-    return float(kilogram @ newest.score[theta] / (kilogram @ newest.information[theta, theta] @ kilogram))
+def spread_mass(theta: Array, size: float) -> Array:
+    """Second moment (10, 10) of theta of 1 kg that is anywhere in a load with this ``theta`` (10,) and size [m]."""
+    places = theta[1:4] / theta[0] + size * _SPHERE
+    points = np.array([point_mass(place) for place in places])
+    result: Array = points.T @ points / len(points)
+    return result
 
 
 def _kilogram(load: Array) -> Array:

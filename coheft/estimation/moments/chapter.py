@@ -9,7 +9,6 @@ not known. Quadratics stay around the state of their time, and are moved to the 
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -25,11 +24,6 @@ from coheft.estimation.moments.likelihood import motion_evidence, wrench_evidenc
 from coheft.estimation.moments.moments import EvaluatedMoments, evaluated_moments, wrench_moments
 from coheft.estimation.moments.row_buffer import RowBuffer
 from coheft.estimation.moments.unknowns import Indices, State, Unknowns
-from coheft.estimation.rigid_body.mass_properties import point_mass
-
-_SPHERE: Array = np.array([each for each in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(each)])
-_SPHERE /= np.linalg.norm(_SPHERE, axis=1)[:, None]
-"""Points all over the unit sphere."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,26 +143,14 @@ class Chapter:
                 of_all = of_load if is_only_load else of_all - newest
         return lambda body: evaluated_moments(body, of_all, of_load)
 
-    def end_of_load(
-        self, estimate: Estimate, guess: Guess, place: int, keeps_poses: bool, step: Array | None = None
-    ) -> None:
-        """Start another load at this place.
-
-        Args:
-            estimate: The present estimate.
-            guess: Guess of theta.
-            place: Place of the new load's first row.
-            keeps_poses: Whether to keep the evidence of wrenches on poses: only if these are known.
-            step: Covariance (10, 10) of the change of theta; None: the new theta is arbitrary.
-        """
+    def end_of_load(self, estimate: Estimate, guess: Guess, place: int, keeps_poses: bool) -> None:
+        """Start another load at this place; the wrenches' evidence on poses is kept only if ``keeps_poses``."""
         of_load, body = self.buffer.begin_load(place), estimate.body
         if keeps_poses:
             moments = wrench_moments(body, of_load)
             evidence = wrench_evidence(body, MotionDerivatives.at(body), moments, _load(body))
             self._set_prior(estimate, guess, evidence, False)
-        if self.prior is not None and step is not None:
-            self.prior = self.prior.with_process_noise(body.unknowns.theta, step)
-        elif self.prior is not None:
+        if self.prior is not None:
             theta = np.arange(body.unknowns.size)[body.unknowns.theta]
             self.prior = replace(self.prior.marginalized(theta, guess.limits), knows_load=False)
 
@@ -192,14 +174,6 @@ class Chapter:
             evidence += self.prior.at(estimate.body)
             has_expectations = has_expectations or self.prior.has_expectations
         self.prior = Prior(estimate.state, guess, evidence, has_expectations)
-
-
-def spread_mass(theta: Array, size: float) -> Array:
-    """Second moment (10, 10) of theta of 1 kg that is anywhere in a load with this ``theta`` (10,) and size [m]."""
-    places = theta[1:4] / theta[0] + size * _SPHERE
-    points = np.array([point_mass(place) for place in places])
-    result: Array = points.T @ points / len(points)
-    return result
 
 
 def evidence_of(body: BodyModel, moments: EvaluatedMoments) -> Evidence:
