@@ -6,7 +6,6 @@ one process and in many.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterable, Sequence
 
 from coheft.wire.config import AgentConfig
@@ -62,5 +61,7 @@ class SimulatedNetwork:
 
 def _uniform(*labels: object) -> Iterable[float]:
     """Return two numbers that are uniformly distributed in [0, 1)."""
+    import hashlib  # agents whose network is ideal start sooner without it
+
     drawn = hashlib.blake2b(repr(labels).encode(), digest_size=8).digest()
     return (int.from_bytes(part) / 2.0**32 for part in (drawn[:4], drawn[4:]))

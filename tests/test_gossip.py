@@ -290,7 +290,7 @@ def test_a_robot_that_makes_up_neighbours_keeps_a_team_waiting_until_it_starts_a
     team.meet()
     made_up = [f"x{number}" for number in range(MAX_ROBOTS)]
     liar = team.robots["r02"]
-    liar._tell(replace(liar.own, neighbours=("r01", "r03", *made_up)))
+    liar._publish(replace(liar.own, neighbours=("r01", "r03", *made_up)))
     if is_told == "robots as well":
         for name in made_up:
             liar.hear([LinkState(name, 0, ("r02",))])

@@ -189,7 +189,7 @@ def test_ctrl_c_ends_a_campaign_and_its_workers_at_once(tmp_path: Path) -> None:
     finally:
         if group(process.pid):
             os.killpg(process.pid, signal.SIGKILL)
-    assert re.fullmatch(r"stopped after \d+ of 1000 schedules; the same command goes on .*\n", err.read_text())
+    assert re.fullmatch(r"stopped after \d+ of 1000 schedules; the same command continues .*\n", err.read_text())
     assert " schedules, " in out.read_text()
 
 

@@ -281,7 +281,7 @@ def test_keys_that_would_open_nothing_are_refused_before_the_run(secure, tmp_pat
     check_keys(secure.keys, scenario)
     with pytest.raises(CoheftError, match=r"r1.crt is not for 10.0.0.2, where r1 runs"):
         check_keys(secure.keys, scenario, Hosts({"r1": "10.0.0.2", "server": "127.0.0.1"}))
-    with pytest.raises(CoheftError, match=r"there is no r5.crt and no r5.key"):
+    with pytest.raises(CoheftError, match=r"keys contains no r5.crt and no r5.key"):
         check_keys(secure.keys, small_scenario(COUNT + 1))
     make_keys(tmp_path / "old", scenario, lifetime=timedelta(seconds=-1))
     with pytest.raises(CoheftError, match=r"authority.crt has expired on .* UTC"):

@@ -345,7 +345,7 @@ def test_links_of_those_who_have_no_business_here_are_told_but_not_counted(secur
             event = next_event(inbox)
             assert isinstance(event, Refused)
             assert event.source == "r4"
-            assert "where only r1 may" in str(event.error)
+            assert "only r1 may dial" in str(event.error)
         with raw_session([endpoint], tls=tls_settings(secure.credentials("r1"))):
             assert next_event(inbox) == LinkChange("r1", links=1)
         assert next_event(inbox) == LinkChange("r1", links=0)

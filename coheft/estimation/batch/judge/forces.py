@@ -75,11 +75,14 @@ def judge_forces(evidence: Evidence, assumed: str | None) -> Verdict:
     sure = [one for one in found if one.gain > BARS.gain]
     if not sure and not (plain.excess > BARS.excess and misfit.share() > BARS.share):
         return _accepted(evidence, plain, found, assumed)
+    silent = silent_sensor(recording, evidence.cutoff)  # a factor of thousands would mend its noise as well
+    if silent is not None:
+        return silent
     mending = [one for one in sure if _mends(one, plain.excess)]
     as_assumed = [one for one in mending if one.cause == assumed]
     best = _confirmed(as_assumed or mending, evidence, homes) or next(iter(as_assumed or sure), None)
     if best not in mending:
-        return silent_sensor(recording, evidence.cutoff) or _unknown(found, misfit)
+        return _unknown(found, misfit)
     others = (one for one in found if one.cause is not best.cause)
     second = next(one for one in others if one in mending or one.gain < best.gain)  # others leave more than noise
     robot, words = words_of(best, recording, misfit)
