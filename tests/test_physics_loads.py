@@ -295,7 +295,8 @@ def test_a_payload_that_the_robots_lose_ends_the_run():
     motion = np.zeros((5, 12))
     motion[:, 3] = 100.0
     asked = {name: reference(name, 0, motion) for name in simulation.scene.robots}
-    with pytest.raises(SimulationError, match=r"at 0\.\d+ s the robots have lost the payload: it is .* m from its home"):
+    words = r"at 0\.\d+ s the robots have lost the payload: it is .* m from its home"
+    with pytest.raises(SimulationError, match=words):
         run(simulation, lambda _: asked, 100)
 
 
