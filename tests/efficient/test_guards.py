@@ -17,7 +17,7 @@ from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.moments.claims import claim_of
 from coheft.estimation.moments.fit_settings import FitSettings
 from coheft.estimation.moments.rows import FORCE, ROW_SIZE, TORQUE, A, RowNoise
-from coheft.estimation.rigid_body.mass_properties import unit_point
+from coheft.estimation.rigid_body.mass_properties import point_mass
 from tests.efficient.rows import LOAD, PERIOD, POSES, made_up_rows
 
 SURE = 6.0
@@ -83,7 +83,7 @@ def _error(session: Session, load: Array) -> float:
 def with_more(share: float) -> Array:
     """The load with so much more mass, at one point."""
     mass, place = share * LOAD[0], np.array([-0.2, -0.1, 0.1])
-    return LOAD + mass * np.concatenate([[1.0], place, unit_point(place)])
+    return LOAD + mass * point_mass(place)
 
 
 def off(first: int, end: int, count: int, robot: int, column: int, size: float) -> Array:

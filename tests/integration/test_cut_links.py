@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import pytest
 
 from coheft.app.run.keys import make_keys
-from coheft.app.run.observer import disturb_link, observe, set_link
+from coheft.app.run.observer import Observer, disturb_link, observe, set_link
 from coheft.errors import CoheftError, LinkError
 from coheft.wire.messages.requests import CutLinks, LinkRequest, StatusRequest, StopRequest
+from coheft.wire.messages.scene import Scene
 from coheft.wire.messages.structs import Estimate
 from coheft.wire.scenario.network import LinkQuality
 from coheft.wire.transport.planes import guard_observer
@@ -16,6 +19,21 @@ from coheft.wire.transport.sessions import ask_for, open_session
 
 from .team import running_team, small_scenario, wait_until
 
+WHOLE: dict[str, list[str]] = {"r1": [], "r2": [], "r3": []}
+
+
+def silence_told_to(observer: Observer, scene: Scene) -> Callable[[dict[str, list[str]]], bool]:
+    """Whether robots name these silent neighbours, as far as the observer has heard by the time it is asked."""
+    silent: dict[str, list[str]] = {}
+
+    def says(expected: dict[str, list[str]]) -> bool:
+        for news in observer.collect(scene, 0.1):
+            if isinstance(news, Estimate):
+                silent[news.robot] = news.silent
+        return silent == expected
+
+    return says
+
 
 def test_a_link_that_is_cut_is_silent_at_both_ends_until_it_is_mended(tmp_path):
     with running_team(small_scenario(3, "line"), tmp_path) as team:
@@ -23,16 +41,8 @@ def test_a_link_that_is_cut_is_silent_at_both_ends_until_it_is_mended(tmp_path):
         run_file = team.plan.run_file()
         scene = team.ask(StatusRequest()).scene
         with observe(run_file) as observer:
-            silent: dict[str, list[str]] = {}
-
-            def says(expected: dict[str, list[str]]) -> bool:
-                for news in observer.collect(scene, 0.1):
-                    if isinstance(news, Estimate):
-                        silent[news.robot] = news.silent
-                return silent == expected
-
-            whole: dict[str, list[str]] = {"r1": [], "r2": [], "r3": []}
-            wait_until(lambda: says(whole), "a team that talks")
+            says = silence_told_to(observer, scene)
+            wait_until(lambda: says(WHOLE), "a team that talks")
             for one, other in (("r1", "r2"), ("r2", "r1")):
                 set_link(run_file, scene, one, other, cut=True)
                 wait_until(lambda: says({"r1": ["r2"], "r2": ["r1"], "r3": []}), "silence at both ends")
@@ -41,7 +51,7 @@ def test_a_link_that_is_cut_is_silent_at_both_ends_until_it_is_mended(tmp_path):
                 team.wait_for_block(block + 200)
                 assert says({"r1": ["r2"], "r2": ["r1"], "r3": []}), "nobody dials meanwhile"
                 set_link(run_file, scene, one, other, cut=False)
-                wait_until(lambda: says(whole), "the link to be back")
+                wait_until(lambda: says(WHOLE), "the link to be back")
         with pytest.raises(CoheftError, match="there is no link r1-r3; the links are r1-r2, r2-r3"):
             set_link(run_file, scene, "r1", "r3", cut=True)
         with open_session(connect=[run_file.agents["r1"]]) as session:
@@ -87,24 +97,16 @@ def test_a_link_that_loses_everything_is_silent_at_both_ends_until_it_is_restore
         run_file = team.plan.run_file()
         scene = team.ask(StatusRequest()).scene
         with observe(run_file) as observer:
-            silent: dict[str, list[str]] = {}
-
-            def says(expected: dict[str, list[str]]) -> bool:
-                for news in observer.collect(scene, 0.1):
-                    if isinstance(news, Estimate):
-                        silent[news.robot] = news.silent
-                return silent == expected
-
-            whole: dict[str, list[str]] = {"r1": [], "r2": [], "r3": []}
-            wait_until(lambda: says(whole), "a team that talks")
+            says = silence_told_to(observer, scene)
+            wait_until(lambda: says(WHOLE), "a team that talks")
             disturb_link(run_file, scene, "r1", "r2", LinkQuality(loss=1.0))
             wait_until(lambda: says({"r1": ["r2"], "r2": ["r1"], "r3": []}), "silence at both ends")
             disturb_link(run_file, scene, "r2", "r1", LinkQuality())
-            wait_until(lambda: says(whole), "the link to be restored")
-            disturb_link(run_file, scene, "r2", "r3", LinkQuality(delay=0.25))  # 2.5 blocks
+            wait_until(lambda: says(WHOLE), "the link to be restored")
+            disturb_link(run_file, scene, "r2", "r3", LinkQuality(delay=0.25))  # more than ten blocks
             block = team.ask(StatusRequest()).block
             team.wait_for_block(block + 50)
-            assert says(whole), "late messages are heard as well"
+            assert says(WHOLE), "late messages are heard as well"
         with pytest.raises(CoheftError, match="there is no link r1-r3; the links are r1-r2, r2-r3"):
             disturb_link(run_file, scene, "r1", "r3", LinkQuality())
         team.ask(StopRequest())
