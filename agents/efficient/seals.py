@@ -10,6 +10,7 @@ from their seal, or whose seal does not arrive in time, are removed again.
 from __future__ import annotations
 
 import hashlib
+import math
 import struct
 from collections import deque
 from collections.abc import Iterator, Sequence
@@ -29,6 +30,8 @@ _LONGEST_SIGNATURE = 72
 """Longest signature of ECDSA on P-256, in DER [B]."""
 _HEAD = struct.Struct("<3i")
 """Index of the robot, number of the first row, length of the signature."""
+_REPEATED = 2
+"""At least so many seals in a message are known already."""
 
 
 class Seal(NamedTuple):
@@ -101,18 +104,24 @@ class Seals:
     ) -> None:
         self._names, self._own, self._exchange, self._times = names, own, exchange, times
         self._span, self._patience, self._distrust, self._signer = span, patience, distrust, signer
-        self._size = _HEAD.size + _LONGEST_SIGNATURE + _HASH * span
+        self._nothing = Seal(-1, 0, bytes(_HASH * span)).encode()
+        self._size = len(self._nothing)
         self._known: dict[tuple[int, int], Seal] = {}  # by robot and number of the first row
         self._fresh: list[Seal] = []  # not compared with rows yet
         self._absent: set[tuple[int, int]] = set()  # robot and number of rows that have a seal, but are not here
-        self._news: list[Seal] = []
-        self._told_once: list[Seal] = []
+        self._news = deque[bytes]()  # encoded
+        self._newest: dict[int, tuple[int, bytes]] = {}  # by robot: number of the first row, the seal encoded
         self._turn = 0
+        self._per_message = math.ceil(len(names) / (1 + times.last_block(span))) + _REPEATED
         self._due = [self._first_of(robot, start) for robot in range(len(names))]  # the seals to arrive next
-        self._last_due = max(self._due)
+        self._note_due()
         self._unsealed: set[int] = set()  # robots whose last seal has not arrived
         self._used = deque[int](maxlen=2 * exchange.window * max(1, times.complete(0)))
         self._refused: list[str] = []
+
+    def _note_due(self) -> None:
+        self._last_due = max(self._due)
+        self._judged_next = self._patience + min(self._times.last_block(due + self._span - 1) for due in self._due)
 
     def _first_of(self, robot: int, number: int) -> int:
         """Number of the first row of a row's seal. Robots take turns to sign."""
@@ -122,6 +131,11 @@ class Seals:
     def _seal_of(self, robot: int, number: int) -> Seal | None:
         return self._known.get((robot, self._first_of(robot, number)))
 
+    def _hashes(self, robot: int, first: int) -> bytes:
+        """Hashes of a robot's rows in the exchange that belong to one seal."""
+        row = self._exchange.row
+        return b"".join([_hash_of(row(robot, number)) for number in range(first, first + self._span)])
+
     # --- messages ---
 
     def seal(self, number: int) -> None:
@@ -129,8 +143,7 @@ class Seals:
         own, span = self._own, self._span
         while self._due[own] + span <= number:
             first = self._due[own]
-            hashes = b"".join(_hash_of(self._exchange.row(own, each)) for each in range(first, first + span))
-            unsigned = Seal(own, first, hashes)
+            unsigned = Seal(own, first, self._hashes(own, first))
             self._keep(unsigned._replace(signature=self._signer.sign(unsigned.content(self._exchange.team))))
             self._due[own] += span
 
@@ -139,13 +152,12 @@ class Seals:
         if array.dtype != np.int32 or array.ndim != 2 or array.shape[1] * array.itemsize != self._size:
             return
         newest = self._times.complete(block - 1)
-        for words in array:
-            seal = Seal.decode(words.tobytes())
-            robot, first = seal.robot, seal.first
+        for place, (robot, first) in enumerate(array[:, :2].tolist()):
             if not 0 <= robot < len(self._names) or not self._due[robot] <= first < newest:
                 continue
             if (robot, first) in self._known or first != self._first_of(robot, first):
                 continue
+            seal = Seal.decode(array[place].tobytes())
             if not self._signer.is_signed_by(self._names[robot], seal.content(self._exchange.team), seal.signature):
                 return
             self._keep(seal)
@@ -153,17 +165,21 @@ class Seals:
     def _keep(self, seal: Seal) -> None:
         self._known[seal.robot, seal.first] = seal
         self._fresh.append(seal)
-        self._news.append(seal)
+        encoded = seal.encode()
+        self._news.append(encoded)
+        self._newest[seal.robot] = max(self._newest.get(seal.robot, (seal.first, encoded)), (seal.first, encoded))
 
     def tell(self) -> npt.NDArray[np.int32]:
-        """Return seals for all neighbours: new ones twice, and one in rotation in case both messages were lost."""
-        told = self._told_once + self._news
-        self._told_once, self._news = self._news, []
-        if self._known:
-            self._turn = (self._turn + 1) % len(self._known)
-            told.append(list(self._known.values())[self._turn])
-        data = b"".join(seal.encode() for seal in told)
-        return np.frombuffer(data, dtype=np.int32).reshape(len(told), self._size // 4)
+        """Return the seals for all neighbours: new ones, and in rotation known ones, in case messages were lost.
+
+        They are always as many, because messages whose arrays keep their shapes are decoded faster.
+        """
+        told = [self._news.popleft() for _ in range(min(len(self._news), self._per_message))]
+        known = list(self._newest.values())
+        while len(told) < self._per_message:
+            self._turn += 1
+            told.append(known[self._turn % len(known)][1] if known else self._nothing)
+        return np.frombuffer(b"".join(told), dtype=np.int32).reshape(len(told), self._size // 4)
 
     # --- comparison ---
 
@@ -210,8 +226,9 @@ class Seals:
     def _false(self, block: int) -> Iterator[int]:
         """Remove rows that differ from their seals; yield their numbers."""
         fresh, self._fresh = self._fresh, []
-        sealed = [(seal.robot, seal.first + place) for seal in fresh for place in range(self._span)]
-        for robot, number in [*sorted(self._absent), *sealed]:
+        wrong = [seal for seal in fresh if self._hashes(seal.robot, seal.first) != seal.hashes]
+        numbers = [(seal.robot, seal.first + place) for seal in wrong for place in range(self._span)]
+        for robot, number in [*sorted(self._absent), *numbers]:
             seal, row = self._seal_of(robot, number), self._exchange.row(robot, number)
             self._absent.discard((robot, number))
             if seal is None or (row is not None and seal.confirms(number, row)):
@@ -245,6 +262,8 @@ class Seals:
 
     def _without_seal(self, block: int) -> Iterator[int]:
         """Remove rows whose seal has not arrived in time, and forget old seals; yield the numbers of these rows."""
+        if block < self._judged_next:
+            return
         oldest = self._times.begun_from(max(0, block - self._exchange.window)) - self._span
         while self._known and next(iter(self._known.values())).first < oldest:
             del self._known[next(iter(self._known))]
@@ -252,10 +271,11 @@ class Seals:
             while self._times.last_block(self._due[robot] + self._span - 1) + self._patience <= block:
                 first = self._due[robot]
                 self._due[robot] += self._span
-                rows = [n for n in range(first, first + self._span) if self._exchange.row(robot, n) is not None]
                 if (robot, first) in self._known:
                     self._unsealed.discard(robot)
-                elif rows and robot != self._own:
+                    continue
+                rows = [n for n in range(first, first + self._span) if self._exchange.row(robot, n) is not None]
+                if rows and robot != self._own:
                     if robot not in self._unsealed:
                         name, since = self._names[robot], self._times.first_block(rows[0])
                         self._refused.append(f"rows of {name} since block {since} are not used: no signature has come")
@@ -263,4 +283,4 @@ class Seals:
                     for number in rows:
                         self._exchange.remove(robot, number)
                     yield from rows
-        self._last_due = max(self._due)
+        self._note_due()
