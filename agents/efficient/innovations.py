@@ -11,7 +11,7 @@ import numpy as np
 
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.body import FORCING, MOTION_SIZE, load_operator, residual_covariance
-from coheft.estimation.moments.change import Weights, likeliest_change, unnoticed_step
+from coheft.estimation.moments.change import Look, SmallSteps, Weights, look_for_change
 from coheft.estimation.moments.chapter import Chapter
 from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.moments import view_moments
@@ -94,15 +94,10 @@ class Innovations:
         result: Array = self._older + views.T @ views
         return result
 
-    def likeliest_change(self, buffer: RowBuffer, before: int | None = None) -> tuple[int, float]:
-        """Run the first test for a load change on all rows, or on those before a place.
+    def look_for_change(self, buffer: RowBuffer, before: int | None = None, small: SmallSteps | None = None) -> Look:
+        """Run the first test for a load change on all rows of the load, or on those before a place.
 
-        See ``coheft.estimation.moments.change.likeliest_change``.
+        See ``coheft.estimation.moments.change.look_for_change``.
         """
         views = buffer.views[buffer.start : buffer.count if before is None else before]
-        return likeliest_change(views, self._older, self._weights, self._knows_load)
-
-    def unnoticed_step(self, buffer: RowBuffer, shortest: int) -> float:
-        """See ``coheft.estimation.moments.change``."""
-        views = buffer.views[buffer.start : buffer.count]
-        return unnoticed_step(views, self._older, self._weights, self._knows_load, shortest)
+        return look_for_change(views, self._older, self._weights, self._knows_load, small)

@@ -20,7 +20,7 @@ from coheft.agents.efficient.stages import TRANSITIONS, Event, Stage
 from coheft.agents.efficient.undeclared_watch import UndeclaredWatch
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.body import FORCING_SIZE
-from coheft.estimation.moments.change import surprise
+from coheft.estimation.moments.change import SmallSteps, surprise
 from coheft.estimation.moments.chapter import Prior
 from coheft.estimation.moments.derivatives import MotionDerivatives
 from coheft.estimation.moments.evidence import Evidence
@@ -81,7 +81,8 @@ class Session:
         self.verdict = Verdict(Outcome.FITS)
         self.total_wrench: Array | None = None
         self._undeclared = UndeclaredWatch(guards.undeclared_growth, rows(guards.undeclared_lasts))
-        self._most_suspected, self._shortest = rows(guards.telling_apart), rows(guards.shortest)
+        self._most_suspected = rows(guards.telling_apart)
+        self._small_steps = SmallSteps(rows(guards.shortest), guards.least_small_step)
         self._before = list[Array]()  # theta before each change
         self._told_of = self._newest = -1  # the newest change that another robot has told of; the newest row
         self._begin(Knowledge(count, anchor, settings, guards, prior))
@@ -254,9 +255,9 @@ class Session:
         first = buffer.count
         is_body = self.verdict.outcome not in (Outcome.NO_BODY, Outcome.BEYOND_TOLERANCE)
         if self.stage is Stage.GATHERING and is_body:
-            since, size = innovations.likeliest_change(buffer)
-            if size > guards.fresh_change:
-                self.verdict, first = Verdict(Outcome.NO_LOAD), buffer.start + since
+            fresh = innovations.look_for_change(buffer)
+            if fresh.size > guards.fresh_change:
+                self.verdict, first = Verdict(Outcome.NO_LOAD), buffer.start + fresh.place
         match self.verdict.outcome:
             case Outcome.NO_BODY | Outcome.BEYOND_TOLERANCE:
                 self._start_over()
@@ -309,8 +310,7 @@ class Session:
             if buffer.count < known.least:  # too few rows to find them
                 return False
             self._fit(before=buffer.start, keeps_motion=True)  # wrenches may be of another load
-        since, size = known.innovations.likeliest_change(buffer)
-        self.unnoticed = known.innovations.unnoticed_step(buffer, self._shortest)
+        since, size, self.unnoticed = known.innovations.look_for_change(buffer, small=self._small_steps)
         if size <= 1.0:
             self._unconfirmed = max(0, self._unconfirmed - 1)
             return False
@@ -318,7 +318,7 @@ class Session:
         if now is None or self._surprise(buffer.start + since, now) < self._guards.worth_a_fit:
             return False  # uncertain poses may explain it, so it is neither a change nor a confirmation
         now = self._fit(before=buffer.start + since)
-        place = buffer.start + known.innovations.likeliest_change(buffer)[0]
+        place = buffer.start + known.innovations.look_for_change(buffer).place
         if now.state.load is None or self._surprise(place, now) <= 1.0:
             self._pause = number + buffer.count - place  # until there are twice as many rows
             self._fit()
@@ -337,11 +337,11 @@ class Session:
     def _with_changes_before(self, place: int, now: Estimate) -> tuple[int, Estimate]:
         """Return where the load changed first, if it has changed several times, and the fit to the rows before."""
         known, buffer = self._known, self._known.buffer
-        since, size = known.innovations.likeliest_change(buffer, place)
-        while size > 1.0 and 0 < since < place - buffer.start:
-            place = buffer.start + since
+        found = known.innovations.look_for_change(buffer, place)
+        while found.size > 1.0 and 0 < found.place < place - buffer.start:
+            place = buffer.start + found.place
             now = self._fit(before=place)
-            since, size = known.innovations.likeliest_change(buffer, place)
+            found = known.innovations.look_for_change(buffer, place)
         return place, now
 
     def _surprise(self, place: int, now: Estimate) -> float:

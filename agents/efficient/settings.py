@@ -60,6 +60,8 @@ class Guards:
             time to time, and rows may be of both kinds.
         mass: Probability that the mass seems to have changed by chance, where a faulty sensor may be the cause instead.
         shortest: Shortest time over which small steps of the mass are searched [s]: larger ones are noticed by then.
+        small_step: Probability that one stretch of rows shows a small step of the mass by chance; a look tests some ten
+            stretches that overlap.
         drifting: A load that changes again so soon drifts [s].
         mistaken: Probability of taking a load change or a faulty sensor for a slip, or the other way round, if all are
             equally likely a priori: one cause has to be likelier than all others by this factor.
@@ -97,6 +99,7 @@ class Guards:
     calm: float = 1.0
     mass: float = 1e-6
     shortest: float = 0.3
+    small_step: float = 0.012
     drifting: float = 3.0
     mistaken: float = 6e-6
     telling_apart: float = 1.2
@@ -132,6 +135,11 @@ class Guards:
     def least_mass_change(self) -> float:
         """Chi-square of a change of the mass."""
         return chi_square_threshold(1, self.mass)
+
+    @property
+    def least_small_step(self) -> float:
+        """Chi-square of a small step of the mass."""
+        return chi_square_threshold(1, self.small_step)
 
     @property
     def largest_constant_excess(self) -> float:

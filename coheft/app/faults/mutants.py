@@ -112,6 +112,7 @@ SWITCHED_OFF = {
     "fresh_change": 1e9,
     "calm": 0.0,
     "mass": 0.999,
+    "small_step": 1e-300,
     "shortest": 1e9,
     "waiting": 1e9,
     "first_rows": 0.0,

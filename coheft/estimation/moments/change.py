@@ -7,7 +7,7 @@ With ``H`` and ``e`` the information and its vector of all rows of the load, and
 
 which is the sum of squared residuals of all rows, less those of older and of newer ones fitted separately. The wrench
 offset stays when the load changes: it is among the unknowns of ``H``, but only the part of ``S_k`` that concerns theta
-is tested. This is the first test, at fixed poses (``likeliest_change``). The second (``surprise``) tests the newest
+is tested. This is the first test, at fixed poses (``look_for_change``). The second (``surprise``) tests the newest
 rows against a fit to all older ones, and includes the full uncertainty of that fit.
 """
 
@@ -35,13 +35,9 @@ FALSE_ALARM = 1e-12
 _RATIO = 1.5
 _WINDOWS = np.unique(np.round(_RATIO ** np.arange(30)).astype(np.int64))
 """Numbers of newest rows that are tested, each 1.5 times the one before."""
-_DYADIC = 2 ** np.arange(30)
-"""The same where steps of the mass are sought."""
 _SPHERE: Array = np.array([each for each in product((-1.0, 0.0, 1.0), repeat=3) if any(each)])
 _SPHERE /= np.linalg.norm(_SPHERE, axis=1)[:, None]
 """Points all over the unit sphere."""
-_SIGNIFICANT = chi_square_threshold(1, 0.012)
-"""Of a step of the mass: with some six windows that overlap, one look in twenty finds one by chance."""
 _SEEN = 0.1
 """Directions are tested if at least this share of their information is motion, not its noise."""
 _WELL = 1e-6
@@ -89,7 +85,36 @@ class Weights:
         return matrices.reshape(-1, LOAD_SIZE, LOAD_SIZE), vectors
 
 
-def likeliest_change(views: Array, before: Array, weights: Weights, is_known: bool = False) -> tuple[int, float]:
+class SmallSteps(NamedTuple):
+    """Which small steps of the mass to look for.
+
+    Attributes:
+        shortest: Least number of rows since the step.
+        significant: Least square of its significance.
+    """
+
+    shortest: int
+    significant: float
+
+
+class Look(NamedTuple):
+    """The result of the first test.
+
+    Attributes:
+        place: Place of the first row after the likeliest change.
+        size: Its statistic over the threshold for the probability ``FALSE_ALARM``.
+        step: By how much the mean of all rows is off if the mass has made the most significant small step [kg]; 0 if
+            that may well be chance.
+    """
+
+    place: int
+    size: float
+    step: float
+
+
+def look_for_change(
+    views: Array, before: Array, weights: Weights, is_known: bool = False, small: SmallSteps | None = None
+) -> Look:
     """Run the first test, at fixed poses.
 
     Args:
@@ -97,21 +122,23 @@ def likeliest_change(views: Array, before: Array, weights: Weights, is_known: bo
         before: Gram matrix (19, 19) of older rows of the load.
         weights: Maps from views to information.
         is_known: Whether there is a prior of the load, so that all of these rows may belong to another load.
-
-    Returns:
-        The place of the first row after the likeliest change, and the statistic over its threshold for the probability
-        ``FALSE_ALARM``.
+        small: Small steps of the mass to look for, None for none.
     """
     count = len(views)
     windows = _WINDOWS[: np.searchsorted(_WINDOWS, count)]
     if is_known and count:
         windows = np.append(windows, count)
-    place, size = _likeliest(count - windows, views, before, weights)
+    if len(windows) == 0:
+        return Look(0, 0.0, 0.0)
+    scores = _Scores.of(count - windows, views, before, weights)
+    place, size = scores.likeliest(count - windows, weights)
     if size > 1.0:  # now exactly which row
         newest = count - place
         near = np.arange(max(1, int(newest / _RATIO)), min(count + is_known, int(newest * _RATIO) + 2))
-        place, size = _likeliest(count - near, views, before, weights)
-    return place, size
+        scores = _Scores.of(count - near, views, before, weights)
+        place, size = scores.likeliest(count - near, weights)
+        return Look(place, size, 0.0)
+    return Look(place, size, 0.0 if small is None else scores.small_step(small, weights))
 
 
 def surprise(newest: Evidence, covariance: Array, theta: slice) -> float:
@@ -181,6 +208,35 @@ class _Scores(NamedTuple):
         spread[:, each, each] += 1e-9
         return score, spread
 
+    def likeliest(self, places: Indices, weights: Weights) -> tuple[int, float]:
+        """Of the places of these windows, the likeliest for a change, and its statistic over the threshold."""
+        tested, _ = seen_directions(self.matrices[-1, THETA, THETA], self.of_noise[THETA, THETA])
+        if len(places) == 0 or len(tested) == 0:
+            return 0, 0.0
+        score, spread = self.along(tested, weights)
+        statistics = (score * np.linalg.solve(spread, score[..., None])[..., 0]).sum(axis=1)
+        best = int(statistics.argmax())
+        return int(places[best]), float(statistics[best]) / chi_square_threshold(len(tested), FALSE_ALARM)
+
+    def small_step(self, small: SmallSteps, weights: Weights) -> float:
+        """Return ``Look.step``.
+
+        With ``x`` another kilogram at the centre of mass, the step at a row and its significance are
+
+            step = x^T S_k / (x^T V_k x),    z^2 = (x^T S_k)^2 / (x^T V_k x) ~ chi-square with 1 degree of freedom
+        """
+        is_long = self.counts[:-1] >= small.shortest
+        if not is_long.any() or not self.load[THETA.start] > 0.0:
+            return 0.0
+        kilogram = _kilogram(self.load)
+        score, spread = (each.ravel() for each in self.along(kilogram[None], weights))
+        squares = np.where(is_long, score**2 / spread, 0.0)
+        best = int(squares.argmax())
+        if squares[best] < small.significant:
+            return 0.0
+        informations = kilogram @ self.matrices[:, THETA, THETA] @ kilogram
+        return float(abs(score[best]) / spread[best] * (1.0 - informations[best] / informations[-1]))
+
 
 def spread_mass(theta: Array, size: float) -> Array:
     """Second moment (10, 10) of theta of 1 kg that is anywhere in a load with this ``theta`` (10,) and size [m]."""
@@ -194,56 +250,6 @@ def _kilogram(load: Array) -> Array:
     """What theta is more with 1 kg more at the centre of mass of a load (16,), shape (10,)."""
     mass, *moment = load[THETA][:4]
     return point_mass(np.array(moment) / mass)
-
-
-def _likeliest(places: Indices, views: Array, before: Array, weights: Weights) -> tuple[int, float]:
-    """Among the places of rows (k,), newest first."""
-    if len(places) == 0:
-        return 0, 0.0
-    scores = _Scores.of(places, views, before, weights)
-    tested, _ = seen_directions(scores.matrices[-1, THETA, THETA], scores.of_noise[THETA, THETA])
-    if len(tested) == 0:
-        return 0, 0.0
-    score, spread = scores.along(tested, weights)
-    statistics = (score * np.linalg.solve(spread, score[..., None])[..., 0]).sum(axis=1)
-    best = int(statistics.argmax())
-    return int(places[best]), float(statistics[best]) / chi_square_threshold(len(tested), FALSE_ALARM)
-
-
-def unnoticed_step(views: Array, before: Array, weights: Weights, is_known: bool, shortest: int) -> float:
-    """By how much the load may have become lighter or heavier, too little as yet to be noticed [kg].
-
-    With ``x`` another kilogram at the centre of mass, the step at a row and its significance are
-
-        step = x^T S_k / (x^T V_k x),    z^2 = (x^T S_k)^2 / (x^T V_k x) ~ chi-square with 1 degree of freedom
-
-    Args:
-        views: As of ``likeliest_change``, as are the next three.
-        before: Likewise.
-        weights: Likewise.
-        is_known: Likewise.
-        shortest: Least number of rows of a window.
-
-    Returns:
-        What the mean of all rows is off by after the most significant step; 0 if that may well be chance.
-    """
-    count = len(views)
-    windows = _DYADIC[(shortest <= _DYADIC) & (count > _DYADIC)]
-    if is_known and count >= shortest:
-        windows = np.append(windows, count)
-    if len(windows) == 0:
-        return 0.0
-    scores = _Scores.of(count - windows, views, before, weights)
-    if not scores.load[THETA.start] > 0.0:
-        return 0.0
-    kilogram = _kilogram(scores.load)
-    score, spread = (each.ravel() for each in scores.along(kilogram[None], weights))
-    squares = score**2 / spread
-    best = int(squares.argmax())
-    if squares[best] < _SIGNIFICANT:
-        return 0.0
-    informations = kilogram @ scores.matrices[:, THETA, THETA] @ kilogram
-    return float(abs(score[best]) / spread[best] * (1.0 - informations[best] / informations[-1]))
 
 
 def seen_directions(matrix: Array, noise: Array) -> tuple[Array, Array]:

@@ -10,7 +10,7 @@ import pytest
 from coheft.estimation.chi_square import chi_square_threshold
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.body import FORCING, REGRESSOR, BodyModel, residual_covariance
-from coheft.estimation.moments.change import FALSE_ALARM, Weights, likeliest_change, surprise, unnoticed_step
+from coheft.estimation.moments.change import FALSE_ALARM, SmallSteps, Weights, look_for_change, surprise
 from coheft.estimation.moments.chapter import Chapter
 from coheft.estimation.moments.derivatives import MotionDerivatives
 from coheft.estimation.moments.evidence import Evidence
@@ -44,10 +44,11 @@ class Watched:
 
     def look(self, until: int | None = None, older: int = 0, is_known: bool = False) -> tuple[int, float]:
         views, before = self.views[older:until], self.views[:older]
-        return likeliest_change(views, before.T @ before, self.weights, is_known)
+        return look_for_change(views, before.T @ before, self.weights, is_known)[:2]
 
     def step(self, until: int, shortest: int = 8) -> float:
-        return unnoticed_step(self.views[:until], NOTHING_OLDER, self.weights, False, shortest)
+        small = SmallSteps(shortest, chi_square_threshold(1, 0.012))
+        return look_for_change(self.views[:until], NOTHING_OLDER, self.weights, small=small).step
 
     def gained(self, place: int, settings: FitSettings) -> float:
         """By how much the sum of squares of all rows is smaller if the load is another one from this place on."""
@@ -149,7 +150,7 @@ def test_a_load_that_was_known_may_have_changed_before_the_very_first_row(is_kno
     views = rows @ np.vstack([body.motion_map[FORCING], body.wrench_map]).T
     known = Chapter(former.chapter.buffer, IDEAL, prior).prior_evidence(body)
     assert body.state.load is not None
-    place, size = likeliest_change(views, NOTHING_OLDER, Weights.of(body, body.state.load, known), is_known)
+    place, size, _ = look_for_change(views, NOTHING_OLDER, Weights.of(body, body.state.load, known), is_known)
     assert (size > 1.0 and place == 0) == is_known
 
 
