@@ -103,8 +103,8 @@ class Look(NamedTuple):
     Attributes:
         place: Place of the first row after the likeliest change.
         size: Its statistic over the threshold for the probability ``FALSE_ALARM``.
-        step: By how much the mean of all rows is off if the mass has made the most significant small step [kg]; 0 if
-            that may well be chance.
+        step: By how much the mean of all rows is off if the mass has made the largest small step that is significant
+            [kg]; 0 if none is.
     """
 
     place: int
@@ -230,12 +230,10 @@ class _Scores(NamedTuple):
             return 0.0
         kilogram = _kilogram(self.load)
         score, spread = (each.ravel() for each in self.along(kilogram[None], weights))
-        squares = np.where(is_long, score**2 / spread, 0.0)
-        best = int(squares.argmax())
-        if squares[best] < small.significant:
-            return 0.0
+        is_significant = is_long & (score**2 >= small.significant * spread)
         informations = kilogram @ self.matrices[:, THETA, THETA] @ kilogram
-        return float(abs(score[best]) / spread[best] * (1.0 - informations[best] / informations[-1]))
+        steps = np.abs(score) / spread * (1.0 - informations[:-1] / informations[-1])
+        return float(np.max(steps, where=is_significant, initial=0.0))
 
 
 def spread_mass(theta: Array, size: float) -> Array:
