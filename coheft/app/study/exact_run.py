@@ -71,12 +71,13 @@ class ExactRun:
         block, step, names = self._scenario.sensors.block, self._step, self._judge.scene.robots
         chosen = np.arange(first * block + step // 2, end * block, step)
         # Every chosen sample stands for ``step`` samples.
-        noise = self._scenario.noise.scaled((_long_term_variance(self._scenario) / step) ** 0.5)
+        sensors, factor = self._scenario.robot_sensors(), (_long_term_variance(self._scenario) / step) ** 0.5
+        noises, tolerances = [own.noise.scaled(factor) for own in sensors], [own.tolerance for own in sensors]
         payload = self._judge.payload(names[0], end - 1)
-        motion, wrenches, tolerance = self._motion[chosen], self._wrenches[chosen], self._scenario.sensors.tolerance
+        motion, wrenches = self._motion[chosen], self._wrenches[chosen]
         motion_rates, wrench_rates = (each[chosen] for each in self._rates)
         rates = motion_rates, wrench_rates, self._flexing[chosen]
-        return JointInformation.of(self._poses, payload, motion, wrenches, noise, tolerance, rates)
+        return JointInformation.of(self._poses, payload, motion, wrenches, noises, tolerances, rates)
 
     def seen(self, bound: JointBound) -> Bounds:
         """Return a bound in the coordinates of all robots."""

@@ -40,6 +40,7 @@ class Unknowns:
         size: Number of all unknowns, ``u``.
         poses: Indices of each robot's pose, shape (N, 6).
         eta: Indices of each robot's sensor errors, shape (N, q).
+        deviations: Their prior standard deviations, 0 where a robot's sensor is exact, shape (N, q).
         gyros, offset, theta, load: Slices of the team's common unknowns; ``load`` is ``offset`` and ``theta``.
     """
 
@@ -50,6 +51,7 @@ class Unknowns:
         self.load, self.size = slice(self.offset.start, self.theta.stop), int(ends[-1])
         by_robot: Indices = np.arange(count * self.own).reshape(count, self.own)
         self.poses, self.eta = by_robot[:, :POSE_SIZE], by_robot[:, POSE_SIZE:]
+        self.deviations = np.broadcast_to(errors.deviations, self.eta.shape)
 
     def of_robot(self, robot: int) -> Indices:
         """Indices of a robot's pose and sensor errors."""
@@ -99,7 +101,7 @@ class State:
         )
         eta, calibration = self.eta, self.calibration
         if calibration is not None:
-            limit = farthest * unknowns.errors.deviations
+            limit = farthest * unknowns.deviations
             eta = np.clip(eta + step[unknowns.eta], -limit, limit)
             calibration = unknowns.errors.step(eta - self.eta) @ calibration
         load = None if self.load is None else self.load + step[unknowns.load]
