@@ -9,6 +9,7 @@ import numpy as np
 
 from coheft.estimation.geometry.spatial import Array, rotation_from_quaternion
 from coheft.estimation.measurement import KINEMATICS, SAMPLE_SIZE, WRENCH
+from coheft.estimation.tolerance import SENSORS
 from coheft.physics_server.compliance import CompliantGrasps
 from coheft.physics_server.sensor_errors import SensorErrors
 from coheft.wire.scenario.schema import Scenario
@@ -52,6 +53,7 @@ class Sensors:
         for stream in self._streams:
             stream.random(SAMPLE_SIZE)  # earlier releases drew errors here; this keeps the noise of a seed the same
         self._errors = errors
+        self._missing = [np.repeat([s in own.missing for s in SENSORS], 3) for own in scenario.robot_sensors()]
         self._deviations = np.array([own.noise.per_column() for own in scenario.robot_sensors()])[:, None]
         self._wander = scenario.sensor_drift.per_column() / np.sqrt(60.0 * scenario.sensors.rate)
         self._wanders = [np.random.default_rng(seed.spawn(2)[1]) for seed in seeds] if self._wander.any() else []
@@ -89,6 +91,8 @@ class Sensors:
         exact = self._delayed(exact)
         exact = exact.reshape(count, samples, -1, 3, 1)
         measured += (self._errors.matrices[:, None] @ exact).reshape(measured.shape)
+        for rows, columns in zip(measured, self._missing, strict=True):
+            rows[:, columns] = 0.0
         return measured
 
     def begin_anew(self, robot: int) -> None:

@@ -29,7 +29,13 @@ def fit_settings(config: AgentConfig, names: Sequence[str]) -> FitSettings:
         return float(own[0]) if (own == own[0]).all() else own
 
     return FitSettings(
-        RowNoise.of_team([each.noise for each in sensors], row, config.rate, config.noise_correlation),
+        RowNoise.of_team(
+            [each.noise for each in sensors],
+            row,
+            config.rate,
+            config.noise_correlation,
+            [each.missing for each in sensors] if any(each.missing for each in sensors) else (),
+        ),
         row / config.rate,
         SensorErrors.of(sheets, drift, anywhere),
         force_offset=offset("force_offset", drift.force),

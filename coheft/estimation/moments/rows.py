@@ -19,7 +19,7 @@ The slope of the gyro, a least-squares line through the block, is the angular ac
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 
@@ -123,14 +123,25 @@ class RowNoise:
         return RowNoise(row[:, KINEMATICS], row[:, WRENCH], rates[None], slowness, np.repeat(flexing, 3))
 
     @staticmethod
-    def of_team(noises: Sequence[SensorNoise], samples: int, rate: float, correlation: float = 0.0) -> RowNoise:
-        """Return the noise of means over several samples, for robots with this noise each; see ``of_samples``."""
-        alike = noises[:1] if len(set(noises)) == 1 else noises
+    def of_team(
+        noises: Sequence[SensorNoise],
+        samples: int,
+        rate: float,
+        correlation: float = 0.0,
+        missing: Sequence[Collection[str]] = (),
+    ) -> RowNoise:
+        """Return the noise of means over several samples, for robots with this noise each; see ``of_samples``.
+
+        ``missing`` tells which of ``force`` and ``torque`` each robot does not measure.
+        """
+        alike = noises[:1] if len(set(noises)) == 1 and not any(missing) else noises
         each = [RowNoise.of_samples(noise, samples, rate, correlation) for noise in alike]
         kinematics, wrench, rates = (
             np.concatenate(parts)
             for parts in zip(*((own.kinematics, own.wrench, own.rates) for own in each), strict=True)
         )
+        for robot, without in enumerate(missing):
+            wrench[robot, np.repeat([sensor in without for sensor in ("force", "torque")], 3)] = np.inf
         return replace(each[0], kinematics=kinematics, wrench=wrench, rates=rates)
 
 

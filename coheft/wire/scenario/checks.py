@@ -142,6 +142,12 @@ def check_encoders(scenario: Scenario, origin: str) -> None:
     """
     if scenario.sensors.encoders is None:
         return
+    for number, each in enumerate(scenario.sensors.of):
+        if each.missing:
+            raise ScenarioError(
+                f"{origin}: key 'sensors.of[{number}].missing': found with 'sensors.encoders', expected none: such "
+                f"recordings have the wrenches of all robots"
+            )
     if scenario.robots.stiffness[1] > 0.0:
         raise ScenarioError(
             f"{origin}: key 'sensors.encoders': found with 'robots.stiffness' = {list(scenario.robots.stiffness)}, "

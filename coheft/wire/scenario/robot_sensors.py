@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 from coheft.errors import ScenarioError
 from coheft.estimation.measurement import Positive, SensorNoise
@@ -12,10 +12,17 @@ from coheft.wire.scenario.section import Section
 
 
 class RobotSensors(NamedTuple):
-    """Noise and tolerances of one robot's sensors, as all robots know them."""
+    """One robot's sensors, as all robots know them.
+
+    Attributes:
+        noise: Their noise.
+        tolerance: Their tolerances.
+        missing: Which of ``force`` and ``torque`` it does not measure, so that it reads zero there.
+    """
 
     noise: SensorNoise
     tolerance: SensorTolerance
+    missing: tuple[str, ...] = ()
 
 
 class OtherSensors(Section, frozen=True):
@@ -26,12 +33,23 @@ class OtherSensors(Section, frozen=True):
         noise: Standard deviations per sample, a whole table: keys that are left out have their defaults.
         noise_scale: Factor for its noise, beside ``sensors.noise_scale``.
         tolerance: Tolerances of its sensor errors, a whole data sheet: keys that are left out are exact.
+        missing: What its wrist does not measure: the ``torque``, or all of the ``wrench``. What needs the total of what
+            is missing is then not known, see docs/sensors.md. By default nothing.
     """
 
     robot: str
     noise: SensorNoise | None = None
     noise_scale: Positive = 1.0
     tolerance: SensorTolerance | None = None
+    missing: Literal["torque", "wrench"] | None = None
+
+    def on(self, noise: SensorNoise, scale: float, tolerance: SensorTolerance) -> RobotSensors:
+        """Return all of this robot's sensors, given noise, its factor, and tolerances of all robots."""
+        return RobotSensors(
+            (self.noise or noise).scaled(scale * self.noise_scale),
+            tolerance if self.tolerance is None else self.tolerance,
+            {None: (), "torque": ("torque",), "wrench": ("force", "torque")}[self.missing],
+        )
 
 
 def check_named(others: Sequence[OtherSensors], names: Sequence[str], place: str) -> None:

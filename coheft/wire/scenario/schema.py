@@ -137,14 +137,8 @@ class Sensors(Section, frozen=True):
     of: Annotated[tuple[OtherSensors, ...], Meta(max_length=MAX_ROBOTS)] = ()
 
     def unequal(self) -> dict[str, RobotSensors]:
-        """Return noise, with all factors, and tolerances of the robots that differ, by name."""
-        return {
-            each.robot: RobotSensors(
-                (each.noise or self.noise).scaled(self.noise_scale * each.noise_scale),
-                self.tolerance if each.tolerance is None else each.tolerance,
-            )
-            for each in self.of
-        }
+        """Return the sensors of the robots that differ, by name."""
+        return {each.robot: each.on(self.noise, self.noise_scale, self.tolerance) for each in self.of}
 
 
 class Motion(Section, frozen=True):
@@ -277,7 +271,7 @@ class Scenario(Section, frozen=True):
         return self.sensors.noise.scaled(self.sensors.noise_scale)
 
     def robot_sensors(self) -> list[RobotSensors]:
-        """Return noise and tolerances of each robot."""
+        """Return the sensors of each robot."""
         unequal, alike = self.sensors.unequal(), RobotSensors(self.noise, self.sensors.tolerance)
         return [unequal.get(name, alike) for name in self.robot_names]
 
