@@ -20,6 +20,7 @@ from coheft.physics_server.sensor_errors import SensorErrors
 from coheft.wire.config import AgentConfig, agent_config
 from coheft.wire.messages.size import largest_message
 from coheft.wire.scenario.file import load_scenario
+from coheft.wire.scenario.notes import notes
 from coheft.wire.scenario.robot_sensors import OtherSensors
 from coheft.wire.scenario.schema import Scenario
 
@@ -184,3 +185,42 @@ def test_a_robot_that_is_noisier_than_told_is_named_and_no_estimate_is_valid() -
     _, sizes, reasons = outcome(with_others("ring3", NOISY, duration=6.0), with_others("ring3", duration=6.0))
     assert not sizes
     assert {name for name, reason in reasons if "outliers" in reason} == {"r2"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("missing", "known"), [("torque", 4), ("wrench", 0)])
+def test_what_needs_a_wrench_that_is_not_measured_is_not_known(missing: str, known: int) -> None:
+    team = TeamInProcess(with_others("ring3", f'{{ robot = "r2", missing = "{missing}" }}', duration=4.0))
+    for _ in range(200):
+        measured = team.measure().measurements
+        outboxes = team.answer(measured, team.heard())
+    rows = measured["r2"].samples
+    assert not rows[:, 12 if missing == "torque" else 9 :].any()
+    assert rows[:, :9].all()
+    for outbox in outboxes.values():
+        estimate = outbox.estimate
+        assert estimate is not None
+        assert estimate.phase == "inertia"
+        assert (0 if estimate.payload is None else len(estimate.payload.covariance)) == known
+        needed = "force" if missing == "wrench" else "torque"
+        told = f"inertia: no motion shows it while a robot that holds the load does not measure its {needed}"
+        assert told in estimate.not_observable
+        assert (estimate.status == "valid") == (known > 0)
+        if estimate.payload is not None:
+            assert abs(estimate.payload.mass - 5.0) < 5.0 * estimate.payload.covariance[0, 0] ** 0.5
+
+
+def test_recordings_of_wrists_with_encoders_have_all_wrenches() -> None:
+    with pytest.raises(ScenarioError, match=r"'sensors.of\[0\].missing': found with 'sensors.encoders'"):
+        load_scenario("mocobot_a", ['sensors.of=[{ robot = "r1", missing = "torque" }]'])
+
+
+def test_a_method_for_equal_robots_is_said_to_report_no_payload() -> None:
+    (note,) = notes(load_scenario("ring3", ["estimator=fan2017", f"sensors.of=[{NOISY}]"]))
+    assert "robots that differ" in note
+    team = TeamInProcess(load_scenario("ring3", ["estimator=fan2017", f"sensors.of=[{NOISY}]"]))
+    for _ in range(10):
+        outboxes = team.answer(team.measure().measurements, team.heard())
+    estimate = outboxes["r1"].estimate
+    assert estimate is not None
+    assert "sensors" in " ".join(estimate.not_observable)
