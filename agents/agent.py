@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from coheft.agents.efficient.estimator import EfficientEstimator
-from coheft.agents.estimator import Belief, Estimator, EstimatorFactory, TakesLate
+from coheft.agents.estimator import Belief, Estimator, EstimatorFactory, RowSigner, SignsRows, TakesLate
 from coheft.agents.fan2017.estimator import Fan2017Estimator
 from coheft.agents.inbox import NeighbourInbox
 from coheft.agents.motion.carrier import Carrier
@@ -75,17 +75,28 @@ class Agent:
         config: All that the agent knows at the start.
         incarnation: A number larger than that of any earlier agent of the same name.
         largest_arrays: Size that a user's estimator may send in one message [B].
+        signer: Signs measurements in the secure profile, None in the open one.
 
     Raises:
         PluginError: A user's estimator or motion cannot be used.
     """
 
-    def __init__(self, config: AgentConfig, incarnation: int = 0, largest_arrays: int = LARGEST) -> None:
+    def __init__(
+        self,
+        config: AgentConfig,
+        incarnation: int = 0,
+        largest_arrays: int = LARGEST,
+        signer: RowSigner | None = None,
+    ) -> None:
         self.config = config
         self._incarnation = incarnation
         self._gossip = Gossip(config.name, config.neighbours, incarnation)
         self._estimator = make_estimator(config, self._gossip, largest_arrays)
         self._hears_late = self._estimator if isinstance(self._estimator, TakesLate) else None
+        self._signing: SignsRows | None = None
+        if signer is not None and isinstance(self._estimator, SignsRows):
+            self._signing = self._estimator
+            self._signing.sign_with(signer)
         self._motion = make_motion(config)
         self._carrier = None if config.carry is None else Carrier(config, config.carry, self._motion)
         self._network = SimulatedNetwork(config)
@@ -127,6 +138,8 @@ class Agent:
         if block is not None and not self._sensors.is_usable(block.samples):
             block = None
         channels = self._estimator.step(index, block, {name: message.channels for name, message in heard.items()})
+        if self._signing is not None:
+            problems += self._signing.refused()
         self._status.problems += len(problems)
         estimate = self._estimate(index)
         motion, wrench = self._reference(index, block)

@@ -95,6 +95,31 @@ class TakesLate(Protocol):
         ...
 
 
+class RowSigner(Protocol):
+    """Signs as one robot of a run, and checks signatures of the others."""
+
+    def sign(self, content: bytes) -> bytes:
+        """Return this robot's signature."""
+        ...
+
+    def is_signed_by(self, robot: str, content: bytes, signature: bytes) -> bool:
+        """Whether this robot of the same run has signed the content."""
+        ...
+
+
+@runtime_checkable
+class SignsRows(Protocol):
+    """An estimator that forwards measurements of third robots, and can have them signed."""
+
+    def sign_with(self, signer: RowSigner) -> None:
+        """Sign this robot's measurements, and use only those of others that they have signed."""
+        ...
+
+    def refused(self) -> list[str]:
+        """Return what the last step has refused for lack of a right signature, in words."""
+        ...
+
+
 class EstimatorFactory(Protocol):
     """Makes an estimator from the agent's configuration and its knowledge of the team."""
 

@@ -16,7 +16,7 @@ from coheft.agents.efficient.judge import Outcome, Verdict
 from coheft.agents.efficient.settings import Guards, fit_settings
 from coheft.agents.efficient.stages import Stage
 from coheft.agents.efficient.team import Team
-from coheft.agents.estimator import Belief, Channels, is_converged
+from coheft.agents.estimator import Belief, Channels, RowSigner, is_converged
 from coheft.consensus.gossip import Gossip
 from coheft.estimation.geometry.body_motion import relative_pose_derivative
 from coheft.estimation.geometry.spatial import Pose
@@ -36,6 +36,7 @@ class EfficientEstimator:
 
     def __init__(self, config: AgentConfig, gossip: Gossip) -> None:
         self._config, self._gossip, self._guards = config, gossip, Guards()
+        self._signer: RowSigner | None = None
         self._team: Team | None = None
         self._belief = Belief("poses", False, None, {})
         self._believed: tuple[Estimate, Stage, int, int, float] | None = None
@@ -52,9 +53,10 @@ class EfficientEstimator:
             return {}
         messages, is_welcoming = list[RowMessage](), False
         for name, channels in inbox.items():
-            message = RowMessage.of_channels(channels)
+            message = RowMessage.of_channels(channels, name)
             if message is not None and message.team == team.exchange.team:
                 messages.append(message)
+                team.hear_seals(channels, index)
                 team.adopt(channels)
                 is_welcoming |= team.welcomes(name)
         team.exchange.hear(messages, index)
@@ -62,7 +64,7 @@ class EfficientEstimator:
         if own is not None and index >= team.start:
             team.enter(index, own.samples)
         team.take(index)
-        arrays: dict[str, Any] = team.exchange.tell(team.session.news_at).channels()
+        arrays: dict[str, Any] = team.exchange.tell(team.session.news_at).channels() | team.tell_seals()
         if is_welcoming:
             arrays |= team.known()
         return arrays
@@ -72,6 +74,14 @@ class EfficientEstimator:
         message = RowMessage.of_channels(channels)
         if self._team is not None and message is not None:
             self._team.exchange.hear([message], index)
+
+    def sign_with(self, signer: RowSigner) -> None:
+        """See ``SignsRows.sign_with``; called before the first step."""
+        self._signer = signer
+
+    def refused(self) -> list[str]:
+        """See ``SignsRows.refused``."""
+        return [] if self._team is None else self._team.refused()
 
     def fits(self, channels: Channels) -> bool:
         """See ``Estimator.fits``."""
@@ -136,7 +146,7 @@ class EfficientEstimator:
             prior = known.for_team(places, last.settings, fit_settings(self._config, names))
             anchor = next(now for now, then in enumerate(places) if then is not None)
         start = max(index, self._gossip.changed_at)
-        self._team = Team(self._lives(names), membership, graph, start, self._config, self._guards)
+        self._team = Team(self._lives(names), membership, graph, start, self._config, self._guards, self._signer)
         if prior is not None:
             self._team.begin(prior, anchor, newcomers)
 

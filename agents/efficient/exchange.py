@@ -8,9 +8,10 @@ table of the newest blocks with one entry per row and robot.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections import deque
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -31,6 +32,22 @@ _Labelled = tuple[int, int, bytes]
 """Index of the robot, number of the row, and the row in single precision."""
 
 
+class Copy(NamedTuple):
+    """A row as a neighbour has sent it.
+
+    Attributes:
+        sender: Name of the neighbour.
+        robot: Index of the robot that has measured it.
+        number: Of the row.
+        row: In single precision.
+    """
+
+    sender: str
+    robot: int
+    number: int
+    row: bytes
+
+
 @dataclass(frozen=True, eq=False)
 class RowMessage:
     """Message of a robot to its neighbours after a block.
@@ -41,12 +58,14 @@ class RowMessage:
         labels: Index of the robot and number of each row, shape (k, 2).
         rows: Shape (k, 24), or more with rates, in single precision: rounding errors are far below the noise, and occur
             once, at the robot that measured.
+        sender: Name of the neighbour, if this robot has received the message.
     """
 
     team: int
     changed_at: int
     labels: npt.NDArray[np.int32]
     rows: npt.NDArray[np.float32]
+    sender: str = ""
 
     def channels(self) -> dict[str, npt.NDArray[np.generic]]:
         """Return arrays by name; the first label is ``(team, changed_at)``."""
@@ -54,7 +73,7 @@ class RowMessage:
         return {_LABELS: np.concatenate([head, self.labels]), _ROWS: self.rows}
 
     @staticmethod
-    def of_channels(channels: Mapping[str, npt.NDArray[Any]]) -> RowMessage | None:
+    def of_channels(channels: Mapping[str, npt.NDArray[Any]], sender: str = "") -> RowMessage | None:
         """Inverse of ``channels``; None if the arrays are not such a message."""
         labels, rows = channels.get(_LABELS), channels.get(_ROWS)
         if labels is None or rows is None or labels.dtype != np.int32 or rows.dtype != np.float32:
@@ -62,7 +81,12 @@ class RowMessage:
         if rows.shape[1:] not in _SHAPES or labels.shape != (len(rows) + 1, 2):
             return None
         team, changed_at = labels[0].tolist()
-        return RowMessage(team % _TEAMS, changed_at, labels[1:], rows)
+        return RowMessage(team % _TEAMS, changed_at, labels[1:], rows, sender)
+
+    def copies(self) -> Iterator[Copy]:
+        """Iterate over the rows of the message."""
+        for (robot, number), row in zip(self.labels.tolist(), self.rows, strict=True):
+            yield Copy(self.sender, robot, number, row.tobytes())
 
 
 class Exchange:
@@ -75,18 +99,28 @@ class Exchange:
         hops: Diameter of the graph.
         times: Times of rows.
         size: Length of one robot's row, with rates if there are any.
+        sealing: Number of blocks after which rows may still be compared with seals; 0 if there are no seals.
 
     Attributes:
         changed_at: Number of a new load's first row, the newest that any robot has reported; -1 if none.
         window: Number of newest blocks whose rows are accepted.
-        disputed: Robots of which two different rows with one number arrived, and the block in which that last happened.
+        disputed: Robots of which two different rows with one number arrived, and the block in which it last happened.
+        distrusted: Neighbours and the robots whose rows these sent wrongly, and the block in which it last showed.
+        aside: Copies that are not in the table, because they differ from it or their sender is distrusted; empty if
+            there are no seals.
     """
 
-    def __init__(self, team: int, count: int, own: int, hops: int, times: RowTimes, size: int = ROW_SIZE) -> None:
+    def __init__(
+        self, team: int, count: int, own: int, hops: int, times: RowTimes, size: int = ROW_SIZE, sealing: int = 0
+    ) -> None:
         self.team, self.changed_at = team, -1
         self.disputed: dict[int, int] = {}
+        self.distrusted: dict[tuple[str, int], int] = {}
+        self.aside: list[Copy] = []
         self._count, self._own, self._times, self._size = count, own, times, size
-        self.window = max(WINDOW, 2 * hops)
+        self.window = max(WINDOW, 2 * hops, sealing)
+        self._heard = deque[tuple[int, RowMessage]]()  # with the block of each, if there are seals
+        self._is_sealing = sealing > 0
         self._rows: dict[int, dict[int, bytes]] = {}  # by number and robot, in single precision
         self._oldest: int | None = None  # smallest number that may be in the table
         self._news: list[_Labelled] = []
@@ -107,9 +141,14 @@ class Exchange:
             self._rows.pop(number, None)
         self._oldest = oldest
         length = self._size * np.dtype(np.float32).itemsize
+        while self._heard and self._heard[0][0] < block - self.window:
+            self._heard.popleft()
+        self.aside = [copy for copy in self.aside if copy.number >= oldest]
         for message in messages:
             if message.team != self.team or message.rows.shape[1] != self._size:
                 continue
+            if self._is_sealing:
+                self._heard.append((block, message))
             if self.changed_at < message.changed_at < begun:
                 self.changed_at = message.changed_at
             data = message.rows.tobytes()
@@ -117,11 +156,16 @@ class Exchange:
                 if not 0 <= robot < self._count or not oldest <= number < newest:
                     continue
                 row = data[length * place : length * (place + 1)]
+                if self.distrusted and (message.sender, robot) in self.distrusted:
+                    self.aside.append(Copy(message.sender, robot, number, row))
+                    continue
                 first = self._rows.setdefault(number, {}).setdefault(robot, row)
                 if first is row:
                     self._news.append((robot, number, row))
                 elif first != row:
                     self.disputed[robot] = block
+                    if self._is_sealing:
+                        self.aside.append(Copy(message.sender, robot, number, row))
 
     def tell(self, changed_at: int) -> RowMessage:
         """Return the message for all neighbours; ``changed_at`` is the first row of the present load."""
@@ -145,6 +189,21 @@ class Exchange:
     def missing(self, number: int) -> list[int]:
         """Indices of the robots whose row of this number has not arrived."""
         return [robot for robot in range(self._count) if robot not in self._rows.get(number, {})]
+
+    def row(self, robot: int, number: int) -> bytes | None:
+        """Return a robot's row in single precision, None if there is none."""
+        return self._rows.get(number, {}).get(robot)
+
+    def restore(self, copy: Copy) -> None:
+        """Add a row that has been set aside."""
+        self._rows.setdefault(copy.number, {})[copy.robot] = copy.row
+        self._news.append((copy.robot, copy.number, copy.row))
+
+    def remove(self, robot: int, number: int) -> list[Copy]:
+        """Remove a robot's row; return the copies of it that neighbours have sent."""
+        row = self._rows.get(number, {}).pop(robot, None)
+        everything = (copy for _, message in self._heard for copy in message.copies())
+        return [copy for copy in everything if copy[1:] == (robot, number, row)]
 
     def _array(self, rows: Iterable[bytes]) -> npt.NDArray[np.float32]:
         return np.frombuffer(b"".join(rows), dtype=np.float32).reshape(-1, self._size)

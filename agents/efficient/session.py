@@ -154,6 +154,25 @@ class Session:
         if first > max(self.news_at + self._turn, self._told_of):
             self._told_of, self._look_until = first, number + self._turn
 
+    def take_back(self, number: int) -> None:
+        """Remove the rows from this number on, as if they had never arrived; where that is not possible any more,
+        start over.
+        """
+        known, buffer = self._known, self._known.buffer
+        is_since_load = buffer.count > buffer.start and number > buffer.numbers[buffer.start]
+        self.changes = [change for change in self.changes if change[0] < number]
+        del self._before[len(self.changes) :]
+        self._suspicion, self._newest = None, number - 1
+        if not is_since_load or known.misses_poses:
+            self._start_over()
+            return
+        known.take_back(number - 1)
+        if buffer.load_rows < known.least:
+            self._start_over()
+            return
+        self._fit()
+        self._unconfirmed = self._confirming
+
     def take(self, number: int, row: Array) -> None:
         """Process a row of the whole team, shape (24 N + 1,) or (48 N + 1,); rows may be missing or arrive late."""
         self._take(number, row)

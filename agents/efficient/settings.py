@@ -87,6 +87,11 @@ class Guards:
         confirming: A robot that contradicted the team is trusted again after so long without a contradiction [s]. After
             that, after missing rows, or in another team, new rows have to fit for so long before the former estimate
             is valid again, because the load may have changed meanwhile.
+        sealed_every: Each robot signs its rows once in this time [s].
+        sealed_alike: In teams of more robots than this, robots sign less often in proportion: each checks all others.
+        sealed_within: A signature arrives within this time after its last row [s], even if its first two messages are
+            lost.
+        distrusting: Copies of a robot's rows are used again after so long without a false one [s].
     """
 
     growth: float = 1.15
@@ -116,6 +121,10 @@ class Guards:
     undecided: float = 4.0
     waiting: float = 0.15
     confirming: float = 0.1
+    sealed_every: float = 0.5
+    sealed_alike: int = 12
+    sealed_within: float = 0.8
+    distrusting: float = 1.5
 
     @property
     def largest_surprise(self) -> float:

@@ -6,6 +6,7 @@ every row that is complete goes to the session, even if an earlier one is not co
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 from coheft.agents.efficient.exchange import Exchange
 from coheft.agents.efficient.handover import CHANNEL, decode, encode
@@ -13,13 +14,16 @@ from coheft.agents.efficient.row_times import OwnRows, RowTimes
 from coheft.agents.efficient.session import Session
 from coheft.agents.efficient.settings import Guards, fit_settings
 from coheft.agents.efficient.stages import Stage
-from coheft.agents.estimator import Channels
+from coheft.agents.estimator import Channels, RowSigner
 from coheft.consensus.graph import diameter
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.chapter import Prior
 from coheft.estimation.moments.unknowns import Unknowns
 from coheft.wire.config import AgentConfig
-from coheft.wire.messages.size import MOST_TOLD
+from coheft.wire.messages.size import MOST_SEALED, MOST_TOLD
+
+if TYPE_CHECKING:  # not loaded in the open profile
+    from coheft.agents.efficient.seals import Seals
 
 _TOLD = 2
 """A new robot is sent the prior in so many messages, in case one is lost."""
@@ -35,6 +39,7 @@ class Team:
         start: First block in which all robots hold the load.
         config: Configuration of this robot.
         guards: Thresholds and times.
+        signer: Signs rows, None if rows are not signed.
 
     Attributes:
         places: Index of each robot by its name, incarnation and first block.
@@ -56,6 +61,7 @@ class Team:
         start: int,
         config: AgentConfig,
         guards: Guards,
+        signer: RowSigner | None = None,
     ) -> None:
         self.places = {life: place for place, life in enumerate(lives)}
         self.names = [name for name, _, _ in lives]
@@ -65,7 +71,20 @@ class Team:
         errors, noise = self.settings.errors, config.sensors_of(config.name).noise
         self._own_rows = OwnRows(times, noise.gyro**2, config.rate, errors)
         self._waits = max(2, config.blocks(guards.waiting)) + times.spanned - 1
-        self.exchange = Exchange(membership, len(lives), self.own, hops, times, errors.width - 1)
+        row_rate = config.rate / times.row
+        sealed_every = guards.sealed_every * max(1.0, len(lives) / guards.sealed_alike)
+        span = min(max(1, round(sealed_every * row_rate)), MOST_SEALED)
+        patience = config.blocks(guards.sealed_within) + hops
+        sealing = times.last_block(span) + patience + 1 if signer is not None else 0
+        self.exchange = Exchange(membership, len(lives), self.own, hops, times, errors.width - 1, sealing)
+        self._seals: Seals | None = None
+        if signer is not None:
+            from coheft.agents.efficient.seals import Seals
+
+            distrust = config.blocks(guards.distrusting)
+            self._seals = Seals(
+                self.names, self.own, times.begun_from(start), self.exchange, times, span, patience, distrust, signer
+            )
         self._prior: tuple[Prior, int] | None = None
         self._newcomers = dict[str, int]()
         self.session = Session(len(lives), self.own, self.settings, guards, anchor=self.settings.anchor)
@@ -107,6 +126,30 @@ class Team:
         """Cut a block of this robot's own samples (B, 15) into rows, and send them."""
         for number, row in self._own_rows.add(index, samples):
             self.exchange.enter(number, row)
+            if self._seals is not None:
+                self._seals.seal(number)
+
+    def hear_seals(self, channels: Channels, index: int) -> None:
+        """Process the seals in a neighbour's message."""
+        if self._seals is not None:
+            self._seals.hear(channels, index)
+
+    def tell_seals(self) -> dict[str, Any]:
+        """The channel with seals for neighbours, empty if rows are not signed."""
+        return {} if self._seals is None else self._seals.tell()
+
+    def refused(self) -> list[str]:
+        """Return what has been refused since the last call, in words."""
+        return [] if self._seals is None else self._seals.refused()
+
+    def _check_seals(self, index: int) -> None:
+        """Remove rows that are not those that their robots have signed."""
+        first = None if self._seals is None else self._seals.check(index)
+        if first is not None:
+            self.session.take_back(first)
+            self._taken = {number for number in self._taken if number < first}
+            self._next = min(self._next, first)
+            self.newest = min(self.newest, self.times.first_block(first) - 1)
 
     def hear_of_change(self, index: int) -> None:
         """Pass on load changes that other robots have reported up to this block."""
@@ -115,9 +158,12 @@ class Team:
     def take(self, index: int) -> None:
         """Process all rows that are complete by now, even if an earlier one is not."""
         self._index = index
+        self._check_seals(index)
         for number in range(self._next, self.times.complete(index)):
             row = None if number in self._taken else self.exchange.complete(number)
-            if row is not None:
+            if row is not None and (self._seals is None or self._seals.may_use(number)):
+                if self._seals is not None:
+                    self._seals.note_use(number)
                 self.session.take(number, row)
                 self._taken.add(number)
                 if self.times.last_block(number) > self.newest:

@@ -74,7 +74,7 @@ class AgentProcess:
         self._incarnation = time.time_ns()
         self._estimator = estimator
         config = structs.replace(self._config.agent, estimator=estimator)
-        self._agent = Agent(config, self._incarnation, self._config.largest_arrays)
+        self._agent = Agent(config, self._incarnation, self._config.largest_arrays, self._records.signatures)
         for neighbour, quality in self._qualities.items():
             self._agent.set_link(neighbour, quality)
         self._is_holding = True

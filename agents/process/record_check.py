@@ -34,13 +34,16 @@ class RecordCheck:
         name: The agent's name.
         signatures: Signs and checks records in the secure profile; None for the open profile.
         clock: Returns the time [ns since 1970].
+
+    Attributes:
+        signatures: As given.
     """
 
     def __init__(
         self, name: str, signatures: Signatures | None = None, clock: Callable[[], int] = time.time_ns
     ) -> None:
         self._name = name
-        self._signatures = signatures
+        self.signatures = signatures
         self._clock = clock
         self._signed: dict[str, LinkState] = {}
         self._own, self._own_signed = LinkState("", 0, ()), LinkState("", 0, ())
@@ -72,23 +75,23 @@ class RecordCheck:
         ahead = record.incarnation - self._clock()
         if ahead > CLOCKS:
             return f"it claims a start {ahead / _YEAR:.3g} years in the future; if a host's clock is wrong, set it"
-        if self._signatures is None:
+        if self.signatures is None:
             return None
-        problem = self._signatures.problem(record)
+        problem = self.signatures.problem(record)
         if problem is None:
             self._signed[record.robot] = record
         return problem
 
     def signed(self, records: list[LinkState]) -> list[LinkState]:
         """Return records to send; in the secure profile this robot's own one is signed."""
-        if self._signatures is None:
+        if self.signatures is None:
             return records
         return [self._with_signature(record) if record.robot == self._name else record for record in records]
 
     def _with_signature(self, record: LinkState) -> LinkState:
         if record != self._own:
-            assert self._signatures is not None
-            self._own, self._own_signed = record, self._signatures.signed(record)
+            assert self.signatures is not None
+            self._own, self._own_signed = record, self.signatures.signed(record)
         return self._own_signed
 
 

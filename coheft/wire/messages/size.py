@@ -26,6 +26,10 @@ PER_MESSAGE = 32
 """Largest number of robots' records in a message."""
 MOST_TOLD = 450
 """With more unknowns, a robot that joins does not receive the team's estimate, which would take megabytes."""
+MOST_SEALED = 50
+"""Largest number of a robot's rows in a seal."""
+_PER_SEAL = 512
+"""Size of a seal [B]; see ``coheft.agents.efficient.seals``."""
 _NUMBER, _LABEL, _NUMBER_OF_ROW = 8, 8, 4
 """Sizes of a number of the consensus, of the label of a row, and of one of the row's numbers [B]."""
 _PER_RECORD = 4096
@@ -36,15 +40,16 @@ _REST = 65536
 
 
 def _row_arrays(scenario: Scenario) -> int:
-    """Return the size of all robots' rows, sent twice, as much again for late ones, and the estimate for a new robot
-    [B].
+    """Return the size of all robots' rows, sent twice, as much again for late ones, their seals, and the estimate for
+    a new robot [B].
     """
     rows = rows_per_block(scenario.sensors.block, scenario.sensors.rate)  # as many or, in large teams, fewer
     sheets = [scenario.sensors.tolerance, *(each.tolerance for each in scenario.robot_sensors())]
     errors = SensorErrors.of(sheets, scenario.sensors.drift)
     unknowns = min((6 + errors.count) * scenario.robot_count + 19, MOST_TOLD)
     row = _LABEL + _NUMBER_OF_ROW * (errors.width - 1)
-    return 4 * scenario.robot_count * rows * row + _NUMBER * (unknowns**2 + 8 * unknowns)
+    seals = (2 * scenario.robot_count + 1) * _PER_SEAL
+    return 4 * scenario.robot_count * rows * row + seals + _NUMBER * (unknowns**2 + 8 * unknowns)
 
 
 def _consensus_arrays(scenario: Scenario) -> int:

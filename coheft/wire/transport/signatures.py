@@ -84,6 +84,26 @@ class Signatures:
         self._known[record.robot] = known
         return None
 
+    def sign(self, content: bytes) -> bytes:
+        """Return the robot's signature of other content, valid for the run."""
+        return self._key.sign(self._rows(content), _HOW)
+
+    def is_signed_by(self, robot: str, content: bytes, signature: bytes) -> bool:
+        """Whether a robot has signed this content in the run; False if none of its records has arrived yet."""
+        known = self._known.get(robot)
+        if known is None:
+            return False
+        key = known[1].public_key()
+        assert isinstance(key, ec.EllipticCurvePublicKey)
+        try:
+            key.verify(signature, self._rows(content), _HOW)
+        except InvalidSignature:
+            return False
+        return True
+
+    def _rows(self, content: bytes) -> bytes:
+        return msgspec.msgpack.encode(("rows", self._run, content))
+
     def _checked(self, record: LinkState) -> x509.Certificate:
         """Return the certificate of a record.
 
