@@ -34,7 +34,7 @@ def fit_settings(config: AgentConfig, names: Sequence[str]) -> FitSettings:
             row,
             config.rate,
             config.noise_correlation,
-            [each.missing for each in sensors] if any(each.missing for each in sensors) else (),
+            [each.missing for each in sensors],
         ),
         row / config.rate,
         SensorErrors.of(sheets, drift, anywhere),

@@ -43,6 +43,7 @@ _FASTEST, _FAST_TURNING, _TIMES = 2.0, 10.0, 3.0
 """Frequency [Hz] and angular acceleration [rad/s²] of a fast motion. Its effect on slopes does not average out, so it
 counts as noise that is so many times larger."""
 _SAMPLES = slice(0, 9), slice(9, 15)
+_OF_WRENCH = {"force": slice(0, 3), "torque": slice(3, 6)}
 _FLAT_PRODUCTS = 3 * PACKED_ROWS + PACKED_COLUMNS
 
 
@@ -141,7 +142,8 @@ class RowNoise:
             for parts in zip(*((own.kinematics, own.wrench, own.rates) for own in each), strict=True)
         )
         for robot, without in enumerate(missing):
-            wrench[robot, np.repeat([sensor in without for sensor in ("force", "torque")], 3)] = np.inf
+            for sensor in without:
+                wrench[robot, _OF_WRENCH[sensor]] = np.inf
         return replace(each[0], kinematics=kinematics, wrench=wrench, rates=rates)
 
 

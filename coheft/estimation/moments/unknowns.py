@@ -40,7 +40,6 @@ class Unknowns:
         size: Number of all unknowns, ``u``.
         poses: Indices of each robot's pose, shape (N, 6).
         eta: Indices of each robot's sensor errors, shape (N, q).
-        deviations: Their prior standard deviations, 0 where a robot's sensor is exact, shape (N, q).
         gyros, offset, theta, load: Slices of the team's common unknowns; ``load`` is ``offset`` and ``theta``.
     """
 
@@ -51,11 +50,15 @@ class Unknowns:
         self.load, self.size = slice(self.offset.start, self.theta.stop), int(ends[-1])
         by_robot: Indices = np.arange(count * self.own).reshape(count, self.own)
         self.poses, self.eta = by_robot[:, :POSE_SIZE], by_robot[:, POSE_SIZE:]
-        self.deviations = np.broadcast_to(errors.deviations, self.eta.shape)
 
     def of_robot(self, robot: int) -> Indices:
         """Indices of a robot's pose and sensor errors."""
         return np.arange(self.own * robot, self.own * (robot + 1))
+
+    @cached_property
+    def deviations(self) -> Array:
+        """Prior standard deviations of each robot's sensor errors, 0 where a sensor is exact, shape (N, q)."""
+        return np.broadcast_to(self.errors.deviations, self.eta.shape)
 
     @cached_property
     def common(self) -> Indices:
