@@ -101,7 +101,7 @@ class Agent:
         self._carrier = None if config.carry is None else Carrier(config, config.carry, self._motion)
         self._network = SimulatedNetwork(config)
         self._inbox = NeighbourInbox(config.neighbours)
-        self._sensors = SensorCheck(config.noise)
+        self._sensors = SensorCheck(config.sensors_of(config.name).noise)
         self._status = StatusKeeper(config)
 
     def set_holding(self, holding: bool, from_block: int) -> None:

@@ -11,13 +11,14 @@ import numpy.typing as npt
 
 from coheft.agents.linked import LinkedAgents
 from coheft.consensus.graph import build_graph
-from coheft.errors import UsageError
+from coheft.errors import ScenarioError, UsageError
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import SAMPLE_SIZE, MeasurementBlock
 from coheft.wire.config import AgentConfig
 from coheft.wire.messages.structs import Estimate
 from coheft.wire.scenario.errors import explain
 from coheft.wire.scenario.estimator_settings import Converged, EfficientSettings, Fan2017Settings
+from coheft.wire.scenario.robot_sensors import check_named
 from coheft.wire.scenario.schema import Graph, GraphKind, Motion, Sensors
 from coheft.wire.scenario.waves import draw_waves
 
@@ -59,7 +60,7 @@ class Team:
         names = tuple(robots)
         if isinstance(robots, str) or len(set(names)) != len(names) or len(names) < 2:
             raise UsageError(f"robots: found {robots!r}, expected at least two different names")
-        told = _checked(sensors)
+        told = _checked(sensors, names)
         self.estimates: dict[str, Estimate] = {}
         self._block_size = told.block
         self._index = 0
@@ -86,6 +87,7 @@ class Team:
                 estimator_settings={},
                 motion_settings={},
                 converged=converged or Converged(),
+                unequal=told.unequal(),
             )
             for name, others in build_graph(Graph(kind=graph), names).items()
         )
@@ -130,14 +132,19 @@ class Team:
         self._index += 1
 
 
-def _checked(sensors: Sensors | Mapping[str, Any] | None) -> Sensors:
-    """Check the sensors for the types and ranges of a scenario's section.
+def _checked(sensors: Sensors | Mapping[str, Any] | None, names: Sequence[str]) -> Sensors:
+    """Check the sensors for the types and ranges of a scenario's section, and that they are of robots of the team.
 
     Raises:
         UsageError: A key or value is not allowed.
     """
     table = msgspec.to_builtins(sensors) if isinstance(sensors, Sensors) else dict(sensors or {})
     try:
-        return msgspec.convert(table, Sensors)
+        told = msgspec.convert(table, Sensors)
     except msgspec.ValidationError as error:
         raise UsageError(f"sensors: {explain(error, table, Sensors)}") from error
+    try:
+        check_named(told.of, names, "sensors: key")
+    except ScenarioError as error:
+        raise UsageError(str(error)) from error
+    return told

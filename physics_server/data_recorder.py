@@ -59,7 +59,7 @@ class DataRecorder:
         )
         return Recording(
             robots=robots,
-            noise=None if with_encoders else self._scenario.noise,
+            noise=None if with_encoders or self._scenario.sensors.of else self._scenario.noise,
             truth=Truth(tuple(to_first @ grasp for grasp in grasps), loads),
         )
 

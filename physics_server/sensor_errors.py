@@ -37,21 +37,23 @@ class SensorErrors:
 
         Only differences between the sensors' delays matter to a team, so the smallest delay is zero.
         """
-        scale = scenario.sensor_errors
+        scales = scenario.robot_errors()
         streams = [
             np.random.default_rng(seed.spawn(1)[0]) for seed in np.random.SeedSequence(scenario.seed).spawn(count)
         ]
-        offsets = scale.offsets() * np.array([stream.standard_normal(SAMPLE_SIZE) for stream in streams])
-        matrices = np.array([_drawn_matrices(scale, stream) for stream in streams])
-        places = np.array([stream.standard_normal((2, 3)) for stream in streams])
-        late = np.array([stream.standard_normal(2) for stream in streams]) * [scale.clock, scale.wrench_delay]
+        each = list(zip(scales, streams, strict=True))
+        offsets = np.array([scale.offsets() * stream.standard_normal(SAMPLE_SIZE) for scale, stream in each])
+        matrices = np.array([_drawn_matrices(scale, stream) for scale, stream in each])
+        spread = np.array([[[scale.velocity_place], [scale.acceleration_place]] for scale in scales])
+        places = spread * np.array([stream.standard_normal((2, 3)) for stream in streams])
+        late = np.array([stream.standard_normal(2) * [scale.clock, scale.wrench_delay] for scale, stream in each])
         late[:, 1] += late[:, 0]
-        compliances = scale.grasp_compliance * np.abs([stream.standard_normal() for stream in streams])
+        compliances = np.array([scale.grasp_compliance * abs(stream.standard_normal()) for scale, stream in each])
         return SensorErrors(
             offsets,
             matrices,
-            scale.velocity_place * places[:, 0],
-            scale.acceleration_place * places[:, 1],
+            places[:, 0],
+            places[:, 1],
             late - late.min(),
             compliances,
         )

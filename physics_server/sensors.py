@@ -9,6 +9,7 @@ import numpy as np
 
 from coheft.estimation.geometry.spatial import Array, rotation_from_quaternion
 from coheft.estimation.measurement import KINEMATICS, SAMPLE_SIZE, WRENCH
+from coheft.estimation.tolerance import SENSORS
 from coheft.physics_server.compliance import CompliantGrasps
 from coheft.physics_server.sensor_errors import SensorErrors
 from coheft.wire.scenario.schema import Scenario
@@ -51,7 +52,9 @@ class Sensors:
         self._streams = [np.random.default_rng(seed) for seed in seeds]
         for stream in self._streams:
             stream.random(SAMPLE_SIZE)  # earlier releases drew errors here; this keeps the noise of a seed the same
-        self._errors, self._deviation = errors, scenario.noise.per_column()
+        self._errors = errors
+        self._missing = [np.repeat([s in own.missing for s in SENSORS], 3) for own in scenario.robot_sensors()]
+        self._deviations = np.array([own.noise.per_column() for own in scenario.robot_sensors()])[:, None]
         self._wander = scenario.sensor_drift.per_column() / np.sqrt(60.0 * scenario.sensors.rate)
         self._wanders = [np.random.default_rng(seed.spawn(2)[1]) for seed in seeds] if self._wander.any() else []
         self._wandered = np.zeros((len(seeds), SAMPLE_SIZE))
@@ -78,7 +81,7 @@ class Sensors:
             stream.standard_normal(out=rows)
         if self._alike:
             self._correlate(measured)
-        measured *= self._deviation
+        measured *= self._deviations
         measured += self._errors.offsets[:, None]
         for stream, rows, wandered in zip(self._wanders, measured, self._wandered, strict=False):
             walk = wandered + np.cumsum(self._wander * stream.standard_normal((samples, SAMPLE_SIZE)), axis=0)
@@ -88,6 +91,8 @@ class Sensors:
         exact = self._delayed(exact)
         exact = exact.reshape(count, samples, -1, 3, 1)
         measured += (self._errors.matrices[:, None] @ exact).reshape(measured.shape)
+        for rows, columns in zip(measured, self._missing, strict=True):
+            rows[:, columns] = 0.0
         return measured
 
     def begin_anew(self, robot: int) -> None:

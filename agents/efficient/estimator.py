@@ -143,7 +143,7 @@ class EfficientEstimator:
         if last is not None and known is not None:
             places = [last.places.get(each) for each in self._lives(names)]
             newcomers = [each for each, then in zip(names, places, strict=True) if then is None]
-            prior = known.for_team(places, fit_settings(self._config, len(names)))
+            prior = known.for_team(places, last.settings, fit_settings(self._config, names))
             anchor = next(now for now, then in enumerate(places) if then is not None)
         start = max(index, self._gossip.changed_at)
         self._team = Team(self._lives(names), membership, graph, start, self._config, self._guards, self._signer)

@@ -110,10 +110,11 @@ def _robot_beyond_tolerance(estimate: Estimate, guards: Guards) -> int | None:
     direction that has been observed, ``h^2 / (1 - P)`` is chi-square.
     """
     unknowns = estimate.body.unknowns
-    deviations = unknowns.errors.deviations
-    if not len(deviations):
-        return None
-    for robot, (found, places) in enumerate(zip(estimate.state.eta, unknowns.eta, strict=True)):
+    for robot, every in enumerate(unknowns.deviations):
+        is_told = every > 0.0
+        if not is_told.any():
+            continue
+        deviations, places, found = every[is_told], unknowns.eta[robot, is_told], estimate.state.eta[robot, is_told]
         uncertain = estimate.covariance[np.ix_(places, places)] / np.outer(deviations, deviations)
         seen, directions = np.linalg.eigh(np.eye(len(places)) - uncertain)
         is_seen = seen > _SEEN

@@ -3,26 +3,44 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+
+import numpy as np
 
 from coheft.agents.efficient.row_times import RowTimes
 from coheft.estimation.chi_square import chi_square_threshold
+from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.fit_settings import FitSettings
 from coheft.estimation.moments.rows import KINEMATICS_SIZE, WRENCH_SIZE, RowNoise
 from coheft.estimation.moments.sensor_errors import SensorErrors
 from coheft.wire.config import AgentConfig
 
 
-def fit_settings(config: AgentConfig, count: int) -> FitSettings:
-    """Return the settings of a robot's fits in a team of ``count`` robots."""
-    told, drift, row = config.tolerance, config.drift, RowTimes.of_team(count, config.block, config.rate).row
+def fit_settings(config: AgentConfig, names: Sequence[str]) -> FitSettings:
+    """Return the settings of a robot's fits in a team of robots with these names."""
+    drift, row = config.drift, RowTimes.of_team(len(names), config.block, config.rate).row
+    sensors = [config.sensors_of(name) for name in names]
+    sheets = [each.tolerance for each in sensors]
+    anywhere = [config.tolerance, *(each.tolerance for each in config.unequal.values())]
+
+    def offset(key: str, drifting: float) -> float | Array:
+        own = np.maximum([getattr(sheet, key) for sheet in sheets], drifting)
+        return float(own[0]) if (own == own[0]).all() else own
+
     return FitSettings(
-        RowNoise.of_samples(config.noise, row, config.rate, config.noise_correlation),
+        RowNoise.of_team(
+            [each.noise for each in sensors],
+            row,
+            config.rate,
+            config.noise_correlation,
+            [each.missing for each in sensors],
+        ),
         row / config.rate,
-        SensorErrors.of(told, drift),
-        force_offset=max(told.force_offset, drift.force),
-        torque_offset=max(told.torque_offset, drift.torque),
-        gyro_offset=max(told.gyro_offset, drift.gyro),
+        SensorErrors.of(sheets, drift, anywhere),
+        force_offset=offset("force_offset", drift.force),
+        torque_offset=offset("torque_offset", drift.torque),
+        gyro_offset=offset("gyro_offset", drift.gyro),
         drift=drift,
         memory=None if config.efficient.memory == "window" else config.efficient.memory,
     )

@@ -46,6 +46,7 @@ class Team:
         names: Names of the robots.
         own: Index of this robot.
         times: Times of rows.
+        settings: Settings of fits.
         start: First block in which all robots hold the load.
         noticed: Block in which each load change was noticed.
         noticed_slips: Blocks in which each slip was noticed, and was distinguished from a load change.
@@ -66,9 +67,9 @@ class Team:
         self.names = [name for name, _, _ in lives]
         self.own, hops = self.names.index(config.name), diameter(graph)
         self.times = times = RowTimes.of_team(len(lives), config.block, config.rate)
-        self._settings, self._guards = fit_settings(config, len(lives)), guards
-        errors = self._settings.errors
-        self._own_rows = OwnRows(times, config.noise.gyro**2, config.rate, errors)
+        self.settings, self._guards = fit_settings(config, self.names), guards
+        errors, noise = self.settings.errors, config.sensors_of(config.name).noise
+        self._own_rows = OwnRows(times, noise.gyro**2, config.rate, errors)
         self._waits = max(2, config.blocks(guards.waiting)) + times.spanned - 1
         row_rate = config.rate / times.row
         sealed_every = guards.sealed_every * max(1.0, len(lives) / guards.sealed_alike)
@@ -86,7 +87,7 @@ class Team:
             )
         self._prior: tuple[Prior, int] | None = None
         self._newcomers = dict[str, int]()
-        self.session = Session(len(lives), self.own, self._settings, guards)
+        self.session = Session(len(lives), self.own, self.settings, guards, anchor=self.settings.anchor)
         self._next, self._taken = times.begun_from(start), set[int]()
         self.start, self.newest, self._index = start, start - 1, start
         self._heard_at = start + hops  # block in which the newest row was taken
@@ -97,16 +98,16 @@ class Team:
     def begin(self, prior: Prior, anchor: int, newcomers: Sequence[str] = ()) -> None:
         """Start the session from a prior, which newcomers are sent when their first message arrives."""
         self._prior = prior, anchor
-        is_told = Unknowns(len(self.names), self._settings.errors).size <= MOST_TOLD
+        is_told = Unknowns(len(self.names), self.settings.errors).size <= MOST_TOLD
         self._newcomers = dict.fromkeys(newcomers, _TOLD) if is_told else {}
-        self.session = Session(len(self.names), self.own, self._settings, self._guards, prior, anchor)
+        self.session = Session(len(self.names), self.own, self.settings, self._guards, prior, anchor)
         self._next, self._taken = self.times.begun_from(self.start), set()
         self.noticed, self.noticed_slips = [], []
 
     def adopt(self, channels: Channels) -> None:
         """Start from the prior in a neighbour's message, if this robot knows nothing yet."""
         if CHANNEL in channels and self._prior is None and self.session.stage is Stage.GATHERING:
-            found = decode(channels[CHANNEL], self.exchange.team, len(self.names), self._settings)
+            found = decode(channels[CHANNEL], self.exchange.team, len(self.names), self.settings)
             if found is not None:
                 self.begin(*found, self.names)
 

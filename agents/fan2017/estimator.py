@@ -45,7 +45,10 @@ class Fan2017Estimator:
         self._gossip = gossip
         self._load_changes = LoadChanges(config)
         self._may_sensors_be_off = (
-            config.tolerance != SensorTolerance() or config.drift != SensorDrift() or config.noise_correlation > 0.0
+            config.tolerance != SensorTolerance()
+            or config.drift != SensorDrift()
+            or config.noise_correlation > 0.0
+            or bool(config.unequal)
         )
         # Of neighbours while both hold the load. Both ends of an edge run the same filter on the same numbers, if none
         # are lost, and take each other's inverse: so the transports of an edge are exactly inverse to each other, as

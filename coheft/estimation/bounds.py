@@ -114,8 +114,8 @@ class JointInformation:
         inertia_in_reference: Inertia,
         motion: Array,
         wrenches: Array,
-        noise: SensorNoise,
-        tolerance: SensorTolerance | None = None,
+        noise: SensorNoise | Sequence[SensorNoise],
+        tolerance: SensorTolerance | Sequence[SensorTolerance] = (),
         rates: tuple[Array, Array, Array] | None = None,
     ) -> JointInformation:
         """Compute the information of samples, at the true parameters.
@@ -125,8 +125,8 @@ class JointInformation:
             inertia_in_reference: Inertia of the body, in the body frame.
             motion: True body motion ``(w, v, a, alpha)``, shape (n, 12).
             wrenches: True wrench of every robot, each in its own frame, shape (n, N, 6).
-            noise: Noise of every robot's sensors.
-            tolerance: Tolerances of every robot's sensors; None if they have no constant errors.
+            noise: Noise of every robot's sensors, or of each robot's.
+            tolerance: Tolerances of every robot's sensors, or of each robot's; none if they have no constant errors.
             rates: Rates of motion and wrenches, of the same shapes, and first and second derivatives of forces in axes
                 that do not rotate, shape (n, N, 6); required if clocks or wrenches may be late, or grasps compliant.
 
@@ -136,15 +136,16 @@ class JointInformation:
         poses = tuple(poses_in_reference)
         if motion.shape[1:] != (MOTION_SIZE,) or wrenches.shape != (len(motion), len(poses), 6):
             raise ValueError(f"{motion.shape=} and {wrenches.shape=} but expected (n, 12) and (n, {len(poses)}, 6)")
-        tolerance = SensorTolerance() if tolerance is None else tolerance
+        noises = [noise] * len(poses) if isinstance(noise, SensorNoise) else noise
+        tolerances = [tolerance] * len(poses) if isinstance(tolerance, SensorTolerance) else tolerance
         if rates is None:
-            if tolerance.clock or tolerance.wrench_delay or tolerance.grasp_compliance:
+            if any(each.clock or each.wrench_delay or each.grasp_compliance for each in tolerances):
                 raise ValueError(
                     "the effects of delays and compliance depend on how fast motion and wrenches change: expected "
                     "rates, found None"
                 )
             rates = np.zeros_like(motion), np.zeros_like(wrenches), np.zeros_like(wrenches)
-        errors = sensor_errors(len(poses), tolerance)
+        errors = sensor_errors(tolerances)
         all_sensors, kinematics = np.zeros((2, *(6 * len(poses) + len(errors) + INERTIA_SIZE,) * 2))
         for start in range(0, len(motion), _CHUNK):
             rows = slice(start, start + _CHUNK)
@@ -155,7 +156,7 @@ class JointInformation:
                 )
                 for i, pose in enumerate(poses)
             ]
-            chunk = _information_of_chunk(poses, inertia_in_reference, motion[rows], readings, noise, errors)
+            chunk = _information_of_chunk(poses, inertia_in_reference, motion[rows], readings, noises, errors)
             all_sensors += chunk[0]
             kinematics += chunk[1]
         deviations = np.array([error.deviation for error in errors])
@@ -222,7 +223,7 @@ def _information_of_chunk(
     inertia: Inertia,
     motion: Array,
     readings: Sequence[Readings],
-    noise: SensorNoise,
+    noises: Sequence[SensorNoise],
     errors: Sequence[SensorError],
 ) -> tuple[Array, Array]:
     """Return the information of a few samples from all sensors, and from kinematics alone, with all whitened
@@ -230,13 +231,14 @@ def _information_of_chunk(
     """
     n, count = len(motion), len(poses)
     size = 6 * count + len(errors) + INERTIA_SIZE
-    deviation = noise.per_column()
+    deviations = [noise.per_column() for noise in noises]
     by_parameters = np.zeros((n, 9 * count + 6, size))
     by_motion = np.empty((n, 9 * count + 6, MOTION_SIZE))
     total_covariance = np.zeros((6, 6))
     for i, pose in enumerate(poses):
         rows, columns = slice(9 * i, 9 * i + 9), slice(6 * i, 6 * i + 6)
         pose_part, motion_part = grasp_derivatives(pose, motion)
+        deviation = deviations[i]
         by_parameters[:, rows, columns] = pose_part / deviation[KINEMATICS, None]
         by_motion[:, rows] = motion_part / deviation[KINEMATICS, None]
         by_parameters[:, -6:, columns] = -carried_wrench_derivative(pose, readings[i].exact[:, WRENCH])
@@ -244,7 +246,7 @@ def _information_of_chunk(
         total_covariance += scaled_adjoint @ scaled_adjoint.T
     for column, error in enumerate(errors, start=6 * count):
         effect, own = error.effect(readings[error.robot]), slice(9 * error.robot, 9 * error.robot + 9)
-        by_parameters[:, own, column] = effect[:, KINEMATICS] / deviation[KINEMATICS]
+        by_parameters[:, own, column] = effect[:, KINEMATICS] / deviations[error.robot][KINEMATICS]
         by_parameters[:, -6:, column] = -effect[:, WRENCH] @ poses[error.robot].adjoint().T
     by_parameters[:, -6:, -INERTIA_SIZE:] = wrench_regressor(motion) @ barycentric_derivative(inertia)
     by_motion[:, -6:] = wrench_derivative(inertia, motion)

@@ -5,7 +5,7 @@ They are computed sample by sample, independently of the estimator, so that each
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import NamedTuple
 
@@ -54,8 +54,13 @@ class SensorError(NamedTuple):
     effect: Callable[[Readings], Array]
 
 
-def sensor_errors(count: int, tolerance: SensorTolerance) -> list[SensorError]:
-    """Return all errors with a tolerance, those of kinematics first."""
+def sensor_errors(tolerances: Sequence[SensorTolerance]) -> list[SensorError]:
+    """Return all errors with a tolerance, of robots with these, those of kinematics first."""
+    errors = [error for robot, tolerance in enumerate(tolerances) for error in _errors_of(robot, tolerance)]
+    return sorted(errors, key=lambda error: error.is_of_wrench)
+
+
+def _errors_of(robot: int, tolerance: SensorTolerance) -> list[SensorError]:
     kinds: list[tuple[float, bool, Callable[[Readings], Array]]] = []
     for column, deviation in enumerate(tolerance.offsets()):
         kinds.append((deviation, column >= WRENCH.start, partial(_offset, column)))
@@ -67,8 +72,7 @@ def sensor_errors(count: int, tolerance: SensorTolerance) -> list[SensorError]:
     kinds.append((tolerance.grasp_compliance, False, _compliant))
     kinds.append((tolerance.clock, False, partial(_late, slice(None))))
     kinds.append((tolerance.wrench_delay, True, partial(_late, WRENCH)))
-    errors = [SensorError(i, *kind) for i in range(count) for kind in kinds if kind[0] > 0.0]
-    return sorted(errors, key=lambda error: error.is_of_wrench)
+    return [SensorError(robot, *kind) for kind in kinds if kind[0] > 0.0]
 
 
 def _offset(column: int, readings: Readings) -> Array:

@@ -16,6 +16,7 @@ from coheft.wire.scenario.carry import Carry
 from coheft.wire.scenario.estimator_settings import Converged, EfficientSettings, Fan2017Settings
 from coheft.wire.scenario.grasps import place_grasps
 from coheft.wire.scenario.network import LinkQuality
+from coheft.wire.scenario.robot_sensors import RobotSensors
 from coheft.wire.scenario.schema import Motion, Scenario
 from coheft.wire.scenario.waves import Waves, draw_waves
 from coheft.wire.transport.security import Credentials
@@ -50,10 +51,11 @@ class AgentConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     Attributes:
         name: The agent's name.
         neighbours: Names of its neighbours.
-        noise: Noise of its sensors; its neighbours' sensors are assumed to have the same.
+        noise: Noise of all robots' sensors but those in ``unequal``.
         noise_correlation: Correlation time of the noise [s].
-        tolerance: Standard deviations of its sensors' constant errors; its neighbours' are assumed to be the same.
+        tolerance: Standard deviations of constant errors of all robots' sensors but those in ``unequal``.
         drift: Random walk of these errors.
+        unequal: Sensors of the robots that differ, by name; its own may be among them.
         rate: Samples per second.
         block: Samples per block.
         lag: Number of blocks from a measurement to the reference that answers it.
@@ -92,6 +94,11 @@ class AgentConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     carry: Carry | None = None
     known: KnownPayload = KnownPayload()
     network: LinkQuality = LinkQuality()
+    unequal: dict[str, RobotSensors] = {}
+
+    def sensors_of(self, robot: str) -> RobotSensors:
+        """Return the sensors of a robot, as this one knows them."""
+        return self.unequal.get(robot, RobotSensors(self.noise, self.tolerance))
 
     def __post_init__(self) -> None:
         keep_present(self)
@@ -193,6 +200,7 @@ def agent_config(scenario: Scenario, name: str, neighbours: tuple[str, ...]) -> 
         carry=scenario.carry,
         known=_known(scenario, name),
         network=scenario.network,
+        unequal=scenario.sensors.unequal(),
     )
 
 

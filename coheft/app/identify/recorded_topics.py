@@ -73,4 +73,8 @@ def _with_truth(recording: Recording, run: Run) -> Recording:
             if not loads or not np.allclose(load.barycentric(), loads[-1][1].barycentric(), rtol=1e-9, atol=0.0):
                 loads.append((news.time - scenario.block_duration, load))
     truth = Truth(tuple(to_first @ grasp for grasp in grasps), tuple(loads))
-    return Recording(recording.robots, noise=None if scenario.sensors.encoders else scenario.noise, truth=truth)
+    return Recording(
+        recording.robots,
+        noise=None if scenario.sensors.encoders or scenario.sensors.of else scenario.noise,
+        truth=truth,
+    )

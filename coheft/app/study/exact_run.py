@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import msgspec
 import numpy as np
 
 from coheft.app.results.judge import Judge
@@ -11,9 +12,12 @@ from coheft.app.results.quantities import Edges, Quantity
 from coheft.app.study.samples import TeamSamples
 from coheft.estimation.bounds import JointBound, JointInformation
 from coheft.estimation.geometry.spatial import Array
-from coheft.estimation.measurement import GYRO, KINEMATICS, WRENCH
+from coheft.estimation.measurement import GYRO, KINEMATICS, WRENCH, SensorNoise
+from coheft.wire.scenario.robot_sensors import RobotSensors
 from coheft.wire.scenario.schema import Scenario
 
+_NO_SENSOR = 1e6
+"""Noise of a sensor that is missing [N, N·m]."""
 _BOUND_RATE = 100
 """Samples per second used to integrate information over time; motions are much slower."""
 
@@ -71,12 +75,13 @@ class ExactRun:
         block, step, names = self._scenario.sensors.block, self._step, self._judge.scene.robots
         chosen = np.arange(first * block + step // 2, end * block, step)
         # Every chosen sample stands for ``step`` samples.
-        noise = self._scenario.noise.scaled((_long_term_variance(self._scenario) / step) ** 0.5)
+        sensors, factor = self._scenario.robot_sensors(), (_long_term_variance(self._scenario) / step) ** 0.5
+        noises, tolerances = [_measured(own).scaled(factor) for own in sensors], [own.tolerance for own in sensors]
         payload = self._judge.payload(names[0], end - 1)
-        motion, wrenches, tolerance = self._motion[chosen], self._wrenches[chosen], self._scenario.sensors.tolerance
+        motion, wrenches = self._motion[chosen], self._wrenches[chosen]
         motion_rates, wrench_rates = (each[chosen] for each in self._rates)
         rates = motion_rates, wrench_rates, self._flexing[chosen]
-        return JointInformation.of(self._poses, payload, motion, wrenches, noise, tolerance, rates)
+        return JointInformation.of(self._poses, payload, motion, wrenches, noises, tolerances, rates)
 
     def seen(self, bound: JointBound) -> Bounds:
         """Return a bound in the coordinates of all robots."""
@@ -85,6 +90,11 @@ class ExactRun:
             poses=np.array([bound.relative_pose(names.index(i), names.index(j)) for i, j in self._edges]),
             payload=np.array([bound.inertia_seen_from(k) for k in range(len(names))]),
         )
+
+
+def _measured(sensors: RobotSensors) -> SensorNoise:
+    """Return the noise of a robot's sensors; one that is missing is so noisy that it shows nothing."""
+    return msgspec.structs.replace(sensors.noise, **dict.fromkeys(sensors.missing, _NO_SENSOR))
 
 
 def _long_term_variance(scenario: Scenario) -> float:

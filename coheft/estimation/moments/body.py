@@ -180,7 +180,7 @@ class BodyModel:
 
     def _variance_of_rates(self, deviations: Array, part: slice) -> Array:
         """Variance of the rates of a part of all rows (N, k), from the deviations (N or 1, k) of its numbers."""
-        variance = np.where(np.isfinite(deviations), deviations, 0.0) ** 2.0 * self.noise.rates[part] ** 2.0
+        variance = np.where(np.isfinite(deviations), deviations, 0.0) ** 2.0 * self.noise.rates[:, part] ** 2.0
         return np.broadcast_to(variance, (self.count, variance.shape[1]))
 
     def _late(self, part: slice) -> Array:

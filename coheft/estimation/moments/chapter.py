@@ -56,7 +56,7 @@ class Prior:
         """See ``Evidence.with_process_noise``."""
         return replace(self, evidence=self.evidence.with_process_noise(places, covariance))
 
-    def for_team(self, members: Sequence[int | None], settings: FitSettings) -> Prior:
+    def for_team(self, members: Sequence[int | None], former: FitSettings, settings: FitSettings) -> Prior:
         """Convert to the prior of another team.
 
         Robots that have left are marginalized. Their offsets are no longer in the sums of the team, and those of robots
@@ -64,34 +64,35 @@ class Prior:
 
         Args:
             members: Index of each robot of the new team in the old one, None if it was not in it.
-            settings: Settings of fits in the new team.
+            former: Settings of fits in the old team.
+            settings: Settings of fits in the new team, with the same parameters of sensor errors.
         """
         state, count = self.state, len(self.state.poses)
-        old, new = Unknowns(count, settings.errors), Unknowns(len(members), settings.errors)
+        old, new = Unknowns(count, former.errors), Unknowns(len(members), settings.errors)
         stayed = [(now, then) for now, then in enumerate(members) if then is not None]
         left = sorted(set(range(count)) - {then for _, then in stayed})
+        joined = [now for now, then in enumerate(members) if then is None]
         evidence = self.evidence
         if left:
-            if settings.errors.count and not self.has_expectations:
-                deviations = np.tile(settings.errors.deviations, len(left))
-                expected = Evidence.prior(deviations, -state.eta[left].ravel())
-                evidence += expected.embedded(old.size, old.eta[left].ravel())
-            places = np.concatenate([old.of_robot(robot) for robot in left])
-            evidence = evidence.marginalized(places, settings.limits(count, self.guess)[places])
+            is_told = old.deviations[left] > 0.0
+            told = old.eta[left][is_told]
+            if len(told) and not self.has_expectations:
+                expected = Evidence.prior(old.deviations[left][is_told], -state.eta[left][is_told])
+                evidence += expected.embedded(old.size, told)
+            places = np.sort(np.concatenate([old.poses[left].ravel(), told]))
+            evidence = evidence.marginalized(places, former.limits(count, self.guess)[places])
         kept = np.concatenate([*(old.of_robot(then) for _, then in stayed), old.common])
         places = np.concatenate([*(new.of_robot(now) for now, _ in stayed), new.common])
         evidence = evidence.restricted(kept).embedded(new.size, places)
-        others = len(left) + len(members) - len(stayed)
+        others = len(left) + len(joined)
         if settings.has_offset and others:
-            force, torque = (
-                settings.force_offset,
-                settings.torque_offset + 2.0 * self.guess.size * settings.force_offset,
+            of_left, of_joined = (
+                former.offset_variances(left, self.guess),
+                settings.offset_variances(joined, self.guess),
             )
-            evidence = evidence.with_process_noise(
-                new.offset, np.diag(np.repeat([others * force**2, others * torque**2], 3))
-            )
-        if settings.gyro_offset > 0.0 and others:
-            change = settings.gyro_offset * others / len(members)
+            evidence = evidence.with_process_noise(new.offset, np.diag(of_left + of_joined))
+        if settings.has_gyro_offset and others:
+            change = max(np.max(former.gyro_offset), np.max(settings.gyro_offset)) * others / len(members)
             evidence = evidence.with_process_noise(new.gyros, change**2 * np.eye(3))
         fresh = State.first([Pose.identity()] * len(members), settings.errors)
         poses, eta, calibration = list(fresh.poses), fresh.eta, fresh.calibration

@@ -16,7 +16,7 @@ from coheft.estimation.moments.unknowns import THETA, Flags
 from coheft.estimation.rigid_body.consistency import is_possible, nearest_possible
 from coheft.estimation.rigid_body.derivatives import central_derivative, seen_inertia_derivative
 from coheft.estimation.rigid_body.mass_properties import Inertia
-from coheft.estimation.rigid_body.unseen import unseen_quantities
+from coheft.estimation.rigid_body.unseen import Unseen, unseen_quantities
 
 CLAIM_LIMITS: Array = np.repeat([np.radians(2.0), 0.04], 3)
 """Poses are published once they are known to this [rad, m]: errors of five deviations are then still linear."""
@@ -57,8 +57,18 @@ def claim_of(estimate: Estimate, robot: int) -> Claim:
     known = 0 if "mass" in quantities else 1 if "com" in quantities else 4 if "inertia" in quantities else 10
     if hidden.any():
         known = min(known, 1)
-    words = tuple(f"{each.what}: {each.remedy}" for each in unseen)
+    words = tuple(f"{each.what}: {_remedy(each, estimate)}" for each in unseen)
     return Claim(inertia.carried(pose.inverse()) if known else None, known, covariance[:known, :known], words, hidden)
+
+
+def _remedy(unseen: Unseen, estimate: Estimate) -> str:
+    """Say what would show a quantity: other motions, if all robots measure the wrenches that it needs."""
+    is_there = np.isfinite(np.sum(estimate.body.noise.wrench, axis=0))
+    if not is_there[:3].all():
+        return "no motion shows it while a robot that holds the load does not measure its force"
+    if unseen.quantity == "inertia" and not is_there.all():
+        return "no motion shows it while a robot that holds the load does not measure its torque"
+    return unseen.remedy
 
 
 def possible_load(estimate: Estimate) -> Inertia:

@@ -6,6 +6,7 @@ offset of the total wrench = sum_i Ad(g_i) offset_i,    gyro offset of the fused
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -75,7 +76,7 @@ class FitSettings:
         period: Duration of a row [s].
         errors: Declared errors of sensors.
         force_offset, torque_offset: Standard deviations of the constant offsets of one robot's sensors, per axis
-            [N, N·m]; 0 if they have none.
+            [N, N·m]; 0 if they have none; of each robot, shape (N,), if they differ.
         gyro_offset: The same of its gyro [rad/s].
         drift: Drift of these offsets and of accelerometers.
         memory: Time constant over which the load is forgotten [s]; None: never.
@@ -84,16 +85,26 @@ class FitSettings:
     noise: RowNoise
     period: float
     errors: SensorErrors = field(default_factory=lambda: SensorErrors({}))
-    force_offset: float = 0.0
-    torque_offset: float = 0.0
-    gyro_offset: float = 0.0
+    force_offset: float | Array = 0.0
+    torque_offset: float | Array = 0.0
+    gyro_offset: float | Array = 0.0
     drift: SensorDrift = field(default_factory=SensorDrift)
     memory: float | None = None
 
     @cached_property
     def has_offset(self) -> bool:
         """Whether force and torque sensors may have offsets."""
-        return max(self.force_offset, self.torque_offset) > 0.0
+        return bool(np.max(self.force_offset) > 0.0 or np.max(self.torque_offset) > 0.0)
+
+    @cached_property
+    def has_gyro_offset(self) -> bool:
+        """Whether gyros may have offsets."""
+        return bool(np.max(self.gyro_offset) > 0.0)
+
+    @property
+    def anchor(self) -> int:
+        """Index of the robot whose pose best fixes the body frame at first: the first of those with the best gyros."""
+        return int(self.noise.kinematics[:, rows.W.start].argmin())
 
     def body(self, state: State) -> BodyModel:
         """Compute the matrices at a state."""
@@ -101,11 +112,12 @@ class FitSettings:
 
     def limits(self, count: int, guess: Guess) -> Array:
         """Return deviations (u,) beyond which an unknown counts as hidden, for a team of ``count`` robots."""
-        force = max(self.force_offset, _EXACT) * np.sqrt(count)
-        torque = max(self.torque_offset, _EXACT) * np.sqrt(count) + 2.0 * guess.size * force
-        own = np.concatenate([POSE_LIMITS, _WIDE * self.errors.deviations])
-        gyros = np.full(3, _WIDE * max(self.gyro_offset, _EXACT))
-        return np.concatenate([np.tile(own, count), gyros, _WIDE * np.repeat([force, torque], 3), guess.limits])
+        force = max(np.max(self.force_offset), _EXACT) * np.sqrt(count)
+        torque = max(np.max(self.torque_offset), _EXACT) * np.sqrt(count) + 2.0 * guess.size * force
+        errors = np.broadcast_to(_WIDE * self.errors.deviations, (count, self.errors.count))
+        own = np.hstack([np.tile(POSE_LIMITS, (count, 1)), errors])
+        gyros = np.full(3, _WIDE * max(np.max(self.gyro_offset), _EXACT))
+        return np.concatenate([own.ravel(), gyros, _WIDE * np.repeat([force, torque], 3), guess.limits])
 
     def free(self, unknowns: Unknowns, anchor: int, with_load: bool) -> Indices:
         """Indices of the unknowns that a fit changes."""
@@ -113,7 +125,8 @@ class FitSettings:
         is_free[unknowns.poses[anchor]] = False
         is_clock = [name == "clock" for name in self.errors.names]
         is_free[unknowns.eta[anchor, is_clock]] = False  # an offset of all clocks together has no effect
-        is_free[unknowns.offset], is_free[unknowns.gyros] = self.has_offset, self.gyro_offset > 0.0
+        is_free[unknowns.eta[unknowns.deviations == 0.0]] = False
+        is_free[unknowns.offset], is_free[unknowns.gyros] = self.has_offset, self.has_gyro_offset
         if not with_load:
             is_free[unknowns.gyros.start :] = False
             is_free[unknowns.eta] = False
@@ -125,16 +138,32 @@ class FitSettings:
         offset = np.zeros(6) if state.load is None else state.load[OFFSET]
         total = Evidence.of_information(inverse_of(self.offset_covariance(body)), -offset)
         total = total.embedded(unknowns.size, unknowns.offset)
-        gyros = np.full(3, max(self.gyro_offset, _EXACT) / np.sqrt(unknowns.count))
+        gyros = np.full(3, self._of_fused_gyros(body))
         total += Evidence.prior(gyros, -state.gyros).embedded(unknowns.size, unknowns.gyros)
-        if self.errors.count:
-            deviations = np.tile(self.errors.deviations, unknowns.count)
-            total += Evidence.prior(deviations, -state.eta.ravel()).embedded(unknowns.size, unknowns.eta.ravel())
+        is_told = unknowns.deviations > 0.0
+        if is_told.any():
+            expected = Evidence.prior(unknowns.deviations[is_told], -state.eta[is_told])
+            total += expected.embedded(unknowns.size, unknowns.eta[is_told])
         return total
+
+    def _of_fused_gyros(self, body: BodyModel) -> float:
+        """Prior deviation of the offset of the fused angular velocity, robots weighed by their shares [rad/s]."""
+        own = np.maximum(self.gyro_offset, _EXACT)
+        return float(np.linalg.norm(body.shares * own) if np.ndim(own) else own / np.sqrt(self._fused(body)))
+
+    def _fused(self, body: BodyModel) -> float:
+        """Number of robots of which the mean would be as exact as the fused angular velocity."""
+        return body.count if len(self.noise.kinematics) == 1 else float(1.0 / np.square(body.shares).sum())
 
     def offset_covariance(self, body: BodyModel) -> Array:
         """Prior covariance (6, 6) of the total wrench's offset."""
-        return _of_total(body, max(self.force_offset, _EXACT), max(self.torque_offset, _EXACT))
+        return _of_total(body, np.maximum(self.force_offset, _EXACT), np.maximum(self.torque_offset, _EXACT))
+
+    def offset_variances(self, robots: Sequence[int], guess: Guess) -> Array:
+        """Variances (6,) that the wrench offsets of these robots add to the total wrench's, anywhere on the load."""
+        torque = self.torque_offset + 2.0 * guess.size * self.force_offset
+        each = np.broadcast_arrays(self.force_offset, torque)
+        return np.repeat([np.square(own[robots]).sum() if own.ndim else len(robots) * own**2 for own in each], 3)
 
     @property
     def steady(self) -> float:
@@ -161,7 +190,7 @@ class FitSettings:
         is_bias = [name == "acceleration_bias" for name in self.errors.names]
         parts = [
             (np.arange(unknowns.size)[unknowns.offset], _of_total(body, drift.force, drift.torque)),
-            (np.arange(unknowns.size)[unknowns.gyros], drift.gyro**2 / unknowns.count * np.eye(3)),
+            (np.arange(unknowns.size)[unknowns.gyros], drift.gyro**2 / self._fused(body) * np.eye(3)),
             (unknowns.eta[:, is_bias].ravel(), drift.acceleration**2 * np.eye(unknowns.count * sum(is_bias))),
         ]
         parts = [(places, covariance) for places, covariance in parts if covariance.any()]
@@ -173,8 +202,8 @@ class FitSettings:
         return np.concatenate([places for places, _ in parts]), result
 
 
-def _of_total(body: BodyModel, force: float, torque: float) -> Array:
+def _of_total(body: BodyModel, force: float | Array, torque: float | Array) -> Array:
     """Covariance (6, 6) of the total wrench, about the body frame, for these deviations of each robot's wrench."""
-    spread = np.repeat([force**2, torque**2], 3)
-    covariance: Array = (body.adjoints * spread @ body.adjoints.swapaxes(1, 2)).sum(axis=0)
+    spread = np.repeat(np.stack([force**2, torque**2], axis=-1), 3, axis=-1)
+    covariance: Array = (body.adjoints * spread[..., None, :] @ body.adjoints.swapaxes(1, 2)).sum(axis=0)
     return covariance

@@ -45,8 +45,10 @@ def found_errors(estimate: Estimate, robot: int) -> list[FoundError]:
     deviations: Array = np.sqrt(np.maximum(estimate.covariance[places, places], 0.0))
     found, axes = list[FoundError](), dict.fromkeys(errors.names, 0)
     for name, eta, std, told in zip(
-        errors.names, estimate.state.eta[robot], deviations, errors.deviations, strict=True
+        errors.names, estimate.state.eta[robot], deviations, unknowns.deviations[robot], strict=True
     ):
+        if told == 0.0:
+            continue
         number, axes[name] = axes[name], axes[name] + 1
         key = "acceleration_offset" if name == "acceleration_bias" else name
         scale, axis = -1.0, (PAIRS if name.endswith("cross_talk") else AXES)[number]

@@ -19,7 +19,8 @@ The slope of the gyro, a least-squares line through the block, is the angular ac
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cache
 
 import numpy as np
@@ -42,6 +43,7 @@ _FASTEST, _FAST_TURNING, _TIMES = 2.0, 10.0, 3.0
 """Frequency [Hz] and angular acceleration [rad/s²] of a fast motion. Its effect on slopes does not average out, so it
 counts as noise that is so many times larger."""
 _SAMPLES = slice(0, 9), slice(9, 15)
+_OF_WRENCH = {"force": slice(0, 3), "torque": slice(3, 6)}
 _FLAT_PRODUCTS = 3 * PACKED_ROWS + PACKED_COLUMNS
 
 
@@ -72,14 +74,15 @@ class RowNoise:
     Attributes:
         kinematics: Deviations of ``(w, v, a, slope)``, shape (N, 12), or (1, 12) if all robots are alike.
         wrench: Deviations of ``(f, t)``, shape (N, 6) or (1, 6).
-        rates: Deviations of the rates of these 18 numbers, in deviations of the number itself, shape (18,) [1/s].
+        rates: Deviations of the rates of these 18 numbers, in deviations of the number itself, shape (N, 18) or (1, 18)
+            [1/s].
         slowness: Effective variance over that of the noise of a single row; 1 for white noise.
         flexing: Of how fast the force changes, in standard deviations of the force, shape (6,) [1/s, 1/s²].
     """
 
     kinematics: Array
     wrench: Array
-    rates: Array = field(default_factory=lambda: np.zeros(WRENCH.stop))
+    rates: Array = field(default_factory=lambda: np.zeros((1, WRENCH.stop)))
     slowness: float = 1.0
     flexing: Array = field(default_factory=lambda: np.zeros(FLEXING_SIZE))
 
@@ -118,7 +121,30 @@ class RowNoise:
         slowness = (1.0 + alike) / (1.0 - alike) / samples / of_mean**2
         row *= math.sqrt(slowness)
         flexing = [deviation(each) / of_mean for each in flexing_weights(samples, flexing_margin(rate), rate)]
-        return RowNoise(row[:, KINEMATICS], row[:, WRENCH], rates, slowness, np.repeat(flexing, 3))
+        return RowNoise(row[:, KINEMATICS], row[:, WRENCH], rates[None], slowness, np.repeat(flexing, 3))
+
+    @staticmethod
+    def of_team(
+        noises: Sequence[SensorNoise],
+        samples: int,
+        rate: float,
+        correlation: float = 0.0,
+        missing: Sequence[Collection[str]] = (),
+    ) -> RowNoise:
+        """Return the noise of means over several samples, for robots with this noise each; see ``of_samples``.
+
+        ``missing`` tells which of ``force`` and ``torque`` each robot does not measure.
+        """
+        alike = noises[:1] if len(set(noises)) == 1 and not any(missing) else noises
+        each = [RowNoise.of_samples(noise, samples, rate, correlation) for noise in alike]
+        kinematics, wrench, rates = (
+            np.concatenate(parts)
+            for parts in zip(*((own.kinematics, own.wrench, own.rates) for own in each), strict=True)
+        )
+        for robot, without in enumerate(missing):
+            for sensor in without:
+                wrench[robot, _OF_WRENCH[sensor]] = np.inf
+        return replace(each[0], kinematics=kinematics, wrench=wrench, rates=rates)
 
 
 def row_of_samples(samples: Array, gyro_variance: float, rate: float) -> Array:

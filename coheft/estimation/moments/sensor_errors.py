@@ -11,7 +11,7 @@ An error that is not declared is zero: it costs nothing and is not estimated.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -44,18 +44,21 @@ Entry = tuple[int, int, float]
 
 
 class SensorErrors:
-    """Which constant errors are declared, alike for all robots.
+    """Which constant errors are declared. All robots have the same parameters; one that is exact stays zero.
 
     Args:
-        tolerance: Standard deviation of each kind that is declared; a kind that is missing or 0 is exact.
+        tolerances: Standard deviation of each kind that is declared; a kind that is missing or 0 is exact. Of each
+            robot of the team, or of all of them if they are alike.
+        other_kinds: Kinds that have parameters although none of these robots declares them.
 
     Raises:
         ValueError: A kind is not known.
 
     Attributes:
-        tolerance: Standard deviation of each declared kind.
+        tolerances: As given.
         names: Kind of each parameter.
-        deviations: Prior standard deviation of each parameter, shape (q,).
+        deviations: Prior standard deviation of each parameter, 0 if it is exact, shape (N, q), or (1, q) if all robots
+            are alike.
         has_rates: Whether any error is a delay, so that rows are followed by their rates.
         is_flexing: Whether grasps are compliant, so that rows are followed by rates of the force, see ``flexing``.
         width: Length of an extended row of one robot.
@@ -64,12 +67,13 @@ class SensorErrors:
         generators: ``E_k``, shape (q, width, width).
     """
 
-    def __init__(self, tolerance: Mapping[str, float]) -> None:
-        unknown = sorted(set(tolerance) - set(KINDS))
+    def __init__(self, *tolerances: Mapping[str, float], other_kinds: Iterable[str] = ()) -> None:
+        declared = {kind for each in tolerances for kind, size in each.items() if size}.union(other_kinds)
+        unknown = sorted(declared.union(*tolerances) - set(KINDS))
         if unknown:
             raise ValueError(f"errors of kind {unknown[0]!r} are not known; there are {', '.join(KINDS)}")
-        kinds = [kind for kind in KINDS if tolerance.get(kind)]
-        self.tolerance = {kind: tolerance[kind] for kind in kinds}
+        kinds = [kind for kind in KINDS if kind in declared]
+        self.tolerances = tolerances
         self.has_rates = "clock" in kinds or "wrench_delay" in kinds
         self.is_flexing = "grasp_compliance" in kinds
         self.more = ROW_SIZE * self.has_rates + FLEXING_SIZE * self.is_flexing
@@ -78,7 +82,12 @@ class SensorErrors:
         generators = [(kind, entries) for kind in kinds for entries in self._generators(kind)]
         self.names = tuple(kind for kind, _ in generators)
         # Clocks count from the anchor's, so the difference of two of them is what is unknown.
-        self.deviations = np.array([tolerance[kind] * (2.0**0.5 if kind == "clock" else 1.0) for kind in self.names])
+        self.deviations = np.array(
+            [
+                [each.get(kind, 0.0) * (2.0**0.5 if kind == "clock" else 1.0) for kind in self.names]
+                for each in tolerances
+            ]
+        )
         self.generators = np.zeros((len(generators), self.width, self.width))
         for matrix, (_, entries) in zip(self.generators, generators, strict=True):
             for to, source, factor in entries:
@@ -87,18 +96,11 @@ class SensorErrors:
                     matrix[RATES + to, RATES + source] += factor
 
     @staticmethod
-    def of(told: SensorTolerance, drift: SensorDrift) -> SensorErrors:
-        """Errors of a data sheet; a sensor that drifts has an offset even if its tolerance is zero."""
-        kinds = {f"{sensor}_{shape}": told.of(sensor, shape) for shape in SHAPES for sensor in SENSORS}
-        kinds |= {
-            "acceleration_bias": max(told.acceleration_offset, drift.acceleration),
-            "velocity_place": told.velocity_place,
-            "acceleration_place": told.acceleration_place,
-            "clock": told.clock,
-            "wrench_delay": told.wrench_delay,
-            "grasp_compliance": told.grasp_compliance,
-        }
-        return SensorErrors(kinds)
+    def of(team: Sequence[SensorTolerance], drift: SensorDrift, others: Iterable[SensorTolerance] = ()) -> SensorErrors:
+        """Errors of the data sheets of a team's robots; what ``others`` declare has parameters as well."""
+        alike = team[:1] if len(set(team)) == 1 else team
+        declared = [kind for told in others for kind, size in _kinds(told, drift).items() if size]
+        return SensorErrors(*(_kinds(told, drift) for told in alike), other_kinds=declared)
 
     @property
     def count(self) -> int:
@@ -128,6 +130,19 @@ class SensorErrors:
         square = total @ total
         result: Array = np.eye(self.width) + total + 0.5 * square + square @ total / 6.0
         return result
+
+
+def _kinds(told: SensorTolerance, drift: SensorDrift) -> dict[str, float]:
+    """Standard deviation of each kind in a data sheet; a sensor that drifts has an offset even if it tells of none."""
+    kinds = {f"{sensor}_{shape}": told.of(sensor, shape) for shape in SHAPES for sensor in SENSORS}
+    return kinds | {
+        "acceleration_bias": max(told.acceleration_offset, drift.acceleration),
+        "velocity_place": told.velocity_place,
+        "acceleration_place": told.acceleration_place,
+        "clock": told.clock,
+        "wrench_delay": told.wrench_delay,
+        "grasp_compliance": told.grasp_compliance,
+    }
 
 
 def _velocity_at(axis: int) -> list[Entry]:

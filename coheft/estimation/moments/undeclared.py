@@ -61,10 +61,12 @@ def undeclared_error(
         false_alarm: False-alarm probability for one robot and one kind of error.
     """
     told, unknowns = settings.errors, estimate.body.unknowns
-    kinds = [kind for kind in _TESTED if kind not in told.names]
-    errors = SensorErrors(dict.fromkeys(kinds, 1.0) | told.tolerance)
+    is_told = unknowns.deviations > 0.0
+    names_told = [{name for name, has_it in zip(told.names, own, strict=True) if has_it} for own in is_told]
+    errors = SensorErrors(dict.fromkeys((*_TESTED, *told.names), 1.0))
     body = replace(settings, errors=errors).body(_with_errors(estimate.state, errors))
     every, own = body.unknowns, np.flatnonzero([name in told.names for name in errors.names])
+    is_tested = np.array([[name in _TESTED and name not in known for name in errors.names] for known in names_told])
     others = _places(unknowns, every, own)
 
     rows = evidence_of(body, chapter.evaluation()(body))
@@ -72,7 +74,7 @@ def undeclared_error(
     fitted = rows.restricted(others) + before
     free = settings.free(unknowns, anchor, with_load=True)
     inverse = fitted.restricted(free).solve(settings.limits(unknowns.count, guess)[free]).inverse
-    tested = np.setdiff1d(every.eta.ravel(), others)
+    tested = every.eta[is_tested]
     gain = rows.information[np.ix_(tested, others[free])] @ inverse
     score = rows.score[tested] - gain @ fitted.score[free]
 
@@ -81,14 +83,13 @@ def undeclared_error(
     variance = spread[np.ix_(tested, tested)] - across - across.T
     of_fit = (spread[np.ix_(others, others)] + before.information + before.noise)[square]
     variance += gain @ of_fit @ gain.T
-    kinds = list(dict.fromkeys(name for name in errors.names if name not in told.names))
     alone = rows.information[np.ix_(tested, tested)]
     sizes = _surprises(score, _blocks(variance), _blocks(alone), false_alarm)
     largest = int(sizes.argmax()) if len(sizes) else 0
     if not len(sizes) or sizes[largest] <= 1.0:
         return None
-    robot, kind = divmod(largest, len(kinds))
-    return UndeclaredError(robot, kinds[kind], float(sizes[largest]))
+    robot, parameter = np.argwhere(is_tested)[3 * largest].tolist()
+    return UndeclaredError(robot, errors.names[parameter], float(sizes[largest]))
 
 
 def _blocks(matrix: Array) -> Array:

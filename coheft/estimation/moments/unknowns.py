@@ -56,6 +56,11 @@ class Unknowns:
         return np.arange(self.own * robot, self.own * (robot + 1))
 
     @cached_property
+    def deviations(self) -> Array:
+        """Prior standard deviations of each robot's sensor errors, 0 where a sensor is exact, shape (N, q)."""
+        return np.broadcast_to(self.errors.deviations, self.eta.shape)
+
+    @cached_property
     def common(self) -> Indices:
         """Indices of the unknowns that belong to no single robot."""
         return np.arange(self.gyros.start, self.size)
@@ -99,7 +104,7 @@ class State:
         )
         eta, calibration = self.eta, self.calibration
         if calibration is not None:
-            limit = farthest * unknowns.errors.deviations
+            limit = farthest * unknowns.deviations
             eta = np.clip(eta + step[unknowns.eta], -limit, limit)
             calibration = unknowns.errors.step(eta - self.eta) @ calibration
         load = None if self.load is None else self.load + step[unknowns.load]

@@ -44,7 +44,8 @@ def _row_arrays(scenario: Scenario) -> int:
     a new robot [B].
     """
     rows = rows_per_block(scenario.sensors.block, scenario.sensors.rate)  # as many or, in large teams, fewer
-    errors = SensorErrors.of(scenario.sensors.tolerance, scenario.sensors.drift)
+    sheets = [scenario.sensors.tolerance, *(each.tolerance for each in scenario.robot_sensors())]
+    errors = SensorErrors.of(sheets, scenario.sensors.drift)
     unknowns = min((6 + errors.count) * scenario.robot_count + 19, MOST_TOLD)
     row = _LABEL + _NUMBER_OF_ROW * (errors.width - 1)
     seals = (2 * scenario.robot_count + 1) * _PER_SEAL

@@ -17,6 +17,7 @@ from coheft.wire.scenario.motion_checks import check_motion
 from coheft.wire.scenario.payload_extent import check_load_places
 from coheft.wire.scenario.payload_surface import from_text
 from coheft.wire.scenario.plugin_checks import check_plugins, leaves
+from coheft.wire.scenario.robot_sensors import check_named
 from coheft.wire.scenario.schema import Scenario
 
 _MOST_ROBOTS = 128
@@ -75,6 +76,7 @@ def check_scenario(scenario: Scenario, origin: str) -> None:
                 f"expected it for a new load only"
             )
     check_slips(scenario, origin)
+    check_named(scenario.sensors.of, scenario.robot_names, f"{origin}: key")
     check_noise(scenario, origin)
     check_carry(scenario, origin)
     check_encoders(scenario, origin)
@@ -92,14 +94,21 @@ def check_noise(scenario: Scenario, origin: str) -> None:
     Raises:
         ScenarioError: They are.
     """
+    sensors = scenario.sensors
     for name in SensorNoise.__struct_fields__:
         least = _LEAST_NOISE * getattr(SensorNoise(), name)
         if not least <= getattr(scenario.noise, name) < math.inf:
             raise ScenarioError(
-                f"{origin}: key 'sensors.noise.{name}': found {getattr(scenario.sensors.noise, name):g}, times "
-                f"'sensors.noise_scale' = {scenario.sensors.noise_scale:g}, expected at least {least:g} in all: with "
+                f"{origin}: key 'sensors.noise.{name}': found {getattr(sensors.noise, name):g}, times "
+                f"'sensors.noise_scale' = {sensors.noise_scale:g}, expected at least {least:g} in all: with "
                 f"less, rounding and the time between samples would count for more than the noise"
             )
+        for number, (robot, own) in enumerate(sensors.unequal().items()):
+            if not least <= getattr(own.noise, name) < math.inf:
+                raise ScenarioError(
+                    f"{origin}: key 'sensors.of[{number}]': found noise of the {name} of {robot} of "
+                    f"{getattr(own.noise, name):g} with all factors, expected at least {least:g}"
+                )
 
 
 def check_carry(scenario: Scenario, origin: str) -> None:
@@ -133,6 +142,12 @@ def check_encoders(scenario: Scenario, origin: str) -> None:
     """
     if scenario.sensors.encoders is None:
         return
+    for number, each in enumerate(scenario.sensors.of):
+        if each.missing:
+            raise ScenarioError(
+                f"{origin}: key 'sensors.of[{number}].missing': found with 'sensors.encoders', expected none: such "
+                f"recordings have the wrenches of all robots"
+            )
     if scenario.robots.stiffness[1] > 0.0:
         raise ScenarioError(
             f"{origin}: key 'sensors.encoders': found with 'robots.stiffness' = {list(scenario.robots.stiffness)}, "

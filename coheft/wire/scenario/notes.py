@@ -45,6 +45,7 @@ def _exact_method(scenario: Scenario) -> list[str]:
         *(["sensor errors"] if scenario.sensors.tolerance != SensorTolerance() else []),
         *(["drift"] if scenario.sensors.drift.is_any else []),
         *(["correlated noise"] if scenario.sensors.noise_correlation > 0.0 else []),
+        *(["robots that differ"] if scenario.sensors.of else []),
     ]
     if not kinds:
         return []

@@ -17,6 +17,7 @@ from coheft.wire.scenario.encoders import EncoderErrors
 from coheft.wire.scenario.estimator_settings import Converged, EfficientSettings, Fan2017Settings
 from coheft.wire.scenario.network import LinkQuality
 from coheft.wire.scenario.payload import Payload
+from coheft.wire.scenario.robot_sensors import OtherSensors, RobotSensors
 from coheft.wire.scenario.section import Lengths, Name, NotNegative, Section, Seed, Vector, pose_of
 from coheft.wire.scenario.via_points import ViaPoints
 
@@ -121,6 +122,7 @@ class Sensors(Section, frozen=True):
         errors: True errors: ``drawn`` from the tolerance and the drift, ``none``, or drawn from other standard
             deviations, which the robots do not know; then they do not drift.
         encoders: Errors of poses and forces in recordings. By default recordings hold the sensors' samples.
+        of: Robots whose noise or tolerances differ, known to all robots.
     """
 
     rate: SensorRate = 500
@@ -132,6 +134,11 @@ class Sensors(Section, frozen=True):
     drift: SensorDrift = SensorDrift()
     errors: Literal["drawn", "none"] | SensorTolerance = "drawn"
     encoders: EncoderErrors | None = None
+    of: Annotated[tuple[OtherSensors, ...], Meta(max_length=MAX_ROBOTS)] = ()
+
+    def unequal(self) -> dict[str, RobotSensors]:
+        """Return the sensors of the robots that differ, by name."""
+        return {each.robot: each.on(self.noise, self.noise_scale, self.tolerance) for each in self.of}
 
 
 class Motion(Section, frozen=True):
@@ -260,12 +267,17 @@ class Scenario(Section, frozen=True):
 
     @property
     def noise(self) -> SensorNoise:
-        """The sensors' noise, including the factor ``noise_scale``."""
+        """The noise of all robots' sensors but those in ``sensors.of``, including the factor ``noise_scale``."""
         return self.sensors.noise.scaled(self.sensors.noise_scale)
+
+    def robot_sensors(self) -> list[RobotSensors]:
+        """Return the sensors of each robot."""
+        unequal, alike = self.sensors.unequal(), RobotSensors(self.noise, self.sensors.tolerance)
+        return [unequal.get(name, alike) for name in self.robot_names]
 
     @property
     def sensor_errors(self) -> SensorTolerance:
-        """Standard deviations from which the sensors' true errors are drawn."""
+        """Standard deviations from which true errors are drawn, of all robots' sensors but those in ``sensors.of``."""
         match self.sensors.errors:
             case "drawn":
                 return self.sensors.tolerance
@@ -273,6 +285,12 @@ class Scenario(Section, frozen=True):
                 return SensorTolerance()
             case told:
                 return told
+
+    def robot_errors(self) -> list[SensorTolerance]:
+        """Return standard deviations from which the true errors of each robot's sensors are drawn."""
+        if self.sensors.errors == "drawn":
+            return [each.tolerance for each in self.robot_sensors()]
+        return [self.sensor_errors] * self.robot_count
 
     @property
     def sensor_drift(self) -> SensorDrift:

@@ -27,7 +27,7 @@ ERRORS = SensorErrors({"acceleration_bias": 0.1, "velocity_gain": 0.02, "gyro_sc
 LATE = SensorErrors({"acceleration_bias": 0.1, "gyro_mounting": 0.01, "clock": 0.002, "wrench_delay": 0.002})
 """Errors that depend on how fast rows change."""
 LIMP = SensorErrors({"acceleration_bias": 0.1, "velocity_scale": 0.01, "force_scale": 0.01, "grasp_compliance": 1e-4})
-LATE_AND_LIMP = SensorErrors(LATE.tolerance | {"grasp_compliance": 1e-4})
+LATE_AND_LIMP = SensorErrors(LATE.tolerances[0] | {"grasp_compliance": 1e-4})
 """And on how fast forces change."""
 EVERY = pytest.mark.parametrize(
     "errors", [EXACT, ERRORS, LATE, LIMP, LATE_AND_LIMP], ids=["exact", "errors", "late", "limp", "late and limp"]

@@ -182,7 +182,7 @@ def new_team(kind: str, members: list[int | None], seed: int) -> tuple[Fitted, S
     settings, rng = SETTINGS[kind], np.random.default_rng(seed)
     everyone = make_team(seed, count=4, number=200).expressed_in(make_team(seed, count=4).poses[0])
     former = fit(erring(carrying(everyone, [0, 1, 2]), settings, rng)[1], settings)
-    prior = former.chapter.posterior(former.estimate, former.guess).for_team(members, settings)
+    prior = former.chapter.posterior(former.estimate, former.guess).for_team(members, settings, settings)
     robots = [3 if then is None else then for then in members]
     team = carrying(everyone, robots)
     rows = erring(team, settings, rng)[1][:40]
@@ -238,7 +238,7 @@ def test_who_has_left_is_eliminated(kind: str) -> None:
     _, rows = erring(make_team(seed=16, count=4, number=150), settings, np.random.default_rng(17))
     found = fit(rows, settings)
     prior = found.chapter.posterior(found.estimate, found.guess)
-    fewer = prior.for_team([0, 3, None, 1], settings)
+    fewer = prior.for_team([0, 3, None, 1], settings, settings)
     unknowns, size = found.estimate.body.unknowns, fewer.evidence
     own = unknowns.own
     new = np.concatenate([np.arange(own), np.arange(own, 2 * own), np.arange(3 * own, 4 * own)])

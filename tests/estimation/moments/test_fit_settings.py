@@ -100,7 +100,7 @@ def test_what_is_expected_pulls_back_to_exact_sensors(errors: SensorErrors) -> N
     part = expected.restricted(known)
     np.testing.assert_allclose(np.linalg.solve(part.information, part.score), -step[known], rtol=1e-9)
     covariance = np.linalg.inv(part.information)
-    deviations = np.concatenate([np.tile(errors.deviations, 3), np.full(3, 0.01 / np.sqrt(3.0))])
+    deviations = np.concatenate([np.tile(errors.deviations[0], 3), np.full(3, 0.01 / np.sqrt(3.0))])
     np.testing.assert_allclose(np.sqrt(covariance.diagonal()[:-6]), deviations)
     np.testing.assert_allclose(covariance[-6:, -6:], settings.offset_covariance(body), rtol=1e-9, atol=1e-15)
     others = np.setdiff1d(np.arange(unknowns.size), known)

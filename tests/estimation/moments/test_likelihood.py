@@ -58,7 +58,7 @@ def expected_moments(team: Team, errors: SensorErrors) -> RowMoments:
     """What noise of rows makes of their moments on the average."""
     rows = extended_for(errors, team.rows)
     variance = np.tile(np.concatenate([NOISE.kinematics[0] ** 2, NOISE.wrench[0] ** 2, np.zeros(6)]), team.count)
-    factors = np.tile(np.concatenate([NOISE.rates**2, np.zeros(6)]), team.count)
+    factors = np.tile(np.concatenate([NOISE.rates[0] ** 2, np.zeros(6)]), team.count)
     more = [(variance * factors).reshape(team.count, -1)] if errors.has_rates else []
     more += [np.tile((NOISE.flexing * np.tile(NOISE.wrench[0, :3], 2)) ** 2, (team.count, 1))] * errors.is_flexing
     parts = [variance, [0.0], np.hstack(more).ravel() if more else []]

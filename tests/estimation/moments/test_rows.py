@@ -89,7 +89,7 @@ def test_noise_of_rows_and_of_their_rates_is_as_claimed_if_it_is_slow(correlatio
     by_itself = np.concatenate([claimed.kinematics[0], claimed.wrench[0]]) / math.sqrt(claimed.slowness)
     for place in (W.start, SLOPE.start, WRENCH.start):
         assert rows[..., place].std() == pytest.approx(by_itself[place], rel=0.05)
-        assert rows[..., 24 + place].std() == pytest.approx(by_itself[place] * claimed.rates[place], rel=0.05)
+        assert rows[..., 24 + place].std() == pytest.approx(by_itself[place] * claimed.rates[0, place], rel=0.05)
         # Beside the row its rate is noise of its own.
         together = np.mean(rows[..., place] * rows[..., 24 + place])
         assert abs(together) < 0.02 * rows[..., place].std() * rows[..., 24 + place].std()

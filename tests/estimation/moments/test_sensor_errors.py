@@ -104,7 +104,7 @@ def test_all_kinds_together_keep_their_order_and_deviations() -> None:
     assert list(dict.fromkeys(errors.names)) == list(KINDS)
     expected = {kind: 0.01 * (1 + k) for k, kind in enumerate(reversed(KINDS))}
     expected["clock"] *= np.sqrt(2.0)  # it counts from that of another robot
-    np.testing.assert_allclose(errors.deviations, [expected[name] for name in errors.names])
+    np.testing.assert_allclose(errors.deviations, [[expected[name] for name in errors.names]])
 
 
 def test_what_is_exact_is_no_parameter() -> None:

@@ -35,7 +35,7 @@ def asked_for(
     team = team.expressed_in(team.poses[0])
     rows = noisy_for(settings.errors, team, rng)
     if kind is not None:
-        errors = SensorErrors({kind: SIZES[kind]} | settings.errors.tolerance)
+        errors = SensorErrors({kind: SIZES[kind]} | settings.errors.tolerances[0])
         state, unknowns = team.state(errors), Unknowns(4, errors)
         step = np.zeros(unknowns.size)
         is_kind = [name == kind for name in errors.names]
