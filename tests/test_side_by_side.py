@@ -76,7 +76,7 @@ def test_table_page_and_json_show_both(both: coheft.Result) -> None:
     text = printed.getvalue()
     assert "s, efficient)" in text
     assert "s, fan2017)" in text
-    assert "fan2017: All robots converged" in text
+    assert "fan2017: Not converged: " in text
     assert list(_rows(both.report))[:2] == ["r1", "r1, fan2017"]
     report = msgspec.json.decode(msgspec.json.encode(both.report))
     assert report["beside"]["fan2017"]["robots"]["r1"]["mass"] != report["robots"]["r1"]["mass"]
