@@ -14,6 +14,7 @@ from coheft.api.collector import Collector
 from coheft.app.recording.reader import read_recording
 from coheft.app.results.record import Record
 from coheft.app.results.report import RunInfo, build_report
+from coheft.app.run_report.of_recording import report_recording
 from tests.test_side_by_side import BOTH, SECONDS, assert_same
 
 
@@ -42,3 +43,7 @@ def test_processes_and_their_recording_give_the_numbers_of_one_process(tmp_path:
     for found, shown in ((report, told), (report.beside["fan2017"], told["beside"]["fan2017"])):
         masses = {name: robot.mass.estimate for name, robot in found.robots.items()}
         assert masses == {name: robot["mass"]["estimate"] for name, robot in shown["robots"].items()}
+    pytest.importorskip("matplotlib")
+    page = report_recording(path, tmp_path / "page").read_text(encoding="utf-8")
+    assert "estimator efficient, beside it fan2017" in page
+    assert "r1, fan2017" in page
