@@ -31,24 +31,26 @@ class SideBySide:
         self._first, *self.others = estimators
         self._estimators = dict(estimators)
         self._failures: dict[str, str] = {}
+        self._known: dict[int, tuple[Channels, dict[str, Channels]]] = {}  # messages of this step, by identity
 
     def step(
         self, index: int, own: MeasurementBlock | None, inbox: Mapping[str, Channels]
     ) -> dict[str, npt.NDArray[Any]]:
         """See ``Estimator.step``."""
         sent: dict[str, npt.NDArray[Any]] = {}
+        nothing: dict[str, npt.NDArray[Any]] = {}
+        parts = {sender: self._parts(channels) for sender, channels in inbox.items()}
+        self._known.clear()
         for name, estimator in self._estimators.items():
-            heard = {sender: _part(name, channels) for sender, channels in inbox.items()}
-            nothing: dict[str, npt.NDArray[Any]] = {}
-            channels = self._try(name, lambda: _step(estimator, index, own, heard), nothing)  # noqa: B023
+            heard = {sender: each[name] for sender, each in parts.items() if name in each}
+            channels = self._try(name, lambda: estimator.step(index, own, heard), nothing)  # noqa: B023
             sent |= {f"{name}/{array}": value for array, value in channels.items()}
         return sent
 
     def fits(self, channels: Channels) -> bool:
         """See ``Estimator.fits``: whether the arrays are of these estimators, and any can read its own."""
-        return {array.partition("/")[0] for array in channels} <= self._estimators.keys() and any(
-            self._try(name, lambda: estimator.fits(_part(name, channels)), False)  # noqa: B023
-            for name, estimator in self._estimators.items()
+        return {array.partition("/")[0] for array in channels} <= self._estimators.keys() and bool(
+            self._parts(channels)
         )
 
     def belief(self) -> Belief:
@@ -72,8 +74,8 @@ class SideBySide:
     def hear_late(self, index: int, channels: Channels) -> None:
         """See ``TakesLate``."""
         for name, estimator in self._estimators.items():
-            part = _part(name, channels)
-            if isinstance(estimator, TakesLate) and estimator.fits(part):
+            part = self._parts(channels).get(name)
+            if part is not None and isinstance(estimator, TakesLate):
                 estimator.hear_late(index, part)
 
     def sign_with(self, signer: RowSigner) -> None:
@@ -88,6 +90,18 @@ class SideBySide:
     @property
     def _signing(self) -> list[SignsRows]:
         return [estimator for estimator in self._estimators.values() if isinstance(estimator, SignsRows)]
+
+    def _parts(self, channels: Channels) -> dict[str, Channels]:
+        """Return the arrays of a message by estimator, of those that can read theirs; found once for each message."""
+        known = self._known.get(id(channels))
+        if known is None:
+            parts = {name: _part(name, channels) for name in self._estimators}
+            known = channels, {name: part for name, part in parts.items() if self._can_read(name, part)}
+            self._known[id(channels)] = known
+        return known[1]
+
+    def _can_read(self, name: str, part: Channels) -> bool:
+        return self._try(name, lambda: self._estimators[name].fits(part), False)
 
     def _try(self, name: str, call: Callable[[], T], otherwise: T) -> T:
         """Call an estimator unless it has failed, and note if it fails now."""
@@ -104,10 +118,3 @@ def _part(name: str, channels: Channels) -> Channels:
     """Return the arrays of one estimator under their own names."""
     prefix = f"{name}/"
     return {array.removeprefix(prefix): value for array, value in channels.items() if array.startswith(prefix)}
-
-
-def _step(
-    estimator: Estimator, index: int, own: MeasurementBlock | None, heard: Mapping[str, Channels]
-) -> dict[str, npt.NDArray[Any]]:
-    """Step an estimator with the messages that it can read."""
-    return estimator.step(index, own, {sender: part for sender, part in heard.items() if estimator.fits(part)})
