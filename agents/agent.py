@@ -10,6 +10,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from msgspec.structs import replace
 
 from coheft.agents.efficient.estimator import EfficientEstimator
 from coheft.agents.estimator import Belief, Estimator, EstimatorFactory, RowSigner, SignsRows, TakesLate
@@ -21,14 +22,16 @@ from coheft.agents.network import SimulatedNetwork
 from coheft.agents.plugins.estimator import OwnEstimator
 from coheft.agents.plugins.loading import make_own
 from coheft.agents.sensor_check import SensorCheck
+from coheft.agents.side_by_side import SideBySide
 from coheft.agents.status import StatusKeeper
 from coheft.consensus.gossip import Gossip
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import MeasurementBlock
 from coheft.wire.config import AgentConfig
 from coheft.wire.messages.size import LARGEST
-from coheft.wire.messages.structs import Estimate, NeighbourMessage, Reference
+from coheft.wire.messages.structs import Estimate, EstimateBeside, NeighbourMessage, Reference
 from coheft.wire.scenario.network import LinkQuality
+from coheft.wire.scenario.plugins import estimator_names
 
 ESTIMATORS: dict[str, EstimatorFactory] = {"efficient": EfficientEstimator, "fan2017": Fan2017Estimator}
 """The estimators that come with coheft; others are found by entry points, see ``coheft.wire.scenario.plugins``."""
@@ -41,17 +44,18 @@ _SILENT = 2
 class Outbox:
     """An agent's messages after a block: to its neighbours, to the server, and sometimes to observers.
 
-    ``problems`` describes what the agent refused in this step.
+    ``problems`` describes what the agent refused in this step; ``beside`` are estimates of further estimators.
     """
 
     message: NeighbourMessage
     reference: Reference
     estimate: Estimate | None
     problems: tuple[str, ...] = ()
+    beside: tuple[EstimateBeside, ...] = ()
 
 
 def make_estimator(config: AgentConfig, gossip: Gossip, largest_arrays: int) -> Estimator:
-    """Make the estimator that the agent's configuration names.
+    """Make the estimator that the agent's configuration names, or all of them side by side.
 
     Args:
         config: The agent's configuration.
@@ -61,11 +65,19 @@ def make_estimator(config: AgentConfig, gossip: Gossip, largest_arrays: int) -> 
     Raises:
         PluginError: A user's estimator cannot be used.
     """
+    if len(names := estimator_names(config.estimator)) > 1:
+        each = {name: make_estimator(_config_of(name, config), gossip, largest_arrays // len(names)) for name in names}
+        return SideBySide(each)
     factory = ESTIMATORS.get(config.estimator)
     if factory is not None:
         return factory(config, gossip)
     own: Estimator = make_own("estimator", config.estimator, Estimator, config, gossip)
     return OwnEstimator(own, config, gossip, largest_arrays)
+
+
+def _config_of(name: str, config: AgentConfig) -> AgentConfig:
+    """Return the configuration of one of several estimators."""
+    return replace(config, estimator=name, estimator_settings=config.estimator_settings.get(name, {}))
 
 
 class Agent:
@@ -102,7 +114,9 @@ class Agent:
         self._network = SimulatedNetwork(config)
         self._inbox = NeighbourInbox(config.neighbours)
         self._sensors = SensorCheck(config.sensors_of(config.name).noise)
-        self._status = StatusKeeper(config)
+        first, *others = estimator_names(config.estimator)
+        self._status = StatusKeeper(replace(config, estimator=first))
+        self._beside = {name: StatusKeeper(replace(config, estimator=name)) for name in others}
 
     def set_holding(self, holding: bool, from_block: int) -> None:
         """Record that the robot grasps or releases the load, from a block that has not been processed yet."""
@@ -113,7 +127,7 @@ class Agent:
         self._network.set_link(neighbour, quality)
 
     def belief(self) -> Belief:
-        """Return the present estimate, whether or not it may be published."""
+        """Return the present estimate of the robot's own estimator, whether or not it may be published."""
         return self._estimator.belief()
 
     def step(self, index: int, block: MeasurementBlock | None, inbox: Sequence[NeighbourMessage]) -> Outbox:
@@ -160,6 +174,7 @@ class Agent:
             ),
             estimate=estimate,
             problems=tuple(problems),
+            beside=tuple(self._estimates_beside(index)),
         )
 
     def _reference(self, index: int, block: MeasurementBlock | None) -> tuple[Array, Array]:
@@ -170,28 +185,36 @@ class Agent:
 
     def _estimate(self, index: int) -> Estimate | None:
         """Return a report for observers, if one is due."""
-        doubts = list(self._doubts(index))
+        doubts = list(self._doubts(index, self._estimator.doubts()))
         if not self._status.is_due(index, doubts):
             return None
         belief = self.belief()
-        graph = self._gossip.graph
-        members = 0 if graph is None else len(graph)
-        estimate = self._status.report(index, belief, doubts, members, self._silent(index))
+        estimate = self._status.report(index, belief, doubts, len(self._gossip.graph or ()), self._silent(index))
         if self._carrier is not None:
             self._carrier.learn(index, estimate, belief.grasps)
         return estimate
+
+    def _estimates_beside(self, index: int) -> Iterator[EstimateBeside]:
+        """Yield reports of further estimators that are due."""
+        if not isinstance(self._estimator, SideBySide):
+            return
+        for name, status in self._beside.items():
+            doubts = list(self._doubts(index, self._estimator.doubts_of(name)))
+            if status.is_due(index, doubts):
+                belief, members = self._estimator.belief_of(name), len(self._gossip.graph or ())
+                yield EstimateBeside(status.report(index, belief, doubts, members, self._silent(index)))
 
     def _silent(self, index: int) -> list[str]:
         """Return the neighbours whose messages are missing."""
         return [name for name in self.config.neighbours if index - self._inbox.last_heard(name) >= _SILENT]
 
-    def _doubts(self, index: int) -> Iterator[str]:
+    def _doubts(self, index: int, of_estimator: Sequence[str]) -> Iterator[str]:
         if self._sensors.fault is not None:
             yield f"own sensors: {self._sensors.fault}"
         for name in self._silent(index):
             since = self.config.start_of(self._inbox.last_heard(name) + 1)
             yield f"{name} is silent since {since:.2f} s"
-        yield from self._estimator.doubts()
+        yield from of_estimator
         if not self._gossip.own.holding:
             yield "the robot does not hold the load"
         elif self._gossip.graph is None:

@@ -174,6 +174,8 @@ class AgentProcess:
                 LOG.debug("block %d: %s", self._block, "; ".join([outbox.estimate.status, *outbox.estimate.reasons]))
             self._last_estimate = structs.replace(outbox.estimate, problems=self._outside.problems.count)
             self._outside.estimate.send(self._last_estimate)
+        for beside in outbox.beside:
+            self._outside.estimate.send(beside)
         self._outside.reference.send(outbox.reference)
         for problem in outbox.problems:
             self._outside.problems.tell(problem)

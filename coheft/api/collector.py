@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+from coheft.api.result import Result
 from coheft.api.tracks import RobotResult, robot_result
 from coheft.app.results.judge import Judge
+from coheft.app.results.report import Report
 from coheft.app.run.follower import Follower
 from coheft.app.run.heard import News
 from coheft.app.run.pairing import Pairing
 from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.wire.messages.requests import Status
 from coheft.wire.messages.scene import Scene
-from coheft.wire.messages.structs import Estimate
+from coheft.wire.messages.structs import Estimate, EstimateBeside
 from coheft.wire.messages.truth import Truth
+from coheft.wire.scenario.plugins import estimator_names
+from coheft.wire.scenario.schema import Scenario
 
 
 class Collector(Follower):
@@ -19,20 +25,27 @@ class Collector(Follower):
 
     def begin(self, status: Status) -> None:
         """See ``Follower.begin``."""
-        self.look_at(status.scene)
+        self.look_at(status.scene, estimator_names(status.estimator)[1:])
 
-    def look_at(self, scene: Scene) -> None:
-        """Use the robots and grasps of a scene."""
+    def look_at(self, scene: Scene, beside: Sequence[str] = ()) -> None:
+        """Use the robots and grasps of a scene; ``beside`` names the estimators that run beside the robots' own."""
         self._pairing = Pairing(scene)
         self._kept: dict[str, list[tuple[Estimate, Inertia]]] = {name: [] for name in scene.robots}
+        self._beside = {name: Collector() for name in beside}
+        for other in self._beside.values():
+            other.look_at(scene)
 
     def hear(self, news: News) -> None:
         """See ``Follower.hear``."""
         ready: list[Estimate] = []
         if isinstance(news, Truth):
             ready = self._pairing.add_truth(news)
+            for other in self._beside.values():
+                other.hear(news)
         elif isinstance(news, Estimate):
             ready = self._pairing.add_estimate(news)
+        elif isinstance(news, EstimateBeside) and news.estimate.estimator in self._beside:
+            self._beside[news.estimate.estimator].hear(news.estimate)
         for estimate in ready:
             truth = self._judge.payload(estimate.robot, estimate.block)
             self._kept[estimate.robot].append((estimate, truth))
@@ -41,7 +54,12 @@ class Collector(Follower):
     def _judge(self) -> Judge:
         return self._pairing.judge
 
-    def robots(self) -> dict[str, RobotResult]:
+    def result(self, scenario: Scenario, report: Report) -> Result:
+        """Return the result so far, with the report of the same run."""
+        beside = {name: self._beside[name].result(scenario, each) for name, each in report.beside.items()}
+        return Result(scenario, self._robots(), report, beside)
+
+    def _robots(self) -> dict[str, RobotResult]:
         """Return each robot's estimates so far."""
         return {
             name: robot_result(self._judge, name, [e for e, _ in kept], [truth for _, truth in kept])

@@ -27,4 +27,4 @@ def run_processes(scenario: Scenario, *, restarts: int) -> Result:
     report = launch(make_plan(scenario, run=name), folder, display, followers=followers, restarts=restarts)
     if carried is not None:
         report = msgspec.structs.replace(report, carry=carried.report())
-    return Result(scenario, collector.robots(), report)
+    return collector.result(scenario, report)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,11 +23,13 @@ class Result:
         scenario: The scenario that was run.
         robots: Estimates of each robot over time, by name.
         report: The state at the end, and events, as written by ``coheft run --json``.
+        beside: Results of the estimators that ran beside the robots' own, by name; ``save`` leaves them out.
     """
 
     scenario: Scenario
     robots: Mapping[str, RobotResult]
     report: Report
+    beside: Mapping[str, Result] = field(default_factory=dict)
 
     @property
     def converged(self) -> bool:

@@ -29,7 +29,8 @@ def run(
         scenario: Name of a shipped scenario, path of a ``.toml`` file, dictionary with its keys, or a ``Scenario``.
         duration: Simulated time [s], instead of the scenario's.
         seed: Seed of the sensors' noise and the robots' motions, instead of the scenario's.
-        estimator: The robots' estimator: ``efficient``, ``fan2017``, or one of your own.
+        estimator: The robots' estimator: ``efficient``, ``fan2017``, or one of your own. With several, as in
+            ``efficient,fan2017``, each robot runs them side by side; the first is its own.
         set: Other values by key, as in ``load_scenario``; the arguments above take precedence.
         processes: Start the physics server and a process for each robot, as ``coheft run`` does, instead of computing
             all in this process. The numbers are the same.

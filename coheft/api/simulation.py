@@ -17,6 +17,7 @@ from coheft.app.run.inprocess import TeamInProcess, measured
 from coheft.errors import CoheftError
 from coheft.wire.messages.structs import Estimate
 from coheft.wire.messages.truth import Truth
+from coheft.wire.scenario.plugins import estimator_names
 from coheft.wire.scenario.schema import Scenario
 from coheft.wire.scenario.section import Vector
 
@@ -39,9 +40,10 @@ class Simulation:
         self.truth: Truth | None = None
         self._team = TeamInProcess(scenario)
         scene = self._team.simulation.scene
-        self._record = Record(scene, scenario.duration)
+        beside = estimator_names(scenario.estimator)[1:]
+        self._record = Record(scene, scenario.duration, beside=beside)
         self._collector = Collector()
-        self._collector.look_at(scene)
+        self._collector.look_at(scene, beside)
         self._carried = None if scenario.carry is None else CarryRecord(scenario)
         if self._carried is not None:
             self._carried.look_at(scene)
@@ -169,14 +171,14 @@ class Simulation:
             messages_per_s=0.0,
             carry=None if self._carried is None else self._carried.report(),
         )
-        return Result(self.scenario, self._collector.robots(), report)
+        return self._collector.result(self.scenario, report)
 
     def _keep(self, truth: Truth, outboxes: dict[str, Outbox]) -> None:
         self.truth = truth
         if self._carried is not None:
             self._carried.hear(truth)
         said = [outbox.estimate for outbox in outboxes.values() if outbox.estimate is not None]
-        heard: list[News] = [truth, *said]
+        heard: list[News] = [truth, *said, *(each for outbox in outboxes.values() for each in outbox.beside)]
         for news in heard:
             self._record.hear(news)
             self._collector.hear(news)

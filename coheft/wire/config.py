@@ -16,6 +16,7 @@ from coheft.wire.scenario.carry import Carry
 from coheft.wire.scenario.estimator_settings import Converged, EfficientSettings, Fan2017Settings
 from coheft.wire.scenario.grasps import place_grasps
 from coheft.wire.scenario.network import LinkQuality
+from coheft.wire.scenario.plugins import estimator_names
 from coheft.wire.scenario.robot_sensors import RobotSensors
 from coheft.wire.scenario.schema import Motion, Scenario
 from coheft.wire.scenario.waves import Waves, draw_waves
@@ -62,10 +63,10 @@ class AgentConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
         seed: Seed of its own random choice of a motion.
         motion: Settings of its motion.
         waves: The sinusoids that were drawn for it, used by motions that are made of sinusoids.
-        estimator: Name of its estimator.
+        estimator: Name of its estimator; several with commas between run side by side, the first is its own.
         fan2017: Settings of the estimator ``fan2017``.
         efficient: Settings of the estimator ``efficient``.
-        estimator_settings: Settings of a user's estimator.
+        estimator_settings: Settings of a user's estimator; of several estimators, a table for each.
         motion_settings: Settings of a user's motion.
         converged: Standard deviations below which its estimate has converged.
         carry: The path along which to carry the load with the others; None if there is none.
@@ -194,7 +195,7 @@ def agent_config(scenario: Scenario, name: str, neighbours: tuple[str, ...]) -> 
         estimator=scenario.estimator,
         fan2017=scenario.fan2017,
         efficient=scenario.efficient,
-        estimator_settings=scenario.settings.get(scenario.estimator, {}),
+        estimator_settings=_estimator_settings(scenario),
         motion_settings=scenario.settings.get(scenario.motion.own or "", {}),
         converged=scenario.converged,
         carry=scenario.carry,
@@ -202,6 +203,12 @@ def agent_config(scenario: Scenario, name: str, neighbours: tuple[str, ...]) -> 
         network=scenario.network,
         unequal=scenario.sensors.unequal(),
     )
+
+
+def _estimator_settings(scenario: Scenario) -> dict[str, Any]:
+    names = estimator_names(scenario.estimator)
+    tables = {name: scenario.settings.get(name, {}) for name in names}
+    return tables if len(names) > 1 else tables[names[0]]
 
 
 def _known(scenario: Scenario, name: str) -> KnownPayload:

@@ -18,15 +18,15 @@ SECTIONS = {"seed_method": "fan2017"}
 
 
 def present(estimator: str) -> str:
-    """Return the present name of an estimator."""
-    return PRESENT.get(estimator, estimator)
+    """Return the present name of an estimator, or of several with commas between."""
+    return ",".join(PRESENT.get(name, name) for name in map(str.strip, estimator.split(",")))
 
 
 def keep_present(struct: msgspec.Struct) -> None:
     """Replace an earlier name in a new struct's field ``estimator``; for ``__post_init__``."""
     found: str = struct.estimator  # type: ignore[attr-defined]
-    if found in PRESENT:
-        msgspec.structs.force_setattr(struct, "estimator", PRESENT[found])
+    if (name := present(found)) != found:
+        msgspec.structs.force_setattr(struct, "estimator", name)
 
 
 def rename_sections(table: dict[str, Any], origin: str) -> None:

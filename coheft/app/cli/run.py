@@ -88,7 +88,8 @@ def run(
     seed:
         Seed of the sensors' noise and the robots' motions.
     estimator:
-        Estimator that all robots use: efficient, fan2017, or your own, see docs/own.md.
+        Estimator that all robots use: efficient, fan2017, or your own, see docs/own.md. With several, as in
+        efficient,fan2017, each robot runs them side by side on the same samples.
     sensor_rate:
         Samples per second: 100, 125, 200, 250, 500 or 1000.
     realtime:

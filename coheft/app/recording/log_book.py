@@ -8,7 +8,7 @@ from typing import NamedTuple
 from coheft.app.recording import ros
 from coheft.app.results.states import State
 from coheft.app.run.heard import News
-from coheft.wire.messages.structs import Estimate
+from coheft.wire.messages.structs import Estimate, Problem
 from coheft.wire.messages.truth import LoadState, Truth
 from coheft.wire.transport.planes import SERVER
 
@@ -37,7 +37,7 @@ class LogBook:
                 yield from self._load_lines({load.id: load for load in news.loads})
             case Estimate():
                 yield from self._robot_lines(news)
-            case _:
+            case Problem():
                 yield Line(news.source, ros.WARN, news.text)
 
     def _load_lines(self, loads: dict[int, LoadState]) -> Iterator[Line]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from coheft.wire.messages.codec import decode, encode
 from coheft.wire.messages.former_frame import decode_former, is_former
 from coheft.wire.messages.requests import Status
-from coheft.wire.messages.structs import Estimate, Message, Problem
+from coheft.wire.messages.structs import Estimate, EstimateBeside, Message, Problem
 from coheft.wire.messages.truth import Truth
 
 STATUS = "/coheft/status"
@@ -13,6 +13,7 @@ KINDS: dict[str, type[Message]] = {
     STATUS: Status,
     "/coheft/truth": Truth,
     "/coheft/estimate": Estimate,
+    "/coheft/estimate_beside": EstimateBeside,
     "/coheft/problem": Problem,
 }
 """Types of messages by topic."""

@@ -16,7 +16,7 @@ from coheft.app.run.heard import News, check_news, check_status
 from coheft.errors import MessageError, RecordingError
 from coheft.wire.messages.requests import Status
 from coheft.wire.messages.scene import Scene
-from coheft.wire.messages.structs import Estimate, Message, Problem
+from coheft.wire.messages.structs import Estimate, EstimateBeside, Message, Problem
 from coheft.wire.transport.planes import SERVER
 
 SCENARIO = "scenario.json"
@@ -106,7 +106,7 @@ def _begin(message: Message) -> Status:
 
 def _checked(time: int, message: Message, scene: Scene) -> list[tuple[float, News]]:
     match message:
-        case Estimate():
+        case Estimate() | EstimateBeside():
             source = message.robot
         case Problem():
             source = message.source

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import msgspec
 
@@ -11,7 +11,7 @@ from coheft.app.results.slips import SlipRecord
 from coheft.app.run.heard import News
 from coheft.app.run.pairing import Pairing
 from coheft.wire.messages.scene import Scene
-from coheft.wire.messages.structs import Estimate
+from coheft.wire.messages.structs import Estimate, EstimateBeside
 from coheft.wire.messages.truth import Truth
 
 SILENT = 100
@@ -36,6 +36,7 @@ class Record:
         scene: The scene, with the grasps.
         duration: Duration of the whole run [s].
         with_history: Whether to keep every robot's errors about once a second, too; this grows with time.
+        beside: Names of the estimators that run beside the robots' own.
 
     Attributes:
         judge: Compares estimates with the newest truths.
@@ -45,9 +46,12 @@ class Record:
         latest: The newest estimate of each robot, as received.
         estimators: The estimators that the robots have used, the newest last.
         slips: Grasps that have slipped.
+        beside: The same of the estimators that run beside the robots' own, by name.
     """
 
-    def __init__(self, scene: Scene, duration: float, *, with_history: bool = False) -> None:
+    def __init__(
+        self, scene: Scene, duration: float, *, with_history: bool = False, beside: Sequence[str] = ()
+    ) -> None:
         self.scene = scene
         self.duration = duration
         self._pairing = Pairing(scene)
@@ -59,6 +63,7 @@ class Record:
         self.latest: dict[str, Estimate] = {}
         self.estimators: list[EstimatorUse] = []
         self.slips = SlipRecord(self.judge)
+        self.beside = {name: Record(scene, duration, with_history=with_history) for name in beside}
 
     @property
     def truth(self) -> Truth | None:
@@ -84,6 +89,8 @@ class Record:
     def complete(self) -> bool:
         """Whether the estimates of all robots for the newest truth's block have arrived."""
         newest = self.truth
+        if not all(other.complete for other in self.beside.values()):
+            return False
         return newest is not None and not self.silent and all(e.block >= newest.block for e in self.latest.values())
 
     def hear(self, news: News) -> None:
@@ -93,6 +100,9 @@ class Record:
                 self.add_truth(news)
             case Estimate():
                 self.add_estimate(news)
+            case EstimateBeside(estimate=estimate):
+                if (other := self.beside.get(estimate.estimator)) is not None:
+                    other.add_estimate(estimate)
             case _:
                 pass
 
@@ -103,6 +113,8 @@ class Record:
         self.blocks += 1
         self.slips.follow(truth)
         self._compare(self._pairing.add_truth(truth))
+        for other in self.beside.values():
+            other.add_truth(truth)
 
     def add_estimate(self, estimate: Estimate) -> None:
         """Add a robot's estimate."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -137,6 +137,7 @@ class Report(msgspec.Struct, frozen=True):
         history: Errors about once a second, if requested.
         carry: How the load was carried, if the scenario has a common path.
         slips: Grasps that slipped.
+        beside: The same of the estimators that ran beside the robots' own on the same samples, by name.
     """
 
     scenario: str
@@ -154,6 +155,7 @@ class Report(msgspec.Struct, frozen=True):
     history: dict[str, list[HistoryPoint]] | None = None
     carry: CarryReport | None = None
     slips: list[SlipReport] = []
+    beside: dict[str, Report] = {}
 
     @property
     def verdict(self) -> Verdict:
@@ -202,8 +204,9 @@ def build_report(info: RunInfo, record: Record) -> Report:
     for name, belief in record.beliefs.items():
         if (report := record.robots[name].report) is not None:
             robots[name] = report.as_of_now(belief)
-    neighbours = record.scene.neighbours
-    estimates_per_block = sum(robot.compared for robot in record.robots.values()) / record.blocks
+    neighbours, beside = record.scene.neighbours, record.beside
+    estimates = sum(robot.compared for each in (record, *beside.values()) for robot in each.robots.values())
+    estimates_per_block = estimates / record.blocks
     messages_per_block = 2 * len(robots) + sum(map(len, neighbours.values())) + estimates_per_block + 1
     return Report(
         scenario=info.scenario,
@@ -220,6 +223,11 @@ def build_report(info: RunInfo, record: Record) -> Report:
         late_blocks=info.late_blocks,
         slips=record.slips.reports(record.latest.values()),
         history={name: robot.history for name, robot in record.robots.items()} if record.with_history else None,
+        beside={
+            name: build_report(replace(info, estimator=name), other)
+            for name, other in beside.items()
+            if not other.silent
+        },
     )
 
 

@@ -16,7 +16,7 @@ from coheft.app.run.heard import News
 from coheft.app.run.observer import observe
 from coheft.wire.messages.requests import StatusRequest
 from coheft.wire.messages.scene import Scene
-from coheft.wire.messages.structs import Estimate, Problem
+from coheft.wire.messages.structs import Estimate, EstimateBeside, Problem
 from coheft.wire.messages.truth import Truth
 
 NODES = ("coheft", "coheft_driver")
@@ -53,7 +53,7 @@ class Bridge:
         self._publish(truth_messages(time, truth, scene))
         self._tell_log(truth)
 
-    def hear_robot(self, news: Estimate | Problem) -> None:
+    def hear_robot(self, news: Estimate | EstimateBeside | Problem) -> None:
         """Publish a robot's estimate, or a problem."""
         if isinstance(news, Estimate):
             time = self._note_time(news.time)

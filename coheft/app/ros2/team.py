@@ -21,7 +21,7 @@ from coheft.app.run.heard import check_estimate
 from coheft.errors import MessageError, one_line
 from coheft.estimation.geometry.spatial import Array, quaternion_from_rotation, rotation_exp
 from coheft.wire.config import AgentConfig, AgentProcessConfig
-from coheft.wire.messages.structs import Estimate, Measurements, Message, Problem, Reference
+from coheft.wire.messages.structs import Estimate, EstimateBeside, Measurements, Message, Problem, Reference
 from coheft.wire.transport.inbox import Inbox, LinkChange, Received, Refused
 from coheft.wire.transport.robot_link import RobotLink
 from coheft.wire.transport.security import Guard
@@ -82,7 +82,7 @@ class Team:
         """Receive the agents' estimates and problems, on an observer's session."""
         for name in self._links:
             estimate, problem = (keys.observe_agent(name, topic) for topic in ("estimate", "problem"))
-            self._inbox.listen(session, name, {estimate: Estimate, problem: Problem})
+            self._inbox.listen(session, name, {estimate: Estimate | EstimateBeside, problem: Problem})
 
     def wait_until_ready(self) -> None:
         """Wait until every agent asks for measurements and is linked with all its neighbours."""
@@ -206,6 +206,8 @@ class Team:
             case Estimate():
                 check_estimate(message, name, {name, *config.neighbours})
                 self._bridge.hear_robot(message)
+            case EstimateBeside():
+                pass  # ROS 2 has the robot's own
             case Problem():
                 self._bridge.hear_robot(Problem(source=name, text=one_line(message.text)))
             case _:

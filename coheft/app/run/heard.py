@@ -20,7 +20,7 @@ from coheft.wire.messages.estimate_checks import (
 )
 from coheft.wire.messages.requests import Status
 from coheft.wire.messages.scene import Scene
-from coheft.wire.messages.structs import Estimate, Message, Problem
+from coheft.wire.messages.structs import Estimate, EstimateBeside, Message, Problem
 from coheft.wire.messages.truth import Truth
 from coheft.wire.scenario.schema import MAX_DURATION
 from coheft.wire.transport.planes import SERVER
@@ -28,7 +28,7 @@ from coheft.wire.transport.planes import SERVER
 _LONGEST = 2 * MAX_DURATION
 """Largest time of a block [s]; the last block may end a little later than the run."""
 
-News = Truth | Estimate | Problem
+News = Truth | Estimate | EstimateBeside | Problem
 """Messages that an observer receives about a run."""
 
 
@@ -44,6 +44,9 @@ def check_news(source: str, message: Message, scene: Scene) -> News | None:
             return message
         case Estimate():
             check_estimate(message, source, scene.robots)
+            return message
+        case EstimateBeside(estimate=estimate):
+            check_estimate(estimate, source, scene.robots)
             return message
         case Problem():
             is_end = message.is_end and source == SERVER

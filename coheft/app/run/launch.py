@@ -25,6 +25,7 @@ from coheft.app.terminal.standard_output import check_standard_output
 from coheft.errors import LinkError
 from coheft.wire.messages.requests import Status, StatusRequest
 from coheft.wire.messages.structs import Problem
+from coheft.wire.scenario.plugins import estimator_names
 from coheft.wire.transport.planes import SERVER
 
 _POLL = 0.02
@@ -75,7 +76,8 @@ def launch(
             )
             first = _wait_for_start(observer, again, display)
             display.begin(first)
-            record = Record(first.scene, scenario.duration, with_history=with_history)
+            beside = estimator_names(scenario.estimator)[1:]
+            record = Record(first.scene, scenario.duration, with_history=with_history, beside=beside)
             audience = Audience(record, display, followers, is_told_end=False)
             for follower in followers:
                 follower.begin(first)
@@ -206,7 +208,8 @@ def watch(run_file: RunFile, display: Display) -> str:
         display.begin(status)
         if status.state != "running":
             _explain_silence(status, display)
-        audience = Audience(Record(status.scene, status.duration), display)
+        beside = estimator_names(status.estimator)[1:]
+        audience = Audience(Record(status.scene, status.duration, beside=beside), display)
         news = time.monotonic()
         while status.state != "finished":
             check_standard_output()

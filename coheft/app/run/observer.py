@@ -24,7 +24,7 @@ from coheft.wire.messages.requests import (
     StatusRequest,
 )
 from coheft.wire.messages.scene import Scene
-from coheft.wire.messages.structs import Estimate, Message, Problem
+from coheft.wire.messages.structs import Estimate, EstimateBeside, Message, Problem
 from coheft.wire.messages.truth import Truth
 from coheft.wire.scenario.network import LinkQuality
 from coheft.wire.transport.inbox import Inbox, Received, Refused
@@ -55,7 +55,7 @@ class Observer:
         )
         for name in run_file.agents:
             estimate, problem = (self._keys.observe_agent(name, topic) for topic in ("estimate", "problem"))
-            self._inbox.listen(session, name, {estimate: Estimate, problem: Problem})
+            self._inbox.listen(session, name, {estimate: Estimate | EstimateBeside, problem: Problem})
 
     def collect(self, scene: Scene, seconds: float, gather: float = 0.0) -> list[News]:
         """Wait at most ``seconds`` for a message, then return all that have arrived, checked and in order of arrival.

@@ -13,6 +13,7 @@ from coheft.app.run_report.folder import prepare_folder, write_folder
 from coheft.app.run_report.series import SeriesFollower
 from coheft.errors import RecordingError
 from coheft.wire.former_names import rename_sections
+from coheft.wire.scenario.plugins import estimator_names
 from coheft.wire.scenario.schema import Scenario
 
 
@@ -31,10 +32,12 @@ def report_recording(path: Path, folder: Path) -> Path:
     recording = read_recording(path)
     scenario = _scenario(path, recording.scenario)
     prepare_folder(folder)
-    record = Record(recording.begin.scene, recording.begin.duration, with_history=True)
+    begin = recording.begin
+    beside = estimator_names(begin.estimator)[1:]
+    record = Record(begin.scene, begin.duration, with_history=True, beside=beside)
     follower = SeriesFollower()
     follower.is_live = False
-    follower.begin(recording.begin)
+    follower.begin(begin)
     for _, news in recording.news:
         follower.hear(news)
         record.hear(news)

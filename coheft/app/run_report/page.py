@@ -76,7 +76,7 @@ def render_page(
         poses=[pose for robot in report.robots.values() for pose in robot.poses.values()],
         sentences=sentences(report),
         headings=HEADINGS,
-        rows={name: robot_rows(robot) for name, robot in report.robots.items()},
+        rows=_rows(report),
         legend=[*LEGEND, *([RECOVERED] if report.load_changes else [])],
         pictures=drawn,
         scene=scene_json(series),
@@ -94,6 +94,15 @@ def render_page(
         data=[(path.name, TABLES[path.stem]) for path in data],
         thinned=max(robot.points.every for robot in series.robots.values()),
     )
+
+
+def _rows(report: Report) -> dict[str, list[tuple[str, str, str, str, str]]]:
+    """The table's rows of each robot, and below them those of each estimator that ran beside its own."""
+    rows = {}
+    for name, robot in report.robots.items():
+        rows[name] = robot_rows(robot)
+        rows |= {f"{name}, {other}": robot_rows(each.robots[name]) for other, each in report.beside.items()}
+    return rows
 
 
 def unseen_rows(series: Series) -> Iterable[tuple[str, str, str, str, str]]:

@@ -36,7 +36,8 @@ RECOVERED = "Recovered: mass within 3 %, centre of mass within 20 mm at every ro
 def print_report(console: Console, report: Report, folder: Path) -> None:
     """Print the final table and the sentences that complete it."""
     console.print()
-    print_table(console, _final_table(report))
+    for each in (report, *report.beside.values()):
+        print_table(console, _final_table(each))
     for line in (*LEGEND, *([RECOVERED] if report.load_changes else [])):
         console.print(line, style="dim", highlight=False)
     if report.carry is not None:
@@ -129,6 +130,7 @@ def sentences(report: Report) -> list[str]:
         *_most([f"Stale at {', '.join(names)}: {reason}." for reason, names in why_stale(report.robots).items()]),
         *_most(sensor_sentences(report.robots)),
         *_convergence_sentences(report),
+        *(f"{name}: {text}" for name, other in report.beside.items() for text in _convergence_sentences(other)),
         f"{report.duration_s:g} s simulated at {report.real_time_factor:.1f} times real time; "
         f"{report.processes} processes, {report.messages_per_s:,.0f} messages a second.",
         *_late_sentence(report.late_blocks),

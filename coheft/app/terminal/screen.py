@@ -22,6 +22,7 @@ from coheft.app.terminal.wide_table import needed_width
 from coheft.wire.messages.requests import Status
 from coheft.wire.messages.structs import Estimate, Problem
 from coheft.wire.messages.truth import Truth
+from coheft.wire.scenario.plugins import estimator_names
 from coheft.wire.scenario.schema import MAX_DURATION
 
 _LINE_EVERY = 5.0
@@ -169,7 +170,8 @@ class LiveDisplay(Display):
 
 def _first_line(status: Status) -> str:
     robots = len(status.scene.robots)
-    return f"{status.scenario}: {robots} robots, estimator {ESTIMATORS.get(status.estimator, status.estimator)}"
+    estimators = " and ".join(ESTIMATORS.get(name, name) for name in estimator_names(status.estimator))
+    return f"{status.scenario}: {robots} robots, estimator {estimators}"
 
 
 _Beliefs = dict[str, tuple[Estimate, RobotReport]]
@@ -178,6 +180,16 @@ _Beliefs = dict[str, tuple[Estimate, RobotReport]]
 def _beliefs(record: Record) -> _Beliefs:
     """Return the newest estimate of each robot, and its comparison with the truth."""
     return {name: (estimate, record.judge.robot([estimate])) for name, estimate in record.beliefs.items()}
+
+
+def _beliefs_side_by_side(record: Record) -> _Beliefs:
+    """Return the same with those of each estimator that runs beside the robots' own, named after both."""
+    beside = {name: _beliefs(other) for name, other in record.beside.items()}
+    found: _Beliefs = {}
+    for robot, belief in _beliefs(record).items():
+        found[robot] = belief
+        found |= {f"{robot} {name}": beliefs[robot] for name, beliefs in beside.items() if robot in beliefs}
+    return found
 
 
 _STATE_STYLES = {State.STALE: "yellow", State.CONVERGED: "green"}
@@ -202,11 +214,10 @@ def _counts(estimates: Sequence[Estimate]) -> str:
     return ", ".join(f"{states.count(state)} {state}" for state in dict.fromkeys(states))
 
 
-def _summary_line(record: Record) -> str:
+def _found_line(record: Record) -> str:
+    """Describe the robots' states and masses."""
     beliefs = _beliefs(record)
-    counts = _counts([estimate for estimate, _ in beliefs.values()])
-    of_all = "" if record.duration >= MAX_DURATION else f" of {record.duration:g} s"
-    line = f"{record.time:5.1f} s{of_all}: {counts}"
+    line = _counts([estimate for estimate, _ in beliefs.values()])
     masses = [report.mass for _, report in beliefs.values() if report.mass.estimate is not None]
     if masses:
         low, high = (pick(mass.estimate for mass in masses if mass.estimate is not None) for pick in (min, max))
@@ -214,9 +225,15 @@ def _summary_line(record: Record) -> str:
     return line
 
 
+def _summary_line(record: Record) -> str:
+    of_all = "" if record.duration >= MAX_DURATION else f" of {record.duration:g} s"
+    beside = [f"{name}: {_found_line(other)}" for name, other in record.beside.items()]
+    return f"{record.time:5.1f} s{of_all}: {'; '.join([_found_line(record), *beside])}"
+
+
 def _picture(console: Console, record: Record, truth: Truth) -> RenderableType:
     """Return the picture of a run, with at most as many lines as the window has; in a small window a single line."""
-    beliefs = _beliefs(record)
+    beliefs = _beliefs_side_by_side(record)
     lines = max(_LEAST_LINES, console.height - 1)
     stale = [_stale_line(reason, names) for reason, names in _why_stale(record).items()]
     reasons = [Text(line, "yellow", no_wrap=True, overflow="ellipsis") for line in stale]

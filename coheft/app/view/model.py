@@ -6,6 +6,8 @@ from collections import deque
 from collections.abc import Iterable
 from typing import Literal
 
+import msgspec
+
 from coheft.app.results.judge import RobotReport
 from coheft.app.results.record import SILENT, as_of_now
 from coheft.app.run.heard import News
@@ -13,8 +15,9 @@ from coheft.app.run.pairing import Pairing
 from coheft.app.view.traces import Trace
 from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.wire.messages.requests import Status
-from coheft.wire.messages.structs import Estimate, Problem
+from coheft.wire.messages.structs import Estimate, EstimateBeside, Problem
 from coheft.wire.messages.truth import LoadState, Truth
+from coheft.wire.scenario.plugins import estimator_names
 
 LinkHealth = Literal["up", "silent", "unknown"]
 _PROBLEMS = 100
@@ -36,6 +39,7 @@ class ViewModel:
         edges: Who talks with whom, each edge once.
         truth: The newest one.
         problems: With the time at which they were heard [s].
+        beside: The same of the estimators that run beside the robots' own, by name.
         changes: Counts news: who has drawn a picture need not draw it again while this stays.
     """
 
@@ -57,6 +61,10 @@ class ViewModel:
         self._reports: dict[str, RobotReport] = {}
         self._traces = {name: Trace() for name in order}
         self.problems: deque[tuple[float, Problem]] = deque(maxlen=_PROBLEMS)
+        self.beside = {
+            name: ViewModel(msgspec.structs.replace(status, estimator=name))
+            for name in estimator_names(status.estimator)[1:]
+        }
         self.changes = 0
 
     def hear(self, news: News) -> None:
@@ -66,9 +74,14 @@ class ViewModel:
             case Truth():
                 self.truth = news
                 self._compare(self._pairing.add_truth(news))
+                for other in self.beside.values():
+                    other.hear(news)
             case Estimate():
                 self._latest[news.robot] = news
                 self._compare(self._pairing.add_estimate(news))
+            case EstimateBeside(estimate=estimate):
+                if (beside := self.beside.get(estimate.estimator)) is not None:
+                    beside.hear(estimate)
             case Problem():
                 self.problems.append((self.time, news))
 

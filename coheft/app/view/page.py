@@ -92,7 +92,7 @@ class Page:
     def _draw_texts(self, model: ViewModel, note: str) -> None:
         for handle, text in (
             (self._header, words.header(model, note)),
-            (self._belief, words.belief(model.report(self.chosen), model.beliefs.get(self.chosen))),
+            (self._belief, words.beliefs(model, self.chosen)),
             (self._team, words.team(model, self.chosen)),
             (self._problems, words.problems(model)),
         ):

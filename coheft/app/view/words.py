@@ -79,6 +79,14 @@ def small(text: str) -> str:
     return _filled("small", text)
 
 
+def beliefs(model: ViewModel, robot: str) -> str:
+    """One robot's estimate, and below it those of the estimators that run beside its own."""
+    each = [("", model), *model.beside.items()]
+    return "".join(
+        (small(name) if name else "") + belief(found.report(robot), found.beliefs.get(robot)) for name, found in each
+    )
+
+
 def belief(report: RobotReport | None, estimate: Estimate | None) -> str:
     """One robot's estimate beside the truth, with the numbers of the run's report."""
     if report is None or estimate is None:

@@ -13,7 +13,7 @@ from msgspec import structs
 from coheft.estimation.measurement import KINEMATICS_SIZE
 from coheft.estimation.moments.rows import rows_per_block
 from coheft.estimation.moments.sensor_errors import SensorErrors
-from coheft.wire.scenario.plugins import BUILT_IN
+from coheft.wire.scenario.plugins import BUILT_IN, estimator_names
 from coheft.wire.scenario.schema import Scenario
 
 LEAST_LIMIT = 256 * 1024
@@ -66,15 +66,16 @@ ARRAYS: dict[str, Callable[[Scenario], int]] = {"efficient": _row_arrays, "fan20
 
 def largest_message(scenario: Scenario) -> int:
     """Return the size of the largest message between neighbours [B]; a user's estimator has the limit of
-    ``efficient``.
+    ``efficient``. Estimators that run side by side share the messages.
     """
-    arrays = ARRAYS[scenario.estimator if scenario.estimator in BUILT_IN["estimator"] else "efficient"]
-    return arrays(scenario) + _besides_arrays(scenario)
+    arrays = sum(ARRAYS.get(name, _row_arrays)(scenario) for name in estimator_names(scenario.estimator))
+    return arrays + _besides_arrays(scenario)
 
 
 def message_limit(scenario: Scenario) -> int:
     """Return the limit of messages between neighbours, whichever estimator is used during the run [B]."""
-    needed = [largest_message(structs.replace(scenario, estimator=name)) for name in BUILT_IN["estimator"]]
+    names = (*BUILT_IN["estimator"], scenario.estimator)
+    needed = [largest_message(structs.replace(scenario, estimator=name)) for name in names]
     return max(LEAST_LIMIT, min(max(needed), LARGEST))
 
 

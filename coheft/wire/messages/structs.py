@@ -317,6 +317,28 @@ class Estimate(Message, frozen=True):
         return self.converged and self.status == "valid"
 
 
+class EstimateBeside(Message, frozen=True):
+    """Agent to observers: an estimate of an estimator that runs beside the robot's own, on the same samples.
+
+    Attributes:
+        estimate: The estimate, which names its estimator.
+    """
+
+    code: ClassVar[int] = 22
+
+    estimate: Estimate
+
+    @property
+    def robot(self) -> str:
+        """The robot."""
+        return self.estimate.robot
+
+    @property
+    def time(self) -> float:
+        """End of the block after which it was made [s]."""
+        return self.estimate.time
+
+
 class Problem(Message, frozen=True):
     """Report that a process refused something, or why the run ends.
 

@@ -17,6 +17,7 @@ from coheft.wire.scenario.motion_checks import check_motion
 from coheft.wire.scenario.payload_extent import check_load_places
 from coheft.wire.scenario.payload_surface import from_text
 from coheft.wire.scenario.plugin_checks import check_plugins, leaves
+from coheft.wire.scenario.plugins import estimator_names
 from coheft.wire.scenario.robot_sensors import check_named
 from coheft.wire.scenario.schema import Scenario
 
@@ -120,7 +121,7 @@ def check_carry(scenario: Scenario, origin: str) -> None:
     carry = scenario.carry
     if carry is None:
         return
-    if scenario.estimator != "efficient":
+    if estimator_names(scenario.estimator)[0] != "efficient":
         raise ScenarioError(
             f"{origin}: key 'carry': found with 'estimator' = '{scenario.estimator}', expected 'efficient': with "
             f"others a robot knows its neighbours' poses only, not those of the whole team"
@@ -215,7 +216,7 @@ def check_message_size(scenario: Scenario, origin: str) -> None:
     size = largest_message(scenario)
     if size <= LARGEST:
         return
-    is_fan2017 = scenario.estimator == "fan2017"
+    is_fan2017 = "fan2017" in estimator_names(scenario.estimator)
     other, found = ("fan2017.rounds", scenario.fan2017.rounds) if is_fan2017 else ("robots", scenario.robot_count)
     raise ScenarioError(
         f"{origin}: key 'sensors.block': found {scenario.sensors.block}, and '{other}' = {found}: messages between "
@@ -230,7 +231,7 @@ def check_team_size(scenario: Scenario, origin: str) -> None:
     Raises:
         ScenarioError: They are.
     """
-    if scenario.estimator == "efficient" and scenario.robot_count > _MOST_ROBOTS:
+    if "efficient" in estimator_names(scenario.estimator) and scenario.robot_count > _MOST_ROBOTS:
         raise ScenarioError(
             f"{origin}: key 'robots': found {scenario.robot_count} with 'estimator' = 'efficient', expected at most "
             f"{_MOST_ROBOTS}: there each robot finds the poses of all; memory grows as N², fits as N³ "

@@ -5,6 +5,7 @@ from __future__ import annotations
 import msgspec
 
 from coheft.estimation.tolerance import SensorTolerance
+from coheft.wire.scenario.plugins import estimator_names
 from coheft.wire.scenario.schema import Scenario
 
 _TOO_SURE = "their own std will be too small"
@@ -39,7 +40,7 @@ def _untold_errors(scenario: Scenario) -> list[str]:
 
 def _exact_method(scenario: Scenario) -> list[str]:
     """Note an estimator for exact sensors that is used with inexact ones."""
-    if scenario.estimator != "fan2017":
+    if "fan2017" not in estimator_names(scenario.estimator):
         return []
     kinds = [
         *(["sensor errors"] if scenario.sensors.tolerance != SensorTolerance() else []),

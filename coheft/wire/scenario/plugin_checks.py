@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from coheft.errors import ScenarioError, one_line
 from coheft.wire.former_names import present
 from coheft.wire.scenario.errors import did_you_mean
-from coheft.wire.scenario.plugins import SECTIONS, Kind, available, is_available
+from coheft.wire.scenario.plugins import SECTIONS, Kind, available, estimator_names, is_available
 from coheft.wire.scenario.schema import Scenario
 from coheft.wire.scenario.toml_value import as_toml
 
@@ -21,11 +21,13 @@ def check_plugins(scenario: Scenario, origin: str) -> None:
     Raises:
         ScenarioError: One is not.
     """
-    chosen = {"estimator": scenario.estimator, "motion": scenario.motion.own}
-    for kind, key in _KEYS.items():
-        name = chosen[kind]
+    estimators = estimator_names(scenario.estimator)
+    _check_different(estimators, origin)
+    chosen: list[tuple[Kind, str | None]] = [("motion", scenario.motion.own)]
+    chosen += [("estimator", name) for name in estimators]
+    for kind, name in chosen:
         if name is not None and not is_available(kind, name):
-            there = available(kind)
+            key, there = _KEYS[kind], available(kind)
             raise ScenarioError(
                 f"{origin}: key '{key}': found {name!r}, expected one of: {', '.join(there) or 'none'}."
                 f"{did_you_mean(name, there)} Your own must be installed first, see docs/own.md"
@@ -50,6 +52,14 @@ def check_plugins(scenario: Scenario, origin: str) -> None:
                 )
 
 
+def _check_different(estimators: list[str], origin: str) -> None:
+    twice = [name for name in dict.fromkeys(estimators) if estimators.count(name) > 1]
+    if twice:
+        raise ScenarioError(
+            f"{origin}: key 'estimator': found '{twice[0]}' twice, expected different estimators side by side"
+        )
+
+
 def check_settings_used(scenario: Scenario, origin: str) -> None:
     """Check that no settings are of what the scenario does not use.
 
@@ -60,7 +70,7 @@ def check_settings_used(scenario: Scenario, origin: str) -> None:
     """
     motion = scenario.motion.own
     for name in scenario.settings:
-        if name not in (scenario.estimator, motion):
+        if name not in (*estimator_names(scenario.estimator), motion):
             keys = [f'{key} = "{name}"' for kind, key in _KEYS.items() if is_available(kind, name)]
             own_motion = "no motion of your own" if motion is None else f"the motion '{motion}'"
             raise ScenarioError(

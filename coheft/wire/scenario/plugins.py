@@ -22,6 +22,11 @@ BUILT_IN: dict[Kind, tuple[str, ...]] = {"estimator": tuple(SECTIONS), "motion":
 """Names that users' plugins may not have."""
 
 
+def estimator_names(estimator: str) -> list[str]:
+    """Return the names in a scenario's ``estimator``: usually one, several of estimators that run side by side."""
+    return [name.strip() for name in estimator.split(",")]
+
+
 def is_available(kind: Kind, name: str) -> bool:
     """Whether an estimator or motion of this name exists; installed packages are searched only if necessary."""
     return name in BUILT_IN[kind] or bool(_points(kind, name))

@@ -18,7 +18,7 @@ from coheft.wire.scenario.estimator_settings import Converged, EfficientSettings
 from coheft.wire.scenario.network import LinkQuality
 from coheft.wire.scenario.payload import Payload
 from coheft.wire.scenario.robot_sensors import OtherSensors, RobotSensors
-from coheft.wire.scenario.section import Lengths, Name, NotNegative, Section, Seed, Vector, pose_of
+from coheft.wire.scenario.section import Lengths, Name, Names, NotNegative, Section, Seed, Vector, pose_of
 from coheft.wire.scenario.via_points import ViaPoints
 
 GraphKind = Literal["ring", "line", "star", "grid", "tree", "complete", "random"]
@@ -224,7 +224,8 @@ class Scenario(Section, frozen=True):
         slips: Slips of grasps during the run.
         duration: Length of the run [s].
         seed: Seed of sensor noise, sensor errors and motions.
-        estimator: Estimator of the agents: ``efficient``, ``fan2017``, or one of your own, see docs/own.md.
+        estimator: Estimator of the agents: ``efficient``, ``fan2017``, or one of your own, see docs/own.md. Several
+            with commas between them run side by side; the first is the robots' own.
         fan2017: Settings of the estimator ``fan2017``.
         efficient: Settings of the estimator ``efficient``.
         settings: Settings of your own estimator and motion, one table each, ``settings.NAME``.
@@ -245,7 +246,7 @@ class Scenario(Section, frozen=True):
     slips: tuple[Slip, ...] = ()
     duration: Annotated[float, Meta(gt=0, le=MAX_DURATION)] = 30.0
     seed: Seed = 1
-    estimator: Name = "efficient"
+    estimator: Names = "efficient"
     fan2017: Fan2017Settings = Fan2017Settings()
     efficient: EfficientSettings = EfficientSettings()
     settings: dict[str, dict[str, Any]] = field(default_factory=dict)

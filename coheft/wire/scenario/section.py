@@ -15,6 +15,8 @@ Vector = tuple[float, float, float]
 NotNegative = Annotated[float, Meta(ge=0)]
 Seed = Annotated[int, Meta(ge=0, lt=2**32)]
 Name = Annotated[str, Meta(pattern=r"^[a-z][a-z0-9_-]{0,31}\Z")]
+Names = Annotated[str, Meta(pattern=r"^[a-z][a-z0-9_-]{0,31}(, *[a-z][a-z0-9_-]{0,31})*\Z")]
+"""One or several names, with commas between them."""
 NAME_IN_WORDS = "text: a lower-case letter, then up to 31 lower-case letters, digits, - or _"
 """Description of a valid ``Name``."""
 Lengths = tuple[Positive, Positive, Positive]

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from queue import Empty, SimpleQueue
+from types import UnionType
 from typing import Any, cast
 
 import msgspec
@@ -93,14 +95,14 @@ class Inbox:
         self._roles: dict[str, tuple[Role, Any]] = {}
         self._kept: dict[str, list[Any]] = {}  # by session; a subscriber without a reference is closed
 
-    def listen(self, session: zenoh.Session, source: str, kinds: dict[str, type[Message]]) -> None:
+    def listen(self, session: zenoh.Session, source: str, kinds: Mapping[str, type[Message] | UnionType]) -> None:
         """Receive the messages of one source.
 
         Args:
             session: The session.
             source: Name of the source in events.
-            kinds: Expected type of message by key; the keys differ in their last part only. They share one
-                subscription, so that if messages under one key arrive, those under the others do, too.
+            kinds: Expected type of message by key, or a union of types; the keys differ in their last part only. They
+                share one subscription, so that if messages under one key arrive, those under the others do, too.
 
         Raises:
             ValueError: The keys differ in more than their last part.
@@ -108,7 +110,7 @@ class Inbox:
         places = {key.rpartition("/")[0] for key in kinds}
         if len(places) != 1:
             raise ValueError(f"keys are below {sorted(places)} but expected one place")
-        self._readers |= {key: (source, Reader(kind, key)) for key, kind in kinds.items()}
+        self._readers |= {key: (source, Reader(cast(Any, kind), key)) for key, kind in kinds.items()}
         self._keep(
             session,
             session.declare_subscriber(

@@ -1,0 +1,120 @@
+"""Several estimators of one robot, side by side on the same measurements.
+
+The first one is the robot's own: its estimates are published, and move the arm. The others' estimates are reported
+beside it. Their messages travel in one, in arrays named ``estimator/array``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, TypeVar
+
+import numpy.typing as npt
+
+from coheft.agents.estimator import Belief, Channels, Estimator, RowSigner, SignsRows, TakesLate
+from coheft.errors import PluginError
+from coheft.estimation.measurement import MeasurementBlock
+
+T = TypeVar("T")
+
+
+class SideBySide:
+    """Estimators that neither know nor influence each other. See ``coheft.agents.estimator.Estimator``.
+
+    A user's estimator that fails is not stepped any more, and gives that as its doubt; the others continue.
+
+    Args:
+        estimators: The estimators by name, the robot's own first.
+    """
+
+    def __init__(self, estimators: Mapping[str, Estimator]) -> None:
+        self._first, *self.others = estimators
+        self._estimators = dict(estimators)
+        self._failures: dict[str, str] = {}
+        self._known: dict[int, tuple[Channels, dict[str, Channels]]] = {}  # messages of this step, by identity
+
+    def step(
+        self, index: int, own: MeasurementBlock | None, inbox: Mapping[str, Channels]
+    ) -> dict[str, npt.NDArray[Any]]:
+        """See ``Estimator.step``."""
+        sent: dict[str, npt.NDArray[Any]] = {}
+        nothing: dict[str, npt.NDArray[Any]] = {}
+        parts = {sender: self._parts(channels) for sender, channels in inbox.items()}
+        self._known.clear()
+        for name, estimator in self._estimators.items():
+            heard = {sender: each[name] for sender, each in parts.items() if name in each}
+            channels = self._try(name, lambda: estimator.step(index, own, heard), nothing)  # noqa: B023
+            sent |= {f"{name}/{array}": value for array, value in channels.items()}
+        return sent
+
+    def fits(self, channels: Channels) -> bool:
+        """See ``Estimator.fits``: whether the arrays are of these estimators, and any can read its own."""
+        return {array.partition("/")[0] for array in channels} <= self._estimators.keys() and bool(
+            self._parts(channels)
+        )
+
+    def belief(self) -> Belief:
+        """Return the estimate of the robot's own estimator."""
+        return self.belief_of(self._first)
+
+    def doubts(self) -> tuple[str, ...]:
+        """Return the doubts of the robot's own estimator."""
+        return self.doubts_of(self._first)
+
+    def belief_of(self, name: str) -> Belief:
+        """Return the estimate of one of the estimators."""
+        return self._try(name, self._estimators[name].belief, Belief("poses", converged=False, payload=None, poses={}))
+
+    def doubts_of(self, name: str) -> tuple[str, ...]:
+        """Return the doubts of one of the estimators, or that it has failed."""
+        no_doubts: tuple[str, ...] = ()
+        doubts = self._try(name, self._estimators[name].doubts, no_doubts)
+        return (self._failures[name],) if name in self._failures else doubts
+
+    def hear_late(self, index: int, channels: Channels) -> None:
+        """See ``TakesLate``."""
+        for name, estimator in self._estimators.items():
+            part = self._parts(channels).get(name)
+            if part is not None and isinstance(estimator, TakesLate):
+                estimator.hear_late(index, part)
+
+    def sign_with(self, signer: RowSigner) -> None:
+        """See ``SignsRows``."""
+        for estimator in self._signing:
+            estimator.sign_with(signer)
+
+    def refused(self) -> list[str]:
+        """See ``SignsRows``."""
+        return [text for estimator in self._signing for text in estimator.refused()]
+
+    @property
+    def _signing(self) -> list[SignsRows]:
+        return [estimator for estimator in self._estimators.values() if isinstance(estimator, SignsRows)]
+
+    def _parts(self, channels: Channels) -> dict[str, Channels]:
+        """Return the arrays of a message by estimator, of those that can read theirs; found once for each message."""
+        known = self._known.get(id(channels))
+        if known is None:
+            parts = {name: _part(name, channels) for name in self._estimators}
+            known = channels, {name: part for name, part in parts.items() if self._can_read(name, part)}
+            self._known[id(channels)] = known
+        return known[1]
+
+    def _can_read(self, name: str, part: Channels) -> bool:
+        return self._try(name, lambda: self._estimators[name].fits(part), False)
+
+    def _try(self, name: str, call: Callable[[], T], otherwise: T) -> T:
+        """Call an estimator unless it has failed, and note if it fails now."""
+        if name in self._failures:
+            return otherwise
+        try:
+            return call()
+        except PluginError as error:
+            self._failures[name] = str(error)
+            return otherwise
+
+
+def _part(name: str, channels: Channels) -> Channels:
+    """Return the arrays of one estimator under their own names."""
+    prefix = f"{name}/"
+    return {array.removeprefix(prefix): value for array, value in channels.items() if array.startswith(prefix)}

@@ -1,0 +1,49 @@
+"""Estimators side by side in real processes, and in the recording of their run."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import coheft
+from coheft.api.collector import Collector
+from coheft.app.recording.reader import read_recording
+from coheft.app.results.record import Record
+from coheft.app.results.report import RunInfo, build_report
+from coheft.app.run_report.of_recording import report_recording
+from tests.test_side_by_side import BOTH, SECONDS, assert_same
+
+
+@pytest.mark.slow
+def test_processes_and_their_recording_give_the_numbers_of_one_process(tmp_path: Path) -> None:
+    file, path = tmp_path / "run.json", tmp_path / "run.mcap"
+    command = [
+        sys.executable, "-m", "coheft", "run", "ring3", "--quiet", "--estimator", BOTH, "--duration", str(SECONDS),
+        "--json", str(file), "--record", str(path), "--logs", str(tmp_path / "logs"),
+    ]  # fmt: skip
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120.0, check=False)
+    assert done.returncode in (0, 3), done.stderr
+    expected = coheft.run("ring3", duration=SECONDS, estimator=BOTH)
+    recording = read_recording(path)
+    collector, record = Collector(), Record(recording.begin.scene, SECONDS, beside=["fan2017"])
+    collector.begin(recording.begin)
+    for _, news in recording.news:
+        collector.hear(news)
+        record.hear(news)
+    report = build_report(RunInfo("ring3", 0, "efficient", expected.scenario.block_duration, 1.0), record)
+    replayed = collector.result(expected.scenario, report)
+    for found, alone in ((replayed, expected), (replayed.beside["fan2017"], expected.beside["fan2017"])):
+        for name, robot in alone.robots.items():
+            assert_same(found.robots[name], robot)
+    told = json.loads(file.read_text())
+    for found, shown in ((report, told), (report.beside["fan2017"], told["beside"]["fan2017"])):
+        masses = {name: robot.mass.estimate for name, robot in found.robots.items()}
+        assert masses == {name: robot["mass"]["estimate"] for name, robot in shown["robots"].items()}
+    pytest.importorskip("matplotlib")
+    page = report_recording(path, tmp_path / "page").read_text(encoding="utf-8")
+    assert "estimator efficient, beside it fan2017" in page
+    assert "r1, fan2017" in page

@@ -1,0 +1,173 @@
+"""Estimators that run side by side in every robot, on the same samples."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields
+from io import StringIO
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+from rich.console import Console
+
+import coheft
+from coheft.agents.estimator import Belief, Channels
+from coheft.agents.side_by_side import SideBySide
+from coheft.api.tracks import RobotResult, Track
+from coheft.app.run_report.page import _rows
+from coheft.app.terminal.final_table import print_report
+from coheft.app.view import words
+from coheft.app.view.model import ViewModel
+from coheft.errors import PluginError, ScenarioError
+from coheft.estimation.geometry.spatial import Array
+from coheft.estimation.measurement import MeasurementBlock
+from coheft.wire.config import agent_config
+from coheft.wire.former_names import present
+from coheft.wire.messages.size import largest_message
+from coheft.wire.messages.structs import EstimateBeside
+from coheft.wire.scenario.file import load_scenario
+from tests.synthetic_run import HEAVY, LIGHT, estimate, truth
+from tests.test_view_model import STATUS
+
+BOTH = "efficient,fan2017"
+SECONDS = 6.0
+
+
+@pytest.fixture(scope="module")
+def both() -> coheft.Result:
+    """A run with both estimators."""
+    return coheft.run("ring3", duration=SECONDS, estimator=BOTH)
+
+
+def assert_same(one: RobotResult, other: RobotResult) -> None:
+    """Check that two robots published the same estimates, bit for bit."""
+    for name in ("time", "state", "valid", "converged", "noticed"):
+        assert np.array_equal(getattr(one, name), getattr(other, name)), name
+    for name in ("mass", "com", "inertia"):
+        for part in fields(Track):
+            found, expected = (getattr(getattr(robot, name), part.name) for robot in (one, other))
+            assert np.array_equal(found, expected, equal_nan=True), f"{name}.{part.name}"
+
+
+@pytest.mark.parametrize("estimator", ["efficient", "fan2017"])
+def test_each_gives_what_it_gives_alone_bit_for_bit(both: coheft.Result, estimator: str) -> None:
+    alone = coheft.run("ring3", duration=SECONDS, estimator=estimator)
+    found = both if estimator == "efficient" else both.beside[estimator]
+    assert found.report.estimator == estimator
+    assert found.report.robots == alone.report.robots
+    for name, robot in alone.robots.items():
+        assert robot.valid.any()
+        assert_same(found.robots[name], robot)
+
+
+def test_either_can_be_the_robots_own(both: coheft.Result) -> None:
+    swapped = coheft.run("ring3", duration=SECONDS, estimator="fan2017, efficient")
+    assert swapped.report.estimator == "fan2017"
+    assert swapped.report.robots == both.beside["fan2017"].report.robots
+    assert swapped.beside["efficient"].report.robots == both.report.robots
+
+
+def test_table_page_and_json_show_both(both: coheft.Result) -> None:
+    printed = StringIO()
+    console = Console(width=100, file=printed)
+    print_report(console, both.report, folder=Path())
+    text = printed.getvalue()
+    assert "s, efficient)" in text
+    assert "s, fan2017)" in text
+    assert "fan2017: Not converged: " in text
+    assert list(_rows(both.report))[:2] == ["r1", "r1, fan2017"]
+    report = msgspec.json.decode(msgspec.json.encode(both.report))
+    assert report["beside"]["fan2017"]["robots"]["r1"]["mass"] != report["robots"]["r1"]["mass"]
+
+
+def test_messages_have_room_for_both() -> None:
+    ring = load_scenario("ring6")
+    sizes = {name: largest_message(msgspec.structs.replace(ring, estimator=name)) for name in ("efficient", "fan2017")}
+    together = largest_message(msgspec.structs.replace(ring, estimator=BOTH))
+    assert max(sizes.values()) < together < sum(sizes.values())
+
+
+def test_a_wrong_or_repeated_name_is_refused() -> None:
+    with pytest.raises(ScenarioError, match=r"found 'fan201', expected one of: efficient, fan2017\. Did you mean"):
+        coheft.simulate("ring3", estimator="efficient,fan201")
+    with pytest.raises(ScenarioError, match=r"found 'efficient' twice, expected different estimators"):
+        coheft.simulate("ring3", estimator="efficient,efficient")
+    with pytest.raises(ScenarioError, match=r"found 'fan2017' twice"):
+        coheft.simulate("ring3", estimator="fan2017,seed")
+    with pytest.raises(ScenarioError, match=r"key 'carry'"):
+        coheft.simulate("carry6", estimator="fan2017,efficient")
+
+
+def test_former_names_are_read_in_a_list() -> None:
+    assert present("efficient, seed") == "efficient,fan2017"
+
+
+def test_settings_of_each_reach_it() -> None:
+    ring = load_scenario("ring3")
+    with_settings = msgspec.structs.replace(ring, estimator="efficient,mine", settings={"mine": {"gain": 2.0}})
+    config = agent_config(with_settings, "r1", ("r2", "r3"))
+    assert config.estimator_settings == {"efficient": {}, "mine": {"gain": 2.0}}
+
+
+class Counter:
+    """Sends its count of steps, and fails at a given step."""
+
+    def __init__(self, fails_at: int = 10**9) -> None:
+        self.steps, self.heard = 0, list[float]()
+        self._fails_at = fails_at
+
+    def step(self, index: int, own: MeasurementBlock | None, inbox: Mapping[str, Channels]) -> dict[str, Array]:
+        if index >= self._fails_at:
+            raise PluginError("it has run out of numbers")
+        self.steps += 1
+        self.heard += [float(channels["count"][0]) for channels in inbox.values()]
+        return {"count": np.array([float(self.steps)])}
+
+    def fits(self, channels: Channels) -> bool:
+        return channels.keys() == {"count"}
+
+    def belief(self) -> Belief:
+        return Belief("inertia", converged=False, payload=None, poses={}, learned_block=self.steps)
+
+    def doubts(self) -> tuple[str, ...]:
+        return ()
+
+
+@pytest.mark.parametrize("failing", ["one", "two"])
+def test_if_one_fails_the_other_continues_and_says_so(failing: str) -> None:
+    made = {name: Counter(fails_at=2 if name == failing else 10**9) for name in ("one", "two")}
+    pair = SideBySide(made)
+    for index in range(5):
+        sent = pair.step(index, None, {})
+    (other,) = made.keys() - {failing}
+    assert made[other].steps == 5
+    assert sent.keys() == {f"{other}/count"}
+    assert pair.doubts_of(failing) == ("it has run out of numbers",)
+    assert pair.belief_of(failing).payload is None
+    assert pair.doubts_of(other) == ()
+    assert pair.belief_of(other).learned_block == 5
+
+
+def test_each_hears_only_its_own_arrays_that_it_can_read() -> None:
+    made = {"one": Counter(), "two": Counter()}
+    pair = SideBySide(made)
+    message = {"one/count": np.array([7.0]), "two/other": np.array([8.0])}
+    assert pair.fits(message)
+    pair.step(0, None, {"r2": message})
+    assert (made["one"].heard, made["two"].heard) == ([7.0], [])
+    assert not pair.fits({"count": np.array([7.0])}), "of a robot that runs one estimator alone"
+
+
+def test_the_view_shows_both() -> None:
+    model = ViewModel(msgspec.structs.replace(STATUS, estimator=BOTH))
+    model.hear(truth(0, LIGHT))
+    model.hear(estimate("r1", 0, LIGHT))
+    model.hear(EstimateBeside(msgspec.structs.replace(estimate("r1", 0, HEAVY), estimator="fan2017")))
+    own, beside = model.report("r1"), model.beside["fan2017"].report("r1")
+    assert own is not None
+    assert beside is not None
+    assert (own.mass.estimate, beside.mass.estimate) == (pytest.approx(10.0), pytest.approx(13.0))
+    text = words.beliefs(model, "r1")
+    assert text.index("10.0") < text.index("fan2017") < text.index("13.0")
