@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import msgspec
 
@@ -58,15 +58,16 @@ def try_schedule(schedule: FaultSchedule) -> Outcome:
     """Run a schedule until its end, or until all robots have recovered for good, and check every promise."""
     began = time.perf_counter()
     run = FaultyRun(schedule)
-    watch, recovery, names = Watch(schedule, run.scene), Recovery(schedule), _Named(schedule)
-    quiet = _Quiet(schedule, run)
+    watch, recovery, quiet = Watch(schedule, run.scene), Recovery(schedule), _Quiet(schedule, run)
+    lies = [fault for fault in schedule.faults if isinstance(fault, Lie)]
+    named: set[str] = set()
     simulated, lost, untold = 0.0, "", is_untold(schedule.scenario)
     try:
         for block in run:
             simulated = block.truth.time
             watch.look(block)
             recovery.look(block)
-            names.look(block)
+            named |= _named(lies, block)
             quiet.look(block)
             if recovery.is_steady and not untold:  # effects of a lasting sensor error may show late
                 break
@@ -87,8 +88,8 @@ def try_schedule(schedule: FaultSchedule) -> Outcome:
         recovered=recovery.taken,
         stale=recovery.stale / max(1, recovery.published),
         refused=run.network.refused,
-        lied=names.liars,
-        named=names.count,
+        lied=len({lie.robot for lie in lies}),
+        named=len(named),
         untold=untold,
         off_for=watch.off_for,
         lost=lost,
@@ -130,29 +131,12 @@ def _published(block: FaultyBlock) -> bytes:
     return b"".join(encode(msgspec.structs.replace(estimate, problems=0), "") for estimate in estimates)
 
 
-class _Named:
-    """Finds out which lying agents others have named since they began to lie."""
-
-    def __init__(self, schedule: FaultSchedule) -> None:
-        self._lies = [fault for fault in schedule.faults if isinstance(fault, Lie)]
-        self._named: set[str] = set()
-
-    def look(self, block: FaultyBlock) -> None:
-        """Add what was published after a block."""
-        for lie in self._lies:
-            if lie.robot in self._named or block.truth.time < lie.start:
-                continue
-            for robot, outbox in block.outboxes.items():
-                told = [*outbox.problems, *(outbox.estimate.reasons if outbox.estimate is not None else ())]
-                if robot != lie.robot and any(lie.robot in words for words in told):
-                    self._named.add(lie.robot)
-
-    @property
-    def liars(self) -> int:
-        """Number of agents that lie."""
-        return len({lie.robot for lie in self._lies})
-
-    @property
-    def count(self) -> int:
-        """Number of them that were named."""
-        return len(self._named)
+def _named(lies: Iterable[Lie], block: FaultyBlock) -> set[str]:
+    """Return the lying agents that another agent names after a block, in a reason or a problem."""
+    named = set()
+    for lie in lies:
+        for robot, outbox in block.outboxes.items():
+            texts = [*outbox.problems, *(outbox.estimate.reasons if outbox.estimate is not None else ())]
+            if block.truth.time >= lie.start and robot != lie.robot and any(lie.robot in text for text in texts):
+                named.add(lie.robot)
+    return named
