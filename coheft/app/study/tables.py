@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 from coheft.app.results.errors import MOST_STDS
@@ -10,7 +11,7 @@ from coheft.app.study.detection import Detection
 from coheft.app.study.report import Accuracy, Cell, Consistency, EstimatorResult, Number, Recovered, StudyReport
 
 NAMES = {
-    "pose_rotation": ("rotation", "°", 57.29577951308232),
+    "pose_rotation": ("rotation", "°", math.degrees(1.0)),
     "pose_translation": ("translation", "mm", 1e3),
     "mass": ("mass", "kg", 1.0),
     "com": ("centre of mass", "mm", 1e3),
@@ -43,17 +44,8 @@ def accuracy_rows(cell: Cell) -> Iterator[tuple[str, ...]]:
         name, unit, size = NAMES[quantity.name]
         for estimator, result in cell.results.items():
             found: Accuracy = getattr(result, quantity.name)
-            yield (
-                f"{name}, {unit}",
-                estimator,
-                plain(found.rms, size),
-                plain(found.bound_full, size),
-                _with_range(found.ratio_full, found.ratio_full_low, found.ratio_full_high),
-                _marked(found),
-                short(found.ratio_two_step),
-                _range(found.nees_low, found.nees_high),
-                str(found.missing),
-            )
+            ranges = short(found.ratio_two_step), _range(found.nees_low, found.nees_high)
+            yield f"{name}, {unit}", estimator, *_compared(found, size), *ranges, str(found.missing)
     for estimator, result in cell.results.items():
         joint = result.all_ten
         yield "all ten together", estimator, "", "", "", _marked(joint), "", _range(joint.nees_low, joint.nees_high), ""
@@ -66,15 +58,14 @@ def recovery_rows(cell: Cell) -> Iterator[tuple[str, ...]]:
         for estimator, result in cell.results.items():
             if result.recovery is not None:
                 found: Recovered = getattr(result.recovery, key)
-                yield (
-                    f"{name}, {unit}",
-                    estimator,
-                    plain(found.rms, size),
-                    plain(found.bound_full, size),
-                    _with_range(found.ratio_full, found.ratio_full_low, found.ratio_full_high),
-                    _marked(found),
-                    str(found.missing),
-                )
+                yield f"{name}, {unit}", estimator, *_compared(found, size), str(found.missing)
+
+
+def _compared(found: Recovered, size: float) -> tuple[str, ...]:
+    """Return the cells from ``RMS`` to ``NEES``; ``size`` is the factor from SI units."""
+    ratio = f"{short(found.ratio_full)} ({_range(found.ratio_full_low, found.ratio_full_high)})"
+    rms, bound = plain(found.rms, size), plain(found.bound_full, size)
+    return rms, bound, "–" if found.ratio_full is None else ratio, _marked(found)
 
 
 def sentences(estimator: str, result: EstimatorResult) -> Iterator[str]:
@@ -179,11 +170,7 @@ def _range(low: Number, high: Number) -> str:
     return "" if low is None or high is None else f"{short(low)}–{short(high)}"
 
 
-def _with_range(value: Number, low: Number, high: Number) -> str:
-    return "–" if value is None else f"{short(value)} ({_range(low, high)})"
-
-
-def _marked(found: Accuracy | Consistency | Recovered) -> str:
+def _marked(found: Consistency) -> str:
     """Format a NEES, with a star if it is outside its interval."""
     if found.nees is None or found.nees_low is None or found.nees_high is None:
         return "–"
