@@ -294,8 +294,8 @@ def _recovery(name: str, groups: Sequence[Sequence[Trial]], moments: Moments) ->
         for group in groups
     ]
     accuracies = {q.name: _accuracy(q, cells) for q in QUANTITIES if q.of_payload}
-    recovered = {name: msgspec.convert(each, Recovered, from_attributes=True) for name, each in accuracies.items()}
-    return Recovery(seconds_after=moments.after, **recovered)
+    result = {name: msgspec.convert(each, Recovered, from_attributes=True) for name, each in accuracies.items()}
+    return Recovery(seconds_after=moments.after, **result)
 
 
 def _where_known(values: _Squares, like: _Squares) -> list[Array]:
