@@ -33,6 +33,7 @@ import sys
 import tempfile
 from collections.abc import Sequence
 from contextlib import ExitStack, suppress
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -44,13 +45,11 @@ from benchmarks.agent_step_team import COUNTED, NONE, Took, Turn, ring
 from benchmarks.figures import digits
 from benchmarks.runner import this_machine
 from benchmarks.timing import ratio
-from coheft.agents.motion.reference import make_motion
+from coheft.app.study.samples import reference_blocks
 from coheft.consensus.graph import build_graph
 from coheft.errors import CoheftError
 from coheft.estimation.geometry.spatial import Array
 from coheft.physics_server.simulation import Simulation
-from coheft.wire.config import agent_config
-from coheft.wire.messages.structs import Reference
 from coheft.wire.scenario.schema import Scenario
 
 HERE = Path(__file__).resolve().parents[1]
@@ -75,28 +74,16 @@ class StepFigures(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Source:
-    """Physics: measurements of all robots on their reference motions, which do not depend on estimates."""
+    """Measurements of all robots on their reference motions, which do not depend on estimates."""
 
     def __init__(self, scenario: Scenario) -> None:
-        graph = build_graph(scenario.graph, scenario.robot_names)
-        self._simulation = Simulation(scenario, graph)
-        self._lookahead = scenario.lookahead
-        self._motions = {name: make_motion(agent_config(scenario, name, others)) for name, others in graph.items()}
+        simulation = Simulation(scenario, build_graph(scenario.graph, scenario.robot_names))
+        self._blocks = reference_blocks(scenario, simulation)
 
     def take(self, blocks: int) -> Array:
         """Return the samples of the next blocks, shape (blocks, robots, B, 15)."""
-        return np.array([self._block() for _ in range(blocks)])
-
-    def _block(self) -> list[Array]:
-        index = self._simulation.block
-        references: dict[str, Reference] = {}
-        if (answers := index - self._lookahead) >= 0:
-            for name, motion in self._motions.items():
-                references[name] = Reference(
-                    robot=name, block=index, answers=answers, motion=motion.reference(index), wrench=np.zeros(6)
-                )
-        measurements = self._simulation.advance(references).measurements
-        return [measurements[name].samples for name in self._motions]
+        results = islice(self._blocks, blocks)
+        return np.array([[each.samples for each in result.measurements.values()] for result in results])
 
 
 class Process:

@@ -1,4 +1,4 @@
-"""What may be wrong with a recording, of drawn size: with its robot, and the causes by which a judge may name it."""
+"""Recordings with one fault of random size, with the robot and the causes that a verdict may name."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from coheft.estimation.rigid_body.mass_properties import Inertia
 
 Change = Callable[[RobotRecord], dict[str, Array]]
 ALL = ""
-"""Instead of a robot's name: all of them."""
+"""Stands for all robots."""
 
 
 @dataclass(frozen=True, eq=False)
 class Faulty:
-    """A recording with something wrong.
+    """A recording with a fault.
 
     Attributes:
-        recording: It.
-        causes: By which it may be named; refused recordings have none.
-        robot: Whose fault it is; none if it is all robots', or no robot's.
+        recording: The recording.
+        causes: Causes that are right; empty for recordings that have to be refused.
+        robot: The robot with the fault; None if it concerns all robots, or none.
     """
 
     recording: Recording
@@ -74,7 +74,7 @@ _BY_POSES |= {"quaternions", "length scale"}
 
 
 def faulty(kind: str, seed: int, *, by_twists: bool) -> Faulty:
-    """A recording with a fault of some kind, its size, robot and time drawn."""
+    """Return a recording with a fault of random size, robot and time."""
     rng = np.random.default_rng([1, seed])
     change = None
     if kind == "load change":
@@ -103,7 +103,7 @@ def faulty(kind: str, seed: int, *, by_twists: bool) -> Faulty:
 def _with(
     team: Team, kind: str, names: Sequence[str], rng: np.random.Generator, *, by_twists: bool
 ) -> tuple[Team, Change | None, tuple[str, ...]]:
-    """The team with the fault before noise, what it does after noise, and by which causes it is named."""
+    """Return the team with the fault before noise, the change after noise, and the right causes."""
     end = float(team.records[names[0]].time[-1])
     when, sign = rng.uniform(0.25, 0.75) * end, float(rng.choice([-1.0, 1.0]))
     motion = ("twist", "acceleration") if by_twists else ("pose",)
