@@ -49,7 +49,7 @@ def sizes(path: Path) -> tuple[int, int]:
 class BareAgent:
     """An agent that repeats recorded messages, with the interface of ``Agent``."""
 
-    def __init__(self, config: AgentConfig, incarnation: int, largest_arrays: int) -> None:
+    def __init__(self, config: AgentConfig, incarnation: int, largest_arrays: int, signer: object) -> None:
         self._config = config
         self._incarnation = incarnation
         self._said = _read(Path(config.estimator_settings[SETTING]))
