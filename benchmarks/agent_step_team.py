@@ -151,8 +151,8 @@ class WholeAgent:
             said: All robots' encoded messages of the previous block, by name.
         """
         own = decode(measured, Measurements, self._own)
-        heard = [decode(said[name], NeighbourMessage, key) for name, key in self._others.items() if name in said]
-        outbox = self._agent.step(own.block, MeasurementBlock(own.block, own.samples), heard)
+        messages = [decode(said[name], NeighbourMessage, key) for name, key in self._others.items() if name in said]
+        outbox = self._agent.step(own.block, MeasurementBlock(own.block, own.samples), messages)
         encode(outbox.reference, self._own)
         if outbox.estimate is not None:
             encode(outbox.estimate, self._own)

@@ -60,11 +60,11 @@ def _run(graph: Neighbours, rounds: int, inputs: Callable[[int], Array], blocks:
         sent = {name: agent.pipeline.sent() for name, agent in agents.items()}
         row = []
         for value, (name, agent) in zip(inputs(block), agents.items(), strict=True):
-            heard = [
+            received = [
                 NeighbourStages(None, np.full(rounds, metropolis_weight(len(graph[name]), len(graph[j]))), *sent[j])
                 for j in graph[name]
             ]
-            row.append(agent.step(np.array([[value]]), heard))
+            row.append(agent.step(np.array([[value]]), received))
         if all(each is not None for each in row):
             found.append([float(each[0, 0]) for each in row if each is not None])
     return np.array(found)

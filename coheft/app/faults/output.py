@@ -59,11 +59,11 @@ def print_campaign(
     lies, named = summary.lies
     if lies:
         console.print(f"{named} of {lies} agents that lied were named by others")
-    untold, off, long = summary.untold
-    if untold:
+    undeclared, off, long = summary.undeclared
+    if undeclared:
         console.print(
-            f"in {untold} schedules sensor errors exceeded their tolerances: in {off} of these a valid number was off "
-            f"by more than five own std, in {long} for more than 1 s"
+            f"in {undeclared} schedules sensor errors exceeded their tolerances: in {off} of these a valid number was "
+            f"off by more than five own std, in {long} for more than 1 s"
         )
     console.print(f"violations: {summary.violations}, in {len(summary.failed)} schedules")
     failed = [outcome for outcome in outcomes if outcome.violations]

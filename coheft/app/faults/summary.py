@@ -50,7 +50,7 @@ class CampaignSummary(msgspec.Struct, frozen=True):
         first_valid_s: Like ``KindSummary.recovered_s``, for the time until all were valid for the first time.
         refused: Number of messages that the codec refused.
         lies: Number of agents that lied, and number of them that another agent named.
-        untold: Number of schedules in which sensor errors exceeded the known tolerances; of those in which a robot
+        undeclared: Number of schedules in which sensor errors exceeded the known tolerances; of those in which a robot
             reported wrong numbers as valid; and of those in which it did for more than 1 s.
         kinds: Summaries by kind of fault.
     """
@@ -64,7 +64,7 @@ class CampaignSummary(msgspec.Struct, frozen=True):
     first_valid_s: tuple[float, float, float] | None
     refused: int
     lies: tuple[int, int]
-    untold: tuple[int, int, int]
+    undeclared: tuple[int, int, int]
     kinds: list[KindSummary]
 
 
@@ -82,7 +82,7 @@ def summarise(outcomes: Sequence[Outcome]) -> CampaignSummary:
         first_valid_s=_spread([o.first_valid for o in outcomes if o.first_valid is not None]),
         refused=sum(outcome.refused for outcome in outcomes),
         lies=(sum(outcome.lied for outcome in outcomes), sum(outcome.named for outcome in outcomes)),
-        untold=(sum(o.untold for o in outcomes), *_off([o for o in outcomes if o.untold])),
+        undeclared=(sum(o.undeclared for o in outcomes), *_off([o for o in outcomes if o.undeclared])),
         kinds=[_kind("none", [o for o in outcomes if not o.faults], outcomes)]
         + [_kind(kind, [o for o in outcomes if kind in o.faults], outcomes) for kind in kinds],
     )

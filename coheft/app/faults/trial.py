@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator
 import msgspec
 
 from coheft.app.faults.invariants import Violation, Watch
-from coheft.app.faults.lasting import is_untold, lasting_kinds
+from coheft.app.faults.lasting import is_undeclared, lasting_kinds
 from coheft.app.faults.recovery import Recovery
 from coheft.app.faults.run import FaultyBlock, FaultyRun
 from coheft.app.faults.schedule import FaultSchedule, Lie, is_harmless
@@ -25,7 +25,7 @@ class Outcome(msgspec.Struct, frozen=True, kw_only=True):
         last: Kind of the fault that ended last; empty if there was none.
         simulated: Simulated time [s].
         violations: Broken promises. If sensor errors exceed the known tolerances, only P2 is promised.
-        untold: Whether sensor errors exceed the known tolerances.
+        undeclared: Whether sensor errors exceed the known tolerances.
         off_for: Longest time for which a robot reported wrong numbers as valid [s]; None if it never did.
         first_valid: When all were valid for the first time [s]; None if never.
         recovered: Time from the end of all faults and load changes until all were valid [s]; None if they were not.
@@ -48,7 +48,7 @@ class Outcome(msgspec.Struct, frozen=True, kw_only=True):
     refused: int
     lied: int
     named: int
-    untold: bool = False
+    undeclared: bool = False
     off_for: float | None = None
     lost: str = ""
     took: float = 0.0
@@ -61,7 +61,7 @@ def try_schedule(schedule: FaultSchedule) -> Outcome:
     watch, recovery, quiet = Watch(schedule, run.scene), Recovery(schedule), _Quiet(schedule, run)
     lies = [fault for fault in schedule.faults if isinstance(fault, Lie)]
     named: set[str] = set()
-    simulated, lost, untold = 0.0, "", is_untold(schedule.scenario)
+    simulated, lost, undeclared = 0.0, "", is_undeclared(schedule.scenario)
     try:
         for block in run:
             simulated = block.truth.time
@@ -69,12 +69,12 @@ def try_schedule(schedule: FaultSchedule) -> Outcome:
             recovery.look(block)
             named |= _named(lies, block)
             quiet.look(block)
-            if recovery.is_steady and not untold:  # effects of a lasting sensor error may show late
+            if recovery.is_steady and not undeclared:  # effects of a lasting sensor error may show late
                 break
     except SimulationError as error:
         lost = str(error)
-    violations = [violation for violation in watch.violations if not untold or violation.promise == "P2"]
-    if not lost and not untold:
+    violations = [violation for violation in watch.violations if not undeclared or violation.promise == "P2"]
+    if not lost and not undeclared:
         violations += filter(None, [recovery.violation()])
     violations += filter(None, [quiet.violation])
     last = max(schedule.faults, key=lambda fault: fault.end, default=None)
@@ -90,7 +90,7 @@ def try_schedule(schedule: FaultSchedule) -> Outcome:
         refused=run.network.refused,
         lied=len({lie.robot for lie in lies}),
         named=len(named),
-        untold=untold,
+        undeclared=undeclared,
         off_for=watch.off_for,
         lost=lost,
         took=time.perf_counter() - began,

@@ -20,7 +20,7 @@ from coheft.errors import CoheftError
 from coheft.wire.process.supervised import supervised_main
 
 _LOOK_EVERY = 0.2
-_READY, _SEEN, _AGAIN = "the view is ready", "somebody looks", "again"
+_READY, _SEEN, _AGAIN = "the view is ready", "a browser is connected", "again"
 """Lines of its log, which does not contain the secret, because others may read it."""
 
 
