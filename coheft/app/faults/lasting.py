@@ -129,6 +129,4 @@ def _usual(tolerance: SensorTolerance) -> SensorTolerance:
 
 
 def _shape(key: str) -> str:
-    if key in ("clock", "wrench_delay"):
-        return "delay"
-    return key.removesuffix("_deg").rpartition("_")[2]
+    return "delay" if key in ("clock", "wrench_delay") else key.removesuffix("_deg").rpartition("_")[2]

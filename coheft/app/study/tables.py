@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 from coheft.app.results.errors import MOST_STDS
 from coheft.app.results.quantities import ALL_TEN, QUANTITIES
@@ -51,11 +51,11 @@ def accuracy_rows(cell: Cell) -> Iterator[tuple[str, ...]]:
         yield "all ten together", estimator, "", "", "", _marked(joint), "", _range(joint.nees_low, joint.nees_high), ""
 
 
-def recovery_rows(cell: Cell) -> Iterator[tuple[str, ...]]:
+def recovery_rows(results: Mapping[str, EstimatorResult]) -> Iterator[tuple[str, ...]]:
     """Yield one row per quantity and estimator, columns as in ``RECOVERY_HEADER``; none if the load does not change."""
     for key in ("mass", "com", "inertia"):
         name, unit, size = NAMES[key]
-        for estimator, result in cell.results.items():
+        for estimator, result in results.items():
             if result.recovery is not None:
                 found: Recovered = getattr(result.recovery, key)
                 yield f"{name}, {unit}", estimator, *_compared(found, size), str(found.missing)
@@ -102,6 +102,11 @@ def title(report: StudyReport) -> str:
     )
 
 
+def seconds_after(report: StudyReport) -> float:
+    """Return the time from the load change to the evaluation of the recovery [s]."""
+    return next(r.recovery.seconds_after for r in report.results.values() if r.recovery is not None)
+
+
 def caption(cell: Cell) -> str:
     """Return the caption of one noise and time."""
     return f"noise × {cell.noise_scale:g}, at {cell.at_s:g} s"
@@ -128,11 +133,12 @@ def markdown(report: StudyReport, pictures: dict[str, str]) -> str:
         parts.append(_markdown_table(HEADER, list(accuracy_rows(cell))))
     if len(report.cells) > 1:
         parts.append("\n".join(f"- {line}" for line in together(report)))
-    whole = Cell(report.noise_scales[0], report.at_s[-1], report.results)
-    recovery = list(recovery_rows(whole))
+    recovery = list(recovery_rows(report.results))
     if recovery:
-        after = next(r.recovery.seconds_after for r in report.results.values() if r.recovery is not None)
-        parts.append(f"{after:g} s after the load change, compared with the bound of an estimator that knows its time:")
+        parts.append(
+            f"{seconds_after(report):g} s after the load change, compared with the bound of an estimator that knows "
+            f"its time:"
+        )
         parts.append(_markdown_table(RECOVERY_HEADER, recovery))
     parts.append("\n".join(f"- {line}" for name, result in report.results.items() for line in sentences(name, result)))
     parts.append("## How to read this\n\n" + "\n".join(f"- {line}" for line in EXPLANATION))
