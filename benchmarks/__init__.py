@@ -1,4 +1,4 @@
-"""What takes long, or depends on the machine: measurements that are no tests."""
+"""Measurements that take long or depend on the machine."""
 
 import os
 

@@ -1,9 +1,8 @@
-"""All benchmarks, one after another; writes a Markdown table and the same as JSON, anew after each one.
+"""All benchmarks, one after another; writes the results as Markdown and JSON after each one.
 
     python -m benchmarks [NAME ...] [--effort short|usual|full] [--to FOLDER]
 
-'usual' takes some minutes, 'full' most of an hour. Each runs alone, too: python -m benchmarks.NAME --help
-If one fails, the others are measured all the same; the exit status is 1.
+'usual' takes some minutes, 'full' most of an hour. If one fails, the others are still measured; the exit status is 1.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from benchmarks.runner import BENCHMARKS, add_effort, measure_all, this_machine
 
 
 def main() -> None:
-    """Run them, write the tables, print one."""
+    """Run benchmarks, write the results, and print the table."""
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -28,14 +27,14 @@ def main() -> None:
     chosen = parser.parse_args()
     unknown = sorted(set(chosen.names) - set(BENCHMARKS))
     if unknown:
-        parser.error(f"there is no benchmark {', '.join(unknown)}; there are {', '.join(BENCHMARKS)}")
+        parser.error(f"there is no benchmark {', '.join(unknown)}; available: {', '.join(BENCHMARKS)}")
     load_before = os.getloadavg()[0]
     sections: list[Section] = []
     try:
         for section in measure_all(chosen.names or BENCHMARKS, chosen.effort):
             sections.append(section)
             results = Results(effort=chosen.effort, machine=this_machine(load_before), sections=sections)
-            paths = results.write(chosen.to)  # each time: what was measured is not lost
+            paths = results.write(chosen.to)  # each time, so that no result is lost
     except OSError as error:
         sys.exit(str(error))
     except KeyboardInterrupt:

@@ -1,12 +1,12 @@
 """One team of agents in a process of its own, which ``benchmarks.agent_step`` times or whose calls it counts.
 
-It is a script that runs with any checkout of coheft that ``PYTHONPATH`` names, also an older one:
+This script runs with any checkout of coheft in ``PYTHONPATH``, also an older one:
 
     PYTHONPATH=ROOT python -P benchmarks/agent_step_team.py ROBOTS ESTIMATOR ROOT [--count]
 
-So it takes nothing from coheft but what an agent's process needs, and makes agents out of that checkout's own scenarios
-and settings. An empty line on stdout says that it is ready; then each line of stdin is a ``Turn``, and the answer on
-stdout is what it ``Took``.
+So it uses only those parts of coheft that an agent's process needs, with that checkout's scenarios and settings. An
+empty line on stdout says that the team is ready; then each line of stdin is a ``Turn``, which is answered by a ``Took``
+on stdout.
 """
 
 from __future__ import annotations
@@ -42,18 +42,18 @@ from coheft.wire.scenario.schema import Scenario
 NONE = "none"
 """Name of the estimator that does no mathematics."""
 LARGEST_SHIPPED = 24
-"""Robots of the largest ring that is shipped; around a larger one everything grows."""
+"""Number of robots of the largest shipped ring."""
 COUNTED = 6
-"""Calls are counted of so many agents at most, spread evenly over the team."""
+"""Largest number of agents whose calls are counted, spread evenly over the team."""
 _OWN_CALL = "<method 'disable' of '_lsprof.Profiler' objects>"
-"""The only call that the count itself makes."""
+"""The call that the count itself makes."""
 
 
 class Turn(msgspec.Struct, frozen=True):
-    """Some blocks in a row.
+    """Consecutive blocks.
 
     Attributes:
-        path: File of numpy's with what all robots measured, shape (blocks, robots, B, 15).
+        path: NumPy file of all robots' samples, shape (blocks, robots, B, 15).
         first: Number of the first block.
     """
 
@@ -62,15 +62,15 @@ class Turn(msgspec.Struct, frozen=True):
 
 
 class Took(msgspec.Struct, frozen=True):
-    """What a turn took.
+    """Costs of a turn.
 
     Attributes:
         seconds: CPU time of all agents together, per block [s].
         worst: The longest step of one agent [s].
-        sizes: Bytes of all messages to neighbours.
-        knows_poses: Whether after a block all agents know their poses, per block.
-        calls: Calls of functions written in Python, of those agents whose calls are counted.
-        c_calls: Likewise, of functions written in C.
+        sizes: Size of all messages to neighbours [B].
+        knows_poses: Whether all agents know their poses, per block.
+        calls: Number of calls of Python functions, of the counted agents.
+        c_calls: Number of calls of C functions.
     """
 
     seconds: list[float]
@@ -82,33 +82,33 @@ class Took(msgspec.Struct, frozen=True):
 
 
 class NoMathematics:
-    """An estimator that learns nothing, tells nothing and believes nothing: what is left is the agent around it."""
+    """An estimator that does nothing, to measure the rest of the agent."""
 
     def __init__(self, config: AgentConfig, gossip: Gossip) -> None:
-        """It needs neither."""
+        """Ignore both."""
 
     def step(self, index: int, own: MeasurementBlock | None, inbox: Mapping[str, Channels]) -> dict[str, Array]:
-        """Nothing to tell."""
+        """Send nothing."""
         return {}
 
     def fits(self, channels: Channels) -> bool:
-        """Whatever comes."""
+        """Accept all messages."""
         return True
 
     def belief(self) -> Belief:
-        """Nothing is known."""
+        """Return an empty belief."""
         return Belief("poses", False, None, {})
 
     def doubts(self) -> tuple[str, ...]:
-        """None."""
+        """Return none."""
         return ()
 
 
 def ring(robots: int) -> Scenario:
-    """A ring without load changes, its sensors at 1 kHz, 20 samples a block.
+    """Return a ring without load changes, with sensors at 1 kHz and 20 samples a block.
 
-    Up to 24 robots hold the payload of a shipped ring. More hold that of ``ring24``, so much heavier and so much larger
-    in area that each has the same share of it; as the motions of many average out, each moves more.
+    Up to 24 robots hold the payload of a shipped ring. More robots hold that of ``ring24``, with mass and area scaled
+    so that each robot's share is the same; each moves more, because the motions of many average out.
     """
     scenario = team_scenario(robots)
     share = robots / LARGEST_SHIPPED
@@ -136,7 +136,7 @@ def ring(robots: int) -> Scenario:
 
 
 class WholeAgent:
-    """An agent with what its process does around it for every block, but for its links: bytes in, bytes out."""
+    """An agent with the encoding and decoding of its process: bytes in, bytes out."""
 
     def __init__(self, config: AgentConfig) -> None:
         self._agent = Agent(config)
@@ -144,15 +144,15 @@ class WholeAgent:
         self._others = {name: _key(name) for name in config.neighbours}
 
     def step(self, measured: bytes, said: Mapping[str, bytes]) -> tuple[bytes, Estimate | None]:
-        """Decode, think, encode; gives its message, and its report if one was due.
+        """Decode, step and encode; return the agent's message, and its report if one is due.
 
         Args:
-            measured: Its measurements.
-            said: What all said after the block before.
+            measured: The robot's encoded measurements.
+            said: All robots' encoded messages of the previous block, by name.
         """
         own = decode(measured, Measurements, self._own)
-        heard = [decode(said[name], NeighbourMessage, key) for name, key in self._others.items() if name in said]
-        outbox = self._agent.step(own.block, MeasurementBlock(own.block, own.samples), heard)
+        messages = [decode(said[name], NeighbourMessage, key) for name, key in self._others.items() if name in said]
+        outbox = self._agent.step(own.block, MeasurementBlock(own.block, own.samples), messages)
         encode(outbox.reference, self._own)
         if outbox.estimate is not None:
             encode(outbox.estimate, self._own)
@@ -160,16 +160,16 @@ class WholeAgent:
 
 
 def _key(name: str) -> str:
-    """Of all that a robot says or is told, as long as those of a run."""
+    """Return a key for all messages of a robot, as long as those of a run."""
     return f"coheft/agent-step/{name}/block"
 
 
 class WholeTeam:
-    """All agents of a team, which hear each other.
+    """All agents of a team.
 
     Args:
-        scenario: Of the team.
-        is_counting: Whether to count calls. That takes time, which is in the times, too.
+        scenario: The scenario.
+        is_counting: Whether to count calls, which makes times longer.
     """
 
     def __init__(self, scenario: Scenario, is_counting: bool) -> None:
@@ -183,7 +183,7 @@ class WholeTeam:
         self._counted = {names[k * len(names) // counted] for k in range(counted)}
 
     def take(self, turn: Turn) -> Took:
-        """Let all agents take their steps."""
+        """Run a turn, and return its costs."""
         seconds, knows_poses, worst, sizes = [], [], 0.0, 0
         for block, samples in enumerate(np.load(turn.path), turn.first):
             times = self._step(block, samples)
@@ -195,7 +195,7 @@ class WholeTeam:
         return Took(seconds, worst, sizes, knows_poses, calls, c_calls)
 
     def _step(self, block: int, samples: Array) -> list[float]:
-        """One block; how long it took each agent [s]."""
+        """Run one block; return the CPU time of each agent [s]."""
         measured = [
             encode(Measurements(robot=name, block=block, samples=each), _key(name))
             for name, each in zip(self._agents, samples, strict=True)
@@ -216,7 +216,7 @@ class WholeTeam:
         return times
 
     def _calls(self) -> tuple[int, int]:
-        """How often functions written in Python, and in C, were called since this was last asked."""
+        """Return the numbers of calls of Python and of C functions since the last time."""
         calls = c_calls = 0
         for entry in self._profile.getstats():
             if isinstance(entry.code, CodeType):
@@ -232,10 +232,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("robots", type=int)
     parser.add_argument("estimator")
-    parser.add_argument("root", type=Path, help="the checkout that is meant")
+    parser.add_argument("root", type=Path, help="the checkout to measure")
     parser.add_argument("--count", action="store_true")
     chosen = parser.parse_args()
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever measures gets it too, and ends stdin
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent receives it too, and closes stdin
     found = Path(coheft.agents.agent.__file__).resolve()
     if not found.is_relative_to(chosen.root.resolve()):
         sys.exit(f"meant to measure the agents of {chosen.root}, but found those of {found.parents[1]}")

@@ -1,4 +1,4 @@
-"""An agent's process without mathematics: the same shell, links and messages. See ``benchmarks.floor``."""
+"""An agent's process without mathematics, with the same links and messages, see ``benchmarks.floor``."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""The physics server's process with a stopwatch at each robot's link, and without physics if told so.
+"""The physics server's process with times of each robot's link, optionally without physics.
 
-``python -m benchmarks.bench_server`` reads a ``ServerConfig`` from stdin. The scenario's settings for ``SETTINGS`` say
-where to write the times, and whether there is physics.
+``python -m benchmarks.bench_server`` reads a ``ServerConfig`` from stdin. The scenario's settings under ``SETTINGS``
+name the folder for the times, and whether there is physics.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ SETTINGS = "benchmark"
 
 
 class TimedLink(RobotLink):
-    """Notes when each block's measurements were sent, and when its answer was taken in; writes it at the end."""
+    """Records the times of each block's measurements and answer, and writes them at the end."""
 
     folder = Path()
 
@@ -58,7 +58,7 @@ class TimedLink(RobotLink):
 
 
 class BareSimulation:
-    """Says the same measurements again and again; has what the server needs of a ``Simulation``."""
+    """Repeats the same measurements, with those parts of ``Simulation`` that the server needs."""
 
     def __init__(self, scenario: Scenario, neighbours: Mapping[str, Sequence[str]] | None = None) -> None:
         simulation = Simulation(scenario, neighbours)
@@ -70,13 +70,13 @@ class BareSimulation:
         self._result = simulation.advance({})
 
     def advance(self, references: Mapping[str, Reference]) -> BlockResult:
-        """The same block, under the next number."""
+        """Return the same block, with the next number."""
         block, self.block = self.block, self.block + 1
         measurements = {name: replace(each, block=block) for name, each in self._result.measurements.items()}
         return BlockResult(measurements, replace(self._result.truth, block=block))
 
     def inject(self, mass: float, position: object, size: object) -> None:
-        """There is no payload.
+        """Refuse, because there is no payload.
 
         Raises:
             LoadError: Always.
@@ -85,7 +85,7 @@ class BareSimulation:
 
 
 def latencies(folder: Path, names: Sequence[str]) -> Array:
-    """Time from a block's first measurements to its last answer, a row of (block, latency [s]) for each block."""
+    """Return rows of (block, latency [s]): time from a block's first measurements to its last answer."""
     tables = [np.load(folder / f"{name}.npy") for name in names]
     rows = min(len(table) for table in tables)
     stacked = np.array([table[:rows] for table in tables])

@@ -1,7 +1,7 @@
-"""Whether what pushers of a cart claim to know is true: friction of turning and loads' extents drawn at random.
+"""Checks of what pushers of a cart report as known, with random turning friction and loads.
 
-``python -m benchmarks.cart_claims --seeds 20`` runs the tests of Table I so often, and counts, of all reports in which
-a quantity is claimed to be known, those in which it is within five of its own standard deviations.
+``python -m benchmarks.cart_claims --seeds 20`` runs the tests of Table I with 20 seeds each, and counts
+the reports of known quantities with errors within five of their own standard deviations.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from coheft.estimation.geometry.spatial import Array
 from coheft.wire.cart.scenario import CartGuess, CartScenario
 
 _WITHIN = 5.0
-"""Standard deviations."""
+"""Largest error [standard deviations]."""
 
 
 def scenario(test: int, seed: int, friction_guess: float | None) -> CartScenario:
-    """A test whose friction of turning is 0.2 to 2 times that of moving, and whose loads are crates of any size."""
+    """Return a test with random turning friction, 0.2 to 2 times the translational one, and crates of random size."""
     rng = np.random.default_rng([seed, test])
     found = table_one(
         test, seed=seed, friction_guess=friction_guess, turning_friction=float(np.exp(rng.uniform(*np.log([0.2, 2.0]))))
@@ -37,7 +37,7 @@ def scenario(test: int, seed: int, friction_guess: float | None) -> CartScenario
 
 
 def errors(run: CartRun) -> Array:
-    """Of what is claimed, in own standard deviations, shape (reports, quantities); not a number where not claimed."""
+    """Return errors in own standard deviations, shape (reports, quantities); NaN where not known."""
     result = []
     for report in run.estimates["p1"]:
         error = _numbers(report.cart) - _numbers(run.truths[report.block].cart)
@@ -57,7 +57,7 @@ def _judged(test: int, seed: int, friction_guess: float | None) -> tuple[int, in
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run, and print a line for each run in which something was wrong, and the sums."""
+    """Run, and print a line for each wrong run, and a summary."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--tests", type=int, nargs="+", default=TESTS)
     parser.add_argument("--seeds", type=int, default=20)

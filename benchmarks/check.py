@@ -2,9 +2,9 @@
 
     python -m benchmarks.check [--commit TABLE]
 
-Ratios of things that were measured side by side, not seconds. What seems to be worse is measured once more, and the
-better of the two counts. With --commit nothing is measured: the ratios of a table that 'python -m benchmarks' has
-written, build/bench/bench.json, become what later runs are compared with.
+The ratios are of quantities that were measured side by side. Those that are worse are measured once more, and the
+better result counts. With --commit nothing is measured: the ratios of a table of 'python -m benchmarks',
+build/bench/bench.json, are committed for later comparisons.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from coheft.errors import CoheftError
 
 
 def check() -> int:
-    """Measure and compare; the exit status."""
+    """Measure and compare; return the exit status."""
     committed = load_committed()
     found = guarded(measure_all(GUARDED, "short"))
     worse = [each for each in compare(committed, found) if each.is_regression and each.now is not None]
@@ -42,11 +42,11 @@ def check() -> int:
 
 
 def main() -> None:
-    """The command."""
+    """Check, or commit ratios."""
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks.check", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--commit", metavar="TABLE", type=Path, help="make these ratios what is compared with")
+    parser.add_argument("--commit", metavar="TABLE", type=Path, help="commit the ratios of this table")
     table = parser.parse_args().commit
     try:
         if table is None:

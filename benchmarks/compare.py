@@ -1,4 +1,4 @@
-"""Whether figures have become worse than the committed ones."""
+"""Comparison of figures with the committed ones."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from coheft.errors import CoheftError
 
 COMMITTED = Path(__file__).with_name("committed_ratios.json")
 LIMIT = 1.3
-"""A figure may be so many times worse than the committed one."""
+"""Factor by which a figure may be worse than the committed one."""
 
 
 class Committed(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A ratio as it was."""
+    """A committed ratio."""
 
     value: float
     more_is_better: bool = False
@@ -25,7 +25,7 @@ class Committed(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 @dataclass(frozen=True)
 class Comparison:
-    """A ratio as it was and as it is; ``now`` is None if it was not measured."""
+    """A committed ratio and the present one; ``now`` is None if it was not measured."""
 
     name: str
     was: float
@@ -34,7 +34,7 @@ class Comparison:
 
     @property
     def worse(self) -> float:
-        """How many times worse it is; below 1 if it is better."""
+        """Factor by which it is worse; below 1 if it is better."""
         if self.now is None:
             return float("inf")
         was, now = (self.now, self.was) if self.more_is_better else (self.was, self.now)
@@ -43,7 +43,7 @@ class Comparison:
     @property
     def is_regression(self) -> bool:
         """Whether it is worse than allowed."""
-        return not self.worse <= LIMIT  # also if it is no number
+        return not self.worse <= LIMIT  # also for NaN
 
     def __str__(self) -> str:
         if self.now is None:
@@ -52,7 +52,7 @@ class Comparison:
 
 
 def compare(committed: Mapping[str, Committed], found: Mapping[str, Figure]) -> list[Comparison]:
-    """Each committed ratio against the one that was found now, the worst first."""
+    """Compare each committed ratio with the present one; the worst comes first."""
     compared = [
         Comparison(name, was.value, found[name].value if name in found else None, was.more_is_better)
         for name, was in committed.items()
@@ -61,7 +61,7 @@ def compare(committed: Mapping[str, Committed], found: Mapping[str, Figure]) -> 
 
 
 def better_of(first: Mapping[str, Figure], second: Mapping[str, Figure]) -> dict[str, Figure]:
-    """Of each figure that was measured twice, the better one: what others do on the machine only makes it worse."""
+    """Return the better of two measurements of each figure, because other load makes figures worse only."""
     chosen = {**first, **second}
     for name in first.keys() & second.keys():
         pick = max if first[name].more_is_better else min
@@ -70,7 +70,7 @@ def better_of(first: Mapping[str, Figure], second: Mapping[str, Figure]) -> dict
 
 
 def load_committed(path: Path = COMMITTED) -> dict[str, Committed]:
-    """The committed ratios by name.
+    """Return the committed ratios by name.
 
     Raises:
         CoheftError: They cannot be read.
@@ -85,6 +85,6 @@ def load_committed(path: Path = COMMITTED) -> dict[str, Committed]:
 
 
 def write_committed(found: Mapping[str, Figure], path: Path = COMMITTED) -> None:
-    """Make what was found the ratios to compare with."""
+    """Write figures as the committed ratios."""
     table = {name: Committed(float(f"{figure.value:.4g}"), figure.more_is_better) for name, figure in found.items()}
     path.write_bytes(msgspec.json.format(msgspec.json.encode(table)) + b"\n")

@@ -1,4 +1,4 @@
-"""Recordings of teams that are drawn: robots, load, motion, noise and rate, and what each robot feels of it."""
+"""Recordings of random teams: robots, load, motion, noise, rate, and measurements."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ KINDS: tuple[Kind, ...] = ("white", "quantised", "filtered", "vibrating", "flexi
 RATES = (50.0, 100.0, 200.0, 500.0)
 _STEP = 1e-4
 _APART = 0.25
-"""Between two grasps, at least [m]."""
+"""Shortest distance between two grasps [m]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Team:
-    """What is drawn, and exact samples of it.
+    """A random team, with exact samples.
 
     Attributes:
-        rng: For all that is drawn later.
-        records: Exact, by robot.
-        noise: Standard deviations of positions [m], turns [rad], forces [N], moments [N·m].
+        rng: Random numbers for later draws.
+        records: Exact samples, by robot.
+        noise: Standard deviations of positions [m], rotations [rad], forces [N], torques [N·m].
         rate: Samples per second.
-        truth: Of the load.
+        truth: The load and the grasps.
         down: Gravity in each robot's grasp frame, shape (N, n, 3).
-        yaws: Of the world in each robot's home frame.
+        yaws: Yaw of the world in each robot's home frame.
     """
 
     rng: np.random.Generator
@@ -46,24 +46,24 @@ class Team:
 
 
 def between(rng: np.random.Generator, low: float, high: float) -> float:
-    """Drawn such that all orders of magnitude are alike."""
+    """Draw a number with a uniform logarithm."""
     return float(low * (high / low) ** rng.random())
 
 
 def direction(rng: np.random.Generator) -> Array:
-    """A random unit vector (3,)."""
+    """Draw a unit vector (3,)."""
     drawn = rng.normal(size=3)
     result: Array = drawn / np.linalg.norm(drawn)
     return result
 
 
 def draw_team(seed: int, change: tuple[float, Inertia] | None = None) -> Team:
-    """A team of two to four robots.
+    """Draw a team of two to four robots.
 
     Args:
-        seed: Of all of it.
-        change: From when on something else is there as well: a share of the recording's length, and what, as a share
-            of the load's mass.
+        seed: The seed.
+        change: A load that is added: the time as a share of the recording, and its inertia relative to the load's
+            mass.
     """
     rng = np.random.default_rng(seed)
     count, seconds, rate = int(rng.choice([2, 3, 3, 4])), rng.uniform(20.0, 60.0), float(rng.choice(RATES))
@@ -118,7 +118,7 @@ def draw_team(seed: int, change: tuple[float, Inertia] | None = None) -> Team:
 
 
 def recorded(team: Team, kind: Kind, *, by_twists: bool) -> Recording:
-    """What is recorded of a team: poses and wrenches, or twists, accelerations and wrenches with their noise."""
+    """Return a recording with noise: poses and wrenches, or twists, accelerations and wrenches."""
     rng = team.rng
     at, turn, force, moment = team.noise
     of_motion = np.repeat([5e-3, 1e-2], 3), np.full(3, 0.05)
@@ -151,16 +151,15 @@ def recorded(team: Team, kind: Kind, *, by_twists: bool) -> Recording:
             case "white":
                 pass
         pose = np.hstack([place, (turned * Rotation.from_rotvec(by)).as_quat()])
-        kept = (
+        robots[name] = (
             RobotRecord(time, None, twist, None, acceleration, wrench)
             if by_twists
             else RobotRecord(time, pose, wrench=wrench)
         )
-        robots[name] = kept
     sizes = SensorNoise(5e-3, 1e-2, 0.05, float(force), float(moment)) if by_twists else None
     return Recording(robots, noise=sizes, truth=team.truth)
 
 
 def with_record(team: Team, name: str, **channels: Array) -> Team:
-    """With other channels of one robot."""
+    """Return the team with other channels of one robot."""
     return replace(team, records={**team.records, name: replace(team.records[name], **channels)})

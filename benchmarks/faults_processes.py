@@ -1,9 +1,9 @@
-"""Faults in a team of real processes, in real time: how soon they are noticed, and when every robot is valid again.
+"""Faults of a team of real processes in real time: times until they are noticed, and until all robots are valid again.
 
     python -m benchmarks.faults_processes [--robots N] [--repeat N]
 
-Every figure is measured from outside, by an observer's clock: *noticed* from the fault until all robots that it touches
-have said so, *valid again* from the repair until every robot's estimate is valid.
+All times are measured by an observer's clock: *noticed* from the fault until all affected robots have reported it,
+*valid again* from the repair until every robot's estimate is valid.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import signal
 import statistics
 import tempfile
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,7 +26,7 @@ from tests.integration.team import Team, running_team, small_scenario
 from tests.integration.watcher import Watcher, watching
 
 LASTS = 2.0
-"""How long each fault lasts [s]."""
+"""Duration of each fault [s]."""
 SETTLES = 2.0
 """Time between a return to validity and the next fault [s]."""
 GIVE_UP = 60.0
@@ -34,7 +34,7 @@ GIVE_UP = 60.0
 
 @dataclass(frozen=True)
 class Bench:
-    """A team under test."""
+    """A team under test, with relays on some of its links."""
 
     team: Team
     watcher: Watcher
@@ -42,116 +42,116 @@ class Bench:
 
     @property
     def names(self) -> list[str]:
-        """Of the robots."""
+        """Names of the robots."""
         return list(self.team.plan.agents)
 
-    def all_noticed(self, whose: Iterable[tuple[str, str]], since: float) -> float:
-        """Time until every robot of the pairs has said the words of its pair [s]."""
-        pairs = list(whose)
-
-        def times() -> list[float | None]:
-            return [self.watcher.is_told(name, words, since) for name, words in pairs]
-
-        self.watcher.wait_until(lambda: None not in times(), f"notice: {pairs}", GIVE_UP)
-        return max(at for at in times() if at is not None) - since
+    @property
+    def victim(self) -> str:
+        """The robot whose agent fails."""
+        return self.names[1]
 
     def let_pass(self, until: float) -> None:
-        """Listen until a moment."""
+        """Listen until a time."""
         while (left := until - time.monotonic()) > 0.0:
             self.watcher.listen(left)
 
-    def valid_again(self, since: float, *, new_world: bool = False) -> float:
-        """Time until every estimate is valid [s]."""
-        after = -1 if new_world else self.team.ask(StatusRequest()).block
-        return self.watcher.wait_until_valid(after, GIVE_UP) - since
+    def silence(self, *edges: Edge) -> list[Notice]:
+        """Return the notices of both robots of links that the other is silent."""
+        return [pair for one, other in edges for pair in ((one, f"{other} is silent"), (other, f"{one} is silent"))]
+
+    def silent_victim(self) -> list[Notice]:
+        """Return the notices of the victim's neighbours that it is silent."""
+        return [(other, f"{self.victim} is silent") for other in self.team.plan.agents[self.victim].agent.neighbours]
+
+    def try_fault(self, fault: Fault) -> tuple[float, float]:
+        """Apply a fault and repair it; return the times until it was noticed and until all were valid again [s]."""
+        began = time.monotonic()
+        fault.begin(self)
+        expected = fault.noticed(self)
+
+        def times() -> list[float | None]:
+            return [self.watcher.is_told(name, words, began) for name, words in expected]
+
+        self.watcher.wait_until(lambda: None not in times(), f"notice: {expected}", GIVE_UP)
+        noticed = max(at for at in times() if at is not None) - began
+        self.let_pass(began + LASTS)
+        ended = time.monotonic()
+        fault.end(self)
+        after = -1 if fault.is_new_world else self.team.ask(StatusRequest()).block
+        return noticed, self.watcher.wait_until_valid(after, GIVE_UP) - ended
 
 
-def kill_an_agent(bench: Bench) -> tuple[float, float]:
-    """Kill -9; its process is started again later, and the clock runs from then."""
-    victim = bench.names[1]
-    began = time.monotonic()
-    bench.team.kill(victim)
-    noticed = bench.all_noticed(_neighbours(bench, victim), began)
-    bench.let_pass(began + LASTS)
-    bench.watcher.latest.pop(victim)
-    restarted = time.monotonic()
-    bench.team.restart(victim)
-    bench.watcher.wait_until(lambda: victim in bench.watcher.latest, "its first estimate", GIVE_UP)
-    return noticed, bench.valid_again(restarted)
+Notice = tuple[str, str]
+"""A robot, and the words with which it reports a fault."""
 
 
-def freeze_an_agent(bench: Bench) -> tuple[float, float]:
-    """SIGSTOP, then SIGCONT."""
-    victim = bench.names[1]
-    began = time.monotonic()
-    bench.team.processes[victim].send_signal(signal.SIGSTOP)
-    noticed = bench.all_noticed(_neighbours(bench, victim), began)
-    bench.let_pass(began + LASTS)
-    ended = time.monotonic()
-    bench.team.processes[victim].send_signal(signal.SIGCONT)
-    return noticed, bench.valid_again(ended)
+@dataclass(frozen=True)
+class Fault:
+    """A fault of a running team.
+
+    Attributes:
+        begin: Causes the fault.
+        noticed: Returns what robots have to report.
+        end: Repairs the fault.
+        is_new_world: Whether the repaired team begins with a new world.
+    """
+
+    begin: Callable[[Bench], object]
+    noticed: Callable[[Bench], list[Notice]]
+    end: Callable[[Bench], object]
+    is_new_world: bool = False
 
 
-def freeze_a_link(bench: Bench) -> tuple[float, float]:
-    """Nothing passes between two robots, though their connection stands."""
-    edge, relay = next(iter(bench.relays.items()))
-    began = time.monotonic()
-    relay.freeze()
-    noticed = bench.all_noticed(_both_ends(edge), began)
-    bench.let_pass(began + LASTS)
-    ended = time.monotonic()
-    relay.thaw()
-    return noticed, bench.valid_again(ended)
+def _signal_victim(number: signal.Signals) -> Callable[[Bench], object]:
+    return lambda bench: bench.team.processes[bench.victim].send_signal(number)
 
 
-def cut_the_team_in_two(bench: Bench) -> tuple[float, float]:
-    """Both links between two halves of a ring are cut, then healed."""
-    began = time.monotonic()
-    for relay in bench.relays.values():
-        relay.cut()
-    noticed = bench.all_noticed((pair for edge in bench.relays for pair in _both_ends(edge)), began)
-    bench.let_pass(began + LASTS)
-    ended = time.monotonic()
-    for relay in bench.relays.values():
-        relay.heal()
-    return noticed, bench.valid_again(ended)
+def _restart_victim(bench: Bench) -> None:
+    bench.watcher.latest.pop(bench.victim)
+    bench.team.restart(bench.victim)
+    bench.watcher.wait_until(lambda: bench.victim in bench.watcher.latest, "its first estimate", GIVE_UP)
 
 
-def kill_the_server(bench: Bench) -> tuple[float, float]:
-    """Kill -9; a new server begins a new world, of which everything has to be learned anew."""
-    began = time.monotonic()
-    bench.team.kill("server")
-    noticed = bench.all_noticed(((name, "lost the link with the server") for name in bench.names), began)
-    bench.let_pass(began + LASTS)
-    restarted = time.monotonic()
+def _restart_server(bench: Bench) -> None:
     bench.team.restart("server")
     bench.watcher.wait_until(lambda: not bench.watcher.all_are_valid(), "a new beginning", GIVE_UP)
-    return noticed, bench.valid_again(restarted, new_world=True)
 
 
-FAULTS: dict[str, Callable[[Bench], tuple[float, float]]] = {
-    "agent killed, started again": kill_an_agent,
-    "agent frozen (SIGSTOP)": freeze_an_agent,
-    "link frozen": freeze_a_link,
-    "partition (two links cut)": cut_the_team_in_two,
-    "server killed, started again": kill_the_server,
+def _cut_links(bench: Bench) -> None:
+    for relay in bench.relays.values():
+        relay.cut()
+
+
+def _heal_links(bench: Bench) -> None:
+    for relay in bench.relays.values():
+        relay.heal()
+
+
+FAULTS = {
+    "agent killed, started again": Fault(
+        lambda bench: bench.team.kill(bench.victim), Bench.silent_victim, _restart_victim
+    ),
+    "agent frozen (SIGSTOP)": Fault(
+        _signal_victim(signal.SIGSTOP), Bench.silent_victim, _signal_victim(signal.SIGCONT)
+    ),
+    "link frozen": Fault(
+        lambda bench: next(iter(bench.relays.values())).freeze(),
+        lambda bench: bench.silence(next(iter(bench.relays))),
+        lambda bench: next(iter(bench.relays.values())).thaw(),
+    ),
+    "partition (two links cut)": Fault(_cut_links, lambda bench: bench.silence(*bench.relays), _heal_links),
+    "server killed, started again": Fault(
+        lambda bench: bench.team.kill("server"),
+        lambda bench: [(name, "lost the link with the server") for name in bench.names],
+        _restart_server,
+        is_new_world=True,
+    ),
 }
-
-
-def _neighbours(bench: Bench, name: str) -> Iterator[tuple[str, str]]:
-    """A robot's neighbours, each with its word that the robot is silent."""
-    for other in bench.team.plan.agents[name].agent.neighbours:
-        yield other, f"{name} is silent"
-
-
-def _both_ends(edge: Edge) -> Iterator[tuple[str, str]]:
-    yield edge[0], f"{edge[1]} is silent"
-    yield edge[1], f"{edge[0]} is silent"
 
 
 @contextmanager
 def bench(robots: int, folder: Path) -> Iterator[Bench]:
-    """A ring in real time, with relays on the two links between its halves."""
+    """Run a ring in real time, with relays on the two links between its halves."""
     half = robots // 2
     with ExitStack() as stack:
         relays: dict[Edge, Relay] = {}
@@ -184,7 +184,7 @@ def main() -> None:
                 under_test.let_pass(time.monotonic() + SETTLES)
                 under_test.watcher.wait_until_valid(limit=GIVE_UP)
                 under_test.watcher.heard.clear()
-                results.append(fault(under_test))
+                results.append(under_test.try_fault(fault))
             noticed, valid = ([result[k] for result in results] for k in (0, 1))
             print(
                 f"{name:32}{1e3 * statistics.median(noticed):9.0f}, {1e3 * max(noticed):5.0f}"

@@ -1,4 +1,4 @@
-"""What a benchmark has found: figures in sections, as Markdown and as JSON."""
+"""Results of benchmarks: figures in sections, as Markdown and JSON."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ import msgspec
 from coheft.errors import CoheftError
 
 Effort = Literal["short", "usual", "full"]
-"""How much to measure: what the regression guard compares, what fits into some minutes, everything."""
+"""Amount of measurements: for the regression guard, for some minutes, or all."""
 
 
 class Figure(msgspec.Struct, frozen=True, kw_only=True):
     """One figure.
 
     Attributes:
-        name: What it is; no two figures of a section have the same.
-        value: The figure.
-        unit: Its unit; "times" for a ratio.
-        bar: What it should reach, None if nothing is asked of it.
+        name: Name, unique within the section.
+        value: Value.
+        unit: Unit; "times" for a ratio.
+        bar: Target; None if there is none.
         more_is_better: Whether larger figures are better.
-        is_guarded: Whether the regression guard compares it: a ratio of two things that were measured side by side.
-        note: What to know about it.
+        is_guarded: Whether the regression guard compares it: a ratio of two quantities that were measured side by side.
+        note: Remark.
     """
 
     name: str
@@ -37,14 +37,14 @@ class Figure(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def misses_bar(self) -> bool:
-        """Whether it does not reach what it should."""
+        """Whether it misses its target."""
         if self.bar is None:
             return False
         return self.value < self.bar if self.more_is_better else self.value > self.bar
 
 
 class Skipped(msgspec.Struct, frozen=True):
-    """A measurement that was not made, and why."""
+    """A measurement that was not made, with the reason."""
 
     name: str
     reason: str
@@ -54,12 +54,12 @@ class Section(msgspec.Struct, frozen=True, kw_only=True):
     """All figures of one benchmark.
 
     Attributes:
-        name: Short name, that of its module.
-        title: What it is about.
-        figures: What was found.
-        skipped: What was not measured.
-        seconds: How long it took [s].
-        has_failed: Whether an error ended it; then nothing of it was measured.
+        name: Name of its module.
+        title: Title.
+        figures: The figures.
+        skipped: Measurements that were not made.
+        seconds: Duration of the measurement [s].
+        has_failed: Whether an error ended it; it then has no figures.
     """
 
     name: str
@@ -71,14 +71,14 @@ class Section(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Machine(msgspec.Struct, frozen=True, kw_only=True):
-    """Where it was measured, and how busy others were.
+    """The machine, and its load.
 
     Attributes:
         cores: Number of cores.
-        python: Version.
-        numpy: Version.
-        load_before: Processes that wanted to run in the minute before.
-        load_after: And in the last minute.
+        python: Version of Python.
+        numpy: Version of NumPy.
+        load_before: Load average of the minute before.
+        load_after: Load average of the last minute.
     """
 
     cores: int
@@ -96,7 +96,7 @@ class Results(msgspec.Struct, frozen=True, kw_only=True):
     sections: list[Section]
 
     def write(self, folder: Path) -> tuple[Path, Path]:
-        """Write ``bench.md`` and ``bench.json``; returns their paths."""
+        """Write ``bench.md`` and ``bench.json``; return their paths."""
         folder.mkdir(parents=True, exist_ok=True)
         table, data = folder / "bench.md", folder / "bench.json"
         table.write_text(self.markdown(), encoding="utf-8")
@@ -104,7 +104,7 @@ class Results(msgspec.Struct, frozen=True, kw_only=True):
         return table, data
 
     def markdown(self) -> str:
-        """A table for each section."""
+        """Return a table for each section."""
         machine = self.machine
         lines = [
             "# Benchmarks",
@@ -119,7 +119,7 @@ class Results(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def load_results(path: Path) -> Results:
-    """What ``Results.write`` has written as JSON.
+    """Read the JSON of ``Results.write``.
 
     Raises:
         CoheftError: It cannot be read.
@@ -133,7 +133,7 @@ def load_results(path: Path) -> Results:
 
 
 def section_lines(section: Section) -> list[str]:
-    """The table of a section, and what is missing in it."""
+    """Return the lines of a section's table, and of skipped measurements."""
     lines = []
     if section.figures:
         lines += ["| what | figure | should be | |", "|---|---:|---:|---|"]
@@ -153,7 +153,7 @@ def _row(figure: Figure) -> str:
 
 
 def digits(value: float) -> str:
-    """Three digits that count, no exponent for what people can read without."""
+    """Format with three significant digits, with an exponent only for very small and large numbers."""
     if value != 0.0 and not 1e-3 <= abs(value) < 1e6:
         return f"{value:.1e}"
     if abs(value) >= 100.0 or value == int(value):
@@ -162,7 +162,7 @@ def digits(value: float) -> str:
 
 
 def guarded(sections: Iterable[Section]) -> dict[str, Figure]:
-    """Figures that the regression guard compares, by section and name."""
+    """Return the figures that the regression guard compares, by section and name."""
     return {
         f"{section.name}: {figure.name}": figure
         for section in sections

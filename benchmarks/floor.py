@@ -1,21 +1,20 @@
-"""The whole system and its bare floor, both against Zenoh alone: what lies between the mathematics.
+"""The whole system and its bare floor, both against Zenoh alone: what everything but the mathematics costs.
 
     python -m benchmarks.floor [--effort short|usual|full] [--json FILE]
 
-Three teams stand side by side and take turns of a second or two, while the others stand still:
+Three teams take turns of a second or two, while the others stand still:
 
 - the *whole* system, as users run it;
-- its *bare floor*: the same processes, links, messages and sizes without mathematics and physics. Agents of the floor
-  say what agents of the real team say in their thirteenth second; its server says the same measurements over and over;
-- *Zenoh alone*: two loops that say as many bytes, without the product's processes, checks and decoding.
+- its *bare floor*: the same processes, links, messages and sizes without mathematics and physics. Its agents repeat
+  the messages of the real team's thirteenth second; its server repeats the same measurements;
+- *Zenoh alone*: two loops that send as many bytes, without the product's processes, checks and decoding.
 
-Sensors sample at 1 kHz, blocks have 20 samples, the server waits for every robot, up to four blocks ahead. At each turn
-MuJoCo, in this process, takes the steps of some blocks, too.
+Sensors sample at 1 kHz, blocks have 20 samples, and the server waits for every robot, up to four blocks ahead. At each
+turn MuJoCo also steps through some blocks in this process.
 
-Each ratio is the median over the turns. Those called ``…_over_zenoh`` are of time per block on the clock on the wall,
-which is what a user waits for. ``…_over_zenoh_cpu`` are the same of the CPU time of all processes together: where other
-work keeps the machine busy these are the ones to look at, and they are guarded, because of the clock a team with few
-processes that want to run then gets a smaller share than one with many. Those of servers are of CPU time.
+Each ratio is the median over the turns. On a busy machine, ratios of CPU time are more reliable than those of
+wall-clock time, because a team with few processes that are ready to run gets a smaller share than one with many; so
+these are guarded.
 """
 
 from __future__ import annotations
@@ -51,26 +50,28 @@ from coheft.wire.scenario.schema import PHYSICS_RATE, Scenario
 SIZES = (6, 24)
 WHOLE_BAR, SERVER_BAR, STEPS_BAR = 3.5, 1.6, 9.0
 BARE_BAR = {6: 2.0, 24: 1.5}
-"""By size."""
+"""By number of robots."""
 _TURNS: dict[Effort, int] = {"short": 6, "usual": 15, "full": 30}
 _TURN = {6: 1.0, 24: 2.0}
-"""By size [s]."""
+"""By number of robots [s]."""
 _MEASUREMENTS = BLOCK * 15 * 8 + 100
-"""Size of a block of measurements with what is around it [B]."""
+"""Size of a message of measurements [B]."""
 _STEPPED = 50
-"""Blocks that MuJoCo steps through at a turn."""
+"""Number of blocks that MuJoCo steps through at a turn."""
 _EDGE = 5
-"""Blocks at either end of a turn whose latency does not count: the team is just starting or stopping."""
+"""Number of blocks at either end of a turn whose latency does not count, because the team starts or stops."""
 
 
 class Ratios(msgspec.Struct, frozen=True, kw_only=True):
-    """What the benchmark is about, medians over the turns; see the module for what each kind is made of.
+    """Ratios of times per block, medians over the turns.
 
     Attributes:
-        whole_over_zenoh, bare_over_zenoh: Time per block.
-        whole_over_zenoh_cpu, bare_over_zenoh_cpu: CPU time of all processes per block.
-        server_over_bare_server: CPU time of the server per block, against the floor's, which says the same bytes.
-        server_over_steps: The same against MuJoCo's steps of a block.
+        whole_over_zenoh: Wall-clock time of the whole system, against Zenoh alone.
+        bare_over_zenoh: The same of the bare floor.
+        whole_over_zenoh_cpu: CPU time of all processes of the whole system, against Zenoh alone.
+        bare_over_zenoh_cpu: The same of the bare floor.
+        server_over_bare_server: CPU time of the server, against that of the bare floor, which sends the same bytes.
+        server_over_steps: CPU time of the server, against MuJoCo's steps.
     """
 
     whole_over_zenoh: float
@@ -83,7 +84,7 @@ class Ratios(msgspec.Struct, frozen=True, kw_only=True):
 
 @dataclass(frozen=True)
 class Turns:
-    """What each team did at its turns, and CPU times of MuJoCo's steps of a block beside them [s]."""
+    """Turns of each team, and CPU times of MuJoCo's steps of a block beside them [s]."""
 
     whole: list[Turn]
     bare: list[Turn]
@@ -91,35 +92,31 @@ class Turns:
     steps: list[float]
 
     def ratios(self) -> Ratios:
-        """Medians."""
-
-        def of(mine: Sequence[Turn], its: Sequence[Turn], quantity: Callable[[Turn], float]) -> float:
-            return ratio([quantity(turn) for turn in mine], [quantity(turn) for turn in its])
-
+        """Return the medians over the turns."""
         return Ratios(
-            whole_over_zenoh=of(self.whole, self.zenoh, _wall),
-            bare_over_zenoh=of(self.bare, self.zenoh, _wall),
-            whole_over_zenoh_cpu=of(self.whole, self.zenoh, _cpu),
-            bare_over_zenoh_cpu=of(self.bare, self.zenoh, _cpu),
-            server_over_bare_server=of(self.whole, self.bare, _server),
-            server_over_steps=ratio([turn.server_time for turn in self.whole], self.steps),
+            whole_over_zenoh=ratio(_wall(self.whole), _wall(self.zenoh)),
+            bare_over_zenoh=ratio(_wall(self.bare), _wall(self.zenoh)),
+            whole_over_zenoh_cpu=ratio(_cpu(self.whole), _cpu(self.zenoh)),
+            bare_over_zenoh_cpu=ratio(_cpu(self.bare), _cpu(self.zenoh)),
+            server_over_bare_server=ratio(_server(self.whole), _server(self.bare)),
+            server_over_steps=ratio(_server(self.whole), self.steps),
         )
 
 
-def _wall(turn: Turn) -> float:
-    return turn.block_time
+def _wall(turns: Sequence[Turn]) -> list[float]:
+    return [turn.block_time for turn in turns]
 
 
-def _cpu(turn: Turn) -> float:
-    return turn.team_time
+def _cpu(turns: Sequence[Turn]) -> list[float]:
+    return [turn.team_time for turn in turns]
 
 
-def _server(turn: Turn) -> float:
-    return turn.server_time
+def _server(turns: Sequence[Turn]) -> list[float]:
+    return [turn.server_time for turn in turns]
 
 
 def measure(effort: Effort) -> Section:
-    """Both against Zenoh alone, for each size of a team."""
+    """Compare both with Zenoh alone, for each size of team."""
     return _section(effort)[0]
 
 
@@ -127,14 +124,14 @@ def _section(effort: Effort) -> tuple[Section, dict[str, Ratios]]:
     figures: list[Figure] = []
     ratios: dict[str, Ratios] = {}
     for robots in SIZES:
-        found, waits = _of_size(robots, _TURNS[effort])
+        found, latency = _of_size(robots, _TURNS[effort])
         ratios[str(robots)] = found.ratios()
-        figures += _figures(robots, found, ratios[str(robots)], waits)
+        figures += _figures(robots, found, ratios[str(robots)], latency)
     return Section(name="floor", title="Whole system and bare floor against Zenoh alone", figures=figures), ratios
 
 
 def _of_size(robots: int, turns: int) -> tuple[Turns, tuple[Array, Array]]:
-    """Turns, and latencies [s] of blocks of the whole system and of the floor."""
+    """Return the turns, and the latencies [s] of blocks of the whole system and of the floor."""
     scenario = team_scenario(robots)
     found = Turns([], [], [], [])
     with tempfile.TemporaryDirectory() as name:
@@ -164,7 +161,7 @@ def _of_size(robots: int, turns: int) -> tuple[Turns, tuple[Array, Array]]:
 
 
 def _stepper(scenario: Scenario) -> Callable[[], float]:
-    """What tells the CPU time of MuJoCo's steps of a block [s], with the arms at rest."""
+    """Return a function that measures the CPU time of MuJoCo's steps of a block [s], with the arms at rest."""
     simulation = Simulation(scenario)
     steps = _STEPPED * BLOCK * PHYSICS_RATE // RATE
 
@@ -177,73 +174,64 @@ def _stepper(scenario: Scenario) -> Callable[[], float]:
 
 
 def _within(rows: Array, turns: Sequence[Turn]) -> Array:
-    """Latencies [s] of the blocks inside of turns."""
+    """Return the latencies of the blocks within turns [s]."""
     chosen = [(rows[:, 0] >= turn.first + _EDGE) & (rows[:, 0] < turn.first + turn.blocks - _EDGE) for turn in turns]
     found: Array = rows[np.any(chosen, axis=0), 1]
     return found[np.isfinite(found)]
 
 
-def _figures(robots: int, found: Turns, ratios: Ratios, waits: tuple[Array, Array]) -> list[Figure]:
-    team = f"N = {robots}"
-
-    def note(mine: Sequence[Turn], its: Sequence[Turn], quantity: Callable[[Turn], float]) -> str:
-        times = [1e3 * statistics.median(quantity(turn) for turn in turns) for turns in (mine, its)]
-        return f"{times[0]:.2f} against {times[1]:.2f} ms"
-
+def _figures(robots: int, found: Turns, ratios: Ratios, latency: tuple[Array, Array]) -> list[Figure]:
+    team, is_small = f"N = {robots}", robots == SIZES[0]
     figures = []
     for name, turns, bar, wall, cpu in (
         ("the whole system", found.whole, WHOLE_BAR, ratios.whole_over_zenoh, ratios.whole_over_zenoh_cpu),
         ("the bare floor", found.bare, BARE_BAR[robots], ratios.bare_over_zenoh, ratios.bare_over_zenoh_cpu),
     ):
+        what, wall_note = (
+            f"per block of {name}, against Zenoh alone, {team}",
+            _medians(_wall(turns), _wall(found.zenoh)),
+        )
+        cpu_note = f"{_medians(_cpu(turns), _cpu(found.zenoh))}, all processes"
         figures += [
-            Figure(
-                name=f"time per block of {name}, against Zenoh alone, {team}",
-                value=wall,
-                bar=bar,
-                note=note(turns, found.zenoh, _wall),
-            ),
-            Figure(
-                name=f"CPU time per block of {name}, against Zenoh alone, {team}",
-                value=cpu,
-                is_guarded=True,
-                note=f"{note(turns, found.zenoh, _cpu)}, all processes",
-            ),
+            Figure(name=f"time {what}", value=wall, bar=bar, note=wall_note),
+            Figure(name=f"CPU time {what}", value=cpu, is_guarded=True, note=cpu_note),
         ]
-    steps = 1e3 * statistics.median(found.steps)
+    agents, bare_agents = ([turn.agent_time for turn in turns] for turns in (found.whole, found.bare))
     figures += [
         Figure(
             name=f"CPU time of the server per block, against the floor's, {team}",
             value=ratios.server_over_bare_server,
-            bar=SERVER_BAR if robots == SIZES[0] else None,
+            bar=SERVER_BAR if is_small else None,
             is_guarded=True,
-            note=note(found.whole, found.bare, _server),
+            note=_medians(_server(found.whole), _server(found.bare)),
         ),
         Figure(
             name=f"CPU time of the server per block, against MuJoCo's steps, {team}",
             value=ratios.server_over_steps,
-            bar=STEPS_BAR if robots == SIZES[0] else None,
-            note=f"of which a block takes {steps:.3f} ms",
+            bar=STEPS_BAR if is_small else None,
+            note=f"of which a block takes {1e3 * statistics.median(found.steps):.3f} ms",
         ),
         Figure(
             name=f"CPU time per agent and block, against the floor's, {team}",
-            value=ratio([turn.agent_time for turn in found.whole], [turn.agent_time for turn in found.bare]),
-            note=note(found.whole, found.bare, lambda turn: turn.agent_time),
+            value=ratio(agents, bare_agents),
+            note=_medians(agents, bare_agents),
         ),
     ]
     for share in (50, 99):
-        mine, its = (1e3 * float(np.percentile(each, share)) for each in waits)
+        whole, bare = (float(np.percentile(each, share)) for each in latency)
+        note = f"{1e3 * whole:.1f} against {1e3 * bare:.1f} ms, up to four blocks under way"
         figures.append(
-            Figure(
-                name=f"latency of a block, p{share}, against the floor's, {team}",
-                value=mine / its,
-                note=f"{mine:.1f} against {its:.1f} ms, up to four blocks under way",
-            )
+            Figure(name=f"latency of a block, p{share}, against the floor's, {team}", value=whole / bare, note=note)
         )
     return figures
 
 
+def _medians(times: Sequence[float], others: Sequence[float]) -> str:
+    return f"{1e3 * statistics.median(times):.2f} against {1e3 * statistics.median(others):.2f} ms"
+
+
 def main() -> None:
-    """The command: measures, prints the table, and writes the ratios by size of the team if asked to."""
+    """Measure, print the table, and write the ratios by number of robots if requested."""
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks.floor",
         description=__doc__,

@@ -1,9 +1,9 @@
-"""A long run in real time, with loads that come and go and an agent that is killed again and again: does anything grow?
+"""A long run in real time with load changes and an agent that is killed repeatedly: does the need of memory grow?
 
     python -m benchmarks.long_run [--minutes M] [--scenario NAME] [--sensor-rate R]
 
-Prints, for every process that lived for ten minutes or more, its resident memory and open files five minutes after it
-started, at its end, and three times in between. The exit status is that of the run.
+Prints the resident memory and open files of every process that ran for at least ten minutes: five minutes after its
+start, at its end, and three times in between. The exit status is that of the run.
 """
 
 from __future__ import annotations
@@ -31,19 +31,19 @@ SAMPLE_EVERY = 10.0
 CHANGE_EVERY = 60.0
 KILL_EVERY = 240.0
 LAST_WORDS = 5.0
-"""A run is asked for nothing so shortly before its end [s]. Until then all goes on as ever: what an agent remembers
-of a load grows with the time since it came, so memory is compared at equal times after changes."""
+"""Time before the end of a run without requests [s]. It is short, because an agent's memory grows with the time since
+a load change, so it has to be compared at equal times after changes."""
 SETTLED = 300.0
-"""From then on a process should not grow [s]: all has happened once, so all code that it needs is in memory."""
+"""Time after which a process should not grow, because all of its code has been loaded [s]."""
 WINDOW = 60.0
-"""Memory is the median over this time [s]."""
+"""Time over which the median of the memory is taken [s]."""
 BETWEEN = (0.25, 0.5, 0.75)
-"""Memory is told at these shares of the time from then to the end, too: what leaks grows evenly."""
+"""Shares of the remaining time at which memory is also printed, because leaks grow evenly."""
 
 
 @dataclass
 class Life:
-    """One process from its start to its end: when it was looked at, its memory [B] and its open files."""
+    """One process: times of samples [s], memory [B] and number of open files."""
 
     name: str
     pid: int
@@ -52,31 +52,31 @@ class Life:
     files: list[int] = field(default_factory=list)
 
     def look(self, now: float) -> None:
-        """Note how it is, if it still is."""
+        """Add a sample, if the process still exists."""
         try:
             process = psutil.Process(self.pid)
             memory, files = process.memory_info().rss, process.num_fds()
-        except (psutil.NoSuchProcess, psutil.AccessDenied):  # the latter if its end has not been noticed yet
+        except (psutil.NoSuchProcess, psutil.AccessDenied):  # the latter for a zombie
             return
-        if memory:  # likewise
+        if memory:  # not for a zombie
             self.times.append(now)
             self.memory.append(memory)
             self.files.append(files)
 
     @property
     def duration(self) -> float:
-        """For how long it has been looked at [s]."""
+        """Time from the first to the last sample [s]."""
         return self.times[-1] - self.times[0] if self.times else 0.0
 
     def at(self, age: float) -> tuple[float, int]:
-        """Memory [B] and most open files within ``WINDOW`` before an age [s]."""
+        """Return median memory [B] and largest number of open files within ``WINDOW`` before an age [s]."""
         ages = [moment - self.times[0] for moment in self.times]
         chosen = [k for k, value in enumerate(ages) if age - WINDOW <= value <= age]
         return statistics.median(self.memory[k] for k in chosen), max(self.files[k] for k in chosen)
 
 
 class Troubles:
-    """Changes the load now and then, and kills the last robot's agent."""
+    """Changes the load and kills the last robot's agent at regular times."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -86,7 +86,7 @@ class Troubles:
         self.kills = 0
 
     def make(self, elapsed: float) -> None:
-        """Do what is due."""
+        """Cause what is due."""
         if elapsed >= self._next_change:
             self._next_change += CHANGE_EVERY
             loads = ask_run(StatusRequest(), self._folder).loads
@@ -96,13 +96,13 @@ class Troubles:
         if elapsed >= self._next_kill:
             self._next_kill += KILL_EVERY
             run_file = find_run(self._folder)
-            with suppress(ProcessLookupError):  # it has just ended by itself
+            with suppress(ProcessLookupError):  # it has just ended
                 os.kill(run_file.pids[list(run_file.agents)[-1]], signal.SIGKILL)
                 self.kills += 1
 
 
 def follow(run: subprocess.Popen[bytes], folder: Path, seconds: float) -> tuple[list[Life], Troubles]:
-    """Look at all processes of a run until it ends."""
+    """Sample all processes of a run until it ends."""
     lives = [Life("supervisor", run.pid)]
     troubles = Troubles(folder)
     began = time.monotonic()
@@ -113,7 +113,7 @@ def follow(run: subprocess.Popen[bytes], folder: Path, seconds: float) -> tuple[
             lives += [Life(name, pid) for name, pid in find_run(folder).pids.items() if pid not in known]
             if elapsed < seconds - LAST_WORDS:
                 troubles.make(elapsed)
-        except CoheftError as error:  # the run has not begun, or is over
+        except CoheftError as error:  # the run has not begun, or has ended
             print(f"after {elapsed:.0f} s: {error}", file=sys.stderr)
         for life in lives:
             life.look(elapsed)
@@ -123,7 +123,7 @@ def follow(run: subprocess.Popen[bytes], folder: Path, seconds: float) -> tuple[
 
 
 def print_table(lives: list[Life]) -> None:
-    """One line per process."""
+    """Print one line per process."""
     times = "".join(f"{f'at {share:.0%}':>9}" for share in BETWEEN)
     print(
         f"{'process':12}{'minutes':>8}{'MB at 5 min':>13}{times}{'at its end':>12}{'growth':>9}{'files':>8}"
@@ -149,7 +149,7 @@ def main() -> None:
     parser.add_argument("--sensor-rate", type=int, default=200)
     arguments = parser.parse_args()
     seconds = 60.0 * arguments.minutes
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # the run ends with us, in any case
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that the run also ends
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         run = subprocess.Popen(

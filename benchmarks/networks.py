@@ -1,52 +1,43 @@
-"""What docs/wide.md tells of large teams: ``python -m benchmarks.networks sums|gossip|agents``. Times are CPU times."""
+"""Costs of exact sums and of gossip in large networks, for docs/wide.md: ``python -m benchmarks.networks sums|gossip``.
+
+Times are CPU times.
+"""
 
 from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
-from msgspec.structs import replace
 
-from benchmarks.scenarios import team_scenario, weaker
-from benchmarks.stepped_team import SteppedTeam
 from coheft.consensus.gossip import Gossip
 from coheft.consensus.graph import Neighbours, build_graph
 from coheft.consensus.rounds import make_rounds
 from coheft.consensus.schedule import choose_schedule
 from coheft.estimation.geometry.spatial import Array
 from coheft.wire.messages.codec import encode
-from coheft.wire.messages.structs import NeighbourMessage
+from coheft.wire.messages.structs import LinkState, NeighbourMessage
 from coheft.wire.scenario.schema import Graph
 
 BLOCK = 10
 CHANNELS = 18
 """Numbers that are summed per sample."""
-Kind = Literal["ring", "grid", "tree"]
-KINDS: tuple[Kind, ...] = ("ring", "grid", "tree")
+KINDS: tuple[Literal["ring", "grid", "tree"], ...] = ("ring", "grid", "tree")
 
 
-def network(kind: Kind, count: int) -> Neighbours:
-    """Robots in a graph."""
+def network(kind: Literal["ring", "grid", "tree"], count: int) -> Neighbours:
+    """Return the neighbours of each of ``count`` robots."""
     return build_graph(Graph(kind=kind), [f"r{k:05d}" for k in range(count)])
 
 
-def timed(work: Callable[[], object]) -> float:
-    """CPU time [s]."""
-    start = time.process_time()
-    work()
-    return time.process_time() - start
-
-
-def size(channels: dict[str, Array]) -> int:
-    """Of a message [B]."""
-    return len(encode(NeighbourMessage(sender="r00000", block=1, gossip=[], channels=channels), "key"))
+def size(gossip: list[LinkState], channels: dict[str, Array]) -> int:
+    """Return the size of an encoded message [B]."""
+    return len(encode(NeighbourMessage(sender="r00000", block=1, gossip=gossip, channels=channels), "key"))
 
 
 def sums() -> None:
-    """Rounds, bytes and time of the exact sums alone."""
+    """Print rounds, bytes and time of the exact sums."""
     print("graph robots schedule rounds set-up[ms] message[B] time per agent and block[us]")
     values = np.random.default_rng(0).normal(size=(BLOCK, CHANNELS))
     for kind in KINDS:
@@ -54,84 +45,58 @@ def sums() -> None:
             if kind == "ring" and count > 1000:
                 continue
             graph = network(kind, count)
+            start = time.process_time()
             schedule = choose_schedule(graph)
-            set_up = timed(lambda graph=graph: choose_schedule(graph))  # type: ignore[misc]
+            set_up = time.process_time() - start
             agents = {
                 name: make_rounds(schedule, "sums", name, others, BLOCK, CHANNELS) for name, others in graph.items()
             }
-            told: dict[str, dict[str, Array]] = {name: {} for name in graph}
-            passed, totals = [], []
+            sent: dict[str, dict[str, Array]] = {name: {} for name in graph}
+            times = []
+            total: Array | None = None
             for _ in range(schedule.rounds + 5):
-                before = dict(told)
+                before = dict(sent)
                 start = time.process_time()
                 for name, agent in agents.items():
-                    totals.append(agent.advance({other: before[other] for other in graph[name]}))
+                    total = agent.advance({other: before[other] for other in graph[name]})
                     agent.enter(values)
-                    told[name] = agent.channels()
-                passed.append((time.process_time() - start) / count)
-                totals = totals[-1:]
-            assert totals[0] is not None
-            np.testing.assert_allclose(schedule.scale * totals[0], count * values, rtol=1e-8)
-            largest = max(size(channels) for channels in told.values())
+                    sent[name] = agent.channels()
+                times.append((time.process_time() - start) / count)
+            assert total is not None
+            np.testing.assert_allclose(schedule.scale * total, count * values, rtol=1e-8)
+            largest = max(size([], channels) for channels in sent.values())
             print(
                 f"{kind:5} {count:6} {schedule.kind:11} {schedule.rounds:5} {1e3 * set_up:8.1f} {largest:8}"
-                f" {1e6 * float(np.median(passed[-5:])):8.0f}",
+                f" {1e6 * float(np.median(times[-5:])):8.0f}",
                 flush=True,
             )
 
 
 def gossip() -> None:
-    """What it takes until every robot knows the graph, from the first message on."""
+    """Print the costs from the first message until every robot knows the graph."""
     print("graph robots blocks bytes-per-edge[B] largest-message[B] time-per-agent[ms]")
     for kind in KINDS:
         for count in (24, 100, 300, 1000):
             graph = network(kind, count)
             robots = {name: Gossip(name, others) for name, others in graph.items()}
-            watched = next(iter(graph))
-            blocks = carried = largest = 0
+            observed = next(iter(graph))
+            sizes = []
             start = time.process_time()
             while any(robot.graph is None for robot in robots.values()):
-                told = {name: robot.news() for name, robot in robots.items()}
-                message = NeighbourMessage(sender=watched, block=1, gossip=told[watched], channels={})
-                carried += len(encode(message, "key"))
-                largest = max(largest, len(encode(message, "key")))
+                sent = {name: robot.news() for name, robot in robots.items()}
+                sizes.append(size(sent[observed], {}))
                 for name, others in graph.items():
                     for other in others:
-                        robots[name].hear(told[other])
-                blocks += 1
-            passed = (time.process_time() - start) / count
-            print(f"{kind:5} {count:6} {blocks:6} {carried:9} {largest:7} {1e3 * passed:8.1f}", flush=True)
+                        robots[name].hear(sent[other])
+            taken = (time.process_time() - start) / count
+            print(f"{kind:5} {count:6} {len(sizes):6} {sum(sizes):9} {max(sizes):7} {1e3 * taken:8.1f}", flush=True)
 
 
-def agents(kind: Kind, count: int, blocks: int, every: int = 10) -> None:
-    """A whole team and its physics in this process; what its agents take, and what they send."""
-    team = SteppedTeam(replace(weaker(team_scenario(count)), graph=Graph(kind=kind)))
-    while team.block < blocks:
-        passed, largest = [], 0
-        for _ in range(every):
-            before = team.agents_time
-            team.step()
-            passed.append((team.agents_time - before) / count)
-            largest = max(largest, *(len(encode(outbox.message, "key")) for outbox in team.outboxes.values()))
-        print(
-            f"{kind} {count} block {team.block:5} {' '.join(sorted(team.phases)):8} per agent and block: median "
-            f"{1e6 * np.median(passed):6.0f} us, mean {1e6 * np.mean(passed):6.0f} us; largest message {largest:6} B",
-            flush=True,
-        )
-
-
-def main() -> None:
-    """Print what is asked for."""
+if __name__ == "__main__":
     match sys.argv[1:]:
         case ["sums"]:
             sums()
         case ["gossip"]:
             gossip()
-        case ["agents", ("ring" | "grid" | "tree") as kind, count, blocks]:
-            agents(kind, int(count), int(blocks))
         case _:
-            sys.exit("sums, gossip, or agents ring|grid|tree COUNT BLOCKS expected")
-
-
-if __name__ == "__main__":
-    main()
+            sys.exit("expected sums or gossip")

@@ -1,4 +1,4 @@
-"""Teams of real processes that run for a while, stand still, and run again: so that two of them can take turns."""
+"""Teams of real processes that can be paused, so that several of them can take turns."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ from coheft.wire.transport.security import credentials_in
 from coheft.wire.transport.sessions import Keys, ask, open_session
 
 _LIMIT = 120.0
-"""Nothing takes so long unless it is broken [s]."""
+"""Longest time to wait for anything [s]."""
 _ANSWER = 5.0
 _POLL = 0.05
 
 
 @dataclass(frozen=True)
 class Turn:
-    """What a team did while it ran.
+    """Blocks of a team in a turn.
 
     Attributes:
-        first: Number of its first block.
-        blocks: How many there were.
-        wall: Time that they took [s].
-        cpu: CPU time of each process meanwhile, by name [s].
+        first: Index of the first block.
+        blocks: Number of blocks.
+        wall: Wall-clock time [s].
+        cpu: CPU time of each process, by name [s].
     """
 
     first: int
@@ -47,7 +47,7 @@ class Turn:
 
     @property
     def block_time(self) -> float:
-        """Wall time per block [s]."""
+        """Wall-clock time per block [s]."""
         return self.wall / self.blocks
 
     @property
@@ -77,10 +77,10 @@ class PacedTeam:
         self._children = {name: psutil.Process(pid) for name, pid in processes.pids.items()}
 
     def run_until(self, seconds: float) -> None:
-        """Let it run up to a simulated time [s], then stand still.
+        """Run up to a simulated time [s], then pause.
 
         Raises:
-            LinkError: It does not get there.
+            LinkError: The team does not reach this time.
         """
         deadline = time.monotonic() + _LIMIT
         while True:
@@ -98,8 +98,8 @@ class PacedTeam:
         self._ask(PauseRequest(paused=True))
 
     def turn(self, seconds: float) -> Turn:
-        """Let it run for so long [s]; it stands still before and afterwards."""
-        cpu = self._cpu()
+        """Run for a time [s]; the team is paused before and after."""
+        cpu = cpu_times(self._children)
         before = self._ask(PauseRequest(paused=False))
         time.sleep(seconds)
         after = self._ask(PauseRequest(paused=True))
@@ -108,37 +108,35 @@ class PacedTeam:
             first=before.block,
             blocks=after.block - before.block,
             wall=_ran(after) - _ran(before),
-            cpu={name: now - cpu[name] for name, now in self._cpu().items()},
+            cpu={name: now - cpu[name] for name, now in cpu_times(self._children).items()},
         )
 
-    def memory(self) -> dict[str, float]:
-        """Resident memory of each process, by name [MB]."""
-        return {name: child.memory_info().rss / 1e6 for name, child in self._children.items()}
-
     def stop(self) -> None:
-        """End the run, so that the server writes what it has noted."""
+        """End the run, so that the server writes its times."""
         self._ask(PauseRequest(paused=False))
         self._ask(StopRequest())
         self._processes.wait_for_all_but("server", _LIMIT)
 
     def _ask(self, request: Request) -> Status:
-        """The server's answer.
+        """Return the server's answer.
 
         Raises:
-            LinkError: There is none, or it refuses.
+            LinkError: There is none, or the server refuses.
         """
         answer = ask(self._session, self._key, request, timeout=_ANSWER)
         if isinstance(answer, Refusal):
             raise LinkError(f"the server refuses: {answer.reason}")
         return answer
 
-    def _cpu(self) -> dict[str, float]:
-        times = {name: child.cpu_times() for name, child in self._children.items()}
-        return {name: each.user + each.system for name, each in times.items()}
+
+def cpu_times(processes: Mapping[str, psutil.Process]) -> dict[str, float]:
+    """Return the CPU time of each process so far, by name [s]."""
+    times = {name: process.cpu_times() for name, process in processes.items()}
+    return {name: each.user + each.system for name, each in times.items()}
 
 
 def _ran(status: Status) -> float:
-    """For how long the clock has run [s]."""
+    """Return the wall-clock time of the run without pauses [s]."""
     return status.time / status.real_time_factor if status.real_time_factor > 0.0 else 0.0
 
 
@@ -149,11 +147,11 @@ def paced_team(
     """Start a team.
 
     Args:
-        scenario: What to run.
-        folder: For logs and times.
-        replay: What each agent shall say, see ``benchmarks.replay``: then there is no mathematics, and no physics.
-            None: the product as it is.
-        keys: Folder of certificates for the secure profile; None: the open profile.
+        scenario: The scenario.
+        folder: Folder for logs and times.
+        replay: Files of each agent's messages for a team without mathematics and physics, see ``benchmarks.replay``;
+            None for the product.
+        keys: Folder of certificates for the secure profile; None for the open profile.
     """
     folder.mkdir()
     settings = {SETTINGS: {"folder": str(folder), "physics": replay is None}}

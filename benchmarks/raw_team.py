@@ -1,4 +1,4 @@
-"""A team that does nothing but say as many bytes: Zenoh sessions and two loops, none of the product's processes."""
+"""Zenoh alone: sessions and two loops that send as many bytes as a team, without the product's processes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from typing import Any
 import psutil
 import zenoh
 
-from benchmarks.paced_team import Turn
+from benchmarks.paced_team import Turn, cpu_times
 from coheft.app.run.plan import Plan
 from coheft.errors import LinkError
 from coheft.wire.config import AgentProcessConfig
@@ -28,7 +28,7 @@ _SPAWN = multiprocessing.get_context("spawn")
 
 @dataclass(frozen=True)
 class Sizes:
-    """Of the messages of one block [B]: measurements, to each neighbour, and the answer."""
+    """Sizes of the messages of a block [B]: measurements, message to each neighbour, reference."""
 
     measurements: int
     message: int
@@ -36,7 +36,7 @@ class Sizes:
 
 
 class RawTeam:
-    """Running processes by name (``server`` is one of them), see ``raw_team``; the server is told of turns."""
+    """Running processes by name, including ``server``, see ``raw_team``."""
 
     def __init__(self, processes: dict[str, SpawnProcess], turns: Connection[float, tuple[int, float]]) -> None:
         self.processes = processes
@@ -44,12 +44,12 @@ class RawTeam:
         self._children = {name: psutil.Process(process.pid) for name, process in processes.items()}
 
     def turn(self, seconds: float) -> Turn:
-        """Let it run for so long [s].
+        """Run for a time [s].
 
         Raises:
             LinkError: The server has ended.
         """
-        before = self._cpu()
+        before = cpu_times(self._children)
         try:
             self._turns.send(seconds)
             blocks, wall = self._turns.recv()
@@ -57,17 +57,13 @@ class RawTeam:
             server = self.processes["server"]
             server.join()
             raise LinkError(f"the server has ended, with status {server.exitcode}: what it said is above") from error
-        cpu = {name: now - before[name] for name, now in self._cpu().items()}
+        cpu = {name: now - before[name] for name, now in cpu_times(self._children).items()}
         return Turn(first=0, blocks=blocks, wall=wall, cpu=cpu)
-
-    def _cpu(self) -> dict[str, float]:
-        times = {name: child.cpu_times() for name, child in self._children.items()}
-        return {name: each.user + each.system for name, each in times.items()}
 
 
 @contextmanager
 def raw_team(plan: Plan, sizes: Sizes) -> Iterator[RawTeam]:
-    """Start one with the links of a plan."""
+    """Start a team with the links of a plan."""
     with ExitStack() as stack:
 
         def start(run: Callable[..., None], *arguments: object) -> SpawnProcess:
@@ -80,13 +76,13 @@ def raw_team(plan: Plan, sizes: Sizes) -> Iterator[RawTeam]:
         ours, theirs = _SPAWN.Pipe()
         lookahead = plan.server.scenario.lookahead
         processes = {"server": start(_run_server, plan.run, plan.server.robots, lookahead, sizes, theirs)}
-        theirs.close()  # or its end would not be noticed
+        theirs.close()  # otherwise its end would not be noticed
         processes |= {name: start(_run_agent, config, sizes) for name, config in plan.agents.items()}
         yield RawTeam(processes, ours)
 
 
 def _alone(run: Callable[..., None], *arguments: object) -> None:
-    """Run a part, in a session of its own as the product's, as long as whoever has started it is there."""
+    """Run a part in a separate session, like the product's, until its parent ends."""
     os.setsid()
     parent = multiprocessing.parent_process()
     assert parent is not None
@@ -101,7 +97,7 @@ def _leave_with(sentinel: int) -> None:
 
 
 class _Link:
-    """Says bytes under one key on a session, and hears those under another."""
+    """Sends bytes under one key of a session, and receives those under another."""
 
     def __init__(self, session: zenoh.Session, says: str, hears: str | None) -> None:
         self._publisher = session.declare_publisher(
@@ -110,18 +106,18 @@ class _Link:
         self._heard = session.declare_subscriber(hears, zenoh.handlers.FifoChannel(64)) if hears else None
 
     def wait(self) -> None:
-        """Until somebody listens."""
+        """Wait until the other end listens."""
         status: Any = self._publisher.matching_status
         while not status.matching:
             time.sleep(_POLL)
             status = self._publisher.matching_status
 
     def say(self, data: bytes) -> None:
-        """Say it."""
+        """Send bytes."""
         self._publisher.put(data)
 
     def hear(self) -> None:
-        """Wait for the next."""
+        """Wait for the next message."""
         assert self._heard is not None
         self._heard.recv().payload.to_bytes()
 
@@ -134,7 +130,7 @@ def _run_server(
     sizes: Sizes,
     turns: Connection[tuple[int, float], float],
 ) -> None:
-    """Run for as many seconds as it is told, each time, and answer with blocks and seconds."""
+    """Run for each requested time [s], and answer with the numbers of blocks and seconds."""
     links = [
         _Link(stack.enter_context(open_session([endpoint])), f"{run}/down/{name}", f"{run}/up/{name}")
         for name, endpoint in robots.items()
@@ -160,7 +156,7 @@ def _run_server(
 
 
 def _run_agent(stack: ExitStack, config: AgentProcessConfig, sizes: Sizes) -> None:
-    """Answer the server, block after block."""
+    """Answer the server in each block."""
     run, own = config.run, config.agent.name
     server_session = stack.enter_context(open_session(connect=[config.server]))
     server = _Link(server_session, f"{run}/up/{own}", f"{run}/down/{own}")

@@ -1,11 +1,9 @@
 """How many times faster than real time a team of processes is, and whether it keeps pace with the clock on the wall.
 
-    python -m benchmarks.realtime [--effort short|usual|full]
-
-Whole runs of 600 blocks from the first one on, as 'coheft run' makes them. A ring of 6 weighs its load after 70 to 150
-of them, a ring of 24 after 240 to 350. A block lasts 20 ms where nothing else is said. In lockstep the server waits for
-every robot; in real time it does not wait, and counts answers that come too late. Other work on the machine makes runs
-slower: the note says what the CPU time would allow on all cores.
+Whole runs of 600 blocks including the start, as ``coheft run`` makes them. A ring of 6 estimates the inertia after 70
+to 150 blocks, a ring of 24 after 240 to 350. In lockstep the server waits for every robot; in real time it does not
+wait, and counts answers that are late. Other load makes runs slower: the note says what the CPU time would allow on all
+cores.
 """
 
 from __future__ import annotations
@@ -20,7 +18,6 @@ import psutil
 from rich.console import Console
 
 from benchmarks.figures import Effort, Figure, Section, Skipped
-from benchmarks.runner import run_alone
 from benchmarks.scenarios import team_scenario
 from coheft.app.run.launch import launch
 from coheft.app.run.plan import make_plan
@@ -32,14 +29,14 @@ _BARS = {(6, 1000): 15.0, (24, 1000): 3.0}
 _BLOCKS = 600
 _BLOCK = 20
 _LONGER = (100, 200)
-"""A block costs nearly the same however many samples it has; with longer ones changes are noticed later [ms]."""
+"""Durations of longer blocks, which cost nearly the same; load changes are noticed later [ms]."""
 _MEMORY = 80e6
-"""What a process takes, with its share of the supervisor's [B]."""
+"""Memory of a process, with its share of the supervisor's [B]."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """A team, its sensors' rate [Hz], its clock, and how long a block lasts [ms]."""
+    """Number of robots, rate of the sensors [Hz], clock, and duration of a block [ms]."""
 
     robots: int
     rate: int
@@ -51,7 +48,7 @@ class Case:
 
 
 def cases(effort: Effort) -> list[Case]:
-    """What to run."""
+    """Return the runs to make."""
     if effort == "full":
         sizes, rates = (3, 6, 12, 24, 48), (100, 200, 500, 1000)
         clocks: tuple[ClockKind, ClockKind] = ("lockstep", "realtime")
@@ -65,14 +62,13 @@ def cases(effort: Effort) -> list[Case]:
 
 
 def measure(effort: Effort) -> Section:
-    """All runs."""
+    """Make all runs."""
     figures: list[Figure] = []
     skipped: list[Skipped] = []
     for case in cases(effort):
-        if (case.robots + 2) * _MEMORY > psutil.virtual_memory().available:
-            skipped.append(Skipped(str(case), "not enough memory"))
-            continue
         try:
+            if (case.robots + 2) * _MEMORY > psutil.virtual_memory().available:
+                raise CoheftError("not enough memory")
             figures.append(_run(case))
         except CoheftError as error:
             skipped.append(Skipped(f"{case.clock}, {case}", " ".join(str(error).split())))
@@ -106,12 +102,8 @@ def _run(case: Case) -> Figure:
 
 
 def _cpu_time() -> float:
-    """Of this process and of those of it that have ended [s]."""
+    """Return the CPU time of this process and of its children that have ended [s]."""
     return sum(
         usage.ru_utime + usage.ru_stime
         for usage in map(resource.getrusage, (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
     )
-
-
-if __name__ == "__main__":
-    run_alone("realtime", __doc__)

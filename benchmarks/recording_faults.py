@@ -1,4 +1,4 @@
-"""What may be wrong with a recording, of drawn size: with its robot, and the causes by which a judge may name it."""
+"""Recordings with one fault of random size, with the robot and the causes that a verdict may name."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from coheft.estimation.rigid_body.mass_properties import Inertia
 
 Change = Callable[[RobotRecord], dict[str, Array]]
 ALL = ""
-"""Instead of a robot's name: all of them."""
+"""Stands for all robots."""
 
 
 @dataclass(frozen=True, eq=False)
 class Faulty:
-    """A recording with something wrong.
+    """A recording with a fault.
 
     Attributes:
-        recording: It.
-        causes: By which it may be named; refused recordings have none.
-        robot: Whose fault it is; none if it is all robots', or no robot's.
+        recording: The recording.
+        causes: Causes that are right; empty for recordings that have to be refused.
+        robot: The robot with the fault; None if it concerns all robots, or none.
     """
 
     recording: Recording
@@ -69,12 +69,36 @@ LISTED = (
     *("dead", "frozen", "length scale"),
 )
 UNLISTED = ("crosstalk", "saturation", "one axis", "clock rate", "two")
+CAUSES: dict[str, tuple[str, ...]] = {
+    "offset": ("offset",),
+    "tared": ("offset",),
+    "drift": ("drift",),
+    "lever": ("lever",),
+    "scale": ("scale", "force scale"),
+    "sign": ("scale", "sensor turned"),
+    "moment unit": ("moment scale",),
+    "base axes": ("base axes",),
+    "turned": ("sensor turned",),
+    "exchanged": ("sensor turned",),
+    "wrench clock": ("clock",),
+    "clock": ("clock",),
+    "compensated": ("weight compensated",),
+    "slip": ("slip",),
+    "not level": ("gravity", "homes not level"),
+    "tilted": ("gravity", "homes not level"),
+    "load change": ("load change",),
+    "inverse": ("inverse poses",),
+    "dead": ("sensor dead",),
+    "frozen": ("sensor dead",),
+    "length scale": ("length scale",),
+}
+"""Right causes of faults; other faults have to be refuted or refused without one."""
 _BY_POSES = {"base axes", "base axes of all", "compensated", "slip", "not level", "tilted", "inverse", "inverse of all"}
 _BY_POSES |= {"quaternions", "length scale"}
 
 
 def faulty(kind: str, seed: int, *, by_twists: bool) -> Faulty:
-    """A recording with a fault of some kind, its size, robot and time drawn."""
+    """Return a recording with a fault of random size, robot and time."""
     rng = np.random.default_rng([1, seed])
     change = None
     if kind == "load change":
@@ -90,20 +114,18 @@ def faulty(kind: str, seed: int, *, by_twists: bool) -> Faulty:
         kinds = [
             str(name) for name in rng.choice(["offset", "lever", "turned", "wrench clock", "scale"], 2, replace=False)
         ]
-    causes: tuple[str, ...] = ()
     for each in kinds:
-        team, after, causes = _with(team, each.removesuffix(" of all"), names, rng, by_twists=by_twists)
+        fault = _fault(team, each.removesuffix(" of all"), names, rng, by_twists=by_twists)
+        team = fault if isinstance(fault, Team) else team
         recording = recorded(team, "white", by_twists=by_twists)
-        if after is not None:
-            robots = {k: replace(r, **after(r)) if k in names else r for k, r in recording.robots.items()}
+        if not isinstance(fault, Team):
+            robots = {k: replace(r, **fault(r)) if k in names else r for k, r in recording.robots.items()}
             recording = replace(recording, robots=robots)
-    return Faulty(recording, causes, robot)
+    return Faulty(recording, CAUSES.get(kinds[-1].removesuffix(" of all"), ()), robot)
 
 
-def _with(
-    team: Team, kind: str, names: Sequence[str], rng: np.random.Generator, *, by_twists: bool
-) -> tuple[Team, Change | None, tuple[str, ...]]:
-    """The team with the fault before noise, what it does after noise, and by which causes it is named."""
+def _fault(team: Team, kind: str, names: Sequence[str], rng: np.random.Generator, *, by_twists: bool) -> Team | Change:
+    """Return the team with a fault before noise, or the change of each robot's record after noise."""
     end = float(team.records[names[0]].time[-1])
     when, sign = rng.uniform(0.25, 0.75) * end, float(rng.choice([-1.0, 1.0]))
     motion = ("twist", "acceleration") if by_twists else ("pose",)
@@ -128,43 +150,39 @@ def _with(
         case "offset":
             size = between(rng, 0.01, 6.0)
             off = size * np.hstack([direction(rng), 0.05 * direction(rng)])
-            return before(to_wrench(lambda wrench: wrench + off)), None, ("offset",)
+            return before(to_wrench(lambda wrench: wrench + off))
         case "tared":
             first = int(0.2 * team.rate)
-            return team, to_wrench(lambda wrench: wrench - wrench[:first].mean(axis=0)), ("offset",)
+            return to_wrench(lambda wrench: wrench - wrench[:first].mean(axis=0))
         case "drift":
             off = between(rng, 0.1, 5.0) * np.hstack([direction(rng), 0.05 * direction(rng)])
-            return before(to_wrench(lambda w: w + np.linspace(-0.5, 1.0, len(w))[:, None] * off)), None, ("drift",)
+            return before(to_wrench(lambda w: w + np.linspace(-0.5, 1.0, len(w))[:, None] * off))
         case "lever":
             arm = between(rng, 0.001, 0.12) * direction(rng)
             moved = to_wrench(lambda w: np.hstack([w[:, :3], w[:, 3:] + np.cross(arm, w[:, :3])]))
-            return before(moved), None, ("lever",)
+            return before(moved)
         case "scale":
             factor = 1.0 + sign * between(rng, 0.001, 0.3)
-            return before(to_wrench(lambda wrench: factor * wrench)), None, ("scale", "force scale")
+            return before(to_wrench(lambda wrench: factor * wrench))
         case "sign":
-            return before(to_wrench(lambda wrench: -wrench)), None, ("scale", "sensor turned")
+            return before(to_wrench(lambda wrench: -wrench))
         case "moment unit":
             unit = np.repeat([1.0, float(rng.choice([1000.0, 100.0, 0.1019716]))], 3)
-            return team, to_wrench(lambda wrench: wrench * unit), ("moment scale",)
+            return to_wrench(lambda wrench: wrench * unit)
         case "base axes":
-            return (
-                before(lambda r: {"wrench": _both(Rotation.from_quat(pose_of(r)[:, 3:]), wrench_of(r))}),
-                None,
-                ("base axes",),
-            )
+            return before(lambda r: {"wrench": _both(Rotation.from_quat(pose_of(r)[:, 3:]), wrench_of(r))})
         case "turned":
             turn = Rotation.from_rotvec(np.radians(between(rng, 1.0, 150.0)) * direction(rng))
-            return before(to_wrench(lambda wrench: _both(turn, wrench))), None, ("sensor turned",)
+            return before(to_wrench(lambda wrench: _both(turn, wrench)))
         case "exchanged":
             axes = [[0, 2, 1], [1, 0, 2], [2, 1, 0], [1, 2, 0]][int(rng.integers(4))]
-            return before(to_wrench(lambda w: w[:, [*axes, *(3 + k for k in axes)]])), None, ("sensor turned",)
+            return before(to_wrench(lambda w: w[:, [*axes, *(3 + k for k in axes)]]))
         case "wrench clock":
             delay = sign * between(rng, 0.001, 0.1)
-            return before(lambda robot: _late(robot, delay, ["wrench"])), None, ("clock",)
+            return before(lambda robot: _late(robot, delay, ["wrench"]))
         case "clock":
             delay = sign * between(rng, 0.001, 0.1)
-            return before(lambda robot: _late(robot, delay, [*motion, "wrench"])), None, ("clock",)
+            return before(lambda robot: _late(robot, delay, [*motion, "wrench"]))
         case "compensated":
             load = team.truth.loads[0][1]
             changed = team
@@ -173,10 +191,10 @@ def _with(
                 centre = own_pose.rotation.T @ (load.com - own_pose.translation)
                 own = np.hstack([weight, np.cross(centre, weight)])
                 changed = with_record(changed, name, wrench=wrench_of(team.records[name]) + own)
-            return changed, None, ("weight compensated",)
+            return changed
         case "slip":
             shift, turn_by = between(rng, 5e-4, 0.02) * direction(rng), between(rng, 1e-3, 0.05) * direction(rng)
-            return before(lambda robot: _slipped(robot, when, shift, turn_by)), None, ("slip",)
+            return before(lambda robot: _slipped(robot, when, shift, turn_by))
         case "not level" | "tilted":
             angle = rng.uniform(0.0, 2.0 * np.pi)
             size = np.radians(between(rng, 0.1, 90.0 if kind == "not level" else 30.0))
@@ -185,46 +203,34 @@ def _with(
             for name in names:
                 yaw = team.yaws[list(team.records).index(name)]
                 changed = with_record(changed, name, **turned_home(yaw * turn * yaw.inv())(team.records[name]))
-            return changed, None, ("gravity", "homes not level")
+            return changed
         case "load change":
-            return team, None, ("load change",)
+            return team
         case "inverse":
-            return team, lambda robot: {"pose": inverse_poses(pose_of(robot))}, ("inverse poses",)
+            return lambda robot: {"pose": inverse_poses(pose_of(robot))}
         case "quaternions":
-            return team, lambda robot: {"pose": pose_of(robot)[:, [0, 1, 2, 6, 3, 4, 5]]}, ()
+            return lambda robot: {"pose": pose_of(robot)[:, [0, 1, 2, 6, 3, 4, 5]]}
         case "dead":
-            return team, to_wrench(lambda w: 0.0 * w + 1e-3 * rng.normal(size=w.shape)), ("sensor dead",)
+            return to_wrench(lambda w: 0.0 * w + 1e-3 * rng.normal(size=w.shape))
         case "frozen":
             start = int(when * team.rate)
-            return (
-                team,
-                to_wrench(lambda w: np.vstack([w[:start], np.tile(w[start], (len(w) - start, 1))])),
-                ("sensor dead",),
-            )
+            return to_wrench(lambda w: np.vstack([w[:start], np.tile(w[start], (len(w) - start, 1))]))
         case "crosstalk":
             mixed = np.eye(6) + between(rng, 0.01, 0.1) * rng.normal(size=(6, 6))
-            return before(to_wrench(lambda wrench: wrench @ mixed.T)), None, ()
+            return before(to_wrench(lambda wrench: wrench @ mixed.T))
         case "saturation":
             limit = rng.uniform(0.3, 0.8)
-            return (
-                before(to_wrench(lambda w: np.clip(w, -limit * np.abs(w).max(0), limit * np.abs(w).max(0)))),
-                None,
-                (),
-            )
+            return before(to_wrench(lambda w: np.clip(w, -limit * np.abs(w).max(0), limit * np.abs(w).max(0))))
         case "one axis":
             lost = int(rng.integers(3))
-            return before(to_wrench(lambda w: w * (np.arange(6) != lost))), None, ()
+            return before(to_wrench(lambda w: w * (np.arange(6) != lost)))
         case "clock rate":
             drifting = sign * between(rng, 3e-4, 5e-3)
-            return (
-                before(
-                    lambda r: {"wrench": CubicSpline(r.time, wrench_of(r))(np.clip(r.time * (1 + drifting), 0, end))}
-                ),
-                None,
-                (),
+            return before(
+                lambda r: {"wrench": CubicSpline(r.time, wrench_of(r))(np.clip(r.time * (1 + drifting), 0, end))}
             )
         case "length scale":
             ruler = 1.0 + sign * between(rng, 0.005, 0.05)
-            return before(lambda r: {"pose": pose_of(r) * np.repeat([ruler, 1.0], [3, 4])}), None, ("length scale",)
+            return before(lambda r: {"pose": pose_of(r) * np.repeat([ruler, 1.0], [3, 4])})
         case _:
             raise ValueError(f"expected one of {LISTED + UNLISTED}, found {kind!r}")

@@ -1,15 +1,15 @@
-"""Recordings, good ones and wrong ones: which does ``coheft identify`` accept, and what does it say of the others?
+"""Recordings without and with faults: which does ``coheft identify`` accept, and which causes does it name?
 
     python -m benchmarks.recordings [good|listed|unlisted] [--count N] [--first N] [--method METHOD] [--log FILE]
 
 *good*: how many are refuted (at most 1 %).
-*listed*: with one fault of drawn kind and size: how many are accepted with a number that is wrong by more than five of
-its standard deviations, with what may be hidden (at most 0.5 %), named rightly where the margin is above 10 (95 %),
-with the right robot of three and more (98 %), and within five standard deviations with ``--assume`` (99 %).
-*unlisted*: with another fault, or two: refuted (95 %).
+*listed*: with one fault of random kind and size: how many are accepted with an error above five of its standard
+deviations, hidden errors included (at most 0.5 %); how many get the right cause if the margin is above 10 (95 %), and
+the right robot of three or more (98 %); how many are within five standard deviations with ``--assume`` (99 %).
+*unlisted*: with another fault, or two: how many are refuted (95 %).
 
-Every second recording is of twists and accelerations, if the fault allows. What a log has already is not tried again.
-Bars must be shown with other seeds than those with which anything was mended.
+Every second recording has twists and accelerations, if the fault allows. Seeds that are in the log are not repeated.
+The bars count for seeds that nothing was tuned on.
 """
 
 from __future__ import annotations
@@ -34,20 +34,20 @@ _FAR, _SURE, _ROBOTS = 5.0, 10.0, 3
 
 
 class Trial(msgspec.Struct):
-    """What came of one recording.
+    """Result of one recording.
 
     Attributes:
-        seed: Of it.
-        kind: Of noise, or of the fault.
-        by_twists: Whether twists and accelerations were recorded, and no poses.
-        robots: How many.
-        seconds: Of the processor, that identifying took: on an idle machine it takes as long.
-        is_refuted: Or refused.
-        cause: That was named.
-        is_right: Whether cause, and robot, are right ones; None where there is none to be named.
-        margin: Over the second best cause.
-        off: Largest error in standard deviations of what was accepted, or adopted by ``--assume``.
-        words: Of the verdict.
+        seed: Its seed.
+        kind: Kind of noise, or of the fault.
+        by_twists: Whether twists and accelerations were recorded instead of poses.
+        robots: Number of robots.
+        seconds: CPU time of the identification [s].
+        is_refuted: Whether the recording was refuted or refused.
+        cause: The named cause.
+        is_right: Whether cause and robot are right; None if there is none to name.
+        margin: Margin over the second best cause.
+        off: Largest error in standard deviations of an accepted result, or of one with ``--assume``.
+        words: Text of the verdict.
     """
 
     seed: int
@@ -64,7 +64,7 @@ class Trial(msgspec.Struct):
 
 
 def main() -> None:
-    """Try recordings, print each that is not as it should be, and shares at the end."""
+    """Try recordings, print each wrong result, and a summary."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=["good", "listed", "unlisted"], nargs="?", default="listed")
     parser.add_argument("--count", type=int, default=400)
@@ -93,7 +93,7 @@ def _read(log: Path) -> list[Trial]:
 
 
 def try_recording(what: str, seed: int, method: Method | None = None) -> Trial:
-    """Draw a recording, identify it, and compare with what is true."""
+    """Draw a recording, identify it, and compare the result with the truth."""
     by_twists = method != "pose" and (method is not None or seed % 2 == 0)
     if what == "good":
         kind: str = KINDS[seed // 2 % len(KINDS)]
@@ -109,9 +109,9 @@ def try_recording(what: str, seed: int, method: Method | None = None) -> Trial:
         found = identify(recording, options)
     except RecordingError as error:
         trial.words = str(error)
-        trial.seconds = time.process_time() - start
         return trial
-    trial.seconds = time.process_time() - start
+    finally:
+        trial.seconds = time.process_time() - start
     trial.is_refuted = bool(found.doubts)
     verdict = found.verdict
     if not trial.is_refuted:
@@ -130,7 +130,7 @@ def try_recording(what: str, seed: int, method: Method | None = None) -> Trial:
 
 
 def deviations(recording: Recording, found: Identification) -> float:
-    """The largest error of what is said to be known, in standard deviations with what may be hidden."""
+    """Return the largest error of a known quantity, in standard deviations with hidden errors included."""
     assert recording.truth is not None
     hidden = np.array([error.std for error in found.hidden]) if found.hidden else np.zeros(10)
     error = np.abs(found.payload.inertia.central() - recording.truth.loads[0][1].central())
@@ -150,7 +150,7 @@ def _is_well(what: str, trial: Trial) -> bool:
 
 
 def summary(what: str, trials: list[Trial]) -> str:
-    """Shares, in words."""
+    """Return a summary in one line."""
     refuted = [trial for trial in trials if trial.is_refuted]
     wrong = [trial for trial in trials if not trial.is_refuted and (trial.off or 0.0) > _FAR]
     named = [trial.is_right for trial in refuted if trial.is_right is not None and trial.margin > _SURE]

@@ -1,4 +1,4 @@
-"""What agents say in a real run, kept so that it can be said again without the mathematics that made it."""
+"""Recorded messages of agents, which others repeat without mathematics."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from coheft.wire.messages.structs import Estimate, NeighbourMessage, Reference
 from coheft.wire.scenario.schema import Scenario
 
 BLOCKS = 50
-"""So many blocks in a row are kept, and said over and over."""
+"""Number of consecutive blocks that are recorded and repeated."""
 SETTING = "replay"
-"""Key of the estimator's settings under which an agent finds its file."""
+"""Key of the estimator's settings for an agent's file."""
 _KEY = "replay"
 
 
 def record(scenario: Scenario, folder: Path) -> dict[str, Path]:
-    """Run a scenario in this process until it has settled, and write what each agent says then to a file."""
+    """Run a scenario in this process until it has settled, and write each agent's messages to a file."""
     team = SteppedTeam(scenario)
     team.settle()
     said: dict[str, list[tuple[bytes, bytes, bytes]]] = {name: [] for name in team.graph}
@@ -40,25 +40,25 @@ def record(scenario: Scenario, folder: Path) -> dict[str, Path]:
 
 
 def sizes(path: Path) -> tuple[int, int]:
-    """Of an agent's message to its neighbours and of its answer to the server: medians of what is in its file [B]."""
+    """Return the median sizes of an agent's messages to its neighbours and of its references [B]."""
     said = _load(path)
     message, reference = (round(statistics.median(len(each[k]) for each in said)) for k in (0, 1))
     return message, reference
 
 
 class BareAgent:
-    """An agent that answers with what another one said once; ``coheft.agents.process`` takes it for an ``Agent``."""
+    """An agent that repeats recorded messages, with the interface of ``Agent``."""
 
-    def __init__(self, config: AgentConfig, incarnation: int, largest_arrays: int) -> None:
+    def __init__(self, config: AgentConfig, incarnation: int, largest_arrays: int, signer: object) -> None:
         self._config = config
         self._incarnation = incarnation
         self._said = _read(Path(config.estimator_settings[SETTING]))
 
     def set_holding(self, holding: bool, from_block: int) -> None:
-        """Hands make no difference."""
+        """Ignore the grasp."""
 
     def step(self, index: int, block: MeasurementBlock | None, inbox: Sequence[NeighbourMessage]) -> Outbox:
-        """Say the next thing, as if it were of this block."""
+        """Return the next recorded messages, with this block's number."""
         message, reference, estimate = self._said[index % len(self._said)]
         return Outbox(
             message=msgspec.structs.replace(message, block=index, incarnation=self._incarnation),

@@ -1,4 +1,4 @@
-"""Runs benchmarks, alone or all of them."""
+"""Runs benchmarks one after another."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from typing import get_args
 import numpy as np
 from msgspec.structs import replace
 
-from benchmarks.figures import Effort, Machine, Section, Skipped, section_lines
+from benchmarks.figures import Effort, Machine, Section, Skipped
 from coheft.errors import CoheftError
 
 GUARDED = ("startup", "inprocess", "floor")
@@ -31,7 +31,7 @@ def measure(name: str, effort: Effort) -> Section:
 
 
 def measure_all(names: Sequence[str], effort: Effort) -> Iterator[Section]:
-    """Run some benchmarks, one after another; tells on stderr which one is at work, and what has failed."""
+    """Yield the results of benchmarks, one after another; their progress and their errors go to stderr."""
     for name in names:
         print(f"{name} …", file=sys.stderr, flush=True)
         try:
@@ -43,7 +43,7 @@ def measure_all(names: Sequence[str], effort: Effort) -> Iterator[Section]:
 
 
 def _failed(name: str, error: Exception) -> Section:
-    """What is left of a benchmark that an error ended."""
+    """Return the section of a benchmark that an error ended."""
     if isinstance(error, CoheftError):
         reason = str(error)
         print(reason, file=sys.stderr)
@@ -55,7 +55,7 @@ def _failed(name: str, error: Exception) -> Section:
 
 
 def this_machine(load_before: float) -> Machine:
-    """Where we are, and how busy others were and are."""
+    """Describe this machine and its load."""
     return Machine(
         cores=os.cpu_count() or 1,
         python=platform.python_version(),
@@ -65,23 +65,6 @@ def this_machine(load_before: float) -> Machine:
     )
 
 
-def add_effort(parser: argparse.ArgumentParser, default: Effort = "usual") -> None:
-    """The flag that says how much to measure."""
-    parser.add_argument("--effort", choices=get_args(Effort), default=default, help="how much to measure")
-
-
-def run_alone(name: str, description: str | None) -> None:
-    """The command ``python -m benchmarks.NAME``: measures, and prints the table."""
-    parser = argparse.ArgumentParser(
-        prog=f"python -m benchmarks.{name}",
-        description=description,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    add_effort(parser)
-    chosen = parser.parse_args()
-    try:
-        print("\n".join(section_lines(measure(name, chosen.effort))))
-    except CoheftError as error:
-        sys.exit(f"{name}: {error}")
-    except KeyboardInterrupt:
-        sys.exit(130)
+def add_effort(parser: argparse.ArgumentParser) -> None:
+    """Add the option ``--effort``."""
+    parser.add_argument("--effort", choices=get_args(Effort), default="usual", help="how much to measure")

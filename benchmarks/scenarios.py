@@ -1,4 +1,4 @@
-"""Scenarios of any number of robots, any rate, without load changes: what benchmarks run."""
+"""Scenarios for benchmarks: any number of robots, any rate, without load changes."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ BLOCK = 20
 """Samples per block: 50 blocks a second at 1 kHz."""
 _FOREVER = 1e6
 _STRONG = 24
-"""More robots than these are weaker in proportion: together they would shake the load apart."""
+"""Number of robots above which arms are weakened in proportion, because together they would be unstable."""
 
 
 def team_scenario(robots: int, rate: int = RATE, block: int = BLOCK, duration: float = _FOREVER) -> Scenario:
-    """The shipped ring of at least as many robots, or the largest, with this number of them around the same payload.
+    """Return a ring with the payload of the smallest shipped ring that has as many robots, or of the largest one.
 
     Args:
         robots: Number of robots.
@@ -36,7 +36,7 @@ def team_scenario(robots: int, rate: int = RATE, block: int = BLOCK, duration: f
 
 
 def weaker(scenario: Scenario) -> Scenario:
-    """The same with arms that together are as strong as those of ``_STRONG``."""
+    """Return the scenario with arms that together are as strong as those of ``_STRONG`` robots."""
     robots, share = scenario.robots, min(1.0, _STRONG / scenario.robot_count)
     return replace(
         scenario,

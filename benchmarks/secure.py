@@ -1,8 +1,6 @@
 """The secure profile against the open one: encrypted links, access rules, signed words of robots about themselves.
 
-    python -m benchmarks.secure [--effort short|usual|full]
-
-Two teams of the product as it is stand side by side and take turns of a second or two, while the other stands still.
+Two teams take turns of a second or two, while the other stands still.
 """
 
 from __future__ import annotations
@@ -14,7 +12,6 @@ from pathlib import Path
 
 from benchmarks.figures import Effort, Figure, Section
 from benchmarks.paced_team import Turn, paced_team
-from benchmarks.runner import run_alone
 from benchmarks.scenarios import team_scenario
 from benchmarks.stepped_team import SETTLED
 from benchmarks.timing import ratio
@@ -24,11 +21,11 @@ SIZES = (6, 24)
 BAR = 1.15
 _TURNS: dict[Effort, int] = {"short": 6, "usual": 10, "full": 30}
 _TURN = {6: 1.0, 24: 2.0}
-"""By size [s]."""
+"""By number of robots [s]."""
 
 
 def measure(effort: Effort) -> Section:
-    """The secure profile against the open one, for each size of a team."""
+    """Compare the profiles for each size of team."""
     figures = [figure for robots in SIZES for figure in _of_size(robots, _TURNS[effort])]
     return Section(name="secure", title="Secure profile against the open one", figures=figures)
 
@@ -60,7 +57,3 @@ def _of_size(robots: int, turns: int) -> list[Figure]:
         against("CPU time per agent and block", lambda turn: turn.agent_time),
         against("CPU time of the server per block", lambda turn: turn.server_time),
     ]
-
-
-if __name__ == "__main__":
-    run_alone("secure", __doc__)

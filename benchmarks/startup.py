@@ -1,9 +1,6 @@
-"""From the command to the first block, what each process imports, and what memory it takes.
+"""Time from the command to the first block, imports and memory of each process, against bare processes.
 
-    python -m benchmarks.startup [--effort short|usual|full]
-
-Bare processes are started beside it, in turn: one that starts seven others, all of which import nothing but the
-libraries that the real ones cannot do without.
+Bare processes import only the libraries that the real ones need in any case.
 """
 
 from __future__ import annotations
@@ -14,24 +11,20 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
-from typing import TypeVar
+from typing import Self
 
 import psutil
-import zenoh
 
 from benchmarks.figures import Effort, Figure, Section
-from benchmarks.runner import run_alone
 from benchmarks.stepped_team import SETTLED
 from benchmarks.timing import ratio
 from coheft.app.run.folder import RunFile, find_run
+from coheft.app.run.observer import observe
 from coheft.app.run.processes import ENVIRONMENT
 from coheft.errors import CoheftError, LinkError
-from coheft.wire.messages.requests import Refusal, Status, StatusRequest
-from coheft.wire.transport.sessions import Keys, ask, open_session
-
-T = TypeVar("T")
+from coheft.wire.messages.requests import Status
 
 ROBOTS = 6
 _FIRST_BLOCK_BAR, _IMPORT_BAR, _MEMORY_BAR = 1.0, 0.3, 60.0
@@ -39,9 +32,9 @@ _TURNS: dict[Effort, int] = {"short": 3, "usual": 5, "full": 20}
 _LIMIT = 120.0
 _POLL = 0.005
 _USUAL = {key: value for key, value in os.environ.items() if key != "PYTHONDONTWRITEBYTECODE"}
-"""Users' modules are compiled but once."""
+"""Environment in which modules are compiled only once, as users have it."""
 _LEAST = "import msgspec, numpy, zenoh"
-"""What an agent cannot do without; the supervisor neither."""
+"""Imports that agents and the command need in any case."""
 _IMPORTED = {
     "an agent": "import coheft.agents.process.main",
     "the server": "import coheft.physics_server.server",
@@ -50,7 +43,7 @@ _IMPORTED = {
 
 
 def measure(effort: Effort) -> Section:
-    """All of it."""
+    """Measure start, imports and memory."""
     turns = _TURNS[effort]
     figures = [*_first_block(turns), *_imports(turns), *_memory()]
     return Section(name="startup", title="Start-up and memory", figures=figures)
@@ -62,17 +55,17 @@ def _first_block(turns: int) -> list[Figure]:
         with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder, Run(Path(folder)) as run:
             real.append(run.began() - run.called_at)
         bare.append(_bare_start())
-    seconds = statistics.median(real)
+    name = f"from the command to the first block, N = {ROBOTS}"
     return [
         Figure(
-            name=f"from the command to the first block, N = {ROBOTS}",
-            value=seconds,
+            name=name,
+            value=statistics.median(real),
             unit="s",
             bar=_FIRST_BLOCK_BAR,
             note=f"best of {turns}: {min(real):.2f} s",
         ),
         Figure(
-            name=f"from the command to the first block, N = {ROBOTS}, against bare processes",
+            name=f"{name}, against bare processes",
             value=ratio(real, bare),
             is_guarded=True,
             note=f"bare ones take {statistics.median(bare):.2f} s",
@@ -81,7 +74,7 @@ def _first_block(turns: int) -> list[Figure]:
 
 
 def _bare_start() -> float:
-    """Time that it takes to start as many processes [s]."""
+    """Return the time in which one bare process starts seven others [s]."""
     commands = [f"{_LEAST}, mujoco", *[_LEAST] * ROBOTS]
     code = (
         f"{_LEAST}, subprocess, sys\n"
@@ -89,76 +82,74 @@ def _bare_start() -> float:
         "sys.exit(max(child.wait() for child in children))"
     )
     began = time.monotonic()
-    # In sessions of their own, as the real ones: schedulers may share time among sessions.
+    # In separate sessions, as the real ones: schedulers may share time among sessions.
     subprocess.run([sys.executable, "-c", code], check=True, start_new_session=True, env={**_USUAL, **ENVIRONMENT})
     return time.monotonic() - began
 
 
 class Run:
-    """'coheft run ring6' in a process of its own, ended with the context."""
+    """``coheft run ring6`` in a separate process, which ends with the context.
+
+    Attributes:
+        called_at: Time of the command, by ``time.monotonic`` [s].
+    """
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._said = folder / "stderr.txt"
+        self._errors = folder / "stderr.txt"
         self.called_at = time.monotonic()
         command = [sys.executable, "-m", "coheft", "run", "ring6", "--duration", "1000"]
-        with self._said.open("wb") as said:
+        with self._errors.open("wb") as errors:
             self._process = subprocess.Popen(
-                [*command, "--quiet", "--logs", str(folder)], stderr=said, start_new_session=True, env=_USUAL
+                [*command, "--quiet", "--logs", str(folder)], stderr=errors, start_new_session=True, env=_USUAL
             )
 
     def began(self) -> float:
-        """When the first block began, of the clock ``time.monotonic``.
+        """Return the time at which the first block began, by ``time.monotonic`` [s].
 
         Raises:
-            LinkError: None does.
+            LinkError: The run does not begin.
         """
-        run_file = self._find()
-        with open_session(connect=[run_file.server]) as session:
-            status = self._wait_for(lambda: _status(session, run_file, lambda status: status.real_time_factor > 0.0))
-            return time.monotonic() - status.time / status.real_time_factor
+        status, _ = self._wait_for(lambda status: status.real_time_factor > 0.0)
+        return time.monotonic() - status.time / status.real_time_factor
 
     def memory(self, simulated: float) -> dict[str, float]:
-        """Resident memory of each process once a simulated time [s] has passed, by name [MB].
+        """Return the resident memory of each process at a simulated time [s], by name [MB].
 
         Raises:
-            LinkError: It does not pass.
+            LinkError: The run does not reach this time.
         """
-        run_file = self._find()
-        with open_session(connect=[run_file.server]) as session:
-            self._wait_for(lambda: _status(session, run_file, lambda status: status.time >= simulated), every=0.2)
+        _, run_file = self._wait_for(lambda status: status.time >= simulated)
         pids = {"the command": self._process.pid, **run_file.pids}
         return {name: psutil.Process(pid).memory_info().rss / 1e6 for name, pid in pids.items()}
 
-    def _find(self) -> RunFile:
-        def found() -> RunFile | None:
-            try:
-                return find_run(self._folder)
-            except CoheftError:
-                return None
-
-        return self._wait_for(found)
-
-    def _wait_for(self, look: Callable[[], T | None], every: float = _POLL) -> T:
-        """What is seen in the end; until then it is looked for every so many seconds.
+    def _wait_for(self, condition: Callable[[Status], bool]) -> tuple[Status, RunFile]:
+        """Wait until the run's status meets a condition.
 
         Raises:
-            LinkError: Nothing is seen in time, or the run has ended.
+            LinkError: It does not in time, or the run has ended.
         """
-        while (seen := look()) is None:
-            if self._process.poll() is not None:
-                raise LinkError(f"'coheft run' has ended, with status {self._process.returncode}{self._words()}")
-            if time.monotonic() > self.called_at + _LIMIT:
-                raise LinkError(f"'coheft run' is not where it should be after {_LIMIT:g} s{self._words()}")
-            time.sleep(every)
-        return seen
+        while True:
+            try:
+                run_file = find_run(self._folder)
+                break
+            except CoheftError:
+                self._check()
+        with observe(run_file) as observer:
+            while (status := observer.status()) is None or not condition(status):
+                self._check()
+        return status, run_file
 
-    def _words(self) -> str:
-        """What it has said on stderr."""
-        said = self._said.read_text(errors="replace").strip()
-        return f": {said}" if said else ""
+    def _check(self) -> None:
+        """Check that the run goes on, and pause before the next look."""
+        errors = self._errors.read_text(errors="replace").strip()
+        if self._process.poll() is not None:
+            raise LinkError(f"'coheft run' has ended, with status {self._process.returncode}: {errors}")
+        if time.monotonic() > self.called_at + _LIMIT:
+            raise LinkError(f"'coheft run' is not where it should be after {_LIMIT:g} s: {errors}")
+        time.sleep(_POLL)
 
-    def __enter__(self) -> Run:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -166,54 +157,41 @@ class Run:
         self._process.wait(_LIMIT)
 
 
-def _status(session: zenoh.Session, run_file: RunFile, condition: Callable[[Status], bool]) -> Status | None:
-    """How the run is; None if it does not say, or as long as a condition does not hold."""
-    try:
-        answer = ask(session, Keys(run_file.run).request("observer"), StatusRequest(), timeout=0.5)
-    except LinkError:
-        return None
-    return None if isinstance(answer, Refusal) or not condition(answer) else answer
-
-
 def _imports(turns: int) -> list[Figure]:
     figures = []
     for name, code in _IMPORTED.items():
-        times, least = [], []
-        for _ in range(turns):
-            times.append(_import_time(code))
-            least.append(_import_time(_LEAST))
-        is_agent = name == "an agent"
-        figures += [
+        times, least = zip(*((_import_time(code), _import_time(_LEAST)) for _ in range(turns)), strict=True)
+        median = statistics.median(times)
+        figures.append(
             Figure(
                 name=f"imports of {name}, against msgspec, numpy and zenoh",
                 value=ratio(times, least),
                 is_guarded=True,
-                note=f"{statistics.median(times):.3f} against {statistics.median(least):.3f} s of CPU time",
+                note=f"{median:.3f} against {statistics.median(least):.3f} s of CPU time",
             )
-        ]
-        if is_agent:
-            figures.append(Figure(name=f"imports of {name}", value=statistics.median(times), unit="s", bar=_IMPORT_BAR))
+        )
+        if name == "an agent":
+            figures.append(Figure(name=f"imports of {name}", value=median, unit="s", bar=_IMPORT_BAR))
     return figures
 
 
 def _import_time(code: str) -> float:
-    """CPU time that an import takes in a new process [s]."""
-    return float(_output(f"import time; began = time.process_time(); {code}; print(time.process_time() - began)"))
+    """Return the CPU time of an import in a new process [s]."""
+    return _printed(f"import time; began = time.process_time(); {code}; print(time.process_time() - began)")
 
 
-def _output(code: str) -> str:
-    done = subprocess.run(
-        [sys.executable, "-c", code], check=True, capture_output=True, text=True, env={**_USUAL, **ENVIRONMENT}
-    )
-    return done.stdout.strip()
+def _printed(code: str) -> float:
+    """Run code in a new process, and return the number that it prints."""
+    command, environment = [sys.executable, "-c", code], {**_USUAL, **ENVIRONMENT}
+    return float(subprocess.run(command, check=True, capture_output=True, text=True, env=environment).stdout)
 
 
 def _memory() -> list[Figure]:
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder, Run(Path(folder)) as run:
         memory = run.memory(SETTLED)
-    bare = float(_output(f"{_LEAST}, psutil; print(psutil.Process().memory_info().rss / 1e6)"))
-    agents: Sequence[float] = [size for name, size in memory.items() if name not in ("server", "the command")]
-    agent = statistics.median(agents)
+    bare = _printed(f"{_LEAST}, psutil; print(psutil.Process().memory_info().rss / 1e6)")
+    others = {"the server": memory.pop("server"), "the command": memory.pop("the command")}
+    agent = statistics.median(memory.values())
     return [
         Figure(name="resident memory of an agent", value=agent, unit="MB", bar=_MEMORY_BAR),
         Figure(
@@ -222,10 +200,5 @@ def _memory() -> list[Figure]:
             is_guarded=True,
             note=f"{agent:.0f} against {bare:.0f} MB with msgspec, numpy and zenoh",
         ),
-        Figure(name="resident memory of the server", value=memory["server"], unit="MB"),
-        Figure(name="resident memory of the command", value=memory["the command"], unit="MB"),
+        *(Figure(name=f"resident memory of {name}", value=size, unit="MB") for name, size in others.items()),
     ]
-
-
-if __name__ == "__main__":
-    run_alone("startup", __doc__)

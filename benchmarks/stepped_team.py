@@ -1,4 +1,4 @@
-"""Agents and their physics in one process, block by block: what benchmarks time and record."""
+"""A team of agents and its physics in one process, with separate CPU times: what benchmarks measure and record."""
 
 from __future__ import annotations
 
@@ -10,20 +10,22 @@ from coheft.errors import CoheftError
 from coheft.wire.scenario.schema import Scenario
 
 SETTLED = 12.0
-"""From then on a team does what it does for the rest of the run [s]: fits have become rare by then."""
+"""Time after which the cost of a block is that of the rest of the run, because fits have become rare [s]."""
 _SETTLED_BLOCKS = 150
-"""The same for long blocks: much of a start takes a number of blocks, however long they are."""
+"""The same for long blocks: a start takes a number of blocks, however long they are."""
+_TURN = 10
+"""Number of blocks in a turn."""
 
 
 class SteppedTeam:
-    """A team and its physics in this process; time is counted separately for both.
+    """A team and its physics.
 
     Attributes:
-        block_duration: Of one block [s].
-        graph: Who talks with whom.
-        outboxes: What each agent said last.
-        agents_time: CPU time of all agents so far [s].
-        physics_time: CPU time of physics and sensors so far [s].
+        block_duration: Duration of a block [s].
+        graph: Neighbours of each robot.
+        outboxes: Each agent's latest messages.
+        agents: CPU time per agent and block, for each turn [s].
+        physics: CPU time of physics and sensors per block, for each turn [s].
     """
 
     def __init__(self, scenario: Scenario) -> None:
@@ -31,7 +33,8 @@ class SteppedTeam:
         self._team = TeamInProcess(scenario)
         self.graph = self._team.graph
         self.outboxes: dict[str, Outbox] = {}
-        self.agents_time = self.physics_time = 0.0
+        self.agents: list[float] = []
+        self.physics: list[float] = []
         self._phases: dict[str, str] = {}
 
     @property
@@ -39,41 +42,41 @@ class SteppedTeam:
         """Number of blocks so far."""
         return self._team.simulation.block
 
+    @property
+    def phases(self) -> set[str]:
+        """The agents' phases, see ``Estimate.phase``."""
+        return set(self._phases.values())
+
     def settle(self) -> None:
-        """All blocks until a team does what it does for the rest of the run.
+        """Run until the cost of a block no longer changes much.
 
         Raises:
-            CoheftError: Not every agent weighs the load then: it is no team like those that are measured.
+            CoheftError: Not every agent estimates the inertia by then.
         """
         seconds = max(SETTLED, _SETTLED_BLOCKS * self.block_duration)
         self.run_until(seconds)
-        if not self.is_working:
-            raise CoheftError(f"after {seconds:g} s not every agent weighs the load: what would be measured is a start")
+        if len(self._phases) < len(self.graph) or self.phases != {"inertia"}:
+            raise CoheftError(f"after {seconds:g} s not every agent estimates the inertia: a start would be measured")
 
-    @property
-    def is_working(self) -> bool:
-        """Whether every agent weighs the load."""
-        return len(self._phases) == len(self.graph) and self.phases == {"inertia"}
-
-    @property
-    def phases(self) -> set[str]:
-        """What agents have said last that they are at, see ``Estimate.phase``."""
-        return set(self._phases.values())
-
-    def step(self) -> None:
-        """One block."""
+    def step(self) -> tuple[float, float]:
+        """Run one block; return the CPU times of all agents and of the physics [s]."""
         began = time.process_time()
         result = self._team.measure()
         between = time.process_time()
         self.outboxes = self._team.answer(measured(result), self._team.heard())
         ended = time.process_time()
-        self.physics_time += between - began
-        self.agents_time += ended - between
         for name, outbox in self.outboxes.items():
             if outbox.estimate is not None:
                 self._phases[name] = outbox.estimate.phase
+        return ended - between, between - began
 
     def run_until(self, seconds: float) -> None:
-        """All blocks up to a simulated time [s]."""
+        """Run all blocks up to a simulated time [s]."""
         while self.block * self.block_duration < seconds:
             self.step()
+
+    def turn(self) -> None:
+        """Run some blocks, and add their times to ``agents`` and ``physics``."""
+        agents, physics = map(sum, zip(*(self.step() for _ in range(_TURN)), strict=True))
+        self.agents.append(agents / _TURN / len(self.graph))
+        self.physics.append(physics / _TURN)

@@ -1,4 +1,4 @@
-"""Ratios of times that were measured side by side: what slows the machine down slows down both."""
+"""Ratios of times that were measured side by side, so that other load affects both."""
 
 from __future__ import annotations
 
@@ -7,5 +7,5 @@ from collections.abc import Sequence
 
 
 def ratio(times: Sequence[float], others: Sequence[float]) -> float:
-    """Median over the rounds of how many times as long one took as the other."""
+    """Return the median over the rounds of the ratio of two times."""
     return statistics.median(mine / its for mine, its in zip(times, others, strict=True))

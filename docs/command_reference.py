@@ -1,6 +1,6 @@
 """Writes the reference of all commands in docs/commands.md, from the command line itself.
 
-To be run again after a change of a command; a test tells when that was forgotten.
+Run it after a change of a command; a test fails otherwise.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ if an estimator or a motion of your own fails.
 
 
 def page() -> str:
-    """The whole page, in Markdown: what is written by hand up to the mark, and then the reference."""
+    """Return the page in Markdown: the part by hand up to the mark, and then the reference."""
     by_hand, mark, _ = PAGE.read_text().partition(_MARK)
     statuses = "".join(f"| {status} | {meaning} |\n" for status, meaning in EXIT_MEANINGS.items())
     sections = sorted(app.generate_docs(usage_name="coheft").split("\n## coheft ")[1:])

@@ -32,7 +32,7 @@ _AGENTS = 12
 _NAMES = [f"r{k:02d}" for k in range(_AGENTS)]
 _GRAPHS = {kind: build_graph(Graph(kind=kind, seed=2), _NAMES) for kind in ("ring", "line", "grid", "random")}
 _BLOCKS_PER_SWING = 100
-"""Of inputs that swing, each with a phase of its own."""
+"""Period of oscillating inputs, each with its own phase."""
 _SMALLEST = 1e-17
 
 
@@ -53,32 +53,32 @@ def main() -> None:
 
 
 def _run(graph: Neighbours, rounds: int, inputs: Callable[[int], Array], blocks: int) -> Array:
-    """What leaves dynamic consensus on numbers (N,), shape (blocks - rounds, N); one frame is all agents'."""
+    """Return the outputs of dynamic consensus on numbers (N,), in one frame, shape (blocks - rounds, N)."""
     agents = {name: DynamicConsensus(rounds, 1, 1) for name in graph}
     found = []
     for block in range(blocks):
         sent = {name: agent.pipeline.sent() for name, agent in agents.items()}
         row = []
         for value, (name, agent) in zip(inputs(block), agents.items(), strict=True):
-            heard = [
+            received = [
                 NeighbourStages(None, np.full(rounds, metropolis_weight(len(graph[name]), len(graph[j]))), *sent[j])
                 for j in graph[name]
             ]
-            row.append(agent.step(np.array([[value]]), heard))
+            row.append(agent.step(np.array([[value]]), received))
         if all(each is not None for each in row):
             found.append([float(each[0, 0]) for each in row if each is not None])
     return np.array(found)
 
 
 def _draw_settling(axes: Axes, kind: str, graph: Neighbours, colour: str) -> None:
-    """One round a block, so that every block shows what one more round has left."""
+    """Draw the disagreement after each round, with one round per block."""
     inputs = np.random.default_rng(1).normal(size=_AGENTS)
     found = _run(graph, 1, lambda block: inputs, 301)
     apart = np.linalg.norm(found - inputs.mean(), axis=1)
     rate = convergence_rate(metropolis_matrix(graph))
     count = np.arange(1, len(apart) + 1)
     axes.semilogy(count[::12], apart[::12], "o", color=colour, markersize=3.5, label=f"{kind}: r = {rate:.3f}")
-    late = int(np.searchsorted(-apart, -1e-6))  # only the slowest part is left
+    late = int(np.searchsorted(-apart, -1e-6))  # only the slowest mode is left
     late = min(late, len(apart) - 1)
     axes.semilogy(count, apart[late] * rate ** (count - count[late]), color=colour, linewidth=1.0)
     measured = (apart[late] / apart[late // 2]) ** (1.0 / (late - late // 2))

@@ -1,4 +1,4 @@
-"""Draws the pictures of fan2017.md: figures 2, 3 and 4 of Fan et al. (CDC 2017), and how far the robots disagree.
+"""Draws the pictures of fan2017.md: figures 2, 3 and 4 of Fan et al. (CDC 2017), and the robots' disagreement.
 
 One run of ``configs/fan2017.toml`` in this process, a minute or two. Needs coheft[study].
 """
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from drawing import INK, ROBOTS, SOFT, save
+from drawing import AXES, INK, ROBOTS, SOFT, save
 from matplotlib.figure import Figure
 
 from coheft.agents.estimator import Belief
@@ -23,18 +23,17 @@ from coheft.wire.messages.truth import Truth
 from coheft.wire.scenario.file import load_scenario
 from coheft.wire.scenario.schema import Scenario
 
-_AXES = ("#d43b3b", "#2f9e44", "#2f6fde")
 _TRUTH = {"color": "#111418", "linewidth": 1.0, "linestyle": (0, (5, 3)), "zorder": 4}
 _NAMES = ("m, kg", "h x, m", "h y, m", "h z, m", *(f"J {each}, kg·m²" for each in ("xx", "yy", "zz", "xy", "xz", "yz")))
 _REACH = (4.0, *(0.15,) * 3, *(0.6,) * 6)
-"""So far beyond the truth a figure shows what robots believe: the first estimates are far away."""
+"""Range of the vertical axes around the truth, without the first estimates."""
 _EVERY = 4
-"""Blocks between two points of a line."""
+"""Number of blocks between two points of a line."""
 
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """What was true in a run, and what every robot believed after each block."""
+    """The truth of a run, and every robot's belief after each block."""
 
     scenario: Scenario
     graph: Neighbours
@@ -49,35 +48,35 @@ class Run:
 
     @property
     def change(self) -> float:
-        """When the load changes [s]."""
+        """Time of the load change [s]."""
         return self.scenario.load_changes[0].at
 
     @property
     def start(self) -> float:
-        """When the inertial phase begins: poses have converged [s]."""
+        """Time at which poses have converged and the inertial phase begins [s]."""
         begun = [belief["r1"].phase == "inertia" for belief in self.beliefs]
         return float(self.times[begun.index(True)])
 
     @cached_property
     def taken_over(self) -> list[int]:
-        """The blocks in which all robots began their sums, with the poses that they knew then."""
+        """Blocks at which all robots started their sums, with their poses of that time."""
         newest = np.array([belief["r1"].total_block for belief in self.beliefs])
         waits = np.diff(newest, prepend=newest[0]) == 0
         anew = np.flatnonzero(waits[1:] & ~waits[:-1]) + 1
         return [int(np.searchsorted(self.times, self.start)), *anew.tolist()]
 
     def pose_in_use(self, robot: str, neighbour: str, block: int) -> Pose:
-        """Of a neighbour, as it was taken over for the sums."""
+        """Return the pose of a neighbour that is used for the sums."""
         before = max((each for each in self.taken_over if each <= block), default=self.taken_over[0])
         return self.beliefs[before][robot].poses[neighbour].pose
 
     def true_pose(self, robot: str, neighbour: str, block: int) -> Pose:
-        """Of a neighbour."""
+        """Return the true pose of a neighbour."""
         return self.judge.relative_pose(robot, neighbour)
 
     @cached_property
     def bodies(self) -> Array:
-        """m, h and J that each robot believes in, in the payload's frame, (robots, blocks, 10); nan where nothing."""
+        """Each robot's m, h and J in the payload's frame, (robots, blocks, 10); NaN where unknown."""
         robots = self.judge.scene.robots
         result = np.full((len(robots), len(self.beliefs), 10), np.nan)
         for k, robot in enumerate(robots):
@@ -91,12 +90,12 @@ class Run:
 
     @cached_property
     def bodies_true(self) -> Array:
-        """The true ones, (blocks, 10)."""
+        """The true m, h and J, (blocks, 10)."""
         return np.array([_of_body(Inertia(t.mass, t.com, t.tensor)) for t in (each.payload for each in self.truths)])
 
 
 def run(scenario: Scenario) -> Run:
-    """Run it in this process."""
+    """Run the scenario in this process."""
     team = TeamInProcess(scenario)
     truths: list[Truth] = []
     beliefs: list[dict[str, Belief]] = []
@@ -109,7 +108,7 @@ def run(scenario: Scenario) -> Run:
 
 
 def main() -> None:
-    """Draw all of them."""
+    """Draw all pictures."""
     found = run(load_scenario("fan2017"))
     _draw_poses(found)
     _draw_payload(found, found.start - 1.0, found.start + 10.0, "fan2017-payload.svg")
@@ -124,7 +123,7 @@ def main() -> None:
 
 
 def _draw_poses(found: Run) -> None:
-    """Of every edge: rotation vector and translation of the far end, and how far off both are."""
+    """Draw rotation vector and translation of every edge, and their errors."""
     edges = [(name, other) for name, others in found.graph.items() for other in others if name < other]
     shown = slice(0, int(np.searchsorted(found.times, found.start + 4.0)), _EVERY)
     times = found.times[shown]
@@ -141,7 +140,7 @@ def _draw_poses(found: Run) -> None:
         for row, axes in enumerate(grid[:, k]):
             for axis in range(3):
                 column = 3 * row + axis
-                axes.plot(times, numbers[:, column], color=_AXES[axis], linewidth=1.3, label="xyz"[axis])
+                axes.plot(times, numbers[:, column], color=AXES[axis], linewidth=1.3, label="xyz"[axis])
                 axes.axhline(_numbers(truth)[column], **_TRUTH)
             axes.axvline(found.start, color=SOFT, linewidth=0.9)
         grid[0, k].set_title(f"{other} in the frame of {name}", fontsize=9.5)
@@ -164,12 +163,12 @@ def _draw_poses(found: Run) -> None:
 
 
 def _numbers(pose: Pose) -> Array:
-    """Rotation vector [degrees] and translation [m], shape (6,)."""
+    """Return rotation vector [degrees] and translation [m], shape (6,)."""
     return np.concatenate([np.degrees(rotation_log(pose.rotation)), pose.translation])
 
 
 def _off(truth: Pose, estimate: Pose) -> Pose:
-    """What an estimate is off, as rotation and as distance."""
+    """Return the error of an estimate as a pose."""
     return Pose(truth.rotation.T @ estimate.rotation, estimate.translation - truth.translation)
 
 
@@ -177,13 +176,13 @@ def _off(truth: Pose, estimate: Pose) -> Pose:
 
 
 def _draw_payload(found: Run, start: float, end: float, name: str) -> None:
-    """Mass, centre of mass and inertia that all robots believe in, each carried to the payload's frame."""
+    """Draw all robots' mass, centre of mass and inertia, transformed to the payload's frame."""
     every = _EVERY if end - start > 12.0 else 1
     inside = slice(int(np.searchsorted(found.times, start)), int(np.searchsorted(found.times, end)), every)
     times, truths = found.times[inside], found.bodies_true[inside]
     figure = Figure(figsize=(11.0, 4.6), layout="constrained")
     for column, axes in enumerate(figure.subplots(2, 5, sharex=True).flat):
-        for k, robot in enumerate(found.judge.scene.robots):  # one upon the other, the later ones thinner
+        for k, robot in enumerate(found.judge.scene.robots):  # one over the other, the later ones thinner
             width = 3.4 - 0.5 * k
             axes.plot(times, found.bodies[k, inside, column], color=ROBOTS[k], label=robot, linewidth=width)
         axes.plot(times, truths[:, column], **_TRUTH, drawstyle="steps-pre", label="truth")
@@ -200,12 +199,12 @@ def _draw_payload(found: Run, start: float, end: float, name: str) -> None:
 
 
 def _of_body(inertia: Inertia) -> Array:
-    """m, h and J as a row of ten."""
+    """Return m, h and J, shape (10,)."""
     return np.concatenate([[inertia.mass], inertia.com, pack_symmetric(inertia.tensor)])
 
 
 def _settled(found: Run, start: float, end: float) -> float:
-    """How long after ``start`` all robots know the body for good: m within 1 %, h within 10 mm, J within 10 % [s]."""
+    """Return the time after ``start`` from which all robots have m within 1 %, h within 10 mm, J within 10 % [s]."""
     inside = slice(int(np.searchsorted(found.times, start)), int(np.searchsorted(found.times, end)))
     truths, off = found.bodies_true[inside], found.bodies[:, inside] - found.bodies_true[inside]
     tensor = slice(4, 10)
@@ -216,7 +215,7 @@ def _settled(found: Run, start: float, end: float) -> float:
 
 
 def _norm(packed: Array) -> Array:
-    """Frobenius norm of tensors (..., 6)."""
+    """Return the Frobenius norm of tensors (..., 6)."""
     result: Array = np.linalg.norm(unpack_symmetric(packed), axis=(-2, -1))
     return result
 
@@ -225,7 +224,7 @@ def _norm(packed: Array) -> Array:
 
 
 def _draw_consensus(found: Run) -> None:
-    """What neighbours differ by in the total wrench, and robots in what they believe of the body."""
+    """Draw the disagreement of neighbours on the total wrench, and of robots on the body."""
     figure = Figure(figsize=(11.0, 3.7), layout="constrained")
     sums, bodies = figure.subplots(1, 2)
     late = found.times > found.start + 1.0
@@ -259,7 +258,7 @@ def _draw_consensus(found: Run) -> None:
 
 
 def _apart(found: Run, poses: Callable[[str, str, int], Pose]) -> Array:
-    """Neighbours' total wrenches, carried, less the own ones, (edges, blocks, 6); nan where there are none."""
+    """Return neighbours' transformed total wrenches minus the own ones, (edges, blocks, 6); NaN where unknown."""
     totals = {
         name: np.array(
             [b[name].total_wrench if b[name].total_block >= 0 else np.full(6, np.nan) for b in found.beliefs]

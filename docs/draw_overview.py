@@ -1,9 +1,9 @@
-"""Draws pictures/overview.svg: who holds what, and which processes talk with each other. Needs coheft[study]."""
+"""Draws pictures/overview.svg: the team with its load, and the links between processes. Needs coheft[study]."""
 
 from __future__ import annotations
 
 import numpy as np
-from drawing import FAINT, INK, ROBOTS, SOFT, save
+from drawing import AXES, FAINT, INK, ROBOTS, SOFT, save
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Ellipse, FancyArrowPatch, FancyBboxPatch, Polygon
@@ -19,7 +19,6 @@ _TOWARDS = np.array([np.cos(_ELEVATION) * np.cos(_AZIMUTH), np.cos(_ELEVATION) *
 _UP = np.cross(_TOWARDS, _RIGHT)
 _FLOOR = -0.30
 _LINK = "#f2a33a"
-_AXES = ("#d43b3b", "#2f9e44", "#2f6fde")
 
 
 def main() -> None:
@@ -37,7 +36,7 @@ def main() -> None:
 
 
 def _flat(points: Array) -> Array:
-    """Points (..., 3) as seen on paper (..., 2)."""
+    """Project points (..., 3) to the picture (..., 2)."""
     result: Array = np.stack([points @ _RIGHT, points @ _UP], axis=-1)
     return result
 
@@ -89,7 +88,7 @@ def _draw_shadow(axes: Axes) -> None:
 
 
 def _draw_box(axes: Axes, size: Array, centre: Array, rotation_deg: Array, colour: str) -> None:
-    """The three faces of a box that can be seen, lit from above."""
+    """Draw the three visible faces of a box, lit from above."""
     rotation = rotation_exp(np.radians(rotation_deg))
     base = np.array([int(colour[k : k + 2], 16) for k in (1, 3, 5)]) / 255.0
     for axis in range(3):
@@ -104,7 +103,7 @@ def _draw_box(axes: Axes, size: Array, centre: Array, rotation_deg: Array, colou
 
 
 def _draw_robot(axes: Axes, foot: Array, grasp: Array, colour: str, name: str) -> None:
-    """A round base that drives, a column, an arm with an elbow, a hand at the load's rim."""
+    """Draw a round mobile base, a column, and an arm with an elbow."""
     squash = np.sin(_ELEVATION)
     low, high = _flat(foot), _flat(foot + [0.0, 0.0, 0.13])
     axes.add_patch(Ellipse(low, 0.24, 0.24 * squash, facecolor=colour, edgecolor="none", alpha=0.85))
@@ -123,7 +122,7 @@ def _draw_robot(axes: Axes, foot: Array, grasp: Array, colour: str, name: str) -
 
 
 def _draw_frame(axes: Axes, origin: Array, rotation: Array) -> None:
-    for column, colour in zip(rotation.T, _AXES, strict=True):
+    for column, colour in zip(rotation.T, AXES, strict=True):
         ends = _flat(np.array([origin, origin + 0.13 * column]))
         axes.plot(*ends.T, color="white", linewidth=3.4, solid_capstyle="round", zorder=5)
         axes.plot(*ends.T, color=colour, linewidth=2.0, solid_capstyle="round", zorder=6)
@@ -139,7 +138,7 @@ def _draw_arrow(axes: Axes, start: Array, end: Array) -> None:
 
 
 def _draw_link(axes: Axes, start: Array, end: Array) -> None:
-    """What two neighbours say to each other: a bow that bends away from the load."""
+    """Draw a link between neighbours as an arc that bends away from the load."""
     axes.add_patch(
         FancyArrowPatch(
             start,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from drawing import FAINT, INK, ROBOTS, SOFT, save
+from drawing import AXES, FAINT, INK, ROBOTS, SOFT, save
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, FancyArrowPatch, Polygon
@@ -18,10 +18,9 @@ from coheft.wire.messages.truth import Truth
 from coheft.wire.scenario.grasps import place_grasps
 from coheft.wire.scenario.schema import Scenario
 
-_AXES = ("#d43b3b", "#2f9e44", "#2f6fde")
 _TRUTH = "#111418"
-_TELLING = {"r1": np.array([0.09, -0.11]), "r4": np.array([0.14, 0.12])}
-"""Two robots that say where the centre of mass is, and where the words stand."""
+_LABELLED = {"r1": np.array([0.09, -0.11]), "r4": np.array([0.14, 0.12])}
+"""Two robots whose centres of mass are written, and the places of the texts."""
 
 
 def main() -> None:
@@ -38,7 +37,7 @@ def main() -> None:
 
 
 def _draw_frames(result: coheft.Result) -> None:
-    """The load from above, two of its grasp frames, and the centre of mass as these two robots see it."""
+    """Draw the load from above, grasp frames, and the centre of mass in the frames of two robots."""
     scenario = result.scenario
     figure = Figure(figsize=(8.0, 4.93))
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
@@ -48,7 +47,7 @@ def _draw_frames(result: coheft.Result) -> None:
         _draw_box(axes, np.array(box.size), np.array(box.position), np.array(box.rotation_deg), colour)
     com = scenario.payload.inertia().com
     for k, (name, grasp) in enumerate(zip(scenario.robot_names, place_grasps(scenario), strict=True)):
-        place, origin = _TELLING.get(name), grasp.translation
+        place, origin = _LABELLED.get(name), grasp.translation
         _draw_triad(axes, origin, grasp.rotation, 0.08 if place is None else 0.14)
         axes.add_patch(Circle(origin[:2], 0.016, color=ROBOTS[k], zorder=6))
         text = {"color": ROBOTS[k], "va": "center", "fontsize": 11}
@@ -68,7 +67,7 @@ def _draw_frames(result: coheft.Result) -> None:
     axes.text(com[0] + 0.035, com[1] - 0.06, "centre of mass", color=_TRUTH, fontsize=10.5, va="center")
     axes.text(-0.72, 0.52, "The load of ring6, from above", fontsize=12, weight="bold")
     axes.text(0.42, -0.53, "axes of a grasp frame:", color=SOFT)
-    for k, (axis, colour) in enumerate(zip("xyz", _AXES, strict=True)):
+    for k, (axis, colour) in enumerate(zip("xyz", AXES, strict=True)):
         axes.text(0.83 + 0.045 * k, -0.53, axis, color=colour, weight="bold")
     axes.set_xlim(-0.95, 0.95)
     axes.set_ylim(-0.57, 0.6)
@@ -84,13 +83,13 @@ def _draw_box(axes: Axes, size: Array, centre: Array, rotation_deg: Array, colou
 
 
 def _draw_triad(axes: Axes, origin: Array, rotation: Array, length: float) -> None:
-    for column, colour in zip(np.asarray(rotation).T, _AXES, strict=True):
+    for column, colour in zip(np.asarray(rotation).T, AXES, strict=True):
         ends = np.array([origin, origin + length * column])[:, :2]
         axes.plot(*ends.T, color=colour, linewidth=2.4, solid_capstyle="round", zorder=5)
 
 
 def _draw_com(axes: Axes, com: Array) -> None:
-    """The sign that drawings have for a centre of mass."""
+    """Draw the usual symbol of a centre of mass."""
     for quarter in range(4):
         angles = np.radians(90.0 * quarter + np.linspace(0.0, 90.0, 20))
         arc = com[:2] + 0.026 * np.stack([np.cos(angles), np.sin(angles)], axis=1)
@@ -99,7 +98,7 @@ def _draw_com(axes: Axes, com: Array) -> None:
 
 
 def _draw_mass(result: coheft.Result) -> None:
-    """All robots' masses over the run, and the second around the change."""
+    """Draw all robots' masses over the run, and around the load change."""
     scenario, change = result.scenario, result.load_changes[0].at_s
     figure = Figure(figsize=(9.0, 3.6), layout="constrained")
     whole, close = figure.subplots(1, 2, width_ratios=(1.5, 1.0))
@@ -110,7 +109,7 @@ def _draw_mass(result: coheft.Result) -> None:
         for k, (name, robot) in enumerate(result.robots.items()):
             shown = _knows_all(robot) & ((axes is whole) | (np.abs(robot.time - change) < 1.2))
             time, given = robot.time[shown], robot.mass.estimate[shown]
-            if axes is whole:  # one upon the other, the later ones thinner: all can be seen
+            if axes is whole:  # one over the other, the later ones thinner, so that all are visible
                 axes.plot(time, given, color=ROBOTS[k], label=name, linewidth=6.0 - 0.9 * k)
             else:  # beside each other
                 filled = np.where(robot.valid[shown], ROBOTS[k], "white")
@@ -149,12 +148,12 @@ def _draw_mass(result: coheft.Result) -> None:
 
 
 def _knows_all(robot: coheft.RobotResult) -> npt.NDArray[np.bool_]:
-    """Which of a robot's estimates have everything in them, shape (n,)."""
+    """Return which of a robot's estimates are complete, shape (n,)."""
     return np.isfinite(robot.inertia.estimate[:, 0, 0])
 
 
 def _draw_sums(scenario: Scenario, moment: Truth) -> None:
-    """How the share that each robot carries becomes the total that every robot knows."""
+    """Draw how rounds turn each robot's own share into the total."""
     wrenches = zip(place_grasps(scenario), moment.samples[:, WRENCH], strict=True)
     forces = [(grasp.adjoint() @ wrench)[2] for grasp, wrench in wrenches]
     values = len(forces) * np.array(forces)
@@ -181,7 +180,7 @@ def _draw_sums(scenario: Scenario, moment: Truth) -> None:
 
 
 def _gains(graph: dict[str, tuple[str, ...]]) -> list[float]:
-    """Of the rounds ``x <- x - gain L x``."""
+    """Return the gains of the rounds ``x <- x - gain L x``."""
     values = np.linalg.eigvalsh(laplacian(graph))[1:]
     distinct = np.unique(np.round(values, 9))
     assert len(distinct) == finite_time(graph).rounds
@@ -189,7 +188,7 @@ def _gains(graph: dict[str, tuple[str, ...]]) -> list[float]:
 
 
 def _draw_deviations(result: coheft.Result) -> None:
-    """Errors of one robot, and what it expects them to be."""
+    """Draw errors of one robot with its own standard deviations."""
     change, robot = result.load_changes[0].at_s, result.robots["r1"]
     known = _knows_all(robot)
     times = robot.time[known]

@@ -1,4 +1,4 @@
-"""What the pictures of the documentation share: colours, type, and how they are written."""
+"""Colours, fonts and output of the documentation's pictures."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from matplotlib.figure import Figure
 
 PICTURES = Path(__file__).with_name("pictures")
 ROBOTS = ("#0b62a4", "#d1610c", "#2a8a57", "#8a4fb0", "#c0314f", "#8a7a1f")
+AXES = ("#d43b3b", "#2f9e44", "#2f6fde")
+"""Colours of x, y and z."""
 INK, SOFT, FAINT = "#24292f", "#6b7480", "#d5dae0"
 
 mpl.rcParams.update(
@@ -26,14 +28,14 @@ mpl.rcParams.update(
         "text.color": INK,
         "xtick.color": SOFT,
         "ytick.color": SOFT,
-        "svg.fonttype": "path",  # looks the same wherever it is shown
-        "svg.hashsalt": "coheft",  # and is the same file whenever it is drawn
+        "svg.fonttype": "path",  # looks the same everywhere
+        "svg.hashsalt": "coheft",  # so that equal pictures are equal files
         "svg.id": "picture",
     }
 )
 
 
 def save(figure: Figure, name: str) -> None:
-    """Write a picture, ``name`` with its suffix, without anything that depends on when."""
+    """Write a picture to a file name with suffix, without metadata that depend on the time."""
     metadata = {"Date": None} if name.endswith(".svg") else {"Software": None}
     figure.savefig(PICTURES / name, dpi=130, facecolor="white", metadata=metadata)

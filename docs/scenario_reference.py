@@ -1,6 +1,6 @@
 """Writes the reference of all keys of a scenario in docs/scenarios.md, from the scenario's own types and docstrings.
 
-To be run again after a change of ``coheft/wire/scenario/schema.py``; a test tells when that was forgotten.
+Run it after a change of ``coheft/wire/scenario/schema.py``; a test fails otherwise.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ _MARK = "<!-- All that follows is written by docs/scenario_reference.py -->\n"
 
 
 def page() -> str:
-    """The whole page, in Markdown: what is written by hand up to the mark, and then the reference."""
+    """Return the page in Markdown: the part by hand up to the mark, and then the reference."""
     by_hand, mark, _ = PAGE.read_text().partition(_MARK)
     return "\n".join([by_hand + mark, *(_section(place, section) for place, section in _sections("", Scenario))])
 
 
 def _sections(place: str, section: type[msgspec.Struct]) -> Iterator[tuple[str, type[msgspec.Struct]]]:
-    """A section and all within it, with the TOML header of each."""
+    """Yield a section and all sections in it, with their TOML headers."""
     yield place, section
     for field in msgspec.structs.fields(section):
         kind, brackets = _inner(types.type_info(field.type))
@@ -40,7 +40,7 @@ def _sections(place: str, section: type[msgspec.Struct]) -> Iterator[tuple[str, 
 
 
 def _inner(kind: types.Type) -> tuple[types.Type, bool]:
-    """The type without "or none", and what it is a list of; and whether it is a list."""
+    """Return the type without "or none", or the type of a list's items, and whether it is a list."""
     if isinstance(kind, types.UnionType):
         inner = [each for each in kind.types if not isinstance(each, types.NoneType)]
         kind = next((each for each in inner if isinstance(each, types.StructType)), inner[0])
@@ -70,7 +70,7 @@ def _markdown(text: str) -> str:
 
 
 def _value(kind: types.Type) -> str:
-    """What may stand there, in words."""
+    """Describe the allowed values."""
     match kind:
         case types.FloatType():
             return f"number{_range(kind)}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -74,13 +75,19 @@ def test_universal_robots_have_six_moments() -> None:
     np.testing.assert_allclose(numbers(line), LOAD.central())
 
 
-def test_kuka_has_millimetres_and_angles_of_principal_axes() -> None:
-    line = export_load(FOUND, "kuka", FRAME).splitlines()[-1]
+@pytest.mark.parametrize(
+    "tensor",
+    [LOAD.tensor, np.diag([2.0, 3.0, 4.0]), np.diag([3.0, 4.0, 2.0]), np.diag([4.0, 2.0, 3.0])],
+    ids=["any axes", "in order", "B of 90 degrees", "B of 90 degrees, the other way"],
+)
+def test_kuka_has_millimetres_and_angles_of_principal_axes(tensor: Array) -> None:
+    load = replace(FOUND, inertia=Inertia(LOAD.mass, LOAD.com, tensor))
+    line = export_load(load, "kuka", FRAME).splitlines()[-1]
     assert "e" not in line.partition("=")[2], "KRL has no such numbers"
     values = dict(re.findall(r"([MXYZABC]) ([-\d.]+)", line.partition("J ")[0]))
     moments = numbers(line.partition("J ")[2])
     axes = Rotation.from_euler("ZYX", [float(values[name]) for name in "ABC"], degrees=True).as_matrix()
-    np.testing.assert_allclose(axes @ np.diag(moments) @ axes.T, LOAD.tensor, atol=1e-5)
+    np.testing.assert_allclose(axes @ np.diag(moments) @ axes.T, tensor, atol=1e-5)
     np.testing.assert_allclose([float(values[name]) for name in "XYZ"], 1e3 * LOAD.com, atol=1e-5)
     assert float(values["M"]) == pytest.approx(LOAD.mass)
 

@@ -7,7 +7,7 @@ import pytest
 
 from coheft.app.faults.draw import draw_schedule
 from coheft.app.faults.invariants import Watch
-from coheft.app.faults.lasting import is_untold, lasting_kinds
+from coheft.app.faults.lasting import is_undeclared, lasting_kinds
 from coheft.app.faults.readings import USUAL
 from coheft.app.faults.recovery import Recovery, latest_recovery
 from coheft.app.faults.schedule import FaultSchedule
@@ -21,16 +21,16 @@ from tests.faults.test_faults_invariants import Team, one, schedule
 
 _replace = msgspec.structs.replace
 DRAWN = [draw_schedule(seed, lasting=True) for seed in range(300)]
-UNTOLD = [each for each in DRAWN if is_untold(each.scenario)]
-TOLD = [each for each in DRAWN if not is_untold(each.scenario)]
+UNDECLARED = [each for each in DRAWN if is_undeclared(each.scenario)]
+DECLARED = [each for each in DRAWN if not is_undeclared(each.scenario)]
 
 
 def test_all_kinds_are_drawn_and_every_other_schedule_has_some() -> None:
     kinds = {kind for each in DRAWN for kind in lasting_kinds(each.scenario)}
     shapes = ("offset", "scale", "mounting", "delay")
     assert kinds == {
-        *(f"{word} {shape}" for word in ("told", "untold") for shape in shapes),
-        "told drift",
+        *(f"{word} {shape}" for word in ("declared", "undeclared") for shape in shapes),
+        "declared drift",
         "small change of the load",
         "slow leak",
     }
@@ -54,13 +54,13 @@ def test_what_else_is_drawn_does_not_depend_on_it() -> None:
 
 
 def test_sensors_are_off_by_some_of_their_noise_and_robots_are_told_that_or_nothing() -> None:
-    assert len(UNTOLD) > 100
-    assert len(TOLD) > 100
+    assert len(UNDECLARED) > 100
+    assert len(DECLARED) > 100
     for each in DRAWN:
         sensors, noise = each.scenario.sensors, each.scenario.noise
         before = draw_schedule(each.seed, lasting=False).scenario.sensors.tolerance
         assert before in (SensorTolerance(), INDUSTRIAL)
-        if is_untold(each.scenario):
+        if is_undeclared(each.scenario):
             assert sensors.tolerance == before
             assert not sensors.drift.is_any
         else:
@@ -73,7 +73,7 @@ def test_sensors_are_off_by_some_of_their_noise_and_robots_are_told_that_or_noth
 
 
 def test_sensors_are_really_off_whether_or_not_robots_are_told() -> None:
-    for each in (UNTOLD[0], TOLD[0]):
+    for each in (UNDECLARED[0], DECLARED[0]):
         exact = _replace(each.scenario, sensors=_replace(each.scenario.sensors, errors="none"))
         drawn, none = (SensorErrors.drawn(s, each.scenario.robot_count) for s in (each.scenario, exact))
         is_off = any((getattr(drawn, name) != getattr(none, name)).any() for name in ("offsets", "matrices", "delays"))
@@ -130,17 +130,17 @@ def test_what_robots_are_not_told_of_breaks_no_promise_but_is_counted() -> None:
     sensors = _replace(run.scenario.sensors, errors=errors)
     off: FaultSchedule = _replace(run, faults=(), scenario=_replace(run.scenario, duration=4.0, sensors=sensors))
     outcome = try_schedule(off)
-    assert outcome.untold
+    assert outcome.undeclared
     assert outcome.violations == []
-    assert outcome.faults == ("untold offset",)
+    assert outcome.faults == ("undeclared offset",)
     assert outcome.simulated == pytest.approx(4.0, abs=0.1)
 
 
 def test_a_summary_tells_how_often_and_for_how_long_what_was_off_was_called_valid() -> None:
     outcomes = [
-        _replace(OUTCOME, seed=seed, violations=[], faults=("untold scale",), untold=True, off_for=off)
+        _replace(OUTCOME, seed=seed, violations=[], faults=("undeclared scale",), undeclared=True, off_for=off)
         for seed, off in enumerate([None, 0.0, 0.9, 1.1])
     ]
     summary = summarise([*outcomes, OUTCOME])
-    assert summary.untold == (4, 3, 1)
-    assert {kind.kind: kind.off for kind in summary.kinds}["untold scale"] == (3, 1)
+    assert summary.undeclared == (4, 3, 1)
+    assert {kind.kind: kind.off for kind in summary.kinds}["undeclared scale"] == (3, 1)

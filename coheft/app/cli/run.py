@@ -225,9 +225,9 @@ def run(
                 carried = CarryRecord(chosen)
             viewer: ViewBeside | None = None
             if place is not None:
-                from coheft.app.view.process import ViewBeside
+                from coheft.app.view.process import ViewBeside, ViewConfig
 
-                viewer = ViewBeside(folder, place, read_only=view_read_only, offers_another=offers_another)
+                viewer = ViewBeside(ViewConfig(str(folder), place, view_read_only, offers_another))
                 stack.enter_context(viewer)
                 _wait_for_view(console, viewer, place, waits=not (no_wait or is_another))
             if not quiet:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterable
 from typing import Literal
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from coheft.app.export.found_load import FoundLoad
 from coheft.errors import CoheftError
@@ -29,9 +31,7 @@ def export_load(load: FoundLoad, format: Format, frame: str) -> str:
     Raises:
         CoheftError: The controller does not accept such a load.
     """
-    begin, end = (
-        ("<!-- ", " -->") if format in ("urdf", "mjcf") else ({"franka": "// ", "ur": "# ", "kuka": "; "}[format], "")
-    )
+    begin, end, write = _FORMATS[format]
     mass, std = load.inertia.mass, load.mass_std
     lines = [
         f"From {load.source}, found by {load.robot}. Frame: {frame}.",
@@ -39,7 +39,7 @@ def export_load(load: FoundLoad, format: Format, frame: str) -> str:
         *load.remarks,
     ]
     comments = "".join(f"{begin}{line.replace('--', '- -') if end else line}{end}\n" for line in lines)
-    return comments + _WRITERS[format](load)
+    return comments + write(load)
 
 
 def _urdf(load: FoundLoad) -> str:
@@ -88,16 +88,16 @@ def _kuka(load: FoundLoad) -> str:
     inertia = load.inertia
     moments, axes = np.linalg.eigh(inertia.tensor)
     axes *= np.sign(np.linalg.det(axes))  # a rotation, not a reflection
-    centre = _named("XYZ", 1e3 * inertia.com) + "," + _named("ABC", np.degrees(kuka_angles(axes)))
+    centre = _named("XYZ", 1e3 * inertia.com) + "," + _named("ABC", _kuka_angles(axes))
     return f"LOAD_DATA[1]={{M {_decimal(inertia.mass)},CM {{{centre}}},J {{{_named('XYZ', moments)}}}}}\n"
 
 
-def kuka_angles(rotation: Array) -> Array:
-    """Return ``A, B, C`` [rad], shape (3,), of a rotation ``Rz(A) Ry(B) Rx(C)``."""
-    a = np.arctan2(rotation[1, 0], rotation[0, 0])
-    b = np.arctan2(-rotation[2, 0], np.hypot(rotation[0, 0], rotation[1, 0]))
-    c = np.arctan2(rotation[2, 1], rotation[2, 2])
-    return np.array([a, b, c])
+def _kuka_angles(rotation: Array) -> Array:
+    """Return ``A, B, C`` [°], shape (3,), of a rotation ``Rz(A) Ry(B) Rx(C)``."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # if B is ±90°, one of the other two can be chosen
+        angles: Array = Rotation.from_matrix(rotation).as_euler("ZYX", degrees=True)
+    return angles
 
 
 def _number(value: float) -> str:
@@ -117,10 +117,11 @@ def _named(names: str, values: Iterable[float]) -> str:
     return ",".join(f"{name} {_decimal(value)}" for name, value in zip(names, values, strict=True))
 
 
-_WRITERS: dict[Format, Callable[[FoundLoad], str]] = {
-    "urdf": _urdf,
-    "mjcf": _mjcf,
-    "franka": _franka,
-    "ur": _ur,
-    "kuka": _kuka,
+_FORMATS: dict[Format, tuple[str, str, Callable[[FoundLoad], str]]] = {
+    "urdf": ("<!-- ", " -->", _urdf),
+    "mjcf": ("<!-- ", " -->", _mjcf),
+    "franka": ("// ", "", _franka),
+    "ur": ("# ", "", _ur),
+    "kuka": ("; ", "", _kuka),
 }
+"""Begin and end of a comment, and the function that writes the load."""

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from coheft.app.identify.report import IdentifyReport
-from coheft.app.results.judge import RobotReport
 from coheft.app.results.report import Report
 from coheft.errors import CoheftError
 from coheft.estimation.geometry.spatial import Array, Pose
@@ -40,19 +39,16 @@ class FoundLoad:
     remarks: tuple[str, ...] = ()
 
     def seen_from(self, pose: Pose) -> FoundLoad:
-        """Return the load in another frame, in which the grasp frame has a pose that is known exactly.
+        """Return the load in another frame, in which the grasp frame has an exactly known pose.
 
-        Standard deviations are bounds there: which parts of errors go together is not known.
+        Standard deviations are bounds there, because correlations are not known.
         """
         size = np.abs(pose.rotation)
-        return FoundLoad(
-            self.inertia.carried(pose),
-            self.mass_std,
-            size @ self.com_std,
-            size @ self.tensor_std @ size.T,
-            self.robot,
-            self.source,
-            self.remarks,
+        return replace(
+            self,
+            inertia=self.inertia.carried(pose),
+            com_std=size @ self.com_std,
+            tensor_std=size @ self.tensor_std @ size.T,
         )
 
 
@@ -62,8 +58,8 @@ def of_run(report: Report, robot: str | None, source: str) -> FoundLoad:
     Raises:
         CoheftError: There is no such robot, or its estimate may not be used; the message says why.
     """
-    name = _chosen(robot, list(report.robots))
-    found: RobotReport = report.robots[name]
+    name = chosen_robot(robot, list(report.robots))
+    found = report.robots[name]
     _check_status(name, found.status, found.reasons)
     mass, com, inertia = found.mass, found.com, found.inertia
     if None in (mass.estimate, com.estimate, inertia.estimate, mass.std, com.std, inertia.std):
@@ -110,20 +106,23 @@ def of_recording(report: IdentifyReport, robot: str | None, source: str) -> Foun
         reasons = "; ".join(report.doubts) or "forces are not those of one rigid body"
         raise CoheftError(f"nothing of {source} is to be used: {reasons}")
     load = report.payload
-    if load.mass_kg is None or load.mass_std_kg is None or load.com_m is None or load.com_std_m is None:
-        raise _not_known(first, report.not_observable)
-    if load.inertia is None:
+    mass, com, inertia = load.mass_kg, load.com_m, load.inertia
+    if mass is None or load.mass_std_kg is None or com is None or load.com_std_m is None or inertia is None:
         raise _not_known(first, report.not_observable)
     std = np.sqrt(np.diagonal(np.array(load.covariance)))
     possible = "what was solved for is no body that can exist; this is the most likely one that is"
     unjudged = () if report.not_judged is None else (f"not judged: {report.not_judged}",)
     remarks = (*(() if load.was_possible else (possible,)), *unjudged, *report.remarks)
-    inertia = Inertia(load.mass_kg, np.array(load.com_m), np.array(load.inertia))
     deviations = (load.mass_std_kg, np.array(load.com_std_m), unpack_symmetric(std[4:]))
-    return _checked(inertia, deviations, first, source, remarks)
+    return _checked(Inertia(mass, np.array(com), np.array(inertia)), deviations, first, source, remarks)
 
 
-def _chosen(robot: str | None, names: list[str]) -> str:
+def chosen_robot(robot: str | None, names: list[str]) -> str:
+    """Return the robot, by default the first.
+
+    Raises:
+        CoheftError: There is no such robot.
+    """
     name = names[0] if robot is None else robot
     if name not in names:
         raise CoheftError(f"there is no robot {name}: the robots are {', '.join(names)}")

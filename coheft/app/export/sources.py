@@ -7,7 +7,7 @@ from pathlib import Path
 
 import msgspec
 
-from coheft.app.export.found_load import FoundLoad, of_estimate, of_recording, of_run
+from coheft.app.export.found_load import FoundLoad, chosen_robot, of_estimate, of_recording, of_run
 from coheft.app.identify.report import IdentifyReport
 from coheft.app.results.report import Report
 from coheft.errors import CoheftError
@@ -59,10 +59,7 @@ def hear_load(folder: Path | None, robot: str | None) -> FoundLoad:
     place, run_file = locate_run(folder)
     with observe(run_file) as observer:
         status = observer.ask(StatusRequest())
-        names = status.scene.robots
-        name = names[0] if robot is None else robot
-        if name not in names:
-            raise CoheftError(f"there is no robot {name}: the robots are {', '.join(names)}")
+        name = chosen_robot(robot, status.scene.robots)
         deadline = time.monotonic() + _PATIENCE
         while time.monotonic() < deadline:
             for news in observer.collect(status.scene, 0.1):

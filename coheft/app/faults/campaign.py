@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import msgspec
@@ -19,8 +19,6 @@ from coheft.errors import CoheftError
 
 _SEEDS, _ROOM = 2**32, 10**6
 """Limits of seeds, and of the number of seeds in a campaign."""
-_LINKED = ("agents", "consensus", "physics_server")
-"""Parts of the package that are links in a clone, which ``rglob`` does not follow."""
 
 
 class Header(msgspec.Struct, frozen=True):
@@ -76,14 +74,17 @@ class OutcomeFile:
         try:
             lines = self._path.read_bytes().splitlines(keepends=True) if self._path.exists() else []
             if not lines:
-                self._path.write_bytes(_line(self._header))
+                self._path.write_bytes(msgspec.json.encode(self._header) + b"\n")
                 return []
             self._check(lines[0])
-            outcomes = list(_decoded(lines[1:]))
-            os.truncate(self._path, sum(map(len, lines[: 1 + len(outcomes)])))
+            if not lines[-1].endswith(b"\n"):
+                os.truncate(self._path, sum(map(len, lines[:-1])))
+                del lines[-1]
+            return [msgspec.json.decode(line, type=Outcome) for line in lines[1:]]
         except OSError as error:
             raise CoheftError(f"cannot keep outcomes in {self._path}: {error.strerror}") from error
-        return outcomes
+        except msgspec.DecodeError as error:
+            raise CoheftError(f"{self._path}: damaged, remove it: {error}") from error
 
     def _check(self, first: bytes) -> None:
         try:
@@ -99,32 +100,14 @@ class OutcomeFile:
     def append(self, outcome: Outcome) -> None:
         """Append an outcome."""
         with self._path.open("ab") as file:
-            file.write(_line(outcome))
-
-
-def _line(part: Header | Outcome) -> bytes:
-    return msgspec.json.encode(part) + b"\n"
-
-
-def _decoded(lines: Sequence[bytes]) -> Iterator[Outcome]:
-    """Yield outcomes up to the first incomplete line."""
-    for line in lines:
-        if not line.endswith(b"\n"):
-            return
-        try:
-            yield msgspec.json.decode(line, type=Outcome)
-        except msgspec.DecodeError:
-            return
+            file.write(msgspec.json.encode(outcome) + b"\n")
 
 
 def code_hash() -> str:
     """Return a hash of the package's code."""
-    package = Path(coheft.__file__).parent
-    folders = [package, *((package / name).resolve() for name in _LINKED)]
-    digest = hashlib.sha256()
-    for path in sorted({path.resolve() for folder in folders for path in folder.rglob("*.py")}):
-        digest.update(path.read_bytes())
-    return digest.hexdigest()[:16]
+    folders = os.walk(Path(coheft.__file__).parent, followlinks=True)  # in a clone, parts of the package are links
+    paths = sorted(Path(folder, name) for folder, _, names in folders for name in names if name.endswith(".py"))
+    return hashlib.sha256(b"".join(path.read_bytes() for path in paths)).hexdigest()[:16]
 
 
 def run_campaign(

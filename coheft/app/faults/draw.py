@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any, TypeVar
+from collections.abc import Sequence
+from typing import Any, TypeVar, get_args
 
 import msgspec
 import numpy as np
@@ -28,6 +28,7 @@ from coheft.app.faults.schedule import (
     Release,
     Reordering,
     Replay,
+    ReplaySource,
     Sensor,
     SensorFailure,
     SensorFault,
@@ -55,6 +56,11 @@ _COUNTS = (0.4, 0.3, 0.2, 0.1)
 _PERMANENT = 0.1
 """Share of crashed agents that never come back."""
 
+_KINDS = (
+    *("delay", "loss", "duplication", "reordering", "corruption", "replay", "malformed", "partition"),
+    *("crash", "crash", "pause", "release", "clock skew", "sensor", "sensor", "lie"),
+)
+"""Kinds of faults; those that are named twice are drawn twice as often."""
 _Fields = dict[str, Any]
 """Fields of a fault."""
 
@@ -124,7 +130,10 @@ def _draw_early(seed: int) -> FaultSchedule:
     faults = tuple(team.fault() for _ in range(rng.integers(0, MOST_FAULTS + 1)))
     afterwards = _CONTINUATION_AFTER_RELEASE if any(isinstance(fault, Release) for fault in faults) else _CONTINUATION
     duration = _round(max([_SHORTEST, *(fault.end + afterwards for fault in faults)]))
-    faults = tuple(_make_permanent(fault, duration) if rng.random() < _PERMANENT else fault for fault in faults)
+    faults = tuple(
+        _replace(fault, end=duration) if rng.random() < _PERMANENT and isinstance(fault, Crash) else fault
+        for fault in faults
+    )
     return FaultSchedule(seed=seed, scenario=team.scenario(seed, duration), faults=faults)
 
 
@@ -152,8 +161,8 @@ class _Team:
         """Draw the scenario."""
         rng = self._rng
         width, depth = self._extent
-        plate = Box(mass=_round(rng.uniform(2.0, 8.0)), size=(width, depth, 0.05))
-        lump = Box(mass=_round(rng.uniform(0.5, 4.0)), size=(0.2, 0.15, 0.15), position=self._place())
+        plate = Box(mass=self._number(2.0, 8.0), size=(width, depth, 0.05))
+        lump = Box(mass=self._number(0.5, 4.0), size=(0.2, 0.15, 0.15), position=self._place())
         changes = sorted(_round(rng.uniform(1.0, duration - _CONTINUATION)) for _ in range(rng.integers(0, 3)))
         return Scenario(
             name=f"faults-{seed}",
@@ -166,7 +175,7 @@ class _Team:
                 noise_scale=_round(0.3 * 3.0 ** rng.random()),
                 tolerance=SensorTolerance(),
             ),
-            motion=Motion(rotation=0.3, ramp=_round(rng.uniform(0.3, 1.0))),
+            motion=Motion(rotation=0.3, ramp=self._number(0.3, 1.0)),
             load_changes=tuple(self._load_change(time, number) for number, time in enumerate(changes)),
             duration=duration,
             seed=seed,
@@ -176,7 +185,7 @@ class _Team:
     def _load_change(self, time: float, number: int) -> LoadChange:
         if number == 1 and self._rng.random() < 0.5:
             return LoadChange(at=time, remove=1)
-        return LoadChange(at=time, mass=_round(self._rng.uniform(0.5, 3.0)), position=self._place())
+        return LoadChange(at=time, mass=self._number(0.5, 3.0), position=self._place())
 
     def _place(self) -> Vector:
         """Draw a position on the plate."""
@@ -185,29 +194,49 @@ class _Team:
 
     def fault(self) -> AnyFault:
         """Draw one fault."""
-        kinds: list[Callable[[_Fields], AnyFault]] = [
-            self._delay,
-            self._loss,
-            self._duplication,
-            self._reordering,
-            self._corruption,
-            self._replay,
-            self._malformed,
-            self._partition,
-            self._crash,
-            self._crash,
-            self._pause,
-            self._release,
-            self._clock_skew,
-            self._sensor,
-            self._sensor,
-            self._lie,
-        ]
-        start = self._rng.uniform(0.0, LATEST_START)
-        end = start + 0.1 * 30.0 ** self._rng.random()
-        return kinds[self._rng.integers(len(kinds))](
-            {"start": _round(start), "end": _round(end), "seed": _seed(self._rng)}
-        )
+        rng = self._rng
+        start = rng.uniform(0.0, LATEST_START)
+        end = start + 0.1 * 30.0 ** rng.random()
+        kind = self._pick(*_KINDS)
+        when: _Fields = {"start": _round(start), "end": _round(end), "seed": _seed(rng)}
+        match kind:
+            case "delay":
+                return Delay(**when, **self._link(), blocks=self._blocks())
+            case "loss":
+                return Loss(**when, **self._link(), probability=self._number(0.01, 0.5))
+            case "duplication":
+                link, probability = self._link(), self._number(0.1, 1.0)
+                return Duplication(**when, **link, probability=probability, blocks=self._blocks(20) - 1)
+            case "reordering":
+                return Reordering(**when, **self._link(), blocks=self._blocks())
+            case "corruption":
+                link, probability = self._link(), _round(0.01 * 100.0 ** rng.random())
+                bits, sealed = round(32.0 ** rng.random()), bool(rng.random() < 0.5)
+                return Corruption(**when, **link, probability=probability, bits=bits, sealed=sealed)
+            case "replay":
+                link, probability = self._link(), self._number(0.1, 1.0)
+                source = self._pick(*get_args(ReplaySource))
+                return Replay(**when, **link, probability=probability, source=source)
+            case "malformed":
+                return Malformed(**when, **self._link(), probability=self._number(0.1, 1.0))
+            case "partition":
+                size = rng.integers(1, self._count // 2 + 1)
+                group = rng.choice(self._count, size=size, replace=False)
+                return Partition(**when, group=tuple(self._names[k] for k in sorted(group)))
+            case "crash":
+                return Crash(**when, robot=self._robot())
+            case "pause":
+                return Pause(**when, robot=self._robot())
+            case "release":
+                if rng.random() < 0.3:
+                    when["start"] = 0.0
+                return Release(**when, robot=self._robot(), notice=self._blocks() if rng.random() < 0.5 else 0)
+            case "clock skew":
+                return ClockSkew(**when, robot=self._robot(), samples=self._blocks(2 * self._block))
+            case "sensor":
+                return self._sensor_fault(when)
+            case _:
+                return self._lie(when)
 
     def _pick(self, *choices: T) -> T:
         return choices[self._rng.integers(len(choices))]
@@ -220,92 +249,33 @@ class _Team:
         sender, receiver = self._pick(*self._edges)
         return {"sender": self._pick(sender, ALL_ROBOTS), "receiver": self._pick(receiver, ALL_ROBOTS)}
 
+    def _number(self, low: float, high: float) -> float:
+        return _round(self._rng.uniform(low, high))
+
     def _blocks(self, most: int = 10) -> int:
         return int(self._rng.integers(1, most + 1))
 
-    def _delay(self, when: _Fields) -> AnyFault:
-        return Delay(**when, **self._link(), blocks=self._blocks())
-
-    def _loss(self, when: _Fields) -> AnyFault:
-        return Loss(**when, **self._link(), probability=_round(self._rng.uniform(0.01, 0.5)))
-
-    def _duplication(self, when: _Fields) -> AnyFault:
-        return Duplication(
-            **when, **self._link(), probability=_round(self._rng.uniform(0.1, 1.0)), blocks=self._blocks(20) - 1
-        )
-
-    def _reordering(self, when: _Fields) -> AnyFault:
-        return Reordering(**when, **self._link(), blocks=self._blocks())
-
-    def _corruption(self, when: _Fields) -> AnyFault:
-        return Corruption(
-            **when,
-            **self._link(),
-            probability=_round(0.01 * 100.0 ** self._rng.random()),
-            bits=round(32.0 ** self._rng.random()),
-            sealed=bool(self._rng.random() < 0.5),
-        )
-
-    def _replay(self, when: _Fields) -> AnyFault:
-        return Replay(
-            **when,
-            **self._link(),
-            probability=_round(self._rng.uniform(0.1, 1.0)),
-            source=self._pick("had before", "former incarnation", "other run"),
-        )
-
-    def _malformed(self, when: _Fields) -> AnyFault:
-        return Malformed(**when, **self._link(), probability=_round(self._rng.uniform(0.1, 1.0)))
-
-    def _partition(self, when: _Fields) -> AnyFault:
-        size = self._rng.integers(1, self._count // 2 + 1)
-        group = self._rng.choice(self._count, size=size, replace=False)
-        return Partition(**when, group=tuple(self._names[k] for k in sorted(group)))
-
-    def _crash(self, when: _Fields) -> AnyFault:
-        return Crash(**when, robot=self._robot())
-
-    def _pause(self, when: _Fields) -> AnyFault:
-        return Pause(**when, robot=self._robot())
-
-    def _release(self, when: _Fields) -> AnyFault:
-        if self._rng.random() < 0.3:
-            when = when | {"start": 0.0}
-        return Release(**when, robot=self._robot(), notice=self._blocks(10) if self._rng.random() < 0.5 else 0)
-
-    def _clock_skew(self, when: _Fields) -> AnyFault:
-        return ClockSkew(**when, robot=self._robot(), samples=self._blocks(2 * self._block))
-
-    def _sensor(self, when: _Fields) -> AnyFault:
+    def _sensor_fault(self, when: _Fields) -> AnyFault:
         rng = self._rng
-        sensor: Sensor = self._pick("gyro", "velocity", "acceleration", "force", "torque")
-        how: SensorFailure = self._pick("nan", "frozen", "outliers", "saturation", "offset")
-        size = {
+        sensor, how = self._pick(*get_args(Sensor)), self._pick(*get_args(SensorFailure))
+        sizes = {  # all are drawn, so that the later draws do not depend on the choice
             "nan": rng.uniform(0.01, 1.0),
             "frozen": 1.0,
             "outliers": rng.uniform(0.01, 0.5),
             "saturation": rng.uniform(0.2, 1.0),
             "offset": 5.0 * 200.0 ** rng.random(),
-        }[how]
-        return SensorFault(**when, robot=self._robot(), sensor=sensor, how=how, size=_round(size))
+        }
+        return SensorFault(**when, robot=self._robot(), sensor=sensor, how=how, size=_round(sizes[how]))
 
     def _lie(self, when: _Fields) -> AnyFault:
-        how: LieKind = self._pick("scaled", "offset", "garbage")
-        factor = 1.2 * 3.0 ** self._rng.random()
-        size = {
-            "scaled": factor if self._rng.random() < 0.5 else 1.0 / factor,
-            "offset": 0.03 * 100.0 ** self._rng.random(),
+        rng = self._rng
+        how, factor = self._pick(*get_args(LieKind)), 1.2 * 3.0 ** rng.random()
+        sizes = {
+            "scaled": factor if rng.random() < 0.5 else 1.0 / factor,
+            "offset": 0.03 * 100.0 ** rng.random(),
+            "garbage": 1.0,
         }
-        return Lie(**when, robot=self._robot(), how=how, size=_round(size.get(how, 1.0)))
-
-
-def _make_permanent(fault: AnyFault, duration: float) -> AnyFault:
-    """Make the effect of a crash permanent; other faults are returned unchanged."""
-    return (
-        Crash(start=fault.start, end=duration, seed=fault.seed, robot=fault.robot)
-        if isinstance(fault, Crash)
-        else fault
-    )
+        return Lie(**when, robot=self._robot(), how=how, size=_round(sizes[how]))
 
 
 def _round(value: float) -> float:

@@ -30,7 +30,7 @@ _LEAKS = (2.0, 8.0)
 """Range of times in which such a share leaks out [s]."""
 _MOST = 3
 """Largest number of errors in a schedule."""
-_TOLD, _LOAD, _LEAK = 0.5, 0.4, 0.5
+_DECLARED, _LOAD, _LEAK = 0.5, 0.4, 0.5
 """Shares of schedules with known tolerances, of schedules with a small load change, and of leaks among these."""
 
 _replace = msgspec.structs.replace
@@ -41,15 +41,17 @@ def with_lasting_errors(schedule: FaultSchedule, rng: np.random.Generator) -> Fa
     scenario = schedule.scenario
     if rng.random() < _LOAD:
         scenario = _replace(scenario, load_changes=(*scenario.load_changes, _small_change(scenario, rng)))
-    is_told = bool(rng.random() < _TOLD)
-    shapes = SHAPES if is_told else SHAPES[:-1]  # a scenario's drift is always known to the robots
+    is_declared = bool(rng.random() < _DECLARED)
+    shapes = SHAPES if is_declared else SHAPES[:-1]  # a scenario's drift is always known to the robots
     keys: dict[str, float] = {}
     drift: dict[str, float] = {}
     for _ in range(rng.integers(1, _MOST + 1)):
         shape = shapes[rng.integers(len(shapes))]
         key, value = _error(scenario, shape, rng)
         (drift if shape == "drift" else keys)[key] = float(f"{value:.3g}")
-    return _replace(schedule, scenario=_replace(scenario, sensors=_with_errors(scenario.sensors, keys, drift, is_told)))
+    return _replace(
+        schedule, scenario=_replace(scenario, sensors=_with_errors(scenario.sensors, keys, drift, is_declared))
+    )
 
 
 def _error(scenario: Scenario, shape: str, rng: np.random.Generator) -> tuple[str, float]:
@@ -70,11 +72,11 @@ def _error(scenario: Scenario, shape: str, rng: np.random.Generator) -> tuple[st
     return sensor, noise * math.sqrt(60.0 / scenario.duration)  # reaches the size at the end
 
 
-def _with_errors(sensors: Sensors, keys: Mapping[str, float], drift: Mapping[str, float], is_told: bool) -> Sensors:
+def _with_errors(sensors: Sensors, keys: Mapping[str, float], drift: Mapping[str, float], is_declared: bool) -> Sensors:
     """Return sensors with additional errors."""
     before = sensors.tolerance
     errors = _replace(before, **{key: math.hypot(getattr(before, key), value) for key, value in keys.items()})
-    if is_told:
+    if is_declared:
         return _replace(sensors, tolerance=errors, drift=_replace(sensors.drift, **drift))
     return _replace(sensors, errors=errors)
 
@@ -95,7 +97,7 @@ def _between(ends: tuple[float, float], rng: np.random.Generator) -> float:
     return float(low * (high / low) ** rng.random())
 
 
-def is_untold(scenario: Scenario) -> bool:
+def is_undeclared(scenario: Scenario) -> bool:
     """Whether sensor errors exceed the tolerances that robots know."""
     return isinstance(scenario.sensors.errors, SensorTolerance)
 
@@ -103,7 +105,7 @@ def is_untold(scenario: Scenario) -> bool:
 def lasting_kinds(scenario: Scenario) -> tuple[str, ...]:
     """Return the kinds of lasting faults in a scenario, apart from those with which teams are drawn anyway."""
     tolerance, errors = scenario.sensors.tolerance, scenario.sensor_errors
-    usual, word = (tolerance, "untold") if is_untold(scenario) else (_usual(tolerance), "told")
+    usual, word = (tolerance, "undeclared") if is_undeclared(scenario) else (_usual(tolerance), "declared")
     kinds = {
         f"{word} {_shape(key)}"
         for key in SensorTolerance.__struct_fields__
@@ -127,6 +129,4 @@ def _usual(tolerance: SensorTolerance) -> SensorTolerance:
 
 
 def _shape(key: str) -> str:
-    if key in ("clock", "wrench_delay"):
-        return "delay"
-    return key.removesuffix("_deg").rpartition("_")[2]
+    return "delay" if key in ("clock", "wrench_delay") else key.removesuffix("_deg").rpartition("_")[2]

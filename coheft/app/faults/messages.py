@@ -71,7 +71,7 @@ def malformed(message: NeighbourMessage, rng: np.random.Generator) -> NeighbourM
     nonsense = replace(message, gossip=[])
     match rng.integers(5) if message.channels else 0:
         case 0:
-            return replace(nonsense, sender="nobody")
+            return replace(nonsense, sender="stranger")
         case 1:
             return replace(nonsense, block=int(rng.choice([-_FAR, -1, _FAR])))
         case 2:

@@ -25,14 +25,14 @@ _SHOWN = 10
 @contextmanager
 def campaign_progress(console: Console, schedules: int, *, quiet: bool) -> Iterator[Callable[[Outcome], None]]:
     """Show the progress of a campaign; yields a function to call with every outcome."""
-    with show_progress(console, "schedules", schedules, quiet=quiet) as told:
+    with show_progress(console, "schedules", schedules, quiet=quiet) as show:
         done, failed = 0, 0
 
         def on_outcome(outcome: Outcome) -> None:
             nonlocal done, failed
             done += 1
             failed += bool(outcome.violations)
-            told(done, f"{failed} failed")
+            show(done, f"{failed} failed")
 
         yield on_outcome
 
@@ -50,9 +50,7 @@ def print_campaign(
     for name in ("injected", "went stale", "violations", "off, > 1 s", "median", "95 %", "worst"):
         table.add_column(name, justify="right")
     for kind in summary.kinds:
-        times = ("", "", "") if kind.recovered_s is None else tuple(f"{time:.2f}" for time in kind.recovered_s)
-        stale = f"{kind.went_stale}/{kind.schedules}"
-        table.add_row(kind.kind, str(kind.injected), stale, str(kind.violations), _off(kind), *times)
+        table.add_row(*_cells(kind, of="/", unit=""))
     print_table(console, table)
     console.print("\nMedian, 95 % and worst: seconds until all robots were valid again.")
     console.print(
@@ -61,17 +59,17 @@ def print_campaign(
     lies, named = summary.lies
     if lies:
         console.print(f"{named} of {lies} agents that lied were named by others")
-    untold, off, long = summary.untold
-    if untold:
+    undeclared, off, long = summary.undeclared
+    if undeclared:
         console.print(
-            f"in {untold} schedules sensor errors exceeded their tolerances: in {off} of these a valid number was off "
-            f"by more than five own std, in {long} for more than 1 s"
+            f"in {undeclared} schedules sensor errors exceeded their tolerances: in {off} of these a valid number was "
+            f"off by more than five own std, in {long} for more than 1 s"
         )
     console.print(f"violations: {summary.violations}, in {len(summary.failed)} schedules")
     failed = [outcome for outcome in outcomes if outcome.violations]
     for outcome in failed[:_SHOWN]:
-        worst = outcome.violations[0]
-        text = f"{outcome.seed}: {worst.promise} at {worst.time:.2f} s, {worst.robot} {worst.what}"
+        first = outcome.violations[0]
+        text = f"{outcome.seed}: {first.promise} at {first.time:.2f} s, {first.robot} {first.what}"
         console.print(text, highlight=False, markup=False)
     if failed:
         options = [*(["--mutant", mutant] if mutant else []), *(word for value in values for word in ("--set", value))]
@@ -88,16 +86,15 @@ def markdown(summary: CampaignSummary) -> str:
         "| fault | injected | went stale | violations | off, > 1 s | all valid again after: median | 95 % | worst |",
         "|---|---|---|---|---|---|---|---|",
     ]
-    for kind in summary.kinds:
-        times = ("", "", "") if kind.recovered_s is None else tuple(f"{time:.2f} s" for time in kind.recovered_s)
-        stale = f"{kind.went_stale} of {kind.schedules}"
-        cells = [f"| {kind.kind}", str(kind.injected), stale, str(kind.violations), _off(kind), *times]
-        lines.append(" | ".join(cells) + " |")
+    lines += [f"| {' | '.join(_cells(kind, of=' of ', unit=' s'))} |" for kind in summary.kinds]
     return "\n".join(lines) + "\n"
 
 
-def _off(kind: KindSummary) -> str:
-    return "{}, {}".format(*kind.off)
+def _cells(kind: KindSummary, *, of: str, unit: str) -> list[str]:
+    """Return the row of a kind of fault, in both tables."""
+    times = [""] * 3 if kind.recovered_s is None else [f"{time:.2f}{unit}" for time in kind.recovered_s]
+    stale, off = f"{kind.went_stale}{of}{kind.schedules}", f"{kind.off[0]}, {kind.off[1]}"
+    return [kind.kind, str(kind.injected), stale, str(kind.violations), off, *times]
 
 
 def print_schedule(console: Console, schedule: FaultSchedule) -> None:

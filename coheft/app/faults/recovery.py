@@ -18,7 +18,7 @@ other faults, or changes of the load alone              ``BACK``                
 
 from __future__ import annotations
 
-from coheft.app.faults.hands import Hands
+from coheft.app.faults.grasp_schedule import GraspSchedule
 from coheft.app.faults.invariants import Violation
 from coheft.app.faults.run import FaultyBlock
 from coheft.app.faults.schedule import Crash, FaultSchedule, Lie, Partition, Release
@@ -81,7 +81,9 @@ class Recovery:
         self._graph = build_graph(scenario.graph, scenario.robot_names)
         self._tellings, self._last_event = _tellings(schedule), _last_event(schedule)
         last = scenario.blocks - 1
-        self._considered = [n for n in scenario.robot_names if n not in liars and Hands(schedule, n).holds(last)]
+        self._considered = [
+            n for n in scenario.robot_names if n not in liars and GraspSchedule(schedule, n).holds(last)
+        ]
         self._latest: dict[str, Estimate] = {}
         self.first_valid: float | None = None
         self._valid_since: float | None = None

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from coheft.agents.agent import Agent, Outbox
-from coheft.app.faults.hands import Hands
+from coheft.app.faults.grasp_schedule import GraspSchedule
 from coheft.app.faults.network import Network
 from coheft.app.faults.readings import Readings
 from coheft.app.faults.schedule import Crash, FaultSchedule, Pause, RobotFault
@@ -60,7 +60,7 @@ class FaultyRun:
         self._simulation = Simulation(scenario, self.graph)
         self.scene = self._simulation.scene
         self._readings = {name: Readings(schedule, name) for name in self.graph}
-        self._hands = {name: Hands(schedule, name) for name in self.graph}
+        self._grasps = {name: GraspSchedule(schedule, name) for name in self.graph}
         self._incarnations = dict.fromkeys(self.graph, 0)
         self._agents: dict[str, Agent | None] = {name: self._make_agent(name) for name in self.graph}
         self._raised: set[str] = set()
@@ -76,10 +76,7 @@ class FaultyRun:
             yield self._advance()
 
     def without_harmless(self) -> FaultyRun:
-        """Return a copy of the run from here on, without messages that must not make any difference.
-
-        See ``schedule.is_harmless``.
-        """
+        """Return a copy of the run from here on, without harmless messages, see ``schedule.is_harmless``."""
         quiet = copy.deepcopy(self)
         quiet.network.harmless = False
         return quiet
@@ -89,7 +86,7 @@ class FaultyRun:
         self.next_block += 1
         time = block * self._schedule.scenario.block_duration
         self._crash_and_restart(block, time)
-        self._move_hands(block)
+        self._grasp_and_release(block)
         result = self._simulation.advance(self._references.pop(block, {}))
         samples = {name: self._readings[name].read(block, m.samples) for name, m in result.measurements.items()}
         outboxes: dict[str, Outbox] = {}
@@ -98,7 +95,7 @@ class FaultyRun:
             if agent is None or self._is_hit(Pause, name, time):
                 continue
             try:
-                for notice in self._hands[name].tell(block):
+                for notice in self._grasps[name].due(block):
                     agent.set_holding(notice.holding, notice.from_block)
                 outboxes[name] = agent.step(
                     block, MeasurementBlock(block, samples[name]), self.network.collect(block, name)
@@ -122,13 +119,13 @@ class FaultyRun:
             elif agent is None:
                 self._incarnations[name] += 1
                 self.network.forget(block, name)
-                self._hands[name].restart(block)
+                self._grasps[name].restart(block)
                 self._agents[name] = self._make_agent(name)
 
-    def _move_hands(self, block: int) -> None:
-        for name, hands in self._hands.items():
-            if hands.holds(block) != (hands.holds(block - 1) if block else True):
-                (self._simulation.grasp if hands.holds(block) else self._simulation.release)(name)
+    def _grasp_and_release(self, block: int) -> None:
+        for name, grasp in self._grasps.items():
+            if grasp.holds(block) != (grasp.holds(block - 1) if block else True):
+                (self._simulation.grasp if grasp.holds(block) else self._simulation.release)(name)
 
     def _is_hit(self, kind: type[RobotFault], robot: str, time: float) -> bool:
         faults = self._schedule.faults

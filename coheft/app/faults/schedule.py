@@ -19,6 +19,7 @@ Count = Annotated[int, Meta(ge=1)]
 Sensor = Literal["gyro", "velocity", "acceleration", "force", "torque"]
 SensorFailure = Literal["nan", "frozen", "outliers", "saturation", "offset"]
 LieKind = Literal["scaled", "offset", "garbage"]
+ReplaySource = Literal["had before", "former incarnation", "other run"]
 
 ALL_ROBOTS = "*"
 """Sender or receiver of a link fault that concerns all robots."""
@@ -101,7 +102,7 @@ class Corruption(LinkFault, frozen=True, kw_only=True, tag="corruption"):
 
     @property
     def kind(self) -> str:
-        """See ``Fault.kind``."""
+        """Name of the kind of fault in tables."""
         return "corruption before the checksum" if self.sealed else "corruption"
 
 
@@ -115,11 +116,11 @@ class Replay(LinkFault, frozen=True, kw_only=True, tag="replay"):
     """
 
     probability: Probability
-    source: Literal["had before", "former incarnation", "other run"]
+    source: ReplaySource
 
     @property
     def kind(self) -> str:
-        """See ``Fault.kind``."""
+        """Name of the kind of fault in tables."""
         return f"replay ({self.source})"
 
 
@@ -188,7 +189,7 @@ class SensorFault(RobotFault, frozen=True, kw_only=True, tag="sensor"):
 
     @property
     def kind(self) -> str:
-        """See ``Fault.kind``."""
+        """Name of the kind of fault in tables."""
         return f"sensor {self.how}"
 
 
@@ -205,7 +206,7 @@ class Lie(RobotFault, frozen=True, kw_only=True, tag="lie"):
 
     @property
     def kind(self) -> str:
-        """See ``Fault.kind``."""
+        """Name of the kind of fault in tables."""
         return f"lie ({self.how})"
 
 

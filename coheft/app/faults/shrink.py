@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 
 import msgspec
 
-from coheft.app.faults.schedule import AnyFault, Crash, FaultSchedule
+from coheft.app.faults.schedule import Crash, FaultSchedule
 from coheft.app.faults.trial import Outcome, try_schedule
 from coheft.errors import ScenarioError
 from coheft.wire.scenario.schema import Graph
@@ -58,7 +58,7 @@ def _simpler(schedule: FaultSchedule) -> Iterator[FaultSchedule]:
     yield from _without_load_changes(schedule)
     yield from _plainer_scenarios(schedule)
     yield from _shorter_runs(schedule)
-    yield from _narrower_faults(schedule)
+    yield from _shorter_faults(schedule)
 
 
 def _without_faults(schedule: FaultSchedule) -> Iterator[FaultSchedule]:
@@ -96,19 +96,17 @@ def _shorter_runs(schedule: FaultSchedule) -> Iterator[FaultSchedule]:
             yield _with_scenario(schedule, duration=shorter)
 
 
-def _narrower_faults(schedule: FaultSchedule) -> Iterator[FaultSchedule]:
+def _shorter_faults(schedule: FaultSchedule) -> Iterator[FaultSchedule]:
     """Yield schedules in which one fault lasts half as long."""
     for k, fault in enumerate(schedule.faults):
-        for narrower in _narrower(fault):
-            yield _replace(schedule, faults=(*schedule.faults[:k], narrower, *schedule.faults[k + 1 :]))
-
-
-def _narrower(fault: AnyFault) -> Iterator[AnyFault]:
-    middle = round(0.5 * (fault.start + fault.end), 2)
-    if fault.end - fault.start > 2.0 * _LEAST:
-        yield _replace(fault, end=middle)
+        if fault.end - fault.start <= 2.0 * _LEAST:
+            continue
+        middle = round(0.5 * (fault.start + fault.end), 2)
+        halves = [_replace(fault, end=middle)]
         if not isinstance(fault, Crash):
-            yield _replace(fault, start=middle)
+            halves.append(_replace(fault, start=middle))
+        for half in halves:
+            yield _replace(schedule, faults=(*schedule.faults[:k], half, *schedule.faults[k + 1 :]))
 
 
 def _names_last_robot(schedule: FaultSchedule, count: int) -> bool:

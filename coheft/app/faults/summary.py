@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import msgspec
 import numpy as np
@@ -50,7 +50,7 @@ class CampaignSummary(msgspec.Struct, frozen=True):
         first_valid_s: Like ``KindSummary.recovered_s``, for the time until all were valid for the first time.
         refused: Number of messages that the codec refused.
         lies: Number of agents that lied, and number of them that another agent named.
-        untold: Number of schedules in which sensor errors exceeded the known tolerances; of those in which a robot
+        undeclared: Number of schedules in which sensor errors exceeded the known tolerances; of those in which a robot
             reported wrong numbers as valid; and of those in which it did for more than 1 s.
         kinds: Summaries by kind of fault.
     """
@@ -64,7 +64,7 @@ class CampaignSummary(msgspec.Struct, frozen=True):
     first_valid_s: tuple[float, float, float] | None
     refused: int
     lies: tuple[int, int]
-    untold: tuple[int, int, int]
+    undeclared: tuple[int, int, int]
     kinds: list[KindSummary]
 
 
@@ -75,17 +75,14 @@ def summarise(outcomes: Sequence[Outcome]) -> CampaignSummary:
     return CampaignSummary(
         seeds=(min(seeds), max(seeds)),
         schedules=len(outcomes),
-        simulated_h=round(_total(outcomes, lambda outcome: outcome.simulated) / 3600.0, 3),
-        violations=int(_total(outcomes, lambda outcome: len(outcome.violations))),
+        simulated_h=round(sum(outcome.simulated for outcome in outcomes) / 3600.0, 3),
+        violations=sum(len(outcome.violations) for outcome in outcomes),
         failed=[outcome.seed for outcome in outcomes if outcome.violations],
-        lost=int(_total(outcomes, lambda outcome: bool(outcome.lost))),
+        lost=sum(bool(outcome.lost) for outcome in outcomes),
         first_valid_s=_spread([o.first_valid for o in outcomes if o.first_valid is not None]),
-        refused=int(_total(outcomes, lambda outcome: outcome.refused)),
-        lies=(
-            int(_total(outcomes, lambda outcome: outcome.lied)),
-            int(_total(outcomes, lambda outcome: outcome.named)),
-        ),
-        untold=(sum(o.untold for o in outcomes), *_off([o for o in outcomes if o.untold])),
+        refused=sum(outcome.refused for outcome in outcomes),
+        lies=(sum(outcome.lied for outcome in outcomes), sum(outcome.named for outcome in outcomes)),
+        undeclared=(sum(o.undeclared for o in outcomes), *_off([o for o in outcomes if o.undeclared])),
         kinds=[_kind("none", [o for o in outcomes if not o.faults], outcomes)]
         + [_kind(kind, [o for o in outcomes if kind in o.faults], outcomes) for kind in kinds],
     )
@@ -110,13 +107,9 @@ def _off(outcomes: Sequence[Outcome]) -> tuple[int, int]:
     return len(times), sum(time > _LONG for time in times)
 
 
-def _total(outcomes: Sequence[Outcome], of: Callable[[Outcome], float]) -> float:
-    return sum(of(outcome) for outcome in outcomes)
-
-
 def _spread(values: Sequence[float]) -> tuple[float, float, float] | None:
     """Return median, 95th percentile and largest value."""
     if not values:
         return None
-    median, high, largest = np.quantile(values, [0.5, 0.95, 1.0])
-    return round(float(median), 2), round(float(high), 2), round(float(largest), 2)
+    median, high, largest = np.quantile(values, [0.5, 0.95, 1.0]).round(2).tolist()
+    return median, high, largest

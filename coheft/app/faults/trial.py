@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import msgspec
 
 from coheft.app.faults.invariants import Violation, Watch
-from coheft.app.faults.lasting import is_untold, lasting_kinds
+from coheft.app.faults.lasting import is_undeclared, lasting_kinds
 from coheft.app.faults.recovery import Recovery
 from coheft.app.faults.run import FaultyBlock, FaultyRun
 from coheft.app.faults.schedule import FaultSchedule, Lie, is_harmless
@@ -25,7 +25,7 @@ class Outcome(msgspec.Struct, frozen=True, kw_only=True):
         last: Kind of the fault that ended last; empty if there was none.
         simulated: Simulated time [s].
         violations: Broken promises. If sensor errors exceed the known tolerances, only P2 is promised.
-        untold: Whether sensor errors exceed the known tolerances.
+        undeclared: Whether sensor errors exceed the known tolerances.
         off_for: Longest time for which a robot reported wrong numbers as valid [s]; None if it never did.
         first_valid: When all were valid for the first time [s]; None if never.
         recovered: Time from the end of all faults and load changes until all were valid [s]; None if they were not.
@@ -48,7 +48,7 @@ class Outcome(msgspec.Struct, frozen=True, kw_only=True):
     refused: int
     lied: int
     named: int
-    untold: bool = False
+    undeclared: bool = False
     off_for: float | None = None
     lost: str = ""
     took: float = 0.0
@@ -58,22 +58,23 @@ def try_schedule(schedule: FaultSchedule) -> Outcome:
     """Run a schedule until its end, or until all robots have recovered for good, and check every promise."""
     began = time.perf_counter()
     run = FaultyRun(schedule)
-    watch, recovery, names = Watch(schedule, run.scene), Recovery(schedule), _Named(schedule)
-    quiet = _Quiet(schedule, run)
-    simulated, lost, untold = 0.0, "", is_untold(schedule.scenario)
+    watch, recovery, quiet = Watch(schedule, run.scene), Recovery(schedule), _Quiet(schedule, run)
+    lies = [fault for fault in schedule.faults if isinstance(fault, Lie)]
+    named: set[str] = set()
+    simulated, lost, undeclared = 0.0, "", is_undeclared(schedule.scenario)
     try:
         for block in run:
             simulated = block.truth.time
             watch.look(block)
             recovery.look(block)
-            names.look(block)
+            named |= _named(lies, block)
             quiet.look(block)
-            if recovery.is_steady and not untold:  # effects of a lasting sensor error may show late
+            if recovery.is_steady and not undeclared:  # effects of a lasting sensor error may show late
                 break
     except SimulationError as error:
         lost = str(error)
-    violations = [violation for violation in watch.violations if not untold or violation.promise == "P2"]
-    if not lost and not untold:
+    violations = [violation for violation in watch.violations if not undeclared or violation.promise == "P2"]
+    if not lost and not undeclared:
         violations += filter(None, [recovery.violation()])
     violations += filter(None, [quiet.violation])
     last = max(schedule.faults, key=lambda fault: fault.end, default=None)
@@ -87,9 +88,9 @@ def try_schedule(schedule: FaultSchedule) -> Outcome:
         recovered=recovery.taken,
         stale=recovery.stale / max(1, recovery.published),
         refused=run.network.refused,
-        lied=names.liars,
-        named=names.count,
-        untold=untold,
+        lied=len({lie.robot for lie in lies}),
+        named=len(named),
+        undeclared=undeclared,
         off_for=watch.off_for,
         lost=lost,
         took=time.perf_counter() - began,
@@ -130,29 +131,12 @@ def _published(block: FaultyBlock) -> bytes:
     return b"".join(encode(msgspec.structs.replace(estimate, problems=0), "") for estimate in estimates)
 
 
-class _Named:
-    """Finds out which lying agents others have named since they began to lie."""
-
-    def __init__(self, schedule: FaultSchedule) -> None:
-        self._lies = [fault for fault in schedule.faults if isinstance(fault, Lie)]
-        self._named: set[str] = set()
-
-    def look(self, block: FaultyBlock) -> None:
-        """Add what was published after a block."""
-        for lie in self._lies:
-            if lie.robot in self._named or block.truth.time < lie.start:
-                continue
-            for robot, outbox in block.outboxes.items():
-                told = [*outbox.problems, *(outbox.estimate.reasons if outbox.estimate is not None else ())]
-                if robot != lie.robot and any(lie.robot in words for words in told):
-                    self._named.add(lie.robot)
-
-    @property
-    def liars(self) -> int:
-        """Number of agents that lie."""
-        return len({lie.robot for lie in self._lies})
-
-    @property
-    def count(self) -> int:
-        """Number of them that were named."""
-        return len(self._named)
+def _named(lies: Iterable[Lie], block: FaultyBlock) -> set[str]:
+    """Return the lying agents that another agent names after a block, in a reason or a problem."""
+    named = set()
+    for lie in lies:
+        for robot, outbox in block.outboxes.items():
+            texts = [*outbox.problems, *(outbox.estimate.reasons if outbox.estimate is not None else ())]
+            if block.truth.time >= lie.start and robot != lie.robot and any(lie.robot in text for text in texts):
+                named.add(lie.robot)
+    return named

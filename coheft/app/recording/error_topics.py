@@ -10,7 +10,7 @@ from coheft.app.recording import ros
 from coheft.app.recording.ros import RosMessage
 from coheft.app.results.judge import Judge, standard_deviations
 from coheft.estimation.geometry.spatial import Array
-from coheft.estimation.rigid_body.mass_properties import unpack_symmetric
+from coheft.estimation.rigid_body.mass_properties import Inertia, unpack_symmetric
 from coheft.wire.messages.structs import Estimate, PayloadEstimate
 
 
@@ -25,8 +25,7 @@ def error_messages(time: int, estimate: Estimate, judge: Judge, total_time: int)
     """
     name = estimate.robot
     if estimate.payload is not None:
-        yield f"/{name}/error/payload", _payload_error(time, estimate, estimate.payload, judge)
-        yield f"/{name}/three_sigma/payload", _payload_spread(time, name, estimate.payload)
+        yield from _payload_messages(time, estimate.payload, name, judge.payload(name, estimate.block))
     truth = judge.total_wrench(name, estimate.total_block)
     if truth is not None:
         yield f"/{name}/error/total_wrench", ros.wrench(total_time, name, estimate.total_wrench - truth)
@@ -39,18 +38,16 @@ def error_messages(time: int, estimate: Estimate, judge: Judge, total_time: int)
         yield f"/{name}/three_sigma/poses/{other}/translation_mm", ros.number(3e3 * translation)
 
 
-def _payload_error(time: int, estimate: Estimate, claimed: PayloadEstimate, judge: Judge) -> RosMessage:
-    truth = judge.payload(estimate.robot, estimate.block)
+def _payload_messages(
+    time: int, claimed: PayloadEstimate, name: str, truth: Inertia
+) -> Iterator[tuple[str, RosMessage]]:
     com = None if claimed.com is None else claimed.com - truth.com
     tensor = None if claimed.tensor is None else claimed.tensor - truth.tensor
-    return ros.inertia(time, estimate.robot, claimed.mass - truth.mass, com, tensor)
-
-
-def _payload_spread(time: int, frame: str, claimed: PayloadEstimate) -> RosMessage:
+    yield f"/{name}/error/payload", ros.inertia(time, name, claimed.mass - truth.mass, com, tensor)
     spread = 3.0 * standard_deviations(claimed)
     com = None if claimed.com is None else spread[1:4]
     tensor = None if claimed.tensor is None else unpack_symmetric(spread[4:])
-    return ros.inertia(time, frame, float(spread[0]), com, tensor)
+    yield f"/{name}/three_sigma/payload", ros.inertia(time, name, float(spread[0]), com, tensor)
 
 
 def _length_spread(covariance: Array) -> float:

@@ -29,7 +29,6 @@ def estimate_messages(time: int, estimate: Estimate, total_time: int) -> Iterato
         yield f"/{name}/estimate/poses/{other}", ros.pose_with_covariance(time, name, pose, found.covariance)
     if estimate.total_block >= 0:
         yield f"/{name}/estimate/total_wrench", ros.wrench(total_time, name, estimate.total_wrench)
-    text = State.of(estimate)
     values = [
         ("estimator", estimate.estimator),
         ("phase", estimate.phase),
@@ -39,4 +38,4 @@ def estimate_messages(time: int, estimate: Estimate, total_time: int) -> Iterato
         *(("reason", reason) for reason in estimate.reasons),
         *(("not observable", what) for what in estimate.not_observable),
     ]
-    yield "/diagnostics", ros.diagnostics(time, name, _LEVELS[estimate.status], text, values)
+    yield "/diagnostics", ros.diagnostics(time, name, _LEVELS[estimate.status], State.of(estimate), values)

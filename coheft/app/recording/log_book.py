@@ -27,8 +27,7 @@ class LogBook:
     def __init__(self) -> None:
         self._loads: dict[int, LoadState] | None = None
         self._states: dict[str, str] = {}
-        self._noticed: set[tuple[str, float]] = set()
-        self._named: set[tuple[str, float]] = set()
+        self._logged: set[tuple[str, str]] = set()
 
     def lines(self, news: News) -> Iterator[Line]:
         """Yield a line for each new event in a message."""
@@ -53,14 +52,12 @@ class LogBook:
 
     def _robot_lines(self, estimate: Estimate) -> Iterator[Line]:
         name = estimate.robot
-        for change in estimate.load_changes:
-            if (name, change.noticed_at) not in self._noticed:
-                self._noticed.add((name, change.noticed_at))
-                yield Line(name, ros.INFO, f"notices at {change.noticed_at:.2f} s that the load has changed")
-        for slip in estimate.slips:
-            if (name, slip.named_at) not in self._named:
-                self._named.add((name, slip.named_at))
-                yield Line(name, ros.INFO, f"finds at {slip.named_at:.2f} s that the grasp of {slip.robot} has slipped")
+        events = [f"notices at {each.noticed_at:.2f} s that the load has changed" for each in estimate.load_changes]
+        events += [f"finds at {s.named_at:.2f} s that the grasp of {s.robot} has slipped" for s in estimate.slips]
+        for text in events:
+            if (name, text) not in self._logged:
+                self._logged.add((name, text))
+                yield Line(name, ros.INFO, text)
         state = State.of(estimate)
         if state != self._states.get(name):
             self._states[name] = state

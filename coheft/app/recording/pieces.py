@@ -66,8 +66,7 @@ def pieces(content: bytes) -> Iterator[Piece | Loss]:
     """
     place = len(MAGIC)
     while place < len(content) and not _is_end(content, place):
-        found = _piece_at(content, place) or Loss(place, _next_place(content, place))
-        yield found
+        yield (found := _piece_at(content, place) or Loss(place, _next_place(content, place)))
         place = found.end
 
 
@@ -85,10 +84,8 @@ def is_whole(content: bytes) -> bool:
                 return False
             case Footer():
                 start = last.summary_start or piece.start
-                if last.summary_crc not in (0, _checksum(content, start, piece.end - 4)):  # its own bytes
+                if last.summary_crc not in (0, _checksum(content, start, piece.end - 4)):  # without itself
                     return False
-            case _:
-                pass
     return isinstance(last, Footer)
 
 

@@ -15,7 +15,6 @@ from coheft.app.recording.ros import bytes_in
 from coheft.app.run.heard import News, check_news, check_status
 from coheft.errors import MessageError, RecordingError
 from coheft.wire.messages.requests import Status
-from coheft.wire.messages.scene import Scene
 from coheft.wire.messages.structs import Estimate, EstimateBeside, Message, Problem
 from coheft.wire.transport.planes import SERVER
 
@@ -86,8 +85,8 @@ def _collect(records: Iterable[McapRecord]) -> Recording:
                 message = from_raw(topics[record.channel_id], bytes_in(record.data))
                 if isinstance(message, Status):
                     begin = begin or _begin(message)
-                elif begin is not None:
-                    news.extend(_checked(record.log_time, message, begin.scene))
+                elif begin is not None and (item := check_news(_source(message), message, begin.scene)) is not None:
+                    news.append((record.log_time / 1e9, item))
     if begin is None:
         raise RecordingError("it contains no run, or one that never began; 'coheft run --record' makes recordings")
     try:
@@ -104,13 +103,10 @@ def _begin(message: Message) -> Status:
     return message
 
 
-def _checked(time: int, message: Message, scene: Scene) -> list[tuple[float, News]]:
+def _source(message: Message) -> str:
     match message:
         case Estimate() | EstimateBeside():
-            source = message.robot
+            return message.robot
         case Problem():
-            source = message.source
-        case _:
-            source = SERVER
-    news = check_news(source, message, scene)
-    return [(time / 1e9, news)] if news is not None else []
+            return message.source
+    return SERVER

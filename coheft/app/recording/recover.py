@@ -26,10 +26,11 @@ _MAGIC_MATCHES = 5
 class Lost:
     """A part of a file that could not be saved.
 
-    start: Its start in the old file [bytes].
-    end: Its end [bytes].
-    after: Latest time of the run before it [s]; -inf if there is none.
-    before: Earliest time of the run after it [s]; inf if there is none.
+    Attributes:
+        start: Its start in the old file [bytes].
+        end: Its end [bytes].
+        after: Latest time of the run before it [s]; -inf if there is none.
+        before: Earliest time of the run after it [s]; inf if there is none.
     """
 
     start: int
@@ -42,10 +43,11 @@ class Lost:
 class Saved:
     """Result of a recovery.
 
-    messages: Number of saved messages.
-    until: Latest time of the run in them [s].
-    lost: Parts that could not be saved, in order.
-    nameless: Number of messages that could not be saved because the definitions of their topics are lost.
+    Attributes:
+        messages: Number of saved messages.
+        until: Latest time of the run in them [s].
+        lost: Parts that could not be saved, in order.
+        nameless: Number of messages that could not be saved because the definitions of their topics are lost.
     """
 
     messages: int
@@ -121,17 +123,12 @@ def _copy(content: bytes, writer: Writer) -> Saved:
             lost = [replace(each, before=min(each.before, first)) for each in lost]
             latest = max(latest, max(message.log_time for message in messages) / 1e9)
         for message in messages:
-            if message.channel_id in channels:
-                writer.add_message(
-                    channels[message.channel_id],
-                    message.log_time,
-                    message.data,
-                    message.publish_time,
-                    message.sequence,
-                )
-                count += 1
-            else:
+            channel = channels.get(message.channel_id)
+            if channel is None:
                 nameless += 1
+                continue
+            count += 1
+            writer.add_message(channel, message.log_time, message.data, message.publish_time, message.sequence)
         _copy_others(piece, writer)
     if count == 0:
         raise RecordingError("it contains no message that could be saved")
@@ -156,8 +153,6 @@ def _define(content: bytes, writer: Writer) -> dict[int, int]:
                     header = record
                 case Schema() | Channel() if piece.is_sealed or (type(record), record.id) not in found:
                     found[type(record), record.id] = record
-                case _:
-                    pass
     writer.start(header.profile, header.library)
     schemas = {0: 0} | {
         schema.id: writer.register_schema(schema.name, schema.encoding, schema.data)
@@ -194,5 +189,3 @@ def _copy_others(piece: Piece, writer: Writer) -> None:
                 writer.add_attachment(record.create_time, record.log_time, record.name, record.media_type, record.data)
             case Metadata():
                 writer.add_metadata(record.name, record.metadata)
-            case _:
-                pass

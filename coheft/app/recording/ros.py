@@ -7,9 +7,8 @@ Every time is simulated time in nanoseconds. The order of components is this pro
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from rosbags.serde import SerdeError
@@ -30,9 +29,8 @@ RosMessage = Any
 """A message of the type that its ``__msgtype__`` names."""
 
 
-@dataclass(frozen=True, eq=False)
-class MarkedBox:
-    """Something to look at: edge lengths [m], red, green, blue and opacity from 0 to 1."""
+class MarkedBox(NamedTuple):
+    """A box to show: pose, edge lengths [m], and red, green, blue and opacity from 0 to 1."""
 
     pose: Pose
     size: tuple[float, float, float]
@@ -46,22 +44,22 @@ _PACKAGES = frozenset(
 _msg: Any = SimpleNamespace(
     **{name.split("/")[-1]: kind for name, kind in _STORE.types.items() if name.split("/")[0] in _PACKAGES}
 )
-"""All types of messages in these packages, by their own names, which are all different."""
+"""All types of messages in these packages, by name."""
 
 BYTES_TYPE = str(_msg.UInt8MultiArray.__msgtype__)
 
 
 def to_cdr(message: RosMessage) -> bytes | memoryview:
-    """The message in CDR, little-endian."""
+    """Encode a message as CDR, little-endian."""
     data: bytes | memoryview = _STORE.serialize_cdr(message, message.__msgtype__)
     return data
 
 
 def from_cdr(cdr: bytes, kind: str) -> RosMessage:
-    """The message of a type in CDR.
+    """Decode a message of a type from CDR.
 
     Raises:
-        MessageError: It is none.
+        MessageError: It has another type.
     """
     try:
         return _STORE.deserialize_cdr(cdr, kind)
@@ -70,45 +68,45 @@ def from_cdr(cdr: bytes, kind: str) -> RosMessage:
 
 
 def definition(kind: str) -> bytes:
-    """Definition of a type and of all types in it, in the text form that recordings carry."""
+    """Return the definition of a type and of all types in it, as text for recordings."""
     text: str = _STORE.generate_msgdef(kind, ros_version=2)[0]
     return text.encode()
 
 
 def type_hash(kind: str) -> str:
-    """By which ROS 2 knows the definition of a type (REP 2016)."""
+    """Return the hash of a type's definition (REP 2016)."""
     text: str = _STORE.hash_rihs01(kind)
     return text
 
 
 def of_bytes(data: bytes) -> RosMessage:
-    """Any bytes."""
+    """Return a message with bytes."""
     return _msg.UInt8MultiArray(_msg.MultiArrayLayout(dim=[], data_offset=0), np.frombuffer(data, np.uint8))
 
 
 def bytes_in(cdr: bytes) -> bytes:
-    """The bytes that ``of_bytes`` was given.
+    """Return the bytes in a message of ``of_bytes``, given as CDR.
 
     Raises:
-        MessageError: They are not there.
+        MessageError: It has another type.
     """
     data: bytes = from_cdr(cdr, BYTES_TYPE).data.tobytes()
     return data
 
 
 def number(value: float) -> RosMessage:
-    """One number."""
+    """Return a message with a number."""
     return _msg.Float64(value)
 
 
 def wrench(time: int, frame: str, wrench: Array) -> RosMessage:
-    """``(f, t)`` (6,) [N, N·m]."""
+    """Return a message with a wrench ``(f, t)``, shape (6,) [N, N·m]."""
     force, torque = np.asarray(wrench).reshape(2, 3).tolist()
     return _msg.WrenchStamped(_header(time, frame), _msg.Wrench(_msg.Vector3(*force), _msg.Vector3(*torque)))
 
 
 def twist(time: int, frame: str, twist: Array) -> RosMessage:
-    """``(w, v)`` (6,) [rad/s, m/s]."""
+    """Return a message with a twist ``(w, v)``, shape (6,) [rad/s, m/s]."""
     angular, linear = np.asarray(twist).reshape(2, 3).tolist()
     return _msg.TwistStamped(
         _header(time, frame), _msg.Twist(linear=_msg.Vector3(*linear), angular=_msg.Vector3(*angular))
@@ -116,25 +114,25 @@ def twist(time: int, frame: str, twist: Array) -> RosMessage:
 
 
 def acceleration(time: int, frame: str, linear: Array) -> RosMessage:
-    """Linear acceleration (3,) [m/s²]; the angular one is not known."""
+    """Return a message with a linear acceleration (3,) [m/s²]; the angular one is unknown."""
     unknown = _msg.Vector3(np.nan, np.nan, np.nan)
     return _msg.AccelStamped(_header(time, frame), _msg.Accel(linear=_msg.Vector3(*linear.tolist()), angular=unknown))
 
 
 def inertia(time: int, frame: str, mass: float, com: Array | None, tensor: Array | None) -> RosMessage:
-    """Mass [kg], centre of mass (3,) [m], inertia there (3, 3) [kg·m²]."""
+    """Return a message with mass [kg], centre of mass (3,) [m], and inertia about it (3, 3) [kg·m²]."""
     xx, xy, xz, yy, yz, zz = (_UNKNOWN if tensor is None else np.asarray(tensor))[np.triu_indices(3)].tolist()
     centre = _msg.Vector3(*(_UNKNOWN[0] if com is None else np.asarray(com)).tolist())
     return _msg.InertiaStamped(_header(time, frame), _msg.Inertia(mass, centre, xx, xy, xz, yy, yz, zz))
 
 
 def pose(time: int, frame: str, position: Array, quaternion: Array) -> RosMessage:
-    """Position (3,) [m] and orientation (4,)."""
+    """Return a message with a position (3,) [m] and a quaternion (4,)."""
     return _msg.PoseStamped(_header(time, frame), _pose(position, quaternion))
 
 
 def pose_with_covariance(time: int, frame: str, pose: Pose, covariance: Array) -> RosMessage:
-    """Pose and covariance (6, 6) of (rotation vector in the axes of ``frame`` [rad], translation [m])."""
+    """Return a message with a pose and its covariance (6, 6): rotation vector in ``frame`` [rad], translation [m]."""
     order = [3, 4, 5, 0, 1, 2]  # ROS: translation first
     ordered = np.ascontiguousarray(covariance[np.ix_(order, order)]).reshape(36)
     own = _pose(pose.translation, quaternion_from_rotation(pose.rotation))
@@ -142,7 +140,7 @@ def pose_with_covariance(time: int, frame: str, pose: Pose, covariance: Array) -
 
 
 def transforms(time: int, frame: str, poses: Mapping[str, tuple[Array, Array]]) -> RosMessage:
-    """Position (3,) [m] and orientation (4,) of frames in ``frame``, by name."""
+    """Return a message with positions (3,) [m] and quaternions (4,) of frames in ``frame``, by name."""
     return _msg.TFMessage(
         [
             _msg.TransformStamped(
@@ -154,36 +152,36 @@ def transforms(time: int, frame: str, poses: Mapping[str, tuple[Array, Array]]) 
 
 
 def boxes(time: int, frame: str, boxes: Sequence[MarkedBox]) -> RosMessage:
-    """Boxes to look at, which replace all that were there before."""
+    """Return a message with boxes that replace all former ones."""
     before = _marker(time, frame, 0, MarkedBox(Pose.identity(), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0)))
     before.action = _msg.Marker.DELETEALL
     return _msg.MarkerArray([before, *(_marker(time, frame, number, box) for number, box in enumerate(boxes))])
 
 
 def diagnostics(time: int, name: str, level: int, text: str, values: Iterable[tuple[str, object]]) -> RosMessage:
-    """How somebody is."""
+    """Return a message with the status of a robot."""
     pairs = [_msg.KeyValue(key, str(value)) for key, value in values]
     return _msg.DiagnosticArray(_header(time, ""), [_msg.DiagnosticStatus(level, name, text, name, pairs)])
 
 
 def log(time: int, name: str, level: int, text: str) -> RosMessage:
-    """A line of somebody's log."""
+    """Return a message with a line of a log."""
     return _msg.Log(stamp=_stamp(time), level=level, name=name, msg=text, file="", function="", line=0)
 
 
 def clock(time: int) -> RosMessage:
-    """What time it is."""
+    """Return a message with the present time."""
     return _msg.Clock(_stamp(time))
 
 
 def time_of(message: RosMessage) -> int:
-    """Time in the header of a message [ns]."""
+    """Return the time in the header of a message [ns]."""
     stamp = message.header.stamp
     return int(stamp.sec) * 10**9 + int(stamp.nanosec)
 
 
 def vector(part: RosMessage) -> Array:
-    """A ``Vector3`` as (3,)."""
+    """Return a ``Vector3`` as an array (3,)."""
     return np.array([part.x, part.y, part.z])
 
 
@@ -205,7 +203,7 @@ def _quaternion(quaternion: Array) -> RosMessage:
 
 
 def _marker(time: int, frame: str, number: int, box: MarkedBox) -> RosMessage:
-    """A box; most of what a marker can be is left empty."""
+    """Return a marker with a box."""
     nothing = np.zeros(0, np.uint8)
     return _msg.Marker(
         header=_header(time, frame),

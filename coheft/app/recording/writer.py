@@ -62,8 +62,6 @@ class RunWriter:
             case Estimate():
                 self._write(time, estimate_messages(time, news, self._total_time(news)))
                 self._write_errors(self._pairing.add_estimate(news))
-            case _:
-                pass
         for line in self._log.lines(news):
             self._out.write("/rosout", time, ros.log(time, line.name, line.level, line.text))
 

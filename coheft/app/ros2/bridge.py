@@ -113,7 +113,7 @@ def bridge_run(run_file: RunFile, endpoint: str, domain: int, tell: Callable[[st
             if node.has_router != had_router:
                 had_router = not had_router
                 tell("the router is back" if had_router else f"the router at {endpoint} is gone; waiting for it")
-        tell(f"the run has ended; {node.published} messages were heard on {len(node.topics)} topics")
+        tell(f"the run has ended; {node.published} messages were received on {len(node.topics)} topics")
 
 
 def _ros_topic(topic: str) -> str:

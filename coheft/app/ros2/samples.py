@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,14 +17,8 @@ _OPEN = 8
 """Largest number of incomplete blocks."""
 
 
-@dataclass(frozen=True)
-class Stream:
-    """A stream of measurements of one kind of sensor.
-
-    Attributes:
-        kind: Type of its messages.
-        columns: Its columns in a sample.
-    """
+class Stream(NamedTuple):
+    """A stream of measurements of one kind of sensor: type of its messages, and columns in a sample."""
 
     kind: str
     columns: slice

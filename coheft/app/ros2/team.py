@@ -64,15 +64,8 @@ class Team:
         agent, name = config.agent, config.agent.name
         self._configs[name] = agent
         self._next[name] = 0
-        self._links[name] = RobotLink(
-            name,
-            session,
-            self._inbox,
-            Keys(config.run),
-            world=time.time_ns(),
-            lag=agent.lag,
-            block=agent.block,
-        )
+        keys, world = Keys(config.run), time.time_ns()
+        self._links[name] = RobotLink(name, session, self._inbox, keys, world=world, lag=agent.lag, block=agent.block)
         self._inbox.watch_links(session, name, guard)
         self._inbox.watch_strangers(session, guard)
         for stream, what in STREAMS.items():
@@ -166,7 +159,7 @@ class Team:
             link.send_stop(reason)
 
     def _set_epoch(self, epoch: int) -> None:
-        """ROS time of the start of block 0 [ns]."""
+        """Set the ROS time of the start of block 0 [ns]."""
         self._epoch = epoch
         self._bridge = Bridge(self._node, epoch)
         self._tell(f"block 0 begins at {epoch / 1e9:.3f} s; Ctrl-C ends it")
@@ -191,8 +184,6 @@ class Team:
                     self._complain(f"refused from {name}: {error}")
                 case LinkChange(name, count):
                     self._links[name].note_links(count)
-                case _:
-                    pass
             event = self._inbox.receive(0.0)
 
     def _take(self, name: str, message: Message) -> None:
@@ -237,12 +228,10 @@ class Team:
 
     def _tell_silence(self, streams: Iterable[tuple[str, str]]) -> None:
         """Report streams without measurements, and what is published instead."""
-        silent = [(name, stream) for name, stream in streams if (name, stream) not in self._readings.came]
-        if not silent:
-            return
-        topics = [typed_topic(self._node.full(f"/{name}/{stream}"), STREAMS[stream].kind) for name, stream in silent]
-        for reason in reasons(topics, self._node.seen(), self._node.domain):
-            self._complain(f"nothing has come on {reason}")
+        if silent := [each for each in streams if each not in self._readings.came]:
+            topics = [typed_topic(self._node.full(f"/{name}/{kind}"), STREAMS[kind].kind) for name, kind in silent]
+            for reason in reasons(topics, self._node.seen(), self._node.domain):
+                self._complain(f"nothing has come on {reason}")
 
 
 def _came(builder: BlockBuilder) -> str:

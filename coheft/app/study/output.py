@@ -12,7 +12,7 @@ from rich.table import Table
 from coheft.app.figures import make_folder
 from coheft.app.results.report import write_report
 from coheft.app.study.plots import plot_curves, plot_ratios
-from coheft.app.study.report import Cell, StudyReport
+from coheft.app.study.report import StudyReport
 from coheft.app.study.tables import (
     HEADER,
     LEGEND,
@@ -21,6 +21,7 @@ from coheft.app.study.tables import (
     caption,
     markdown,
     recovery_rows,
+    seconds_after,
     sentences,
     title,
     together,
@@ -61,11 +62,9 @@ def print_study(console: Console, report: StudyReport) -> None:
         for line in together(report):
             console.print(line, highlight=False)
         console.print()
-    recovery = [result.recovery for result in report.results.values() if result.recovery is not None]
+    recovery = list(recovery_rows(report.results))
     if recovery:
-        whole = Cell(report.noise_scales[0], report.at_s[-1], report.results)
-        words = f"{recovery[0].seconds_after:g} s after the load change"
-        print_table(console, _table(words, RECOVERY_HEADER, recovery_rows(whole)))
+        print_table(console, _table(f"{seconds_after(report):g} s after the load change", RECOVERY_HEADER, recovery))
         console.print()
     for name, result in report.results.items():
         for line in sentences(name, result):
@@ -77,12 +76,9 @@ def print_study(console: Console, report: StudyReport) -> None:
 
 def print_varied(console: Console, report: VariedReport) -> None:
     """Print studies of several values of a key in one table."""
-    first = report.variants[0]
-    key = first.set.partition("=")[0]
-    console.print(f"{title(first.study)}\n")
-    words = (
-        f"RMS errors (times the bound) by {key}, noise × {first.study.noise_scales[0]:g}, at {first.study.at_s[-1]:g} s"
-    )
+    study, key = report.variants[0].study, report.variants[0].set.partition("=")[0]
+    console.print(f"{title(study)}\n")
+    words = f"RMS errors (times the bound) by {key}, noise × {study.noise_scales[0]:g}, at {study.at_s[-1]:g} s"
     print_table(console, _table(words, COLUMNS, rows(report)))
 
 

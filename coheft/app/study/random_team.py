@@ -4,16 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import msgspec
 import numpy as np
 
-from coheft.errors import ScenarioError
 from coheft.estimation.tolerance import SensorTolerance
-from coheft.wire.scenario.checks import check_scenario
-from coheft.wire.scenario.errors import explain
+from coheft.wire.scenario.file import with_values
 from coheft.wire.scenario.payload import Box, Payload
 from coheft.wire.scenario.schema import Graph, GraphKind, Motion, Perimeter, Robots, Scenario, Sensors
-from coheft.wire.scenario.set_values import set_values
 
 RANDOM = "random"
 """Name of a study in which every run has a different random team."""
@@ -53,11 +49,4 @@ def random_team(seed: int, values: Sequence[str] = ()) -> Scenario:
         duration=_LONGEST,
         seed=seed,
     )
-    table = msgspec.json.decode(msgspec.json.encode(scenario))
-    set_values(table, values)
-    try:
-        scenario = msgspec.convert(table, Scenario)
-    except msgspec.ValidationError as error:
-        raise ScenarioError(f"{scenario.name}: {explain(error, table)}") from error
-    check_scenario(scenario, scenario.name)
-    return scenario
+    return with_values(scenario, values)

@@ -24,42 +24,51 @@ Number = float | None
 """A number; None if there were no estimates to compute it from."""
 
 
-class Accuracy(msgspec.Struct, frozen=True):
+class Consistency(msgspec.Struct, frozen=True, kw_only=True):
+    """Normalized error squared per degree of freedom, of one robot per run.
+
+    Attributes:
+        nees: The value: 1 if the stated covariance is right.
+        nees_low: Lower end of the interval that contains it in 95 of 100 studies if the covariance is right.
+        nees_high: Upper end.
+    """
+
+    nees: Number
+    nees_low: Number
+    nees_high: Number
+
+
+class Recovered(Consistency, frozen=True, kw_only=True):
     """Accuracy of the estimates of one quantity, in SI units, over all robots or edges of all runs.
 
     Attributes:
         rms: Root mean square error; for vectors and matrices, of the (Frobenius) norm.
-        bound_full: Cramér-Rao bound of ``rms`` with all sensors.
-        bound_two_step: Bound with poses from kinematics alone, and inertia from all sensors given those poses.
+        bound_full: Cramér-Rao bound of ``rms`` with all sensors; after a load change, of an estimator that knows its
+            time.
         ratio_full: ``rms / bound_full``; over several times or noises, of errors that are scaled by their bounds.
         ratio_full_low: Lower end of its 95 % sampling interval, over runs.
         ratio_full_high: Upper end.
-        ratio_two_step: ``rms / bound_two_step``, computed in the same way.
-        nees: Normalized error squared per degree of freedom, of one robot per run: 1 if the stated covariance is right.
-        nees_low: Lower end of the interval that contains it in 95 of 100 studies if the covariance is right.
-        nees_high: Upper end.
         missing: Number of estimates without a value, in all runs; they are left out above.
     """
 
     rms: Number
     bound_full: Number
-    bound_two_step: Number
     ratio_full: Number
     ratio_full_low: Number
     ratio_full_high: Number
-    ratio_two_step: Number
-    nees: Number
-    nees_low: Number
-    nees_high: Number
     missing: int
 
 
-class Consistency(msgspec.Struct, frozen=True):
-    """Normalized error squared per degree of freedom, of one robot per run, and its 95 % interval."""
+class Accuracy(Recovered, frozen=True, kw_only=True):
+    """Accuracy also compared with a second bound.
 
-    nees: Number
-    nees_low: Number
-    nees_high: Number
+    Attributes:
+        bound_two_step: Bound with poses from kinematics alone, and inertia from all sensors given those poses.
+        ratio_two_step: ``rms / bound_two_step``, computed as ``ratio_full``.
+    """
+
+    bound_two_step: Number
+    ratio_two_step: Number
 
 
 class Cells(msgspec.Struct, frozen=True):
@@ -74,22 +83,6 @@ class Cells(msgspec.Struct, frozen=True):
     count: int
     outside_95: int
     outside_9999: int
-
-
-class Recovered(msgspec.Struct, frozen=True):
-    """Accuracy some time after the change; the bound is the full one of an estimator that knows the time of the
-    change.
-    """
-
-    rms: Number
-    bound_full: Number
-    ratio_full: Number
-    ratio_full_low: Number
-    ratio_full_high: Number
-    nees: Number
-    nees_low: Number
-    nees_high: Number
-    missing: int
 
 
 class Recovery(msgspec.Struct, frozen=True):
@@ -200,10 +193,9 @@ def _estimator_result(
         for group in groups
         for k in times
     ]
-    nees = _nees(ALL_TEN, cells)
     return EstimatorResult(
         **{quantity.name: _accuracy(quantity, cells) for quantity in QUANTITIES},
-        all_ten=Consistency(_number(nees.value), _number(nees.low), _number(nees.high)),
+        all_ten=Consistency(**_named("nees", _nees(ALL_TEN, cells))),
         cells=_cells([*QUANTITIES, ALL_TEN], cells),
         claimed=_count_contradictions([one.errors for cell in cells for one in cell]),
         detection=judge_detection([outcome.notices for outcome in outcomes], moments.change, moments.end),
@@ -214,18 +206,13 @@ def _estimator_result(
 
 def _accuracy(quantity: Quantity, cells: Sequence[Sequence[_Judged]]) -> Accuracy:
     squares, full, two_step = _squares(quantity, cells)
-    ratio, other, nees = _scaled_ratio(squares, full), _scaled_ratio(squares, two_step), _nees(quantity, cells)
     return Accuracy(
         rms=_number(root_mean(_flat(squares))),
         bound_full=_number(root_mean(_where_known(full, squares))),
         bound_two_step=_number(root_mean(_where_known(two_step, squares))),
-        ratio_full=_number(ratio.value),
-        ratio_full_low=_number(ratio.low),
-        ratio_full_high=_number(ratio.high),
-        ratio_two_step=_number(other.value),
-        nees=_number(nees.value),
-        nees_low=_number(nees.low),
-        nees_high=_number(nees.high),
+        ratio_two_step=_number(_scaled_ratio(squares, two_step).value),
+        **_named("ratio_full", _scaled_ratio(squares, full)),
+        **_named("nees", _nees(quantity, cells)),
         missing=int(sum(np.isnan(s).sum() for s in _flat(squares))),
     )
 
@@ -306,13 +293,9 @@ def _recovery(name: str, groups: Sequence[Sequence[Trial]], moments: Moments) ->
         ]
         for group in groups
     ]
-    found = {q.name: _recovered(q, cells) for q in QUANTITIES if q.of_payload}
-    return Recovery(seconds_after=moments.after, **found)
-
-
-def _recovered(quantity: Quantity, cells: Sequence[Sequence[_Judged]]) -> Recovered:
-    accuracy = _accuracy(quantity, cells)
-    return Recovered(**{field: getattr(accuracy, field) for field in Recovered.__struct_fields__})
+    accuracies = {q.name: _accuracy(q, cells) for q in QUANTITIES if q.of_payload}
+    result = {name: msgspec.convert(each, Recovered, from_attributes=True) for name, each in accuracies.items()}
+    return Recovery(seconds_after=moments.after, **result)
 
 
 def _where_known(values: _Squares, like: _Squares) -> list[Array]:
@@ -322,3 +305,9 @@ def _where_known(values: _Squares, like: _Squares) -> list[Array]:
 
 def _number(value: float) -> Number:
     return value if math.isfinite(value) else None
+
+
+def _named(name: str, interval: Interval) -> dict[str, Number]:
+    """Return the fields of a number with its interval."""
+    value, low, high = (_number(each) for each in (interval.value, interval.low, interval.high))
+    return {name: value, f"{name}_low": low, f"{name}_high": high}

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import count, islice
 
 import msgspec
 import numpy as np
 
-from coheft.agents.motion.reference import ReferenceMotion, make_motion
+from coheft.agents.motion.reference import make_motion
 from coheft.consensus.graph import build_graph
 from coheft.errors import ScenarioError
 from coheft.estimation.geometry.spatial import Array
-from coheft.physics_server.simulation import Simulation
+from coheft.physics_server.simulation import BlockResult, Simulation
 from coheft.wire.config import agent_config
 from coheft.wire.messages.scene import Scene
 from coheft.wire.messages.structs import Reference
@@ -45,26 +47,30 @@ def simulate(scenario: Scenario) -> TeamSamples:
             f"scenario '{scenario.name}' has a section 'carry', but a study compares estimators on motions that do not "
             f"depend on them: leave it out, or choose another scenario"
         )
-    names = scenario.robot_names
-    graph = build_graph(scenario.graph, names)
-    motions = {name: make_motion(agent_config(scenario, name, graph[name])) for name in names}
-    simulation = Simulation(scenario, graph)
+    simulation = Simulation(scenario, build_graph(scenario.graph, scenario.robot_names))
     truths, samples = [], []
-    for block in range(scenario.blocks):
-        references = {}
-        if block >= scenario.lookahead:
-            references = {name: _reference(name, block, motion) for name, motion in motions.items()}
-        result = simulation.advance(references)
+    for result in islice(reference_blocks(scenario, simulation), scenario.blocks):
         truths.append(result.truth)
-        samples.append(np.stack([result.measurements[name].samples for name in names], axis=1))
+        samples.append(np.stack([each.samples for each in result.measurements.values()], axis=1))
     return TeamSamples(simulation.scene, tuple(truths), np.concatenate(samples))
+
+
+def reference_blocks(scenario: Scenario, simulation: Simulation) -> Iterator[BlockResult]:
+    """Yield the blocks of a simulation with the agents' reference motions, without end."""
+    motions = {
+        name: make_motion(agent_config(scenario, name, tuple(neighbours)))
+        for name, neighbours in simulation.scene.neighbours.items()
+    }
+    for block in count():
+        references = {
+            name: Reference(robot=name, block=block, answers=block, motion=motion.reference(block), wrench=np.zeros(6))
+            for name, motion in motions.items()
+            if block >= scenario.lookahead
+        }
+        yield simulation.advance(references)
 
 
 def with_exact_sensors(scenario: Scenario) -> Scenario:
     """Return the scenario with sensors without noise and errors."""
     exact = msgspec.structs.replace(scenario.sensors, noise_scale=0.0, errors="none")
     return msgspec.structs.replace(scenario, sensors=exact)
-
-
-def _reference(robot: str, block: int, motion: ReferenceMotion) -> Reference:
-    return Reference(robot=robot, block=block, answers=block, motion=motion.reference(block), wrench=np.zeros(6))

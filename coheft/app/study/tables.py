@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Mapping
 
 from coheft.app.results.errors import MOST_STDS
 from coheft.app.results.quantities import ALL_TEN, QUANTITIES
@@ -10,7 +11,7 @@ from coheft.app.study.detection import Detection
 from coheft.app.study.report import Accuracy, Cell, Consistency, EstimatorResult, Number, Recovered, StudyReport
 
 NAMES = {
-    "pose_rotation": ("rotation", "°", 57.29577951308232),
+    "pose_rotation": ("rotation", "°", math.degrees(1.0)),
     "pose_translation": ("translation", "mm", 1e3),
     "mass": ("mass", "kg", 1.0),
     "com": ("centre of mass", "mm", 1e3),
@@ -43,38 +44,28 @@ def accuracy_rows(cell: Cell) -> Iterator[tuple[str, ...]]:
         name, unit, size = NAMES[quantity.name]
         for estimator, result in cell.results.items():
             found: Accuracy = getattr(result, quantity.name)
-            yield (
-                f"{name}, {unit}",
-                estimator,
-                plain(found.rms, size),
-                plain(found.bound_full, size),
-                _with_range(found.ratio_full, found.ratio_full_low, found.ratio_full_high),
-                _marked(found),
-                short(found.ratio_two_step),
-                _range(found.nees_low, found.nees_high),
-                str(found.missing),
-            )
+            ranges = short(found.ratio_two_step), _range(found.nees_low, found.nees_high)
+            yield f"{name}, {unit}", estimator, *_compared(found, size), *ranges, str(found.missing)
     for estimator, result in cell.results.items():
         joint = result.all_ten
         yield "all ten together", estimator, "", "", "", _marked(joint), "", _range(joint.nees_low, joint.nees_high), ""
 
 
-def recovery_rows(cell: Cell) -> Iterator[tuple[str, ...]]:
+def recovery_rows(results: Mapping[str, EstimatorResult]) -> Iterator[tuple[str, ...]]:
     """Yield one row per quantity and estimator, columns as in ``RECOVERY_HEADER``; none if the load does not change."""
     for key in ("mass", "com", "inertia"):
         name, unit, size = NAMES[key]
-        for estimator, result in cell.results.items():
+        for estimator, result in results.items():
             if result.recovery is not None:
                 found: Recovered = getattr(result.recovery, key)
-                yield (
-                    f"{name}, {unit}",
-                    estimator,
-                    plain(found.rms, size),
-                    plain(found.bound_full, size),
-                    _with_range(found.ratio_full, found.ratio_full_low, found.ratio_full_high),
-                    _marked(found),
-                    str(found.missing),
-                )
+                yield f"{name}, {unit}", estimator, *_compared(found, size), str(found.missing)
+
+
+def _compared(found: Recovered, size: float) -> tuple[str, ...]:
+    """Return the cells from ``RMS`` to ``NEES``; ``size`` is the factor from SI units."""
+    ratio = f"{short(found.ratio_full)} ({_range(found.ratio_full_low, found.ratio_full_high)})"
+    rms, bound = plain(found.rms, size), plain(found.bound_full, size)
+    return rms, bound, "–" if found.ratio_full is None else ratio, _marked(found)
 
 
 def sentences(estimator: str, result: EstimatorResult) -> Iterator[str]:
@@ -111,6 +102,11 @@ def title(report: StudyReport) -> str:
     )
 
 
+def seconds_after(report: StudyReport) -> float:
+    """Return the time from the load change to the evaluation of the recovery [s]."""
+    return next(r.recovery.seconds_after for r in report.results.values() if r.recovery is not None)
+
+
 def caption(cell: Cell) -> str:
     """Return the caption of one noise and time."""
     return f"noise × {cell.noise_scale:g}, at {cell.at_s:g} s"
@@ -137,11 +133,12 @@ def markdown(report: StudyReport, pictures: dict[str, str]) -> str:
         parts.append(_markdown_table(HEADER, list(accuracy_rows(cell))))
     if len(report.cells) > 1:
         parts.append("\n".join(f"- {line}" for line in together(report)))
-    whole = Cell(report.noise_scales[0], report.at_s[-1], report.results)
-    recovery = list(recovery_rows(whole))
+    recovery = list(recovery_rows(report.results))
     if recovery:
-        after = next(r.recovery.seconds_after for r in report.results.values() if r.recovery is not None)
-        parts.append(f"{after:g} s after the load change, compared with the bound of an estimator that knows its time:")
+        parts.append(
+            f"{seconds_after(report):g} s after the load change, compared with the bound of an estimator that knows "
+            f"its time:"
+        )
         parts.append(_markdown_table(RECOVERY_HEADER, recovery))
     parts.append("\n".join(f"- {line}" for name, result in report.results.items() for line in sentences(name, result)))
     parts.append("## How to read this\n\n" + "\n".join(f"- {line}" for line in EXPLANATION))
@@ -179,11 +176,7 @@ def _range(low: Number, high: Number) -> str:
     return "" if low is None or high is None else f"{short(low)}–{short(high)}"
 
 
-def _with_range(value: Number, low: Number, high: Number) -> str:
-    return "–" if value is None else f"{short(value)} ({_range(low, high)})"
-
-
-def _marked(found: Accuracy | Consistency | Recovered) -> str:
+def _marked(found: Consistency) -> str:
     """Format a NEES, with a star if it is outside its interval."""
     if found.nees is None or found.nees_low is None or found.nees_high is None:
         return "–"

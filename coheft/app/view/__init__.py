@@ -1,6 +1,6 @@
-"""The view of a run in a browser: ``model`` knows what there is to show, ``page`` shows it with viser.
+"""The view of a run in a browser: ``model`` has the state to show, ``page`` shows it with viser.
 
-Takes the packages of the extra ``view``; without them this import raises ``MissingPackageError``.
+Needs the packages of the extra ``view``; without them this import raises ``MissingPackageError``.
 """
 
 from importlib.util import find_spec

@@ -1,4 +1,4 @@
-"""The robots in the browser: arms on stands, whose hands follow the payload."""
+"""Drawing of the robots: arms on stands, whose hands follow the payload."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ class Arms:
     """Draws the robots with viser.
 
     Args:
-        viewer: Where to draw.
-        scene: Whom.
+        viewer: The scene to draw into.
+        scene: The robots.
     """
 
     def __init__(self, viewer: viser.SceneApi, scene: Scene) -> None:
@@ -62,7 +62,7 @@ class Arms:
             viewer.add_label(f"/robots/labels/{name}", name, position=place, anchor="center-center")
 
     def reach(self, hands: Array) -> None:
-        """Put all hands where they are now, (N, 3) [m], and the arms behind them."""
+        """Move all hands to positions in the world, shape (N, 3) [m], and the arms with them."""
         elbows = np.array([stand.elbow(hand) for stand, hand in zip(self._stands, hands, strict=True)])
         self._elbows.batched_positions = elbows
         self._hands.batched_positions = hands
@@ -71,7 +71,7 @@ class Arms:
             links.batched_wxyzs = np.array([quaternion_from_rotation(rotation_to(way)) for way in ends - starts])
 
     def paint(self, model: ViewModel, chosen: str) -> None:
-        """Colour hands by what their robots' estimates are worth, and the arm of the chosen robot."""
+        """Colour hands by the status of their robots' estimates, and the arm of the chosen robot."""
         names = model.scene.robots
         beliefs = model.beliefs
         statuses = tuple(beliefs[name].status if name in beliefs else "starting" for name in names)

@@ -1,4 +1,4 @@
-"""What has not changed is not sent to the browser again."""
+"""Drawing of changes only, so that nothing is sent to the browser twice."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ from collections.abc import Callable
 
 
 class Changes:
-    """Remembers what was drawn last."""
+    """Remembers the values that were drawn last."""
 
     def __init__(self) -> None:
         self._drawn: dict[str, object] = {}
 
     def once(self, what: str, value: object, act: Callable[[], None]) -> None:
-        """Do it if its value is another one than last time."""
+        """Call ``act`` if the value differs from the last one of this name."""
         if self._drawn.get(what, self) != value:
             self._drawn[what] = value
             act()

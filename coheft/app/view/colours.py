@@ -5,15 +5,15 @@ from __future__ import annotations
 Colour = tuple[int, int, int]
 
 ACCENT: Colour = (56, 189, 248)
-"""The chosen robot, and what it believes."""
+"""The chosen robot, and its estimate."""
 TRUTH: Colour = (236, 240, 245)
-"""What is true, and no robot knows."""
+"""The truth, which no robot knows."""
 GOOD: Colour = (52, 211, 153)
-"""Valid estimates, links that carry."""
+"""Valid estimates, links that work."""
 WAITING: Colour = (148, 163, 184)
-"""Nothing known yet."""
+"""No estimate yet."""
 BAD: Colour = (248, 113, 113)
-"""Stale estimates, links that do not carry."""
+"""Stale estimates, silent links."""
 LOAD: Colour = (251, 191, 36)
 FORCE: Colour = (250, 204, 21)
 TORQUE: Colour = (192, 132, 252)
@@ -27,5 +27,5 @@ LINK: dict[str, Colour] = {"up": GOOD, "silent": BAD, "unknown": WAITING}
 
 
 def css(colour: Colour) -> str:
-    """The colour for HTML."""
+    """Return the colour for HTML."""
     return "#{:02x}{:02x}{:02x}".format(*colour)

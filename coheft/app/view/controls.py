@@ -1,4 +1,4 @@
-"""Buttons that act on the run: everything here is done as the operator, and said in a note when it is done."""
+"""Controls that act on the run, as the operator; a notification reports the result of each action."""
 
 from __future__ import annotations
 
@@ -32,19 +32,19 @@ from coheft.wire.messages.requests import (
 _NOTE_SECONDS = 6.0
 _TAKE_AWAY = "Take a load away"
 _MASSES = (0.1, 10.0, 0.1, 3.0)
-"""Least, most, step and first choice [kg]."""
+"""Lowest, highest, step and initial value [kg]."""
 
 
 class Controls:
-    """The panel with the buttons.
+    """The controls on the page.
 
-    Browsers' callbacks run in threads of viser's own; one lock lets one act at a time.
+    Callbacks run in viser's threads; a lock allows one action at a time.
 
     Args:
-        page: Where they are shown.
-        model: What is shown there.
-        run_file: How to reach the run.
-        folder: Of the run.
+        page: The page.
+        model: The state of the run.
+        run_file: Addresses of the run.
+        folder: Folder of the run.
     """
 
     def __init__(self, page: Page, model: ViewModel, run_file: RunFile, folder: Path) -> None:
@@ -156,10 +156,10 @@ class Controls:
             self._act(event, self._set_link, edge, change.value == "Cut")
 
     def end(self, ask_again: Callable[[], None] | None) -> None:
-        """The run is over: nothing of it can be changed any more, but there may be another one.
+        """Disable the controls, because the run has ended, and offer another one.
 
         Args:
-            ask_again: Asks for it; None: there is none to be had.
+            ask_again: Requests another run; None if there cannot be one.
         """
         for button in self._buttons:
             button.disabled = True
@@ -177,7 +177,7 @@ class Controls:
             ask_again()
 
     def update(self) -> None:
-        """Show what can be done now."""
+        """Update the controls to the state of the run."""
         status = self._model.status
         self._pause.label = "Resume" if status.state == "paused" else "Pause"
         loads = self._model.loads
@@ -187,14 +187,14 @@ class Controls:
         self._tell_what_is_taken()
 
     def _tell_what_is_taken(self) -> None:
-        """Name on the button the load that a click takes: a browser's list can be ahead of what has arrived here."""
+        """Name the load that a click removes on the button, because the browser's list may be newer than ours."""
         chosen = self._loads.dropdown.value
         label = f"Take {chosen} away" if chosen.startswith("#") else _TAKE_AWAY
         if self._remove.label != label:
             self._remove.label = label
 
     def _settle_place(self) -> None:
-        """Let the load lie on top of the place that was clicked, whatever its size."""
+        """Place the load on top of the clicked point, for its present size."""
         self._place = resting_place(self._page.stage.surface, np.array(self._place), _edge(self._mass.value))
         self._tell_place()
 
@@ -219,7 +219,7 @@ class Controls:
     def _kill(self, robot: str) -> str:
         pid = find_run(self._folder).pids.get(robot)  # it may have been started again since
         if pid is None:
-            raise CoheftError(f"{robot} was started by hand, perhaps elsewhere: no one here knows its process")
+            raise CoheftError(f"the process of {robot} is not known here: it was started separately")
         os.kill(pid, signal.SIGKILL)
         return f"killed {robot}'s agent"
 
@@ -228,7 +228,7 @@ class Controls:
         return f"{'cut' if cut else 'mended'} the link {edge[0]}-{edge[1]}"
 
     def _act(self, event: Any, act: Callable[..., str], *arguments: Any) -> None:
-        """Do something, and tell who clicked what came of it."""
+        """Perform an action, and report the result to the client that clicked."""
         with self._lock:
             try:
                 title, text, colour = "Done", act(*arguments), "teal"
@@ -239,5 +239,5 @@ class Controls:
 
 
 def _edge(mass: float) -> float:
-    """Edge of a load that is about as dense as water [m], so that one sees what is heavy."""
+    """Return the edge of a cube with the density of water [m], so that heavy loads look larger."""
     return float(round((mass / 1000.0) ** (1.0 / 3.0), 3))

@@ -1,7 +1,7 @@
-"""The door of a view: a view acts with the keys of whoever started it, so it answers only those who know its secret.
+"""Access control of a view, which acts with the keys of its user: it answers only clients that have a secret.
 
-The secret is a part of the path, so that page and socket both have it, and no cookie: browsers give a cookie to every
-port of an address, and another user of this machine may listen at one.
+The secret is a part of the path, which page and socket share. It is not a cookie, because browsers send cookies to
+every port of a host, and another user of the host may listen at one.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from websockets.http11 import Request, Response
 from coheft.app.view.ports import bracketed, is_wildcard, new_token, url
 
 Answer = Callable[[ServerConnection, Request], Response | None]
-"""Answers a request; None lets it open a socket."""
+"""Returns the response to a request; None to open a socket."""
 _LOOPBACK = ("localhost", "127.0.0.1", "::1")
 _HEADERS = {
     "Referrer-Policy": "no-referrer",
@@ -28,7 +28,7 @@ _HEADERS = {
     "X-Content-Type-Options": "nosniff",
     "Cache-Control": "no-store",
 }
-"""No other page gets the address, or anything behind it."""
+"""Headers that keep the address and the content from other pages."""
 REFUSAL = b"""<!doctype html>
 <html lang="en"><meta charset="utf-8"><title>Not this way</title>
 <body style="font:16px/1.5 sans-serif;max-width:40em;margin:4em auto;padding:0 1em">
@@ -37,15 +37,15 @@ REFUSAL = b"""<!doctype html>
 <code>coheft run --view</code> or <code>coheft view</code> was started. Each start makes a new one.</p>
 <p>Through a tunnel, take the same port at both ends.</p>
 """
-"""The page that all get who may not look, whatever the reason: it tells nothing else."""
+"""The page for refused requests, whatever the reason, so that it reveals nothing."""
 
 
 class Door:
-    """Lets in who knows the secret, comes to an address that is this view's, and from no other page.
+    """Accepts requests with the secret, to an address of this view, from no other page.
 
     Args:
-        host: Where the view listens.
-        token: The secret; a new one if none is given.
+        host: Host at which the view listens.
+        token: The secret; None for a new one.
     """
 
     def __init__(self, host: str, token: str | None = None) -> None:
@@ -54,11 +54,11 @@ class Door:
         self._names = {*_LOOPBACK, socket.gethostname() if is_wildcard(host) else host}
 
     def url(self, port: int) -> str:
-        """Where browsers find the view, with the secret in it."""
+        """Return the URL of the view, with the secret."""
         return url(self.host, port, self._token)
 
     def guard(self, inner: Answer) -> Answer:
-        """Answer as ``inner`` does, without the secret in the path, but only those who may come in."""
+        """Return a function that answers accepted requests like ``inner``, with the secret removed from the path."""
 
         def answer(connection: ServerConnection, request: Request) -> Response | None:
             path = self._path_behind(connection, request)
@@ -72,21 +72,21 @@ class Door:
         return answer
 
     def _path_behind(self, connection: ServerConnection, request: Request) -> str | None:
-        """What is asked for, seen from inside; None: who asks may not come in."""
+        """Return the path of a request without the secret; None if the request is refused."""
         address, port = connection.local_address[:2]
         hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
         if len(hosts) != 1 or not self._is_ours(hosts[0], str(address), int(port)):
-            return None  # a name of somebody else's that leads here, so that a page of theirs seems to be ours
+            return None  # a foreign name for this address (DNS rebinding)
         token, _, path = request.path.removeprefix("/").partition("/")
         if not secrets.compare_digest(_bytes(token.partition("?")[0]), _bytes(self._token)):
             return None
-        wants_socket = "Upgrade" in request.headers  # for these, browsers always say which page wants it
+        wants_socket = "Upgrade" in request.headers  # browsers always send an origin with these
         if (origins or wants_socket) and [each.lower() for each in origins] != [f"http://{hosts[0]}".lower()]:
             return None
         return f"/{path}"
 
     def _is_ours(self, host: str, address: str, port: int) -> bool:
-        """Whether a ``Host`` is this view: a name that no one else can give it, or the address that was dialled."""
+        """Whether a ``Host`` header names this view: a name that others cannot assign, or the connection's address."""
         names = {bracketed(name.lower()) for name in (*self._names, address)}
         return host.lower() in {f"{name}:{port}" for name in names} | (names if port == 80 else set())
 

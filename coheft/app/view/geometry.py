@@ -1,4 +1,4 @@
-"""Shapes that stand for what is known: boxes for inertia, ellipsoids for doubt, arms for robots."""
+"""Shapes of the scene: boxes for inertias, ellipsoids for covariances, arms for robots."""
 
 from __future__ import annotations
 
@@ -14,26 +14,26 @@ from coheft.wire.messages.scene import BoxShape, Scene
 from coheft.wire.scenario.section import pose_of
 
 SIGMAS = 3.0
-"""Half lengths of an ellipsoid of doubt, in standard deviations."""
+"""Half lengths of ellipsoids and half widths of bands, in standard deviations."""
 _THINNEST = 1e-3
-"""Least edge of a box that stands for an inertia [m]: estimates need not belong to a body."""
+"""Shortest edge of a box for an inertia [m], because no body may have the estimated one."""
 _MARGIN = 0.3
-"""Least half extent of what the robots hold [m], by which stands are placed."""
+"""Smallest half extent of the grasps [m], by which stands are placed."""
 FOV = float(np.radians(42.0))
-"""Of cameras, from the lower to the upper edge of the picture [rad]."""
+"""Vertical field of view of cameras [rad]."""
 _VIEW_FROM = np.array([0.52, -0.70, 0.49]) / np.linalg.norm([0.52, -0.70, 0.49])
 """Direction from the team to the camera."""
 _TEAM = 1.9
 """Half the width of a team with its stands, relative to its extent."""
 _NARROW, _ABOVE_PANEL = 0.62, 0.4
-"""Aspect of a window in which the panel is at the bottom, and how much of the height is above it."""
+"""Aspect ratio below which the panel is at the bottom, and the share of the height above it."""
 _ROUNDING = 1e-9
 _LINK_SHARE = 0.62
-"""Length of one of an arm's two links, relative to the way from its shoulder to its home: the elbow stays bent."""
+"""Length of a link of an arm, relative to the distance from its shoulder to its home, so that the elbow is bent."""
 
 
 def equivalent_box(inertia: Inertia) -> tuple[Pose, Array]:
-    """The homogeneous box with the same mass, centre of mass and inertia.
+    """Return the homogeneous box with the same mass, centre of mass and inertia.
 
     Principal moments ``I_k`` make edges ``a_k^2 = 6 (I_i + I_j - I_k) / m``.
 
@@ -46,7 +46,7 @@ def equivalent_box(inertia: Inertia) -> tuple[Pose, Array]:
 
 
 def ellipsoid(centre: Array, covariance: Array) -> tuple[Pose, Array]:
-    """Where something lies, as far as its covariance (3, 3) tells: pose and half lengths (3,) at three sigma."""
+    """Return the ellipsoid of a covariance (3, 3): pose, and half lengths (3,) at three standard deviations."""
     variances, axes = np.linalg.eigh(covariance)
     return Pose(_right_handed(axes), centre), SIGMAS * np.sqrt(np.maximum(variances, 0.0))
 
@@ -57,14 +57,14 @@ def _right_handed(axes: Array) -> Array:
 
 
 def box_edges(pose: Pose, size: Array) -> Array:
-    """The twelve edges of a box, shape (12, 2, 3)."""
+    """Return the twelve edges of a box, shape (12, 2, 3)."""
     corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
     pairs = [(i, i | bit) for i in range(8) for bit in (1, 2, 4) if not i & bit]
     return pose.apply(corners[np.array(pairs)] * size)
 
 
 def rotation_to(direction: Array) -> Array:
-    """A rotation (3, 3) that turns the z axis into a direction, shape (3,)."""
+    """Return a rotation (3, 3) of the z axis into a direction, shape (3,)."""
     if not direction.any():
         return np.eye(3)
     turn: Array = trimesh.geometry.align_vectors([0.0, 0.0, 1.0], direction)[:3, :3]  # type: ignore[no-untyped-call]
@@ -73,10 +73,10 @@ def rotation_to(direction: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Stand:
-    """Where a robot stands and how long its arm is: made up, for the physics knows nothing but its hand.
+    """A drawn stand and arm of a robot; the physics has only its hand.
 
     Attributes:
-        shoulder: In the world, (3,) [m]; its foot is on the ground below.
+        shoulder: Position in the world, (3,) [m], above the foot.
         link: Length of each of the arm's two links [m].
     """
 
@@ -84,7 +84,7 @@ class Stand:
     link: float
 
     def elbow(self, hand: Array) -> Array:
-        """Where the elbow is, above the line from shoulder to hand, all (3,) in the world [m]."""
+        """Return the elbow's position above the line from shoulder to hand, all (3,) in the world [m]."""
         reach = hand - self.shoulder
         length = float(np.linalg.norm(reach))
         height = np.sqrt(max(self.link**2 - (0.5 * length) ** 2, 0.0))
@@ -95,20 +95,20 @@ class Stand:
 
 
 def extent(scene: Scene) -> float:
-    """Half the width of what the robots hold, from its middle to the farthest hand [m]."""
+    """Return the horizontal distance from the middle of the grasps to the farthest one [m]."""
     centre = scene.translations.mean(axis=0)
     return max(_MARGIN, float(np.linalg.norm((scene.translations - centre)[:, :2], axis=1).max()))
 
 
 def whole_team(middle: Array, size: float, aspect: float) -> tuple[Array, Array]:
-    """Where a camera looks, and where it is, so that it sees all robots with their stands, both (3,) [m].
+    """Return the camera's target and position, both (3,) [m], from which all robots with their stands are visible.
 
-    In a window that is narrow the panel covers the lower part, so the team is in the upper one.
+    In a narrow window the panel covers the lower part, so the team is in the upper one.
 
     Args:
-        middle: Of the team, (3,) [m].
+        middle: Centre of the team, (3,) [m].
         size: Its ``extent`` [m].
-        aspect: Width of the picture over its height.
+        aspect: Width over height of the window.
     """
     half = np.tan(0.5 * FOV)
     free = 1.0 if aspect > _NARROW else _ABOVE_PANEL
@@ -120,13 +120,13 @@ def whole_team(middle: Array, size: float, aspect: float) -> tuple[Array, Array]
 
 
 def stands(scene: Scene) -> tuple[Stand, ...]:
-    """A stand for each robot, around the payload, so that arms reach inwards."""
+    """Return a stand for each robot around the payload, so that arms point inwards."""
     hands = scene.translations + np.array(scene.home)
     outwards = (scene.translations - scene.translations.mean(axis=0))[:, :2]
     size = extent(scene)
     result = []
     for index, (hand, out) in enumerate(zip(hands, outwards, strict=True)):
-        if np.linalg.norm(out) < 1e-3 * size:  # in the middle: each goes its own way
+        if np.linalg.norm(out) < 1e-3 * size:  # in the middle: directions are spread evenly
             angle = 2.0 * np.pi * index / len(hands)
             out = np.array([np.cos(angle), np.sin(angle)])
         direction = np.append(out / np.linalg.norm(out), 0.0)
@@ -136,7 +136,7 @@ def stands(scene: Scene) -> tuple[Stand, ...]:
 
 
 def payload_boxes(scene: Scene) -> list[BoxShape]:
-    """What the payload looks like without triangles of its own; a plate between the hands where no box is known."""
+    """Return the payload's boxes; a plate between the hands if there are none."""
     if scene.boxes:
         return scene.boxes
     low, high = scene.translations.min(axis=0), scene.translations.max(axis=0)
@@ -146,28 +146,28 @@ def payload_boxes(scene: Scene) -> list[BoxShape]:
 
 
 def surface_of(scene: Scene) -> Array:
-    """The payload's surface as triangles in its frame, shape (n, 3, 3) [m]."""
+    """Return the payload's surface as triangles in its frame, shape (n, 3, 3) [m]."""
     if len(scene.triangles):
         return scene.triangles.astype(np.float64)
     return triangles_of(payload_boxes(scene))
 
 
 def triangles_of(boxes: Sequence[BoxShape]) -> Array:
-    """Surfaces of boxes, shape (n, 3, 3) [m]."""
+    """Return the surfaces of boxes, shape (n, 3, 3) [m]."""
     poses = [pose_of(each.position, each.rotation_deg) for each in boxes]
     shapes = [trimesh.creation.box(each.size).triangles for each in boxes]
     return np.concatenate([pose.apply(shape) for pose, shape in zip(poses, shapes, strict=True)])
 
 
 def place_under_ray(triangles: Array, origin: Array, direction: Array) -> Array | None:
-    """Where a ray first hits a surface, all in the payload's frame; None if it misses.
+    """Return the first point of a surface on a ray, all in the payload's frame; None if there is none.
 
     Source: Möller and Trumbore, "Fast, minimum storage ray/triangle intersection", J. Graphics Tools 2 (1997).
 
     Args:
         triangles: The surface, (n, 3, 3) [m].
-        origin: Where the ray begins, (3,) [m].
-        direction: Where it goes, (3,).
+        origin: Origin of the ray, (3,) [m].
+        direction: Its direction, (3,).
     """
     corner, first, second = triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     across, start = np.cross(direction, second), origin - corner
@@ -185,12 +185,12 @@ def place_under_ray(triangles: Array, origin: Array, direction: Array) -> Array 
 
 
 def resting_place(triangles: Array, hit: Array, height: float) -> tuple[float, float, float]:
-    """Centre of a load of that height [m] that lies on top of what is straight above a place that was hit.
+    """Return the centre of a load that lies on the highest surface at the horizontal position of a point.
 
     Args:
         triangles: The payload's surface, (n, 3, 3) [m].
-        hit: A place on it, (3,) in the payload's frame [m].
-        height: Of the load [m].
+        hit: A point on it, (3,) in the payload's frame [m].
+        height: Height of the load [m].
     """
     above = np.array([hit[0], hit[1], 1e3])
     top = place_under_ray(triangles, above, np.array([0.0, 0.0, -1.0]))

@@ -1,4 +1,4 @@
-"""The view of a run that goes on."""
+"""The view of a run in progress."""
 
 from __future__ import annotations
 
@@ -22,22 +22,22 @@ from coheft.wire.messages.requests import Status, StatusRequest
 
 _STATUS_EVERY = 0.5
 _STILL = 1.0
-"""For so long time has to stand still before it is told who is waited for [s]."""
+"""Time without progress after which the view shows for which robots the run waits [s]."""
 _LAST_NEWS = 1.0
-"""Robots' last estimates may come so long after the end of the run [s]."""
+"""Time after the end of the run in which last estimates may arrive [s]."""
 
 
 def view_run(
     folder: Path | None, door: Door, port: int | None, tell: Callable[[str], None], *, read_only: bool = False
 ) -> None:
-    """Show a run until Ctrl-C; when it ends, its last picture stays.
+    """Show a run until Ctrl-C; after its end, the last state stays visible.
 
     Args:
-        folder: Of the run; None: the newest one that goes on.
-        door: Who may look, and where.
-        port: Where; None: any that is free.
-        tell: Is told where the view is.
-        read_only: Whether it shows but does not act, as where there are no keys of an operator.
+        folder: Folder of the run; None for the newest run in progress.
+        door: Access control.
+        port: Port; None for any free one.
+        tell: Called with the URL of the view.
+        read_only: Whether to show no controls, as without the operator's keys.
 
     Raises:
         CoheftError: There is no such run, or it does not answer, or the port is taken.
@@ -56,14 +56,14 @@ def show_run(
     read_only: bool = False,
     ask_again: Callable[[], None] | None = None,
 ) -> NoReturn:
-    """Show a run until Ctrl-C; when it ends, its last picture stays.
+    """Show a run until Ctrl-C; after its end, the last state stays visible.
 
     Args:
-        server: Where browsers have dialled in, or will.
-        folder: Of the run.
-        shown: Is called when there is something to see.
-        read_only: Whether it shows but does not act, as where there are no keys of an operator.
-        ask_again: Asks for another run when this one has ended; None: there is none to be had.
+        server: The server for browsers.
+        folder: Folder of the run.
+        shown: Called when the page is complete.
+        read_only: Whether to show no controls, as without the operator's keys.
+        ask_again: Requests another run after the end of this one; None if there cannot be one.
     """
     folder, run_file = locate_run(folder)
     with observe(run_file) as observer:
@@ -85,7 +85,7 @@ def show_run(
 
 
 def _follow(observer: Observer, model: ViewModel, page: Page, controls: Controls | None) -> None:
-    """Show what comes, until the run is over, or its server gone."""
+    """Show news until the run has ended or its server is lost."""
     asked_at = drawn_at = -math.inf
     moved_at, end_at, seen = time.monotonic(), math.inf, model.time
     while not observer.has_lost_server and time.monotonic() < end_at:

@@ -1,4 +1,4 @@
-"""The list from which somebody chooses one of the loads."""
+"""The list of loads to choose from."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ class LoadChoice:
     """A list of the loads' numbers, and a line with their masses.
 
     Args:
-        gui: Where they are shown.
+        gui: The GUI to which they are added.
 
     Attributes:
-        dropdown: The list. It has numbers only: with its mass, an option would become another one when the mass leaks
-            away, and viser would choose the first option instead.
+        dropdown: The list. It has numbers only: with a leaking mass in it, an option would change, and viser would
+            select the first one instead.
     """
 
     def __init__(self, gui: viser.GuiApi) -> None:
@@ -36,10 +36,10 @@ class LoadChoice:
 
     @property
     def number(self) -> int:
-        """Of the chosen load.
+        """Number of the chosen load.
 
         Raises:
-            CoheftError: None is chosen.
+            CoheftError: No load is chosen.
         """
         value = self.dropdown.value
         if not value.startswith("#"):
@@ -47,10 +47,10 @@ class LoadChoice:
         return int(value[1:])
 
     def show(self, loads: Sequence[LoadState]) -> None:
-        """Show what lies on the payload now.
+        """Show the loads.
 
-        Who has chosen a load that is gone has to choose again: were another one chosen for them, a click that comes
-        too late would take that one away.
+        If the chosen load is gone, the user has to choose again: if another one were selected, a late click would
+        remove it.
         """
         names = tuple(f"#{load.id}" for load in loads)
         is_gone = self.dropdown.value not in (_NO_LOAD, *names)

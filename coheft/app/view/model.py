@@ -1,4 +1,4 @@
-"""What there is to show of a run: news in, answers out. Live and in replay alike, and without any browser."""
+"""The state of a run that the view shows, live or in replay, independent of a browser."""
 
 from __future__ import annotations
 
@@ -21,26 +21,26 @@ from coheft.wire.scenario.plugins import estimator_names
 
 LinkHealth = Literal["up", "silent", "unknown"]
 _PROBLEMS = 100
-"""Kept, newest last."""
+"""Number of problems that are kept."""
 
 Edge = tuple[str, str]
 """Two neighbours, in the order of the scene."""
 
 
 class ViewModel:
-    """A run as far as it has been heard of.
+    """The state of a run, from the messages that were received.
 
     Args:
-        status: How the run is; what does not change comes with it.
+        status: Status of the run, with the scene.
 
     Attributes:
-        status: The newest one.
-        scene: What does not change.
-        edges: Who talks with whom, each edge once.
-        truth: The newest one.
-        problems: With the time at which they were heard [s].
-        beside: The same of the estimators that run beside the robots' own, by name.
-        changes: Counts news: who has drawn a picture need not draw it again while this stays.
+        status: The latest status.
+        scene: The scene.
+        edges: Edges of the graph, each once.
+        truth: The latest truth.
+        problems: Problems with the time of their arrival [s], latest last.
+        beside: The same model for the estimators that run beside the robots' own, by name.
+        changes: Number of changes so far; a drawing is up to date while it stays the same.
     """
 
     def __init__(self, status: Status) -> None:
@@ -68,7 +68,7 @@ class ViewModel:
         self.changes = 0
 
     def hear(self, news: News) -> None:
-        """Take in what an observer has heard."""
+        """Add a received message."""
         self.changes += 1
         match news:
             case Truth():
@@ -86,7 +86,7 @@ class ViewModel:
                 self.problems.append((self.time, news))
 
     def note_status(self, status: Status) -> None:
-        """Take in how the run is."""
+        """Set the status."""
         if status.loads != self.status.loads:
             self.changes += 1
         self.status = status
@@ -100,12 +100,12 @@ class ViewModel:
 
     @property
     def time(self) -> float:
-        """Simulated time that has been heard of [s]."""
+        """Simulated time of the latest truth [s]."""
         return 0.0 if self.truth is None else self.truth.time
 
     @property
     def loads(self) -> list[LoadState]:
-        """What lies on the payload: by the newest word of the server, which knows more while time stands still."""
+        """Loads on the payload, from the server's latest message: while paused, the status is newer than the truth."""
         truth, status = self.truth, self.status
         if truth is None or (status.state == "paused" and status.block > truth.block):
             return status.loads
@@ -113,28 +113,28 @@ class ViewModel:
 
     @property
     def estimator(self) -> str:
-        """The one that the robots use."""
+        """Name of the estimator in use."""
         newest = max(self._latest.values(), key=lambda estimate: estimate.block, default=None)
         return self.status.estimator if newest is None else newest.estimator
 
     @property
     def beliefs(self) -> dict[str, Estimate]:
-        """The newest estimate of each robot, in the scene's order; stale where the robot has fallen silent."""
+        """Latest estimate of each robot, in the scene's order; stale if the robot is silent."""
         return {name: as_of_now(self._latest[name], self.truth) for name in self.scene.robots if name in self._latest}
 
     def report(self, robot: str) -> RobotReport | None:
-        """A robot's newest belief against the truth, as the run's report tells it; None if there is none yet."""
+        """Return the comparison of a robot's latest estimate with the truth; None if there is none yet."""
         report = self._reports.get(robot)
         if report is None:
             return None
         return report.as_of_now(as_of_now(self._latest[robot], self.truth))
 
     def trace(self, robot: str) -> Trace:
-        """A robot's errors over time."""
+        """Return a robot's errors over time."""
         return self._traces[robot]
 
     def believed_payload(self, robot: str) -> Inertia | None:
-        """What a robot takes the payload for, in the payload's own frame; None as long as it does not know all."""
+        """Return a robot's estimate of the payload in the payload's frame; None while it is not complete."""
         estimate = self._latest.get(robot)
         payload = estimate.payload if estimate is not None else None
         if estimate is None or payload is None or payload.com is None or payload.tensor is None:
@@ -143,7 +143,7 @@ class ViewModel:
         return Inertia(payload.mass, payload.com, payload.tensor).carried(pose_robot_in_payload)
 
     def link(self, edge: Edge) -> LinkHealth:
-        """How a link is, as the robots at its ends say."""
+        """Return the state of a link, as reported by the robots at its ends."""
         ends = [self._latest.get(name) for name in edge]
         if any(end is not None and other in end.silent for end, other in zip(ends, reversed(edge), strict=True)):
             return "silent"

@@ -1,4 +1,4 @@
-"""The page in the browser: scene, numbers, plots; what it shows comes from a view model."""
+"""The page in the browser: scene, numbers and plots of a view model."""
 
 from __future__ import annotations
 
@@ -12,22 +12,19 @@ from coheft.app.view.plots import Plots
 from coheft.app.view.stage import Stage
 
 FRAME = 0.05
-"""Time between two pictures at least [s]."""
+"""Shortest time between two drawings [s]."""
 _TEXT_EVERY = 0.2
 _PLOT_EVERY = 0.25
 _LAST = 1e9
-"""Order of what stands below all else."""
+"""Order of the last element."""
 
 
 class Page:
-    """Everything that is shown; ``draw`` is called again and again.
+    """The whole page; ``draw`` updates it.
 
     Args:
-        server: Where browsers dial in.
-        model: What there is to show.
-
-    Attributes:
-        chosen: The robot whose beliefs are shown.
+        server: The server for browsers.
+        model: The state to show.
     """
 
     def __init__(self, server: viser.ViserServer, model: ViewModel) -> None:
@@ -38,7 +35,7 @@ class Page:
         self.stage = Stage(server, model)
         gui = server.gui
         self._header = gui.add_html(words.header(model))
-        self._choice = gui.add_dropdown("Robot", model.scene.robots, hint="Whose beliefs are shown")
+        self._choice = gui.add_dropdown("Robot", model.scene.robots, hint="The robot whose estimate is shown")
         self._belief = gui.add_html(words.belief(None, None))
         self._plots = Plots(server)
         self._texts_at = self._plots_at = 0.0
@@ -61,17 +58,17 @@ class Page:
             self._legend.content = words.legend(self.stage.doubt_scale)
 
     def tell_that_it_only_shows(self, why: str) -> None:
-        """Say why there is nothing to press."""
+        """Show why there are no controls."""
         with self.controls:
             self.server.gui.add_html(words.small(why))
 
     @property
     def chosen(self) -> str:
-        """The robot whose beliefs are shown."""
+        """The robot whose estimate is shown."""
         return str(self._choice.value)
 
     def draw(self, model: ViewModel, note: str = "") -> None:
-        """Show what is known now: the scene each time, texts and plots less often."""
+        """Show the present state: the scene each time, texts and plots less often."""
         if not self.server.get_clients():
             return
         now = time.monotonic()

@@ -1,4 +1,4 @@
-"""Live plots: how far off a robot is, inside the band in which it says that it is."""
+"""Plots of a robot's errors over time, with the band of its own standard deviations."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _HEIGHT = 105
 
 
 class Plots:
-    """One plot for each quantity of the chosen robot."""
+    """A plot for each quantity of the chosen robot."""
 
     def __init__(self, server: viser.ViserServer) -> None:
         self._plots = {name: _add_plot(server, name) for name in _TITLES}
@@ -66,7 +66,7 @@ def _data(curves: Curves) -> tuple[Array, ...]:
 
 def _scales(curves: Curves, time: float) -> dict[str, uplot.Scale]:
     end = max(time, WINDOW)
-    # Without "time": False the browser would take seconds of the run for a time of day.
+    # Without "time": False the browser would show the run's seconds as a time of day.
     return {
         "x": {"time": False, "range": (end - WINDOW, end)},
         "y": {"range": (-curves.limit, curves.limit)},

@@ -1,49 +1,63 @@
-"""Where the view is."""
+"""Host, port and URL of the view."""
 
 from __future__ import annotations
 
-import os
+import asyncio
 import secrets
 import socket
+from collections.abc import Iterable
 
 from coheft.errors import LinkError
 
 PORT = 8010
-"""Unless it is taken."""
+"""The default port, if it is free."""
 _TRIED = 100
-
-_Place = tuple[socket.AddressFamily, str, tuple[int, ...]]
-"""Family, address, and what follows the port."""
 
 
 def choose_port(host: str, port: int | None) -> int:
-    """A port at which somebody can listen: the one that was asked for, or else ``PORT`` or the next one that is free.
+    """Return a free port: ``port``, or if it is None, the first free one from ``PORT`` on.
 
     Raises:
-        LinkError: There is none.
+        LinkError: No port is free, or there is no such host.
     """
-    reason = "none of them is free"
     try:
-        places = _places(host)
-        for candidate in (port,) if port is not None else range(PORT, PORT + _TRIED):
-            try:
-                _listen(places, candidate)
-                return candidate
-            except OSError as error:
-                reason = str(error.strerror)
-    except OSError as error:  # there is no such host: another port would not help
-        reason = str(error.strerror)
-    where = f"{bracketed(host)}:{port}" if port is not None else f"{host}, ports {PORT} to {PORT + _TRIED - 1}"
-    raise LinkError(f"the view cannot listen at {where}: {reason}; choose others: --host, --port")
+        return asyncio.run(_first_free(host, [port] if port is not None else range(PORT, PORT + _TRIED)))
+    except OSError as error:
+        where = f"{bracketed(host)}:{port}" if port is not None else f"{host}, ports {PORT} to {PORT + _TRIED - 1}"
+        raise LinkError(
+            f"the view cannot listen at {where}: {error.strerror}; choose others: --host, --port"
+        ) from error
+
+
+async def _first_free(host: str, candidates: Iterable[int]) -> int:
+    """Return the first port at which a server, as viser's, can listen at all addresses of a host.
+
+    Raises:
+        OSError: There is none, or no such host.
+    """
+    failure = OSError()
+    for port in candidates:
+        try:
+            server = await asyncio.get_running_loop().create_server(
+                asyncio.Protocol, host or None, port, start_serving=False
+            )
+        except socket.gaierror:  # no such host, so another port would not help
+            raise
+        except OSError as error:
+            failure = error
+            continue
+        server.close()
+        return port
+    raise failure
 
 
 def new_token() -> str:
-    """A secret for one view."""
+    """Return a secret for one view."""
     return secrets.token_urlsafe(16)
 
 
 def url(host: str, port: int, token: str) -> str:
-    """Where browsers find it, with its secret; where it listens at all addresses of this machine, under its name."""
+    """Return the URL with the secret; it has this machine's name if the view listens at all addresses."""
     return f"http://{bracketed(socket.gethostname() if is_wildcard(host) else host)}:{port}/{token}/"
 
 
@@ -53,36 +67,5 @@ def is_wildcard(host: str) -> bool:
 
 
 def bracketed(host: str) -> str:
-    """A host as it stands before a port."""
+    """Return a host as it is written before a port."""
     return f"[{host}]" if ":" in host else host
-
-
-def _places(host: str) -> list[_Place]:
-    """Every address of a host, as its server will listen at all of them."""
-    found = socket.getaddrinfo(host or None, 0, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
-    return [(family, str(address[0]), tuple(map(int, address[2:]))) for family, _, _, _, address in found]
-
-
-def _listen(places: list[_Place], port: int) -> None:
-    """Try to listen, as asyncio will do: all have to be free, except where this machine has no such sockets.
-
-    Raises:
-        OSError: One is not.
-    """
-    unknown: OSError | None = None
-    probes = 0
-    for family, address, rest in places:
-        try:
-            probe = socket.socket(family, socket.SOCK_STREAM)
-        except OSError as error:
-            unknown = error
-            continue
-        with probe:
-            probes += 1
-            if os.name == "posix":  # or a view that has just ended would keep its port for a minute
-                probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            if family == socket.AF_INET6:  # or :: would want the port of 0.0.0.0 too
-                probe.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
-            probe.bind((address, port, *rest))
-    if unknown is not None and not probes:
-        raise unknown

@@ -1,4 +1,4 @@
-"""The view in a process of its own beside a run: however slow a browser is, the run does not wait for it.
+"""The view of a run in a separate process, so that the run does not wait for slow browsers.
 
 ``python -m coheft.app.view.process`` reads a ``ViewConfig`` from stdin.
 """
@@ -20,17 +20,17 @@ from coheft.errors import CoheftError
 from coheft.wire.process.supervised import supervised_main
 
 _LOOK_EVERY = 0.2
-_READY, _SEEN, _AGAIN = "the view is ready", "somebody looks", "again"
-"""Lines of its log, which others may read: the secret is not in them."""
+_READY, _SEEN, _AGAIN = "the view is ready", "a browser is connected", "again"
+"""Lines of its log, which does not contain the secret, because others may read it."""
 
 
 class Place(msgspec.Struct, frozen=True):
-    """Where a view is: the next run may have its view at the same place.
+    """Address of a view; the next run may have its view at the same one.
 
     Attributes:
-        host: Where browsers may dial in.
-        port: Where.
-        token: The secret in its address.
+        host: Host at which it listens.
+        port: Port at which it listens.
+        token: Secret in its URL.
     """
 
     host: str
@@ -39,7 +39,7 @@ class Place(msgspec.Struct, frozen=True):
 
     @classmethod
     def choose(cls, host: str, port: int | None = None) -> Place:
-        """A place with a new secret; without a port, at any that is free.
+        """Return a place with a new secret; without a port, at any free one.
 
         Raises:
             LinkError: The port is taken.
@@ -48,17 +48,17 @@ class Place(msgspec.Struct, frozen=True):
 
     @property
     def url(self) -> str:
-        """Its address."""
+        """URL of the view."""
         return url(self.host, self.port, self.token)
 
 
 class ViewConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What the view's process is told.
+    """Configuration of the view's process.
 
     Attributes:
-        folder: Of the run, which may still be about to begin.
-        place: Where it is.
-        read_only: Whether it shows but does not act.
+        folder: Folder of the run, which may not have begun yet.
+        place: Address of the view.
+        read_only: Whether the view has no controls.
         offers_another: Whether it offers another run when this one has ended.
     """
 
@@ -69,39 +69,32 @@ class ViewConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class ViewBeside(Follower):
-    """The view of a run beside it, which asks and hears for itself: there before the run, until the context ends.
+    """The process of a view, with its own links to the run; it starts before the run, and ends with the context."""
 
-    Args:
-        folder: Of the run.
-        place: Where it is.
-        read_only: Whether it shows but does not act.
-        offers_another: Whether it offers another run when this one has ended.
-    """
-
-    def __init__(self, folder: Path, place: Place, *, read_only: bool = False, offers_another: bool = False) -> None:
-        self._config = ViewConfig(str(folder), place, read_only, offers_another)
-        self._processes = Processes(folder)
+    def __init__(self, config: ViewConfig) -> None:
+        self._config = config
+        self._processes = Processes(Path(config.folder))
 
     @property
     def is_there(self) -> bool:
-        """Whether it can be looked at."""
+        """Whether the view is ready."""
         return self._has_said(_READY) and not self._processes.ended("view")
 
     @property
     def log(self) -> Path:
-        """What it has said."""
+        """Path of its log."""
         return Path(self._config.folder) / "view.log"
 
     def wait_until_there(self) -> bool:
-        """Wait until it can be looked at, and say whether it can."""
+        """Wait until the view is ready; return False if it has ended."""
         return self._wait_for(_READY)
 
     def wait_until_seen(self) -> bool:
-        """Wait until somebody looks, and say whether somebody does."""
+        """Wait until a browser is connected; return False if the view has ended."""
         return self._wait_for(_SEEN)
 
     def wait_for_another(self) -> bool:
-        """Let people look until Ctrl-C, or until they ask for another run; say whether they do."""
+        """Show the view until Ctrl-C or a request for another run; return whether there was such a request."""
         try:
             return self._wait_for(_AGAIN)
         except KeyboardInterrupt:
@@ -126,7 +119,7 @@ class ViewBeside(Follower):
 
 
 def _view(config: ViewConfig) -> None:
-    # viser takes a second, and whoever starts this process needs none of it
+    # the import of viser takes a second, and the parent does not need it
     from coheft.app.view.door import Door
     from coheft.app.view.live import show_run
     from coheft.app.view.server import open_server
@@ -158,7 +151,7 @@ def _goes_on(folder: Path) -> bool:
 
 
 def main() -> NoReturn:
-    """Show the run whose folder comes on stdin."""
+    """Show the run that the configuration on stdin names."""
     supervised_main(ViewConfig, _view)
 
 

@@ -18,17 +18,17 @@ from coheft.app.view.timeline import Timeline
 
 _SPEEDS = ("0.1 ×", "0.25 ×", "0.5 ×", "1 ×", "2 ×", "5 ×", "10 ×")
 _STEP = 0.05
-"""Of the time slider [s]."""
+"""Step of the time slider [s]."""
 
 
 def view_recording(path: Path, door: Door, port: int | None, tell: Callable[[str], None]) -> None:
     """Show a recording until Ctrl-C.
 
     Args:
-        path: What 'coheft run --record' wrote.
-        door: Who may look, and where.
-        port: Where; None: any that is free.
-        tell: Is told where the view is.
+        path: A recording of 'coheft run --record'.
+        door: Access control.
+        port: Port; None for any free one.
+        tell: Called with the URL of the view.
 
     Raises:
         RecordingError: It cannot be read.
@@ -52,11 +52,11 @@ def view_recording(path: Path, door: Door, port: int | None, tell: Callable[[str
 
 
 class Player:
-    """Buttons of a player, and the time at which it is.
+    """Controls of the replay, and its present time.
 
     Args:
-        page: Where they are shown.
-        end: Of the recording [s].
+        page: The page.
+        end: End of the recording [s].
     """
 
     def __init__(self, page: Page, end: float) -> None:
@@ -72,7 +72,7 @@ class Player:
 
         @self._slider.on_update
         def _(event: Any) -> None:
-            if event.client is not None:  # not when it follows the time
+            if event.client is not None:  # not when the replay moves it
                 with self._lock:
                     self._time = float(self._slider.value)
 
@@ -84,7 +84,7 @@ class Player:
                 self._set_playing(not self.is_playing)
 
     def advance(self, seconds: float) -> float:
-        """Let so much wall time go by, and return the time in the recording [s]."""
+        """Advance by a wall-clock time [s]; return the time in the recording [s]."""
         with self._lock:
             if self.is_playing:
                 self._time = min(self._end, self._time + seconds * float(self._speed.value.split()[0]))

@@ -1,4 +1,4 @@
-"""viser's server, behind a door."""
+"""viser's server, with access control."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ from coheft.errors import CoheftError
 
 @contextmanager
 def open_server(door: Door, port: int | None) -> Iterator[viser.ViserServer]:
-    """A server for browsers.
+    """Run a server for browsers.
 
     Args:
-        door: Where it listens, and who may come in.
-        port: On this port; None: any that is free.
+        door: Host and access control.
+        port: Port; None for any free one.
 
     Raises:
         LinkError: It cannot listen there.
-        CoheftError: This release of viser would leave the door open.
+        CoheftError: Access to this release of viser cannot be controlled.
     """
     port = choose_port(door.host, port)
-    with contextlib.redirect_stdout(io.StringIO()), _behind(door) as doors:  # it would print a banner of its own
+    with contextlib.redirect_stdout(io.StringIO()), _behind(door) as doors:  # viser prints a banner
         server = viser.ViserServer(host=door.host, port=port, verbose=False)
     try:
         if not doors:
             raise CoheftError(f"viser {viser.__version__} cannot be guarded: install one that coheft knows, viser 1.1")
-        for kind in (ShareUrlRequest, ShareUrlDisconnect):  # else a page could make it public, over its makers' server
+        for kind in (ShareUrlRequest, ShareUrlDisconnect):  # otherwise a page could publish the view on viser's server
             server._websock_server.unregister_handler(kind)
         yield server
     finally:
@@ -46,9 +46,9 @@ def open_server(door: Door, port: int | None) -> Iterator[viser.ViserServer]:
 
 @contextmanager
 def _behind(door: Door) -> Iterator[list[Door]]:
-    """Servers that begin in this context are behind a door; yields it once for each. viser has no place for one."""
+    """Control access to servers that begin in this context, as viser has no option for it; yield the door of each."""
     serve, doors = sockets.serve, list[Door]()
-    log = logging.Logger("view", logging.CRITICAL)  # whoever knocks with rubbish would fill the terminal
+    log = logging.Logger("view", logging.CRITICAL)  # invalid requests would fill the terminal
 
     def serve_behind(*arguments: Any, process_request: Any, **options: Any) -> Any:
         doors.append(door)

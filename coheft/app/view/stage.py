@@ -1,4 +1,4 @@
-"""The scene in the browser: payload, robots, what they exert, what one of them believes, and who talks with whom."""
+"""The scene in the browser: payload, robots, wrenches, one robot's estimate, and links."""
 
 from __future__ import annotations
 
@@ -38,19 +38,19 @@ _NO_LINES = np.zeros((1, 2, 3))
 _FORCE_LENGTH = 0.15
 """Length of the arrow of a robot's share of the weight, relative to the payload's extent."""
 _LONGEST = 1.0
-"""Of an arrow, relative to the extent."""
+"""Largest length of an arrow, relative to the extent."""
 _ARC_POINTS = 16
 _EDGE = (148, 163, 184)
 _SHARP = np.radians(25.0)
-"""Two triangles that make a larger angle have an edge between them."""
+"""Smallest angle between two triangles with a visible edge [rad]."""
 
 
 class Stage:
-    """Draws a view model with viser; what has not changed is not sent again.
+    """Draws a view model with viser; only changes are sent.
 
     Args:
-        server: Where to draw.
-        model: What there is to show.
+        server: The server for browsers.
+        model: The state to show.
     """
 
     def __init__(self, server: viser.ViserServer, model: ViewModel) -> None:
@@ -75,7 +75,7 @@ class Stage:
     def _set_up(self, server: viser.ViserServer) -> None:
         size, home = self._size, self._home.translation
         server.scene.set_up_direction("+z")
-        # No shadows: they are hardly seen on dark ground, and dear without a GPU. Little light, or colours turn white.
+        # No shadows: hardly visible on dark ground, and slow without a GPU. Little light, or colours become white.
         server.scene.configure_default_lights(enabled=False)
         server.scene.configure_environment_map("studio", environment_intensity=0.3)
         server.scene.add_light_directional("/light", intensity=1.3, position=(1.0, -1.5, 3.0))
@@ -86,7 +86,7 @@ class Stage:
 
         @server.on_client_connect
         def _(client: viser.ClientHandle) -> None:
-            """However narrow the window, no robot is outside of it."""
+            """Show all robots, also in a narrow window."""
             look_at, client.camera.position = whole_team(middle, size, client.camera.aspect)
             client.camera.look_at = look_at  # which its position has moved along
 
@@ -101,10 +101,10 @@ class Stage:
         )
 
     def _add_body(self, scene: Scene) -> list[Any]:
-        """The payload itself, as it looks: what can be clicked."""
+        """Draw the payload; return the handles that can be clicked."""
         if len(scene.triangles):
             faces = np.arange(3 * len(self.surface)).reshape(-1, 3)
-            surface = trimesh.Trimesh(self.surface.reshape(-1, 3), faces)  # which makes one of vertices at one place
+            surface = trimesh.Trimesh(self.surface.reshape(-1, 3), faces)  # merges equal vertices
             sharp = surface.face_adjacency_edges[surface.face_adjacency_angles > _SHARP]
             self._lines("/payload/edges", surface.vertices[sharp] if len(sharp) else _NO_LINES, _EDGE, 1.2)
             return [
@@ -186,7 +186,7 @@ class Stage:
         return self._scene.add_line_segments(name, points, colour, thickness=thickness, thickness_units="screen")
 
     def draw(self, model: ViewModel, chosen: str) -> None:
-        """Draw what is known now; ``chosen`` is the robot whose beliefs are shown."""
+        """Draw the present state; ``chosen`` is the robot whose estimate is shown."""
         truth = model.truth
         if truth is not None:
             self._move(Pose(rotation_from_quaternion(truth.quaternion), truth.position))
@@ -200,7 +200,7 @@ class Stage:
             self._changes.once(f"link {edge}", health, partial(_paint, lines, colours.LINK[health]))
 
     def _move(self, payload: Pose) -> None:
-        """Put the payload, and all arms that hold it, where they are now."""
+        """Move the payload and the arms that hold it to its pose in the world."""
         self._payload = payload
         self._frame.position = payload.translation
         self._frame.wxyz = quaternion_from_rotation(payload.rotation)
@@ -271,7 +271,7 @@ class Stage:
         self._belief_box.points = box_edges(*equivalent_box(believed))
 
     def on_payload_click(self, act: Callable[[Array], None]) -> None:
-        """Let ``act`` know of clicks onto the payload: where, (3,) in its frame [m]."""
+        """Call ``act`` with the position of each click on the payload, (3,) in its frame [m]."""
 
         def clicked(event: Any) -> None:
             pose = self._payload.inverse()
@@ -285,7 +285,7 @@ class Stage:
             body.on_click(clicked)
 
     def show_place(self, place: Vector, edge: float) -> None:
-        """Show where a load would come to lie: centre in the payload's frame and edge length [m]."""
+        """Show the place of the next load: centre in the payload's frame and edge length [m]."""
         self._place.points = box_edges(Pose(np.eye(3), np.array(place)), np.full(3, edge))
 
 

@@ -1,4 +1,4 @@
-"""A recording as something that one can move about in: to each time belongs what there was to show then."""
+"""A recording with random access: the view model at any time."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from coheft.wire.messages.requests import Status
 
 
 class Timeline:
-    """A run that has been recorded.
+    """A recorded run.
 
-    A view shows nothing that is older than its curves, so a jump needs no more of the past than that.
+    A view shows nothing older than its curves, so a jump replays only the messages of that time.
 
     Args:
-        begin: How the run began.
-        news: Simulated time [s] and what was heard then, in that order.
+        begin: Status at the beginning of the run.
+        news: Simulated time [s] and message, in order of arrival.
 
     Attributes:
-        end: Time of the last news [s].
-        model: What there is to show now.
+        end: Time of the last message [s].
+        model: The present state to show.
     """
 
     def __init__(self, begin: Status, news: Sequence[tuple[float, News]]) -> None:
@@ -41,7 +41,7 @@ class Timeline:
         self.time = time
 
     def seek(self, time: float) -> ViewModel:
-        """Go to a time [s] and return what there is to show."""
+        """Go to a time [s]; return the view model."""
         if not self.time <= time <= self.time + WINDOW:
             self._restart(time)
         self.time = time
@@ -51,7 +51,7 @@ class Timeline:
         return self.model
 
     def note_playing(self, playing: bool) -> None:
-        """Let the model say whether time runs."""
+        """Set the state in the model's status: running, paused or finished."""
         state = "running" if playing else "paused" if self.time < self.end else "finished"
         if self.model.status.state != state:
             self.model.note_status(msgspec.structs.replace(self.model.status, state=state))

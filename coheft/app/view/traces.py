@@ -1,4 +1,4 @@
-"""Curves of one robot over time: how far off it is, and how far off it says that it may be."""
+"""Errors of one robot over time, with its own standard deviations."""
 
 from __future__ import annotations
 
@@ -6,30 +6,29 @@ from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from coheft.app.results.judge import RobotReport
 from coheft.app.view.geometry import SIGMAS
 from coheft.estimation.geometry.spatial import Array
-from coheft.estimation.rigid_body.mass_properties import pack_symmetric
 
 WINDOW = 30.0
-"""How far curves look back [s]."""
+"""Time that curves cover [s]."""
 _MOST = 1200
-"""Points of a curve at most: robots report about ten times a second."""
-_ERRORS = {"mass": 1, "com": 3, "inertia": 3}
-"""Curves of each quantity: the mass [kg], the centre of mass along x, y, z [mm], the inertia about x, y, z [kg·m²]."""
-_COLUMNS = 1 + sum(_ERRORS.values()) + len(_ERRORS)
-"""Time, errors, bands."""
+"""Largest number of points of a curve; robots report about ten times a second."""
+_COLUMNS = {"mass": slice(1, 3), "com": slice(3, 7), "inertia": slice(7, 11)}
+"""Columns of each quantity after the time: mass [kg], centre of mass [mm] along x, y, z, inertia [kg·m²] about x, y, z;
+the last column of each is its band."""
 
 
 @dataclass(frozen=True, eq=False)
 class Curves:
-    """Errors of one quantity with their own band.
+    """Errors of one quantity with their band.
 
     Attributes:
         times: (n,) [s].
-        errors: (k, n), nan where nothing is known.
-        band: Three of the robot's own standard deviations, of the worst axis, (n,); nan where nothing is known.
+        errors: (k, n), NaN where nothing is known.
+        band: Three of the robot's own standard deviations, of the worst axis, (n,); NaN where nothing is known.
     """
 
     times: Array
@@ -38,7 +37,7 @@ class Curves:
 
     @property
     def limit(self) -> float:
-        """Up to where it is worth looking: the present, and most of the past, without its first wild guesses."""
+        """Limit of the vertical axis: covers the present and most of the past, but not the first estimates."""
         if not np.isfinite(self.band).any():
             return 1.0
         usual = 3.0 * float(np.nanmedian(self.band))
@@ -51,30 +50,29 @@ class Trace:
     """The newest errors of one robot."""
 
     def __init__(self) -> None:
-        self._rows: deque[tuple[float, ...]] = deque(maxlen=_MOST)
+        self._rows: deque[Array] = deque(maxlen=_MOST)
 
     def add(self, report: RobotReport) -> None:
-        """Keep one comparison with the truth."""
-        mass, com, inertia = report.mass, report.com, report.inertia
-        row = np.full(_COLUMNS, np.nan)
-        row[0] = report.time_s
-        if mass.estimate is not None and mass.std is not None:
-            row[1], row[8] = mass.estimate - mass.truth, SIGMAS * mass.std
-        if com.estimate is not None and com.std is not None:
-            row[2:5] = 1e3 * (np.array(com.estimate) - com.truth)
-            row[9] = 1e3 * SIGMAS * max(com.std)
-        if inertia.estimate is not None and inertia.std is not None:
-            row[5:8] = np.diagonal(np.array(inertia.estimate) - inertia.truth)
-            row[10] = SIGMAS * pack_symmetric(np.array(inertia.std))[:3].max()
-        self._rows.append(tuple(row.tolist()))
+        """Add one comparison with the truth."""
+        com, inertia = report.com, report.inertia
+        errors = (
+            _errors(report.mass.truth, report.mass.estimate, report.mass.std),
+            1e3 * _errors(com.truth, com.estimate, com.std),
+            _errors(*(None if m is None else np.diagonal(m) for m in (inertia.truth, inertia.estimate, inertia.std))),
+        )
+        self._rows.append(np.concatenate([[report.time_s], *errors]))
         while self._rows[0][0] < report.time_s - WINDOW:
             self._rows.popleft()
 
     def curves(self) -> dict[str, Curves]:
-        """Curves of ``mass`` [kg], ``com`` [mm] and ``inertia`` [kg·m²]."""
-        rows = np.array(self._rows, dtype=np.float64).reshape(-1, _COLUMNS).T
-        result, first = {}, 1
-        for index, (name, count) in enumerate(_ERRORS.items()):
-            result[name] = Curves(rows[0], rows[first : first + count], rows[8 + index])
-            first += count
-        return result
+        """Return the curves of ``mass`` [kg], ``com`` [mm] and ``inertia`` [kg·m²]."""
+        rows = np.array(self._rows).reshape(-1, _COLUMNS["inertia"].stop).T
+        return {name: Curves(rows[0], rows[own][:-1], rows[own][-1]) for name, own in _COLUMNS.items()}
+
+
+def _errors(truth: ArrayLike | None, estimate: ArrayLike | None, std: ArrayLike | None) -> Array:
+    """Return the errors of a quantity, then the band of the worst axis, shape (k + 1,); NaN if it is not known."""
+    true = np.atleast_1d(np.asarray(truth, dtype=np.float64))
+    if estimate is None or std is None:
+        return np.full(len(true) + 1, np.nan)
+    return np.append(np.asarray(estimate) - true, SIGMAS * np.max(std))

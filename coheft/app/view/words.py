@@ -1,4 +1,4 @@
-"""The panel's texts and tables: ``panel.html.jinja`` lays them out, and escapes whatever came from elsewhere."""
+"""Texts and tables of the panel; ``panel.html.jinja`` lays them out, and escapes texts from other processes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from coheft.wire.messages.structs import Estimate
 from coheft.wire.messages.truth import LoadState
 from coheft.wire.scenario.schema import MAX_DURATION
 
-_Row = tuple[str, str, str, str, str]
+_Row = tuple[str, ...]
 """Name, unit, truth, estimate and its standard deviation."""
 _PROBLEMS = 4
 _MOST_DECIMALS = 6
@@ -30,7 +30,7 @@ NO_OPERATOR = "This view is read-only: it has no operator's keys."
 
 @cache
 def _template() -> Any:
-    """The macros of the panel."""
+    """Return the template's macros."""
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).parent),
         autoescape=True,
@@ -44,19 +44,19 @@ def _template() -> Any:
 
 
 def _filled(part: str, *values: object) -> str:
-    """A part of the panel with what it shows."""
+    """Return the HTML of a part of the panel."""
     return str(getattr(_template(), part)(*values))
 
 
 def header(model: ViewModel, note: str = "") -> str:
-    """What runs, how far it is."""
+    """Return the header: name, time and state of the run."""
     duration = model.status.duration
     share = min(1.0, model.time / duration) if 0.0 < duration < MAX_DURATION else None
     return _filled("header", model, share, seconds_of(model.time, duration), model.truth, note)
 
 
 def waiting_note(status: Status, *, is_still: bool) -> str:
-    """Why time stands still, if it does; some robot is always waited for briefly."""
+    """Return why the run does not advance; empty if it does, or waits only briefly."""
     if status.state == "finished":
         return ENDED
     if status.state == "paused":
@@ -65,17 +65,17 @@ def waiting_note(status: Status, *, is_still: bool) -> str:
 
 
 def load(state: LoadState) -> str:
-    """Which load it is, and how heavy now."""
+    """Describe a load."""
     return f"#{state.id} of {state.mass:.1f} kg"
 
 
 def loads(states: Iterable[LoadState]) -> str:
-    """All loads in one line."""
+    """Describe all loads in one line."""
     return small(" · ".join(map(load, states)))
 
 
 def small(text: str) -> str:
-    """A line below a button or a list."""
+    """Return a line below a button or a list."""
     return _filled("small", text)
 
 
@@ -88,15 +88,16 @@ def beliefs(model: ViewModel, robot: str) -> str:
 
 
 def belief(report: RobotReport | None, estimate: Estimate | None) -> str:
-    """One robot's estimate beside the truth, with the numbers of the run's report."""
+    """Return a table of one robot's estimate and the truth, with the numbers of the run's report."""
     if report is None or estimate is None:
         return _filled("belief", None)
     mass, com, inertia = report.mass, report.com, report.inertia
-    rows = [_row("mass", "kg", [mass.truth], _list(mass.estimate), _list(mass.std), 3)]
-    rows += _rows("centre of mass", "mm", "xyz", com.truth, com.estimate, com.std, 1e3, 1)
+    masses = [None if value is None else [value] for value in (mass.truth, mass.estimate, mass.std)]
     matrices = (inertia.truth, inertia.estimate, inertia.std)
-    diagonal = [[m[i][i] for i in range(3)] if m is not None else None for m in matrices]
-    rows += _rows("inertia", "kg·m²", ["xx", "yy", "zz"], diagonal[0] or [], diagonal[1], diagonal[2], 1.0, 3)
+    diagonals = [None if m is None else [m[i][i] for i in range(3)] for m in matrices]
+    rows = _rows("mass", "kg", [""], masses, 1.0, 3)
+    rows += _rows("centre of mass", "mm", "xyz", (com.truth, com.estimate, com.std), 1e3, 1)
+    rows += _rows("inertia", "kg·m²", ["xx", "yy", "zz"], diagonals, 1.0, 3)
     off = [
         f"{name} {_small_number(error)} {unit}"
         for name, error, unit in (
@@ -116,7 +117,7 @@ def _small_number(value: float) -> str:
 
 
 def team(model: ViewModel, chosen: str) -> str:
-    """All robots in a line each."""
+    """Return a table with a line for each robot."""
     robots = []
     for name in model.scene.robots:
         estimate = model.beliefs.get(name)
@@ -129,41 +130,25 @@ def team(model: ViewModel, chosen: str) -> str:
 
 
 def problems(model: ViewModel) -> str:
-    """What went wrong lately."""
+    """Return the latest problems."""
     return _filled("problems", list(model.problems)[: -_PROBLEMS - 1 : -1])
 
 
 def legend(doubt_scale: float) -> str:
-    """What the colours mean, in the scene and in the curves."""
+    """Return the legend of the scene and of the curves."""
     return _filled("legend", doubt_scale)
 
 
 def _rows(
-    name: str,
-    unit: str,
-    axes: Iterable[str],
-    truth: Sequence[float],
-    estimate: Sequence[float] | None,
-    std: Sequence[float] | None,
-    scale: float,
-    digits: int,
+    name: str, unit: str, axes: Iterable[str], found: Sequence[Sequence[float] | None], scale: float, digits: int
 ) -> list[_Row]:
+    """Return a row for each axis of a quantity; ``found`` has truth, estimate and standard deviation."""
     result = []
     for index, axis in enumerate(axes):
-        cells = [[scale * values[index]] if values is not None else [] for values in (truth, estimate, std)]
-        result.append(_row(name if index == 0 else "", f"{axis} {unit}", cells[0], cells[1], cells[2], digits))
+        truth, estimate, std = (None if values is None else scale * values[index] for values in found)
+        needed = digits if std is None else max(digits, decimals_for(std, 2))
+        decimals = min(needed, _MOST_DECIMALS)
+        numbers = ("–" if value is None else f"{value:.{decimals}f}" for value in (truth, estimate))
+        std_cell = "–" if std is None else std_text(std, needed)
+        result.append((name if index == 0 else "", f"{axis} {unit}".strip(), *numbers, std_cell))
     return result
-
-
-def _row(
-    name: str, unit: str, truth: Sequence[float], estimate: Sequence[float], std: Sequence[float], digits: int
-) -> _Row:
-    needed = max([digits, *(decimals_for(value, 2) for value in std)])
-    decimals = min(needed, _MOST_DECIMALS)
-    texts = ["".join(f"{value:.{decimals}f}" for value in values) for values in (truth, estimate)]
-    std_cell = "".join(std_text(value, needed) for value in std)
-    return name, unit, texts[0] or "–", texts[1] or "–", std_cell or "–"
-
-
-def _list(value: float | None) -> list[float]:
-    return [] if value is None else [value]

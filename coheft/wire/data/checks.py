@@ -91,10 +91,11 @@ def holds_of(array: Array) -> tuple[tuple[float, float], ...]:
     if array.ndim != 2 or array.shape[1] != 2:
         raise RecordingError(f"'holds': found shape {array.shape}, expected (k, 2): from when to when")
     _check("'holds'", array, array.shape)
-    for start, end in array:
+    holds = tuple((float(start), float(end)) for start, end in array)
+    for start, end in holds:
         if start >= end:
             raise RecordingError(f"'holds': found one from {start:g} to {end:g}, expected its start before its end")
-    return tuple((float(start), float(end)) for start, end in array)
+    return holds
 
 
 def truth_of(arrays: Mapping[str, Array], robots: int) -> Truth | None:

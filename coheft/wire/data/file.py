@@ -28,8 +28,6 @@ _BEGINNINGS = (b"PK\x03\x04", b"PK\x05\x06", b"\x93NUMPY")
 _EXPECTED = (
     "expected what 'coheft run --save-data' or np.savez writes, a folder of CSV files, an MCAP file or a bag of ROS"
 )
-_NUMBERS = "biuf"
-"""Kinds of numpy's types that are real numbers."""
 _DAMAGED = (
     *(ValueError, TypeError, KeyError, EOFError, RuntimeError, MemoryError, SyntaxError),
     *(zipfile.BadZipFile, zlib.error, struct.error, tokenize.TokenError),
@@ -182,6 +180,6 @@ def _as_numbers(arrays: Mapping[str, npt.NDArray[Any]], what: str) -> dict[str, 
         RecordingError: It is something else.
     """
     for key, array in arrays.items():
-        if array.dtype.kind not in _NUMBERS:
+        if array.dtype.kind not in "biuf":
             raise RecordingError(f"{what}: '{one_line(key)}' holds values of type {array.dtype}")
     return {key: array.astype(np.float64) for key, array in arrays.items()}

@@ -44,8 +44,8 @@ def read_statics(path: Path) -> Statics:
             )
     lengths = {name: len(table["pose"]) for name, table in tables.items()}
     if len(set(lengths.values())) > 1:
-        told = ", ".join(f"{count} of {name}" for name, count in lengths.items())
-        raise RecordingError(f"found different numbers of lines: {told}; expected one for each hold of every robot")
+        counts = ", ".join(f"{count} of {name}" for name, count in lengths.items())
+        raise RecordingError(f"found different numbers of lines: {counts}; expected one for each hold of every robot")
     first = next(iter(tables))
     time = np.arange(lengths[first], dtype=np.float64)
     robots = {name: robot_of(name, {**table, TIME: time}) for name, table in tables.items()}

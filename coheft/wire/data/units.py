@@ -39,10 +39,8 @@ def samples_in_seconds(name: str, time: Array) -> Array:
 
 def span_of(robots: Mapping[str, RobotRecord]) -> tuple[float, float]:
     """Return the first and the last time at which any robot recorded samples [s]; (0, 0) if none did."""
-    times = [robot.time for robot in robots.values() if len(robot.time)]
-    return min((float(time.min()) for time in times), default=0.0), max(
-        (float(time.max()) for time in times), default=0.0
-    )
+    times = np.concatenate([np.zeros(0), *(robot.time for robot in robots.values())])
+    return (float(times.min()), float(times.max())) if len(times) else (0.0, 0.0)
 
 
 def holds_in_seconds(
@@ -65,15 +63,10 @@ def holds_in_seconds(
         return ()
     array = np.array(holds)
     slack = _ROUNDING * max(map(abs, span)) + _SLOWEST
-    within = [
-        int(np.count_nonzero((factor * array[:, 0] >= span[0] - slack) & (factor * array[:, 1] <= span[1] + slack)))
-        for factor, _ in _UNITS
-    ]
-    touching = [
-        int(np.count_nonzero((factor * array[:, 1] > span[0]) & (factor * array[:, 0] < span[1])))
-        for factor, _ in _UNITS
-    ]
-    best = int(np.argmax(within)) if any(within) else int(np.argmax(touching))
+    starts, ends = (np.outer([factor for factor, _ in _UNITS], times) for times in array.T)
+    within = np.count_nonzero((starts >= span[0] - slack) & (ends <= span[1] + slack), axis=1)
+    touching = np.count_nonzero((ends > span[0]) & (starts < span[1]), axis=1)
+    best = int(np.argmax(within if within.any() else touching))
     if not within[best] and not touching[best]:
         raise RecordingError(
             f"{name}: holds are from {array.min():g} to {array.max():g}, but samples from {span[0]:g} s to "

@@ -132,6 +132,17 @@ def scenario_of(table: dict[str, Any], origin: str, folder: Path = Path()) -> Sc
     return scenario
 
 
+def with_values(scenario: Scenario, values: Sequence[str]) -> Scenario:
+    """Return a scenario with some values changed, see ``set_values``, and all checks.
+
+    Raises:
+        ScenarioError: A value is invalid.
+    """
+    table = msgspec.to_builtins(scenario)
+    set_values(table, values)
+    return scenario_of(table, " ".join([scenario.name, *(f"with --set {value}" for value in values)]))
+
+
 def complete_scenario(scenario: Scenario, origin: str, folder: Path) -> Scenario:
     """Check a scenario, and read the files that it names.
 

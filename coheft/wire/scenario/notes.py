@@ -14,10 +14,10 @@ _MOST_NAMED = 3
 
 def notes(scenario: Scenario) -> list[str]:
     """Return one sentence for each contradiction between settings of a valid scenario; usually none."""
-    return [*_untold_errors(scenario), *_exact_method(scenario), *_never(scenario)]
+    return [*_undeclared_errors(scenario), *_exact_method(scenario), *_never(scenario)]
 
 
-def _untold_errors(scenario: Scenario) -> list[str]:
+def _undeclared_errors(scenario: Scenario) -> list[str]:
     """Note sensor errors that the robots do not know."""
     sensors = scenario.sensors
     if not isinstance(sensors.errors, SensorTolerance):
