@@ -16,7 +16,7 @@ import numpy as np
 from coheft.errors import SimulationError
 from coheft.estimation.cart.contact import MOVING, grasp_map
 from coheft.estimation.cart.load import change_of_phi
-from coheft.estimation.cart.model import UNICYCLE, CartBody, axes, mass_matrix
+from coheft.estimation.cart.model import CartBody, axes, mass_matrix, wheel_row
 from coheft.estimation.geometry.spatial import Array
 from coheft.wire.cart.messages import CartMeasurement, CartPush, CartTruth
 from coheft.wire.cart.scenario import PHYSICS_RATE, CartGuess, CartLoad, CartScenario
@@ -109,7 +109,7 @@ class CartSimulation:
             motion=motion,
             wrench=wrench_b,
             effort=math.sqrt(squares),
-            slip=float(UNICYCLE.rows(motion[2])[0] @ motion[3:]),
+            slip=float(wheel_row(motion[2]) @ motion[3:]),
         )
         measurements = {name: self._measure(name, motion, pushes.get(name)) for name in scenario.names}
         for _ in range(self._steps):
@@ -162,11 +162,11 @@ class CartSimulation:
             torque - turning * turn_rate,
         )
         mujoco.mj_forward(model, data)
-        row = UNICYCLE.rows(theta)
+        row = np.array([-s, c, 0.0])  # ``wheel_row``
         by_row = np.empty((1, 3))
-        mujoco.mj_solveM(model, data, by_row, row)
-        slipping = float(row[0] @ data.qacc) - turn_rate * speed + _STABILISING * float(row[0] @ data.qvel)
-        result: Array = data.qacc - slipping / float(row[0] @ by_row[0]) * by_row[0]
+        mujoco.mj_solveM(model, data, by_row, row[None])
+        slipping = float(row @ data.qacc) - turn_rate * speed + _STABILISING * float(row @ data.qvel)
+        result: Array = data.qacc - slipping / float(row @ by_row[0]) * by_row[0]
         return result
 
     def _change(self, load: CartLoad) -> None:

@@ -15,11 +15,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from coheft.estimation.cart.linearisation import FRICTION, PHI, POSE, RATES, STATE_SIZE, linearise
-from coheft.estimation.cart.model import Constraints, axes_derivative, forward_dynamics
+from coheft.estimation.cart.model import forward_dynamics, wheel_row, wheel_row_derivative
 from coheft.estimation.geometry.spatial import Array
 
 MOTION_SIZE = 6
 """A measurement: ``(q, qd)`` (Aguilera et al., eq. 10)."""
+INNOVATION_SIZE = MOTION_SIZE + 1
+"""A measurement, and the wheels' constraint."""
 PARAMETERS = slice(6, 12)
 _THETA = 2
 
@@ -81,17 +83,16 @@ class Prediction:
     transition: Array
 
 
-def predict(belief: Belief, push: Push, drift: Array, point: Array, constraints: Constraints) -> Prediction:
-    """On by one step (Aguilera et al., eqs 16 and 17, to second order).
+def predict(belief: Belief, push: Push, drift: Array, point: Array) -> Prediction:
+    """Predict over one step (Aguilera et al., eqs 16 and 17, to second order).
 
     Args:
         belief: Before.
         push: What the hands do.
         drift: How the parameters' covariance (6, 6) grows in a second.
         point: State about which the dynamics are linearised, shape (12,).
-        constraints: Of the wheels.
     """
-    model = linearise(point, push.planned_b, constraints)
+    model = linearise(point, push.planned_b)
     step = model.by_state * push.duration
     transition = np.eye(STATE_SIZE) + step + 0.5 * step @ step
     by_wrench = push.duration * (model.by_wrench + 0.5 * step @ model.by_wrench)
@@ -102,11 +103,10 @@ def predict(belief: Belief, push: Push, drift: Array, point: Array, constraints:
     return Prediction(Belief(mean, covariance), transition)
 
 
-def move(state: Array, wrench_b: Array, duration: float, constraints: Constraints) -> Array:
-    """The state (12,) one step later, at constant acceleration, without its covariance: to look a few steps ahead."""
-    accelerations = forward_dynamics(
-        state[PHI], state[FRICTION], float(state[_THETA]), state[RATES], wrench_b, constraints
-    ).accelerations
+def move(state: Array, wrench_b: Array, duration: float) -> Array:
+    """The state (12,) after a step of ``duration`` [s] at constant acceleration, without its covariance."""
+    solution = forward_dynamics(state[PHI], state[FRICTION], float(state[_THETA]), state[RATES], wrench_b)
+    accelerations = solution.accelerations
     result = state.copy()
     result[POSE] += duration * (state[RATES] + 0.5 * duration * accelerations)
     result[RATES] += duration * accelerations
@@ -119,8 +119,7 @@ class Update:
 
     Attributes:
         belief: After it.
-        surprise: Its innovation squared, normalised: chi-square distributed, with 6 degrees of freedom and one per
-            row of the wheels.
+        surprise: Its squared normalised innovation: chi-square distributed with ``INNOVATION_SIZE`` degrees of freedom.
         innovation: Of each component of the motion, in its own standard deviations, shape (6,).
         rest: Derivative of the state after it by the one before, ``I - K H``, shape (12, 12).
         pull: ``H^T S^-1`` times the innovation, shape (12,), for ``smooth``.
@@ -133,31 +132,26 @@ class Update:
     pull: Array
 
 
-def update(
-    belief: Belief, sighting: Sighting, slip: float, point: Array, constraints: Constraints, *, corrects_cart: bool
-) -> Update:
-    """Take in a measurement (Aguilera et al., eqs 18-20), and that the wheels do not slip sideways.
+def update(belief: Belief, sighting: Sighting, slip: float, point: Array, *, corrects_cart: bool) -> Update:
+    """Update with a measurement (Aguilera et al., eqs 18-20), and with the wheels' constraint.
 
     Args:
         belief: Before.
         sighting: The measurement.
         slip: Standard deviation of the wheels' sideways velocity [m/s].
-        point: State about which the wheels' equation is linearised, shape (12,).
-        constraints: Of the wheels.
+        point: State about which the wheels' constraint is linearised, shape (12,).
         corrects_cart: Whether parameters are corrected, or only considered.
     """
     theta, rates = float(point[_THETA]), point[RATES]
-    rows = constraints.rows(theta)
-    size = MOTION_SIZE + len(rows)
-    by_state = np.zeros((size, STATE_SIZE))
-    by_state[:MOTION_SIZE, :MOTION_SIZE] = np.eye(MOTION_SIZE)
-    by_state[MOTION_SIZE:, RATES] = rows
-    by_state[MOTION_SIZE:, _THETA] = constraints.rows_b @ (axes_derivative(theta).T @ rates)
-    innovation = np.concatenate([sighting.motion, -rows @ rates]) - by_state @ belief.mean
-    innovation[MOTION_SIZE:] += by_state[MOTION_SIZE:] @ point
-    noise = np.zeros((size, size))
+    row = wheel_row(theta)
+    by_state = np.eye(INNOVATION_SIZE, STATE_SIZE)
+    by_state[MOTION_SIZE] = 0.0
+    by_state[MOTION_SIZE, RATES] = row
+    by_state[MOTION_SIZE, _THETA] = wheel_row_derivative(theta) @ rates
+    innovation = np.append(sighting.motion, by_state[MOTION_SIZE] @ point - row @ rates) - by_state @ belief.mean
+    noise = np.zeros((INNOVATION_SIZE, INNOVATION_SIZE))
     noise[:MOTION_SIZE, :MOTION_SIZE] = sighting.covariance
-    noise[MOTION_SIZE:, MOTION_SIZE:] = slip**2 * np.eye(len(rows))
+    noise[MOTION_SIZE, MOTION_SIZE] = slip**2
     spread = by_state @ belief.covariance @ by_state.T + noise
     certainty = np.linalg.inv(spread)
     pull = by_state.T @ (certainty @ innovation)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from coheft.estimation.cart.filter import MOTION_SIZE, Push, Sighting, move
-from coheft.estimation.cart.model import UNICYCLE, CartBody, Constraints
+from coheft.estimation.cart.model import CartBody
 from coheft.estimation.geometry.spatial import Array
 
 
@@ -16,7 +16,6 @@ class FixedCart:
 
     Args:
         guess: The cart.
-        constraints: Of the wheels.
 
     Attributes:
         body: The guess.
@@ -24,11 +23,10 @@ class FixedCart:
         is_judged: Never: it does not look.
     """
 
-    def __init__(self, guess: CartBody, constraints: Constraints = UNICYCLE) -> None:
+    def __init__(self, guess: CartBody) -> None:
         self.body = guess
         self.jumps = 0
         self.is_judged = False
-        self._constraints = constraints
         self._state = np.zeros(MOTION_SIZE)
 
     def body_covariance(self) -> Array:
@@ -52,5 +50,5 @@ class FixedCart:
         """``(q, qd)`` after further steps with these wrenches, each of ``duration`` [s]."""
         state = np.concatenate([self._state, self.body.parameters])
         for wrench_b in wrenches_b:
-            state = move(state, wrench_b, duration, self._constraints)
+            state = move(state, wrench_b, duration)
         return state[:MOTION_SIZE]

@@ -27,7 +27,7 @@ class JumpTest:
 
     def __init__(self, freedom: int) -> None:
         self._freedom = freedom
-        self._median = freedom * (1.0 - 2.0 / (9.0 * freedom)) ** 3  # Wilson and Hilferty's
+        self._median = chi_square_threshold(freedom, 0.5)
         self._usual = dict.fromkeys(WINDOWS, 0.0)
 
     def changed_since(self, surprises: Sequence[float]) -> int:

@@ -15,7 +15,9 @@ from math import cos, hypot, inf, sin, sqrt
 
 import numpy as np
 
+from coheft.estimation.cart.contact import MOVING
 from coheft.estimation.cart.filter import (
+    INNOVATION_SIZE,
     MOTION_SIZE,
     PARAMETERS,
     Belief,
@@ -29,7 +31,7 @@ from coheft.estimation.cart.filter import (
 from coheft.estimation.cart.jump import USUAL_OF, WINDOWS, JumpTest
 from coheft.estimation.cart.linearisation import FRICTION, PHI, POSE, RATES, STATE_SIZE
 from coheft.estimation.cart.load import UnknownLoad
-from coheft.estimation.cart.model import UNICYCLE, CartBody, Constraints, axes
+from coheft.estimation.cart.model import CartBody, axes
 from coheft.estimation.cart.noise import WhiteNoise, doubts, misfit
 from coheft.estimation.cart.prior import CartPrior, nearest_possible
 from coheft.estimation.cart.steps import Change, Step, surprise
@@ -78,7 +80,6 @@ class CartLearner:
         guess: The cart, as far as known.
         first: The first measurement.
         prior: How wrong the guess may be.
-        constraints: Of the wheels.
 
     Attributes:
         belief: Of state and parameters, after the last push.
@@ -86,9 +87,8 @@ class CartLearner:
         is_judged: Whether enough has been measured to see whether it fits the model.
     """
 
-    def __init__(self, guess: CartBody, first: Sighting, prior: CartPrior, constraints: Constraints = UNICYCLE) -> None:
+    def __init__(self, guess: CartBody, first: Sighting, prior: CartPrior) -> None:
         self._prior = prior
-        self._constraints = constraints
         self._least = prior.least * guess.mass, prior.least * guess.inertia
         parameters = prior.covariance(guess)
         self._drift = prior.drift**2 * parameters
@@ -108,7 +108,7 @@ class CartLearner:
         self._lessons = 0
         self._change: Change | None = None
         self._white_noise = WhiteNoise()
-        self._jump_test = JumpTest(MOTION_SIZE + len(constraints.rows_b))
+        self._jump_test = JumpTest(INNOVATION_SIZE)
         self._misfit = np.ones(MOTION_SIZE)
         self._unknown_wrench = 0.0
         self._judged = 0
@@ -136,7 +136,7 @@ class CartLearner:
         state = self.belief.mean.copy()
         state[PARAMETERS] = self._parameters
         for wrench_b in wrenches_b:
-            state = move(state, wrench_b, duration, self._constraints)
+            state = move(state, wrench_b, duration)
         return state[:MOTION_SIZE].copy()
 
     def step(self, sighting: Sighting, push: Push) -> None:
@@ -209,14 +209,12 @@ class CartLearner:
         at = self._point(self.belief.mean if smoothed is None else smoothed)
         levels = step.levels * self._misfit
         sighting = replace(step.sighting, covariance=step.sighting.covariance * np.outer(levels, levels))
-        step.update = update(
-            self.belief, sighting, self._prior.slip, at, self._constraints, corrects_cart=step.corrects_cart
-        )
+        step.update = update(self.belief, sighting, self._prior.slip, at, corrects_cart=step.corrects_cart)
         if smoothed is None:
             at = self._point(step.update.belief.mean)
         force, torque = self._unknown_wrench**2, (_LEVER * self._unknown_wrench) ** 2
         push = replace(step.push, covariance=step.push.covariance + np.diag([force, force, torque]))
-        step.prediction = predict(step.update.belief, push, self._drift, at, self._constraints)
+        step.prediction = predict(step.update.belief, push, self._drift, at)
         self.belief = step.prediction.belief
 
     def _do_again(self) -> None:
@@ -293,7 +291,7 @@ class CartLearner:
         missing = 1.0 - float(before.covariance[_MASS, _MASS]) / self._prior.load**2
         if missing <= 0.0:
             return None
-        free = axes(float(before.mean[2])) @ self._constraints.free_b
+        free = axes(float(before.mean[2]))[:, MOVING]
         covariance = before.covariance.copy()
         covariance[RATES, RATES] += missing * self._prior.jolt**2 * free @ free.T
         load = UnknownLoad(before.mean[PHI], covariance[PHI, PHI], self._prior, missing)
