@@ -47,7 +47,7 @@ def markdown(found: Mocobots) -> str:
         for configuration in configurations:
             for row in range(*rows.indices(len(ROWS))):
                 label = ROWS[row].rpartition(",")[0]
-                cells = [f"{configuration}, {label}", f"{PAPER[configuration].rows()[row]:.{_DIGITS[row]}g}"]
+                cells = [f"{configuration}, {label}", f"{PAPER[configuration][row]:.{_DIGITS[row]}g}"]
                 for _, noise, method in _COLUMNS:
                     errors = found.rows(configuration, noise, method)[:, row]
                     cells.append(f"{typical(errors, row):.{_DIGITS[row]}f} ({np.abs(errors).max():.{_DIGITS[row]}f})")
@@ -80,7 +80,7 @@ def worse_than_paper(found: Mocobots, noise: Noise, method: Method) -> list[str]
     worse = []
     for configuration in sorted({trial.configuration for trial in found.trials}):
         errors = found.rows(configuration, noise, method)
-        for row, (name, limit) in enumerate(zip(ROWS, PAPER[configuration].rows(), strict=True)):
+        for row, (name, limit) in enumerate(zip(ROWS, PAPER[configuration], strict=True)):
             value = typical(errors[:, row], row)
             if value > limit:
                 worse.append(f"{configuration}, {name}: {value:.3g}, paper {limit:.3g}")
