@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 
@@ -102,7 +102,7 @@ def fitted(
         case "instruments":
             found = identify_with_instruments(recording, options.cutoff or CUTOFF)
         case "pose":
-            tolerances = _tolerances(options.bounds or Bounds()) if options.calibrate else None
+            tolerances = Tolerances.of_bounds(**asdict(options.bounds or Bounds())) if options.calibrate else None
             found = identify_poses(recording, tolerances, options.cutoff or CUTOFF)
         case "likelihood":
             found = identify_sensors(recording)
@@ -122,10 +122,3 @@ def _without_noise(recording: Recording, options: Options, refuted: Identificati
         f"--method likelihood does not suit it."
     )
     return replace(found, remarks=(*found.remarks, remark))
-
-
-def _tolerances(bounds: Bounds) -> Tolerances:
-    """As standard deviations."""
-    return Tolerances.of_bounds(
-        bounds.misalignment_deg, bounds.angle_scale, bounds.position_scale, bounds.force_scale, bounds.force_offset
-    )

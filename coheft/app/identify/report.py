@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from itertools import combinations
 
 import msgspec
 import numpy as np
 
 from coheft.estimation.batch.holds import orientations
-from coheft.estimation.batch.identification import HiddenError, Identification
-from coheft.estimation.batch.judge.verdict import Verdict
+from coheft.estimation.batch.identification import CalibrationFinding, Identification
+from coheft.estimation.batch.loop_closure import LoopError
 from coheft.estimation.batch.payload import Payload
 from coheft.estimation.batch.principal_axes import PrincipalInertia
 from coheft.estimation.batch.recording import Recording, Truth
@@ -81,43 +80,6 @@ class PayloadReport(msgspec.Struct, frozen=True):
     deviations_off: float
 
 
-class LoopReport(msgspec.Struct, frozen=True):
-    """By how much a loop of three pairs did not close before all were fitted together.
-
-    Attributes:
-        rotation_deg: About any axis.
-        position_mm: Distance.
-        deviations: Root mean square of both, in units of the pairs' standard deviations.
-    """
-
-    rotation_deg: float
-    position_mm: float
-    deviations: float
-
-
-class CalibrationReport(msgspec.Struct, frozen=True):
-    """One thing that may be wrong with a robot.
-
-    Attributes:
-        robot: Whose.
-        what: Which: a zero or scale of a gimbal's angle ``a``, ``b`` or ``c``, the scale of positions or forces, or the
-            offset of forces along an axis of the robot's home frame.
-        unit: Of the numbers: ``deg``, ``%`` or ``N``.
-        value: By how much what the robot measures is too large; for scales as a share of it.
-        std: Standard deviation of the value.
-        std_before: Standard deviation that was known before anything was measured.
-        seen: Whether the recording said anything about it worth mentioning.
-    """
-
-    robot: str
-    what: str
-    unit: str
-    value: float
-    std: float
-    std_before: float
-    seen: bool
-
-
 class VerdictReport(msgspec.Struct, frozen=True):
     """Whether forces are those of one rigid body.
 
@@ -182,14 +144,17 @@ class IdentifyReport(msgspec.Struct, frozen=True):
     verdict: VerdictReport | None
     not_judged: str | None
     remarks: list[str]
-    loops: list[LoopReport]
+    loops: list[LoopError]
     holds_s: list[list[float]]
     hold_orientations: int
-    calibration: list[CalibrationReport]
+    calibration: list[CalibrationFinding]
     errors: Errors | None
 
 
-def _verdict(verdict: Verdict, hidden: Sequence[HiddenError]) -> VerdictReport:
+def _verdict(found: Identification) -> VerdictReport | None:
+    verdict = found.verdict
+    if verdict is None:
+        return None
     return VerdictReport(
         refuted=verdict.is_refuted,
         cause=verdict.cause,
@@ -198,8 +163,8 @@ def _verdict(verdict: Verdict, hidden: Sequence[HiddenError]) -> VerdictReport:
         ratio=verdict.ratio,
         margin=verdict.margin,
         second=verdict.second,
-        hidden_std=[error.std for error in hidden],
-        hidden_cause=[error.cause for error in hidden],
+        hidden_std=[error.std for error in found.hidden],
+        hidden_cause=[error.cause for error in found.hidden],
         proposal=None if verdict.mass is None else list(verdict.mass),
     )
 
@@ -217,23 +182,13 @@ def make_report(source: str, recording: Recording, found: Identification) -> Ide
         payload=_payload(found.payload),
         not_observable=_not_observable(found),
         doubts=list(found.doubts),
-        verdict=None if found.verdict is None else _verdict(found.verdict, found.hidden),
+        verdict=_verdict(found),
         not_judged=found.not_judged or None,
         remarks=[*_loose_loops(recording, found), *found.remarks, *_changes(recording)],
-        loops=[
-            LoopReport(
-                rotation_deg=float(np.degrees(np.linalg.norm(loop.error[:3]))),
-                position_mm=float(1e3 * np.linalg.norm(loop.error[3:])),
-                deviations=loop.deviations,
-            )
-            for loop in found.loops
-        ],
+        loops=list(found.loops),
         holds_s=[] if holds is None else [list(span) for span in holds.spans],
         hold_orientations=0 if holds is None else orientations(holds.down[:, 0]),
-        calibration=[
-            CalibrationReport(f.robot, f.what, f.unit, float(f.value), float(f.std), float(f.before), bool(f.is_seen))
-            for f in found.calibration
-        ],
+        calibration=list(found.calibration),
         errors=None if recording.truth is None else errors_of(recording, recording.truth, found),
     )
 
