@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from coheft.errors import RecordingError
-from coheft.estimation.batch.jumps import check_jumps
 from coheft.estimation.batch.pose_conventions import check_conventions
 from coheft.estimation.batch.recording import Recording, check_recording
 from coheft.estimation.batch.signals import Signals, signals_of
@@ -17,6 +16,10 @@ _FASTEST = 5.0
 """No one carries a load faster than this for a tenth of the time [m/s]."""
 _FASTEST_TURN = 10.0
 """Nor turns it faster [rad/s]."""
+_JUMP_SPAN = 0.02
+"""Time over which jumps are measured, at least one sample [s]: noise of 2° or 3 cm is no jump."""
+_JUMP_TURN, _JUMP_SPEED = 20.0, 10.0
+"""Poses that change faster jump [rad/s, m/s]: no filter across a jump tells how the load moved."""
 _SHARE = 0.9
 _STEP = 0.1
 """Speeds are taken over so long [s]."""
@@ -81,6 +84,32 @@ def _check_speed(channel: str, name: str, velocities: Array) -> None:
             f"'{channel}' of {name} moves at {found:.3g} m/s, expected less than {_FASTEST:g} m/s: are its lengths in "
             f"another unit, as millimetres? Give them in metres"
         )
+
+
+def check_jumps(recording: Recording) -> None:
+    """Check that no robot's pose jumps.
+
+    Raises:
+        RecordingError: One does; says when, and by how much.
+    """
+    steps = max(1, round(_JUMP_SPAN * recording.rate))
+    seconds = steps / recording.rate
+    for name, robot in recording.robots.items():
+        if robot.pose is None:
+            continue
+        before, after = robot.pose[:-steps], robot.pose[steps:]
+        along = np.abs(np.einsum("ki,ki->k", before[:, 3:], after[:, 3:]))
+        turn = 2.0 * np.arccos(np.minimum(along, 1.0))
+        shift = np.linalg.norm(after[:, :3] - before[:, :3], axis=1)
+        is_jump = (turn > _JUMP_TURN * seconds) | (shift > _JUMP_SPEED * seconds)
+        if is_jump.any():
+            first = int(np.argmax(is_jump))
+            raise RecordingError(
+                f"'pose' of {name} jumps at {robot.time[first + steps]:g} s, by {np.degrees(turn[first]):.3g}° and "
+                f"{shift[first]:.3g} m within {seconds:g} s: choose a part without jumps with --from and --to. If it "
+                f"jumps all the time, are times in seconds, positions in metres, and quaternions in the order "
+                f"qx qy qz qw?"
+            )
 
 
 def check_weight(recording: Recording, wrench: Array, acceleration: Array) -> None:
