@@ -14,8 +14,7 @@ from coheft.app.identify.methods import identify
 from coheft.errors import RecordingError
 from coheft.estimation.batch.identification import Identification
 from coheft.estimation.batch.judge.band import white_level
-from coheft.estimation.batch.judge.cause import Cause
-from coheft.estimation.batch.judge.verdict import Verdict
+from coheft.estimation.batch.judge.verdict import Cause, Verdict
 from coheft.estimation.batch.pose_conventions import inverse_poses
 from coheft.estimation.batch.recording import Recording, RobotRecord
 from coheft.estimation.batch.signals import low_pass

@@ -12,14 +12,13 @@ from coheft.estimation.batch.body import centre_of
 from coheft.estimation.batch.doubts import solid_density
 from coheft.estimation.batch.identification import HiddenError, Identification
 from coheft.estimation.batch.identify import at_first_grasp
-from coheft.estimation.batch.judge.cause import Cause
 from coheft.estimation.batch.judge.evidence import Evidence
 from coheft.estimation.batch.judge.forces import judge_forces
 from coheft.estimation.batch.judge.mend import MENDABLE, mend
 from coheft.estimation.batch.judge.motions import judge_motions
 from coheft.estimation.batch.judge.poses import judge_poses
 from coheft.estimation.batch.judge.sensors import stuck_motion, stuck_sensor
-from coheft.estimation.batch.judge.verdict import Verdict
+from coheft.estimation.batch.judge.verdict import Cause, Verdict
 from coheft.estimation.batch.payload import Payload
 from coheft.estimation.batch.pose_conventions import inverse_poses
 from coheft.estimation.batch.recording import Recording
@@ -96,7 +95,7 @@ def judge(evidence: Evidence, assumed: str | None = None) -> Verdict:
     if by_motion is not None:
         return by_motion
     if evidence.suspicions:
-        return Verdict(is_refuted=True, cause=Cause.UNKNOWN, words=evidence.suspicions[0])
+        return Verdict(cause=Cause.UNKNOWN, words=evidence.suspicions[0])
     return judge_forces(evidence, assumed)
 
 
@@ -113,7 +112,6 @@ def _inverse(recording: Recording, cutoff: float) -> Verdict | None:
     if verdict.is_refuted:
         return None
     return Verdict(
-        is_refuted=True,
         cause=Cause.INVERSE,
         words="forces are not those of a load that moves like this, but they are if all poses are those of the home "
         "frame in the grasp frame, and not the other way round: invert them",

@@ -13,7 +13,8 @@ from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.rigid_body.mass_properties import Inertia
 
 GRAVITY = (0.0, 0.0, -9.81)
-_WIDTHS = {"pose": 7, "twist": 6, "dtwist": 6, "acceleration": 3, "wrench": 6}
+CHANNELS = {"pose": 7, "twist": 6, "dtwist": 6, "acceleration": 3, "wrench": 6}
+"""Attributes of ``RobotRecord`` that robots may record, and their numbers of columns."""
 _TIME_TOLERANCE = 1e-3
 """Of the sampling period: by how much the times of samples may differ from a regular grid."""
 
@@ -118,7 +119,7 @@ class Recording:
             )
         robots = {
             name: RobotRecord(
-                robot.time[kept], **{c: None if (x := getattr(robot, c)) is None else x[kept] for c in _WIDTHS}
+                robot.time[kept], **{c: None if (x := getattr(robot, c)) is None else x[kept] for c in CHANNELS}
             )
             for name, robot in self.robots.items()
         }
@@ -167,7 +168,7 @@ def check_samples(name: str, robot: RobotRecord) -> None:
     Raises:
         RecordingError: Something cannot; says what, and why.
     """
-    for channel, width in _WIDTHS.items():
+    for channel, width in CHANNELS.items():
         samples = getattr(robot, channel)
         if samples is None:
             continue

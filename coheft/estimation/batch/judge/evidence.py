@@ -90,6 +90,10 @@ class Evidence:
         to_centre = centre_of(self.team.poses).inverse()
         return tuple(to_centre @ pose for pose in self.team.poses)
 
+    def culprit(self, robot: int) -> str | None:
+        """Name of a robot whose data do not fit the others'; None if there are only two: either may be wrong."""
+        return self.recording.names[robot] if len(self.recording.names) > 2 else None
+
     @property
     def turns(self) -> float:
         """Largest standard deviation of rotations between grasp frames [rad]."""
@@ -111,5 +115,5 @@ def suspicions_about(grasps: HandEye) -> tuple[str, ...]:
     return (
         f"Poses differ by {turn:.2g}° and {1e3 * shift:.2g} mm from those of robots that hold one load. Are all clocks "
         f"alike, quaternions in the order qx qy qz qw, poses those of grasp frames in home frames that stand still? "
-        f"Did no one let go, and are the robots calibrated (--calibrate)?",
+        f"Did all robots hold on all the time, and are they calibrated (--calibrate)?",
     )

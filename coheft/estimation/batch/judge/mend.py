@@ -1,4 +1,4 @@
-"""A recording as it would be without the cause that a judge has named."""
+"""Corrects a recording for the fault that the verdict names."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from coheft.errors import RecordingError
-from coheft.estimation.batch.judge.cause import Cause
-from coheft.estimation.batch.judge.verdict import Verdict
+from coheft.estimation.batch.judge.verdict import Cause, Verdict
 from coheft.estimation.batch.pose_conventions import inverse_poses
 from coheft.estimation.batch.recording import Recording, RobotRecord
 from coheft.estimation.geometry.spatial import Array, Pose
@@ -30,24 +29,24 @@ MENDABLE = (
     Cause.NOT_LEVEL,
     Cause.INVERSE,
 )
-"""Causes whose numbers say what sensors would have read without them."""
+"""Faults whose parameters determine what sensors would have measured without them."""
 
 
 def mend(recording: Recording, verdict: Verdict, poses: Sequence[Pose]) -> Recording:
-    """Take out of a recording what a verdict says is wrong with it.
+    """Correct a recording for the fault of a verdict.
 
     Args:
-        recording: With poses and wrenches.
-        verdict: Its cause is one of ``MENDABLE``.
-        poses: Of the grasp frames in the body frame, in which the verdict's numbers are.
+        recording: The recording, with wrenches.
+        verdict: The verdict; its cause is one of ``MENDABLE``.
+        poses: Poses of the grasp frames in the body frame, in which the verdict's numbers are.
 
     Raises:
-        RecordingError: Nothing says what the recording would be without the cause.
+        RecordingError: The fault cannot be corrected.
     """
     value = np.array(verdict.value)
     match verdict.cause:
         case Cause.OFFSET | Cause.DRIFT:
-            # The load feels the total alone: it does not matter whose sensor an offset is taken from.
+            # Only the total matters: an offset may be subtracted from any robot's wrench.
             index = recording.names.index(verdict.robot) if verdict.robot else 0
             minutes = recording.time[:, None] / 60.0
             wrench = value[:6] + (minutes * value[6:] if len(value) > 6 else np.zeros((len(minutes), 6)))
@@ -82,7 +81,7 @@ def mend(recording: Recording, verdict: Verdict, poses: Sequence[Pose]) -> Recor
 
 
 def _changed(recording: Recording, name: str | None, change: Callable[[RobotRecord], RobotRecord]) -> Recording:
-    """With one robot's record changed; None: with all robots'."""
+    """Change one robot's record; None: all robots'."""
     robots = {own: change(robot) if name in (None, own) else robot for own, robot in recording.robots.items()}
     return replace(recording, robots=robots)
 
@@ -104,7 +103,7 @@ def _rotations(robot: RobotRecord) -> Array:
 
 
 def _with_moment_about(robot: RobotRecord, lever: Array) -> RobotRecord:
-    """Moments about the origin of the grasp frame, which lies at ``lever`` from where they are about."""
+    """Take moments about the origin of the grasp frame, which is at ``lever`` (3,) from their present point."""
     wrench = wrench_of(robot)
     return replace(robot, wrench=np.hstack([wrench[:, :3], wrench[:, 3:] - np.cross(lever, wrench[:, :3])]))
 
@@ -114,13 +113,13 @@ def _scaled(robot: RobotRecord, factors: Array) -> RobotRecord:
 
 
 def _turned(robot: RobotRecord, rotations: Array) -> RobotRecord:
-    """Forces and moments, turned by rotations (n, 3, 3) or one (1, 3, 3)."""
+    """Rotate forces and moments by rotations (n, 3, 3) or one (1, 3, 3)."""
     halves = wrench_of(robot).reshape(-1, 2, 3)
     return replace(robot, wrench=(halves @ rotations.swapaxes(-1, -2)).reshape(-1, 6))
 
 
 def _earlier(robot: RobotRecord, delay: float, channels: Sequence[str]) -> RobotRecord:
-    """What was recorded ``delay`` later [s], at the edges the last that there is."""
+    """Shift channels to an earlier time by ``delay`` [s]; at the ends, repeat the last sample."""
     at = robot.time + delay
     moved = {}
     for channel in channels:
@@ -132,7 +131,7 @@ def _earlier(robot: RobotRecord, delay: float, channels: Sequence[str]) -> Robot
 
 
 def _in_level_homes(recording: Recording, gravity: Array) -> Recording:
-    """With poses in home frames turned such that gravity (N, 3), as it is in each, is what the recording says."""
+    """Rotate the home frames such that gravity, which is (N, 3) in them, becomes the recording's."""
     robots = {}
     for (name, robot), down in zip(recording.robots.items(), gravity, strict=True):
         turn, _ = Rotation.align_vectors(recording.gravity[None], down[None])

@@ -6,13 +6,13 @@ are off by constants, which are fitted out; what is left is noise, unless someth
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from coheft.estimation.batch.judge.evidence import Evidence
 from coheft.estimation.geometry.spatial import Array, Pose
 
 BATCH = 0.2
@@ -41,15 +41,10 @@ class Views:
     positions: Array
 
     @classmethod
-    def of(cls, poses: Array, times: Array, homes: Sequence[Pose], grasps: Sequence[Pose]) -> Self:
-        """Compare poses.
-
-        Args:
-            poses: ``x y z qx qy qz qw`` of N grasp frames in their home frames, shape (N, n, 7).
-            times: Of the samples, shape (n,) [s].
-            homes: Home frames in the world, as fitted to all of it.
-            grasps: Grasp frames in the load, likewise.
-        """
+    def of(cls, evidence: Evidence) -> Self:
+        """Compare the poses of a recording, with home and grasp frames that were fitted to all of it."""
+        poses, times = evidence.recording.stacked("pose"), evidence.recording.time
+        homes, grasps = evidence.homes, evidence.poses
         length = max(1, round(BATCH * (len(times) - 1) / (times[-1] - times[0])))
         batches = len(times) // length
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from coheft.estimation.batch.judge.cause import Cause
 from coheft.estimation.batch.judge.suspects import Suspect
 from coheft.estimation.batch.judge.turned import turned_words
+from coheft.estimation.batch.judge.verdict import Cause
 from coheft.estimation.batch.judge.wrench_misfit import WrenchMisfit
 from coheft.estimation.batch.recording import Recording
 from coheft.estimation.geometry.spatial import Array
