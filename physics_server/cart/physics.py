@@ -19,7 +19,7 @@ from coheft.estimation.cart.load import change_of_phi
 from coheft.estimation.cart.model import CartBody, axes, mass_matrix, wheel_row
 from coheft.estimation.geometry.spatial import Array
 from coheft.wire.cart.messages import CartMeasurement, CartPush, CartTruth
-from coheft.wire.cart.scenario import PHYSICS_RATE, CartGuess, CartLoad, CartScenario
+from coheft.wire.cart.scenario import PHYSICS_RATE, CartLoad, CartScenario
 from coheft.wire.scenario.borders import first_border
 
 _STABILISING = 100.0
@@ -173,13 +173,13 @@ class CartSimulation:
         """Add or remove a load. A load that is added was at rest; momentum is conserved along the unconstrained
         directions.
         """
-        old, new = self._cart.body, with_load(self._cart.body, load)
+        old, new = self._cart, with_load(self._cart, load)
         if load.mass > 0.0:
             theta = float(self.data.qpos[2])
             to_floor = axes(theta)[:, MOVING]
             motion = to_floor.T @ self.data.qvel
             self.data.qvel[:] = to_floor @ np.linalg.solve(_moving_mass(new), _moving_mass(old) @ motion)
-        self._cart = CartGuess.of(new)
+        self._cart = new
         _set_mass(self.model, self._cart)
 
 
@@ -195,7 +195,7 @@ def _moving_mass(body: CartBody) -> Array:
     return mass_matrix(body.phi, 0.0)[np.ix_(MOVING, MOVING)]
 
 
-def _build(cart: CartGuess) -> mujoco.MjModel:
+def _build(cart: CartBody) -> mujoco.MjModel:
     """Build a model with two slides and a hinge, without collisions."""
     spec = mujoco.MjSpec()
     spec.option.timestep = 1.0 / PHYSICS_RATE
@@ -215,7 +215,7 @@ def _build(cart: CartGuess) -> mujoco.MjModel:
     return model
 
 
-def _set_mass(model: mujoco.MjModel, cart: CartGuess) -> None:
+def _set_mass(model: mujoco.MjModel, cart: CartBody) -> None:
     body = model.body(_MASS).id
     model.body_mass[body] = cart.mass
     model.body_pos[body, :2] = cart.com

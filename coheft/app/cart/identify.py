@@ -10,13 +10,11 @@ from coheft.estimation.cart.contact import grasp_map
 from coheft.estimation.cart.filter import MOTION_SIZE, Push, Sighting
 from coheft.estimation.cart.learner import CartLearner
 from coheft.estimation.cart.model import CartBody
-from coheft.estimation.cart.observability import QUANTITIES, not_known
+from coheft.estimation.cart.observability import QUANTITIES, UNITS, not_known
 from coheft.estimation.cart.prior import CartPrior
 from coheft.estimation.geometry.spatial import Array
 from coheft.wire.cart.recording import CartRecording
 
-UNITS = ("kg", "m", "m", "kg·m²", "N·s/m", "N·m·s")
-"""Of ``QUANTITIES``."""
 _PRIOR = CartPrior(mass=1.0, com=0.3, inertia=2.0, friction=(4.0, 4.0))
 """Strangers' carts are guessed less well than those of the paper's tests."""
 _BOX = (1.0**2 + 0.6**2) / 12.0

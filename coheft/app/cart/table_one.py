@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from coheft.estimation.cart.model import CartBody
 from coheft.estimation.cart.prior import CartPrior
-from coheft.wire.cart.scenario import CartGuess, CartLoad, CartScenario, TrajectoryName
+from coheft.wire.cart.scenario import CartLoad, CartScenario, TrajectoryName
 
 MASS, INERTIA, FRICTION = 20.0, 2.0, 5.0
 """Of the cart in every test; the paper gives the mass only [kg, kg·m², N·s/m]."""
@@ -69,9 +70,9 @@ def table_one(
     guessed_friction = FRICTION * (friction_guess or 1.0)
     return CartScenario(
         name=f"test {number}",
-        cart=CartGuess(mass=MASS, com=com, inertia=INERTIA, friction=(FRICTION, FRICTION * turning_friction)),
+        cart=CartBody(mass=MASS, com=com, inertia=INERTIA, friction=(FRICTION, FRICTION * turning_friction)),
         # For want of anything better the moment of inertia is guessed as that of a box of 1 m by 0.6 m.
-        guess=CartGuess(
+        guess=CartBody(
             mass=guessed_mass,
             com=GUESSED_COM,
             inertia=guessed_mass * (1.0 + 0.36) / 12.0,

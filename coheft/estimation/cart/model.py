@@ -22,14 +22,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import cos, sin
 
+import msgspec
 import numpy as np
 
 from coheft.estimation.geometry.spatial import Array
 
 
-@dataclass(frozen=True)
-class CartBody:
-    """Mass properties of a cart and its friction.
+class CartBody(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Mass properties and friction of a cart, as they are or as a pusher estimates them.
 
     Attributes:
         mass: [kg].

@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from coheft.wire.cart.scenario import CartGuess
+from coheft.estimation.cart.model import CartBody
 from coheft.wire.messages.structs import LinkState, Message
 
 # --- robot plane -------------------------------------------------------------------------------------------------
@@ -96,7 +96,7 @@ class CartEstimate(Message, frozen=True):
         time: When that was taken [s].
         members: Number of pushers as learned by gossip.
         cart: What it takes the cart to be.
-        covariance: Of ``(m, d_x, d_y, I, sigma)``, shape (6, 6), in the squares of the units of ``CartGuess``.
+        covariance: Of ``(m, d_x, d_y, I, sigma)``, shape (6, 6), in the squares of the units of ``CartBody``.
         not_known: Quantities that the motion has not shown, and what would show them.
         jumps: How many sudden changes it has noticed.
         doubts: What is measured worse than it was told, in words.
@@ -110,7 +110,7 @@ class CartEstimate(Message, frozen=True):
     block: int
     time: float
     members: int
-    cart: CartGuess
+    cart: CartBody
     covariance: np.ndarray[Any, Any]
     not_known: dict[str, str]
     jumps: int
@@ -136,7 +136,7 @@ class CartTruth(Message, frozen=True):
 
     block: int
     time: float
-    cart: CartGuess
+    cart: CartBody
     motion: np.ndarray[Any, Any]
     wrench: np.ndarray[Any, Any]
     effort: float

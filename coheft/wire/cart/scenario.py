@@ -15,32 +15,6 @@ PHYSICS_RATE = 500
 """Steps of the physics per second."""
 
 
-class CartGuess(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A cart, as it is or as somebody takes it to be; see ``CartBody``.
-
-    Attributes:
-        mass: [kg].
-        com: Centre of mass in ``{b}`` [m].
-        inertia: About the centre of mass [kg·m²].
-        friction: Viscous, of moving [N·s/m] and of turning [N·m·s].
-    """
-
-    mass: float
-    com: tuple[float, float]
-    inertia: float
-    friction: tuple[float, float]
-
-    @property
-    def body(self) -> CartBody:
-        """The same to compute with."""
-        return CartBody(self.mass, self.com, self.inertia, self.friction)
-
-    @staticmethod
-    def of(body: CartBody) -> CartGuess:
-        """The same to send."""
-        return CartGuess(mass=body.mass, com=body.com, inertia=body.inertia, friction=body.friction)
-
-
 class CartLoad(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A load that is dropped onto the cart, standing still over the floor before, or that is taken off as it rolls.
 
@@ -78,7 +52,7 @@ class CartTask(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
         tracking: How hard errors are fought.
     """
 
-    guess: CartGuess
+    guess: CartBody
     trajectory: TrajectoryName
     noise: float = 0.005
     force_noise: float = 0.0
@@ -111,7 +85,7 @@ class CartScenario(CartTask, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     """
 
     name: str
-    cart: CartGuess
+    cart: CartBody
     noise_factor: float = 1.0
     loads: tuple[CartLoad, ...] = ()
     casters: bool = False
