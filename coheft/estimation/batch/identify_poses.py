@@ -27,6 +27,7 @@ from coheft.estimation.batch.hand_eye_equations import ERRORS, GRASP, position_s
 from coheft.estimation.batch.identification import Identification
 from coheft.estimation.batch.identify import at_first_grasp, identify_at_grasps
 from coheft.estimation.batch.judge.evidence import POSES_PER_SECOND, Evidence, suspicions_about
+from coheft.estimation.batch.pairs import grasps_from_twists
 from coheft.estimation.batch.payload import make_payload, of_central_numbers
 from coheft.estimation.batch.plausibility import plausible_signals
 from coheft.estimation.batch.pose_differences import derivative_by_poses, turned_covariance
@@ -34,7 +35,6 @@ from coheft.estimation.batch.recording import Recording
 from coheft.estimation.batch.signals import CUTOFF, EDGE, Signals, signals_of
 from coheft.estimation.batch.statistics import SPAN
 from coheft.estimation.batch.team_poses import TeamPoses
-from coheft.estimation.batch.twist_grasps import grasps_from_twists
 from coheft.estimation.batch.wrist_poses import WristPoses
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.rigid_body.derivatives import seen_inertia_derivative

@@ -1,4 +1,4 @@
-"""What no load and no robots can have done: recordings in other units or orders than the ones that are expected."""
+"""Checks for recordings in other units, orders or signs than expected, by what robots and loads can do."""
 
 from __future__ import annotations
 
@@ -13,29 +13,29 @@ from coheft.estimation.batch.signals import Signals, signals_of
 from coheft.estimation.geometry.spatial import Array
 
 _FASTEST = 5.0
-"""No one carries a load faster than this for a tenth of the time [m/s]."""
+"""No load moves faster than this for a tenth of the time [m/s]."""
 _FASTEST_TURN = 10.0
-"""Nor turns it faster [rad/s]."""
+"""No load turns faster than this for a tenth of the time [rad/s]."""
 _JUMP_SPAN = 0.02
 """Time over which jumps are measured, at least one sample [s]: noise of 2° or 3 cm is no jump."""
 _JUMP_TURN, _JUMP_SPEED = 20.0, 10.0
 """Poses that change faster jump [rad/s, m/s]: no filter across a jump tells how the load moved."""
 _SHARE = 0.9
 _STEP = 0.1
-"""Speeds are taken over so long [s]."""
+"""Time over which speeds are measured [s]."""
 _LEAST_GRAVITY, _MOST_GRAVITY = 0.5, 2.0
-"""Accelerations are about that of gravity: between these shares of it, half of the time."""
+"""Range of the median acceleration, in multiples of gravity."""
 _OPPOSITE = 0.05
-"""Share of all forces by which their sum may point the wrong way: scales of sensors differ by less."""
+"""Share of all forces by which their sum may point downwards: scales of sensors differ by less."""
 _STEADY = 0.3
-"""Share by which forces upwards vary, while a load is carried about."""
+"""Largest relative variation of the upward force while a load is moved."""
 
 
 def plausible_signals(recording: Recording, cutoff: float) -> Signals:
-    """Smooth signals of a recording that was checked: shapes, units, order and signs.
+    """Check shapes, units, order and signs of a recording, and return its smooth signals.
 
     Raises:
-        RecordingError: Something cannot be, or is missing; says what it may be instead.
+        RecordingError: Something is impossible, or missing; the message says what may be wrong.
     """
     check_recording(recording)
     check_units(recording)
@@ -52,7 +52,7 @@ def check_units(recording: Recording) -> None:
     """Check that nothing moves faster than loads are carried, and that accelerations are about that of gravity.
 
     Raises:
-        RecordingError: It does, or they are not.
+        RecordingError: A value is out of range; the message says which unit it may have.
     """
     steps = max(1, round(_STEP * recording.rate))
     expected = float(np.linalg.norm(recording.gravity))
@@ -87,10 +87,10 @@ def _check_speed(channel: str, name: str, velocities: Array) -> None:
 
 
 def check_jumps(recording: Recording) -> None:
-    """Check that no robot's pose jumps.
+    """Check that no robot's pose jumps: trackers lose sight, and logs have gaps or are joined.
 
     Raises:
-        RecordingError: One does; says when, and by how much.
+        RecordingError: One does; the message says when, and by how much.
     """
     steps = max(1, round(_JUMP_SPAN * recording.rate))
     seconds = steps / recording.rate
@@ -113,17 +113,17 @@ def check_jumps(recording: Recording) -> None:
 
 
 def check_weight(recording: Recording, wrench: Array, acceleration: Array) -> None:
-    """Check that the forces on the load carry it: along what accelerometers read they add up to a mass.
+    """Check that the forces carry the load: along the accelerations they add up to a positive mass.
 
-    Forces by which robots push against each other cancel, as upwards is the same for all.
+    Internal forces, by which robots push against each other, cancel.
 
     Args:
-        recording: For words.
+        recording: The recording, for the message.
         wrench: ``(f, t)`` of each robot in its own grasp frame, shape (N, n, 6).
-        acceleration: Proper acceleration of its origin, likewise, shape (N, n, 3).
+        acceleration: Proper accelerations of the frames' origins, shape (N, n, 3).
 
     Raises:
-        RecordingError: They do not, but pull it down, or are none.
+        RecordingError: The forces pull the load down, or are zero.
     """
     strength = float(np.sqrt(np.mean(np.square(acceleration).sum(axis=-1))))
     if strength == 0.0:
@@ -151,7 +151,13 @@ def check_weight(recording: Recording, wrench: Array, acceleration: Array) -> No
 
 @dataclass(frozen=True)
 class _Lift:
-    """Sum of all robots' vectors along what accelerometers read, upwards: its mean, its spread, the sum of sizes."""
+    """Component of the sum of all robots' vectors along their proper accelerations.
+
+    Attributes:
+        mean: Its mean over time.
+        spread: Its standard deviation over time.
+        size: Sum of the root mean square sizes of the robots' vectors.
+    """
 
     mean: float
     spread: float
@@ -159,12 +165,12 @@ class _Lift:
 
     @staticmethod
     def of(vectors: Array, acceleration: Array, strength: float) -> _Lift:
-        """From vectors and accelerations (N, n, 3), the latter of this root mean square."""
+        """From vectors and accelerations (N, n, 3); ``strength`` is the root mean square acceleration [m/s²]."""
         along = np.einsum("ikx,ikx->k", vectors, acceleration) / strength
         size = np.sqrt(np.square(vectors).sum(axis=-1).mean(axis=1)).sum()
         return _Lift(float(along.mean()), float(along.std()), float(size))
 
     @property
     def is_steady(self) -> bool:
-        """Whether it carries always about the same, as forces on a load do."""
+        """Whether it is positive and nearly constant, as the weight of a load is."""
         return self.mean > 0.0 and self.spread < _STEADY * self.mean

@@ -1,4 +1,4 @@
-"""Poses of a whole team as a batch method states them, with their joint covariance."""
+"""Grasp poses of a team with their joint covariance."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from coheft.estimation.geometry.spatial import Array, Pose
 
 @dataclass(frozen=True, eq=False)
 class TeamPoses:
-    """Poses of all robots and how well they are known.
+    """Poses of all robots' grasp frames.
 
     Attributes:
-        poses: In the body frame; the first, the reference robot's, defines it.
-        covariance: Of all perturbations, shape (6 N, 6 N); zero for the first.
-        limits: When a direction counts as seen.
+        poses: Poses in the reference robot's grasp frame, the first one.
+        covariance: Covariance of all perturbations, shape (6 N, 6 N); zero for the first pose.
+        limits: Deviations up to which a direction counts as observable.
     """
 
     poses: tuple[Pose, ...]

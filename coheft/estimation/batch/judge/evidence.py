@@ -13,11 +13,11 @@ import numpy as np
 from coheft.estimation.batch.body import centre_of
 from coheft.estimation.batch.calibration import Tolerances
 from coheft.estimation.batch.hand_eye import HandEye, fit_hand_eye
+from coheft.estimation.batch.pairs import grasps_from_twists
 from coheft.estimation.batch.plausibility import plausible_signals
 from coheft.estimation.batch.recording import Recording
 from coheft.estimation.batch.signals import Signals, signals_of
 from coheft.estimation.batch.team_poses import TeamPoses
-from coheft.estimation.batch.twist_grasps import grasps_from_twists
 from coheft.estimation.batch.wrist_poses import WristPoses
 from coheft.estimation.geometry.spatial import Pose
 
