@@ -227,7 +227,7 @@ def test_forces_that_it_does_not_measure_are_noticed() -> None:
         pushes[outbox.push.block] = outbox.push
         if outbox.estimate is not None:
             last = outbox.estimate
-    assert "N more or less than is measured" in last.doubts[-1]
+    assert "N acts on the cart" in last.doubts[-1]
     assert last.cart.mass == pytest.approx(20.0, abs=5.0 * float(np.sqrt(last.covariance[0, 0])))
 
 

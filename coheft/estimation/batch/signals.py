@@ -118,7 +118,7 @@ def without_jumps(quaternions: Array) -> Array:
 
 
 def body_rates(rotations: Array, rate: float) -> Array:
-    """Angular velocity (N, n - 4, 3) in the axes of frames with rotations (N, n, 3, 3), by ``log(R_before^T R_after)``."""
+    """Angular velocity (N, n - 4, 3) in axes with rotations (N, n, 3, 3), by ``log(R_before^T R_after)``."""
 
     def turn(k: int) -> Array:
         turns = rotations[:, : -2 * k].swapaxes(-1, -2) @ rotations[:, 2 * k :]

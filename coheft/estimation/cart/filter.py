@@ -1,10 +1,10 @@
-"""The cart's state and parameters from what it does under known pushes: the steps of an extended Kalman filter.
+"""Steps of an extended Kalman filter for a cart's state and parameters under measured pushes.
 
-As in Aguilera et al., eqs (8)-(20): the state is augmented by ``phi``, here by the friction ``sigma`` of moving and
-turning too, because a model with the wrong friction finds the wrong mass. Differences: the transition is of second
-order in the time step, where one of first order loses definiteness; the update has Joseph's form; what the wheels
-forbid is a measurement; noise enters through the wrench. Each step is linearised about a point that may be another than
-the mean, so that a step can be done again about a better one.
+As in Aguilera et al., eqs (8)-(20), the state is augmented by ``phi``, here also by the friction ``sigma``, because a
+model with the wrong friction finds the wrong mass. Other differences: the transition is of second order in the time
+step, because one of first order loses definiteness; the update has Joseph's form; the wheels' constraint is a
+measurement; process noise enters through the wrench. Steps may be linearised about another point than the mean, so that
+they can be repeated about a better one.
 """
 
 from __future__ import annotations
@@ -28,12 +28,7 @@ _THETA = 2
 
 @dataclass(frozen=True, eq=False)
 class Belief:
-    """What is known of ``(q, qd, phi, sigma)``.
-
-    Attributes:
-        mean: Shape (12,).
-        covariance: Shape (12, 12).
-    """
+    """Mean (12,) and covariance (12, 12) of ``(q, qd, phi, sigma)``."""
 
     mean: Array
     covariance: Array
@@ -41,14 +36,14 @@ class Belief:
 
 @dataclass(frozen=True, eq=False)
 class Push:
-    """What all hands did during one step.
+    """Total wrench of all hands during one step.
 
     Attributes:
-        wrench_b: As measured, shape (3,).
-        covariance: Of that measurement, shape (3, 3).
-        duration: [s].
-        planned_b: About what it was meant to be, shape (3,). Slopes are taken there: at the measured wrench they would
-            share its noise, and a cart that does not follow the noise would look heavier and heavier.
+        wrench_b: Measured wrench, shape (3,).
+        covariance: Covariance of its noise, shape (3, 3).
+        duration: Duration of the step [s].
+        planned_b: Planned wrench, shape (3,), about which the dynamics are linearised: about the measured one, the
+            derivatives would be correlated with its noise, which biases the mass upwards.
     """
 
     wrench_b: Array
@@ -59,12 +54,7 @@ class Push:
 
 @dataclass(frozen=True, eq=False)
 class Sighting:
-    """One measurement.
-
-    Attributes:
-        motion: ``(q, qd)``, shape (6,).
-        covariance: Of its noise, shape (6, 6).
-    """
+    """A measurement of ``(q, qd)``, shape (6,), and the covariance of its noise, shape (6, 6)."""
 
     motion: Array
     covariance: Array
@@ -72,12 +62,7 @@ class Sighting:
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """One step ahead.
-
-    Attributes:
-        belief: After it.
-        transition: Derivative of the state after it by the one before, shape (12, 12).
-    """
+    """Belief after a step, and derivative of the state after it by the state before, shape (12, 12)."""
 
     belief: Belief
     transition: Array
@@ -87,9 +72,9 @@ def predict(belief: Belief, push: Push, drift: Array, point: Array) -> Predictio
     """Predict over one step (Aguilera et al., eqs 16 and 17, to second order).
 
     Args:
-        belief: Before.
-        push: What the hands do.
-        drift: How the parameters' covariance (6, 6) grows in a second.
+        belief: Belief before the step.
+        push: Wrench during the step.
+        drift: Growth of the parameters' covariance (6, 6) per second.
         point: State about which the dynamics are linearised, shape (12,).
     """
     model = linearise(point, push.planned_b)
@@ -115,13 +100,13 @@ def move(state: Array, wrench_b: Array, duration: float) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Update:
-    """What a measurement did.
+    """Result of a measurement.
 
     Attributes:
-        belief: After it.
+        belief: Belief after it.
         surprise: Its squared normalised innovation: chi-square distributed with ``INNOVATION_SIZE`` degrees of freedom.
-        innovation: Of each component of the motion, in its own standard deviations, shape (6,).
-        rest: Derivative of the state after it by the one before, ``I - K H``, shape (12, 12).
+        innovation: Innovation of the motion, each component in its own standard deviations, shape (6,).
+        rest: ``I - K H``, shape (12, 12).
         pull: ``H^T S^-1`` times the innovation, shape (12,), for ``smooth``.
     """
 
@@ -136,7 +121,7 @@ def update(belief: Belief, sighting: Sighting, slip: float, point: Array, *, cor
     """Update with a measurement (Aguilera et al., eqs 18-20), and with the wheels' constraint.
 
     Args:
-        belief: Before.
+        belief: Belief before the measurement.
         sighting: The measurement.
         slip: Standard deviation of the wheels' sideways velocity [m/s].
         point: State about which the wheels' constraint is linearised, shape (12,).
@@ -172,10 +157,9 @@ def update(belief: Belief, sighting: Sighting, slip: float, point: Array, *, cor
 
 
 def smooth(steps: Sequence[tuple[Update, Prediction]]) -> list[Array]:
-    """States (12,) after each update, from all measurements, also the later ones (Bryson and Frazier's form).
+    """Smoothed states (12,) after each update, given all measurements (modified Bryson-Frazier form).
 
-    Unlike going back from the end, it is stable: a rolling cart forgets how it turned, so its past does not follow from
-    its present.
+    Unlike backward filtering, it is stable: the past of a rolling cart does not follow from its present.
     """
     states = []
     costate = np.zeros(STATE_SIZE)

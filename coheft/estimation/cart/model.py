@@ -2,8 +2,8 @@
 
 Frames and symbols, used in all files of the cart:
 
-- ``{s}`` is fixed to the floor, ``{b}`` to the cart: its x axis points ahead, its origin is where the fixed wheels'
-  axle crosses the cart's middle. ``q = (x, y, theta)`` is the pose of ``{b}`` in ``{s}`` [m, m, rad].
+- ``{s}`` is fixed to the floor, ``{b}`` to the cart: its x axis points forward, its origin is the middle of the axle of
+  the fixed wheels. ``q = (x, y, theta)`` is the pose of ``{b}`` in ``{s}`` [m, m, rad].
 - A planar wrench is ``(f_x, f_y, tau)`` [N, N, N·m], torque about the frame's origin. ``Gamma`` is a wrench on the cart
   about the origin of ``{b}`` in the axes of ``{s}``: the generalised force of ``q``. ``wrench_b`` is the same wrench in
   the axes of ``{b}``: ``Gamma = T(theta) wrench_b``.
