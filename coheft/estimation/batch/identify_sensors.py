@@ -1,4 +1,4 @@
-"""From a recording of gyros, velocities and accelerometers of known noise to the load: maximum likelihood."""
+"""Identification by maximum likelihood from gyros, velocities and accelerometers with known noise."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.estimation.rigid_body.unseen import unseen_quantities
 
 MOST_NOISE = 1.3
-"""Residuals that are so many times as large as noise explains are not white noise of the level that is named."""
+"""Ratio of residuals to the noise above which they are not white noise of the named level."""
 _HIDDEN = 1e6
-"""What is not seen of poses has so many times the variance that a fit lets it have: a stand-in for infinity."""
+"""Stands for an infinite variance of directions of poses that are not observable."""
 _SUSPECTS = (
     ": did the load change (--from and --to choose a part), or are the sensors worse than 'noise' says? "
     "This method estimates no scales, offsets or mountings of sensors; --method instruments asks for no noise."
@@ -30,10 +30,10 @@ _SUSPECTS = (
 
 
 def identify_sensors(recording: Recording) -> Identification:
-    """What a central computer finds with the noise that the recording names (``coheft.estimation.moments.recorded``).
+    """Fit all rows of a recording with the noise that it names (``coheft.estimation.moments.recorded``).
 
     Args:
-        recording: With twists, accelerations, wrenches, and noise.
+        recording: The recording, with twists, accelerations, wrenches, and noise.
 
     Raises:
         RecordingError: Something is missing.

@@ -1,6 +1,6 @@
-"""What a judge looks at: a recording, and where robots hold the load as motion alone has it.
+"""Input of the judge: a recording, and the grasp poses according to motion only.
 
-Forces do not say where that is: what is wrong with them would bend it until they fit.
+Forces are not used for the grasp poses, because their faults would distort these until forces fit.
 """
 
 from __future__ import annotations
@@ -23,23 +23,23 @@ from coheft.estimation.geometry.spatial import Pose
 
 POSES_PER_SECOND = 25.0
 _LARGEST_TURN, _LARGEST_SHIFT = 1.0, 0.01
-"""Poses that fit worse than this, averaged over a 25th of a second, are not of one load [degrees, m]."""
+"""Largest residuals of poses of one load, averaged over a 25th of a second [degrees, m]."""
 _PER_SAMPLE = 0.16
-"""The filter's cutoff, at most, by the rate: noise is measured above it."""
+"""Largest cutoff of the filter, relative to the rate: noise is measured above it."""
 
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """Of one recording.
+    """Input of the judge for one recording.
 
     Attributes:
-        recording: With wrenches; what a calibration found is taken out of it.
-        signals: Of it, filtered.
-        cutoff: Of the filter [Hz].
-        team: Grasp frames in the first one.
-        homes: Home frames in the first one; none without poses.
-        suspicions: That poses do not fit together, in words: then forces say nothing.
-        tolerances: What is uncertain about sensors beside their noise; None: nothing.
+        recording: The recording, with wrenches, corrected for calibration errors if these were estimated.
+        signals: Its filtered signals.
+        cutoff: Cutoff of the filter [Hz].
+        team: Poses of the grasp frames in the first one.
+        homes: Poses of the home frames in the first one; none without poses.
+        suspicions: A sentence if poses do not fit together, so that forces cannot be judged.
+        tolerances: Tolerances of calibration errors that were estimated; None if none were.
         tilt: Standard deviation of the direction of gravity in home frames [rad].
     """
 
@@ -54,12 +54,12 @@ class Evidence:
 
     @classmethod
     def of(cls, recording: Recording, cutoff: float) -> Self:
-        """Find where robots hold the load, from poses if there are any, else from twists.
+        """Find the grasp poses from poses, or without these from twists.
 
         Raises:
-            RecordingError: Too little was recorded, or what no robots with one load can have recorded.
+            RecordingError: Too little was recorded, or samples are impossible for robots that hold one load.
         """
-        cutoff = min(cutoff, _PER_SAMPLE * recording.rate)  # noise is measured above it
+        cutoff = min(cutoff, _PER_SAMPLE * recording.rate)
         signals = plausible_signals(recording, cutoff)
         start, _ = grasps_from_twists(signals, with_instruments=True)
         if not recording.has("pose"):
@@ -71,7 +71,7 @@ class Evidence:
 
     @classmethod
     def of_poses(cls, recording: Recording, signals: Signals, cutoff: float, grasps: HandEye) -> Self:
-        """With grasps that were fitted to poses."""
+        """Use grasps that were fitted to poses."""
         highest = _PER_SAMPLE * recording.rate
         if cutoff > highest:
             signals, cutoff = signals_of(recording, highest), highest
@@ -79,14 +79,14 @@ class Evidence:
 
     @property
     def is_seen(self) -> bool:
-        """Whether the motion shows where all robots hold the load, and gravity that it has a weight."""
+        """Whether all grasp poses are observable, and there is gravity."""
         team = self.team
         relative = (team.relative(0, other) for other in range(1, len(team.poses)))
         return bool(self.recording.gravity.any()) and not any(pose.unseen for pose in relative)
 
     @property
     def poses(self) -> tuple[Pose, ...]:
-        """Of grasp frames in the body frame, which is at their middle."""
+        """Poses of the grasp frames in the body frame, which is at their middle."""
         to_centre = centre_of(self.team.poses).inverse()
         return tuple(to_centre @ pose for pose in self.team.poses)
 
@@ -103,12 +103,12 @@ class Evidence:
         return float(np.hypot(np.sqrt(largest), self.tilt))
 
     def but(self, recording: Recording) -> Self:
-        """With another recording of robots that hold the load in the same way."""
+        """The same grasps with another recording."""
         return replace(self, recording=recording, signals=signals_of(recording, self.cutoff))
 
 
 def suspicions_about(grasps: HandEye) -> tuple[str, ...]:
-    """That poses do not fit together, in words."""
+    """Say if poses are not those of one load."""
     turn, shift = float(np.degrees(grasps.noise[0])), grasps.noise[1]
     if turn < _LARGEST_TURN and shift < _LARGEST_SHIFT:
         return ()

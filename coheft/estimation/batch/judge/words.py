@@ -1,4 +1,4 @@
-"""What is said of a cause: whose it is, and what is wrong, in words."""
+"""Sentences about faults, and which robot has them."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from coheft.estimation.batch.recording import Recording
 from coheft.estimation.geometry.spatial import Array
 
 _TARED = 0.2
-"""Sensors that were tared with the load in hand read nothing for so long from the beginning [s]."""
+"""Time from the beginning in which sensors that were tared with the load in hand read zero [s]."""
 _QUIET = 6.0
 
 
 def words_of(suspect: Suspect, recording: Recording, misfit: WrenchMisfit) -> tuple[str | None, str]:
-    """The robot's name, if it is one's, and what is wrong."""
+    """The name of the robot that has the fault, None if it is not a single one, and the fault in words."""
     names, value = recording.names, suspect.value
     name = None if suspect.robot is None else names[suspect.robot]
     whose = "all robots" if name is None else name
@@ -38,7 +38,7 @@ def words_of(suspect: Suspect, recording: Recording, misfit: WrenchMisfit) -> tu
             if is_unit_of_all(suspect):
                 others = "moments" if suspect.cause is Cause.FORCE_SCALE else "forces"
                 return None, (
-                    f"{factor}, or {others} {1.0 / value[0]:.4g} times, which no motion tells, but their units "
+                    f"{factor}, or {others} {1.0 / value[0]:.4g} times: no motion tells which, but their units do "
                     f"(--assume 'moment scale' or 'force scale')"
                 )
             if is_ambiguous(suspect, recording):
@@ -69,7 +69,7 @@ def words_of(suspect: Suspect, recording: Recording, misfit: WrenchMisfit) -> tu
 
 
 def _offset_words(offset: Array, recording: Recording, misfit: WrenchMisfit) -> tuple[str | None, str]:
-    """A constant wrench is constant in the load, whoever has it: it is likeliest where it needs little moment."""
+    """Words for an offset, of the robot whose sensor needs the least moment for it."""
     wrenches = recording.stacked("wrench")
     first = wrenches[:, : max(5, int(_TARED * recording.rate))]
     deviations = np.sqrt([np.diag(noise) * recording.rate / misfit.signals.rate for noise in misfit.noise])
@@ -92,7 +92,7 @@ def _drift_words(drift: Array, recording: Recording, misfit: WrenchMisfit) -> tu
 
 
 def _likeliest(wrench: Array, recording: Recording, misfit: WrenchMisfit) -> tuple[str, Array, Array]:
-    """The robot whose sensor needs the least moment to explain a wrench (6,) in the body frame: force and moment."""
+    """The robot whose sensor needs the least moment for a wrench (6,) in the body frame, with its force and moment."""
     own = [np.linalg.inv(adjoint) @ wrench for adjoint in misfit.adjoints]
     arms = [float(np.linalg.norm(one[3:])) / max(float(np.linalg.norm(one[:3])), 1e-9) for one in own]
     robot = int(np.argmin(arms))
@@ -100,17 +100,17 @@ def _likeliest(wrench: Array, recording: Recording, misfit: WrenchMisfit) -> tup
 
 
 def is_ambiguous(suspect: Suspect, recording: Recording) -> bool:
-    """Whether a factor might as well be another robot's: of two robots, one reads too much or the other too little."""
+    """Whether either of two robots may have a wrong scale: one too large or the other too small."""
     is_one = suspect.robot is not None and len(recording.names) == 2
     return is_one and suspect.cause in (Cause.SCALE, Cause.FORCE_SCALE) and suspect.value[0] > 0.0
 
 
 def is_unit_of_all(suspect: Suspect) -> bool:
-    """Whether it might be all forces instead of all moments, or the other way round."""
+    """Whether all forces or all moments may be in another unit."""
     is_all = suspect.robot is None and suspect.cause in (Cause.MOMENT_SCALE, Cause.FORCE_SCALE)
     return is_all and suspect.value[0] > 0.0
 
 
 def angle_deg(one: Array, other: Array) -> float:
-    """Between two vectors (3,) [degrees]."""
+    """Angle between two vectors (3,) [degrees]."""
     return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(one, other)), one @ other)))
