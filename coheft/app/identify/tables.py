@@ -1,4 +1,4 @@
-"""The report on a recording for people."""
+"""The report on a recording as tables in the terminal."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _UNSEEN = "not seen"
 
 
 def print_identification(console: Console, report: IdentifyReport) -> None:
-    """Print tables of what was found, how sure it is, and what is not known."""
+    """Print tables of the estimates and their standard deviations, and all remarks."""
     first = report.robots[0]
     when = "held still" if report.method == "static" else f"{report.from_s:.1f} s to {report.to_s:.1f} s"
     console.print(
@@ -34,11 +34,13 @@ def print_identification(console: Console, report: IdentifyReport) -> None:
         print_table(console, _calibration(report))
     if not report.payload.was_possible and report.payload.inertia is not None and not report.doubts:
         console.print(
-            f"What was solved for is no body that can exist; this is the most likely one that is, "
+            f"The best fit is physically impossible; this is the most likely possible body, "
             f"{report.payload.deviations_off:.1f} standard deviations away."
         )
     unseen = (f"Not observable: {what}" for what in report.not_observable)
-    unjudged = [] if report.not_judged is None else [f"Not judged, so that nothing checks it: {report.not_judged}."]
+    unjudged = (
+        [] if report.not_judged is None else [f"Not judged, so that nothing has checked it: {report.not_judged}."]
+    )
     doubts = (f"Do not trust these numbers: {what}" for what in report.doubts)
     for text in (*unseen, *report.remarks, *unjudged, *doubts):
         console.print(text, markup=False)
@@ -94,7 +96,7 @@ def _payload(report: IdentifyReport) -> Table:
 
 
 def _numbers(values: float | list[float] | None, digits: int = 4, unit: str = "") -> str:
-    """Numbers in a cell; nothing if there are none."""
+    """Text of a cell with numbers; empty for None."""
     if values is None:
         return ""
     return " ".join(f"{value:.{digits}f}" for value in (values if isinstance(values, list) else [values])) + unit
