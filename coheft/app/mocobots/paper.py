@@ -1,7 +1,7 @@
-"""What Zhang et al. (2025) measured on hardware, Tables II to V.
+"""Errors of Zhang et al. (2025) on hardware, Tables II to V.
 
 Errors of rotations, positions, mass and centre of mass are means of absolute values. Those of principal inertias are
-means of signed values with a standard deviation that is often larger: there, what compares is ``sqrt(mean² + std²)``.
+means of signed values with standard deviations, so that ``sqrt(mean² + std²)`` is used.
 """
 
 from __future__ import annotations

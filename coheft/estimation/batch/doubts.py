@@ -26,7 +26,7 @@ def unsettled(team: TeamPoses, is_settled: bool) -> tuple[str, ...]:
         team: The fitted poses.
         is_settled: Whether the last step was small.
     """
-    if is_settled or any(team.relative(0, k).unseen for k in range(1, len(team.poses))):
+    if is_settled or not team.is_observable:
         return ()
     return (
         "The fit of the poses did not converge. Are poses and twists those of grasp frames, and do "

@@ -52,7 +52,7 @@ def identify_statics(statics: Statics) -> Identification:
     starts = [Pose.identity(), *(_grasp(statics.pose[0], pose) for pose in statics.pose[1:])]
     grasps = fit_hand_eye(WristPoses.without_gimbals(statics.pose), starts, is_independent=True)
     team = grasps.team
-    if any(team.relative(0, k).unseen for k in range(1, len(team.poses))):
+    if not team.is_observable:
         raise RecordingError(
             f"found {orientations(holds.down[:, 0])} orientations in {count} holds: they do not show where robots hold "
             f"the load; expected orientations that differ by turns about two axes at least, far apart"
@@ -87,7 +87,7 @@ def with_statics(found: Identification, statics: Statics) -> Identification:
         RecordingError: There are too few orientations.
     """
     team, holds = found.team, statics.as_holds()
-    if any(team.relative(0, k).unseen for k in range(1, len(team.poses))):
+    if not team.is_observable:
         remark = "Holds that were recorded apart are not used: the motion does not show where robots hold the load."
         return replace(found, remarks=(*found.remarks, remark))
     still, spread = _estimate(holds, team.poses)

@@ -25,6 +25,11 @@ class TeamPoses:
     covariance: Array
     limits: Visibility
 
+    @property
+    def is_observable(self) -> bool:
+        """Whether all poses are observable."""
+        return not any(self.relative(0, other).unseen for other in range(1, len(self.poses)))
+
     def relative(self, i: int, j: int) -> PoseEstimate:
         """``pose_j_in_i`` of two different robots."""
         derivative = relative_pose_derivative(self.poses[i], self.poses[j])

@@ -80,9 +80,7 @@ class Evidence:
     @property
     def is_seen(self) -> bool:
         """Whether all grasp poses are observable, and there is gravity."""
-        team = self.team
-        relative = (team.relative(0, other) for other in range(1, len(team.poses)))
-        return bool(self.recording.gravity.any()) and not any(pose.unseen for pose in relative)
+        return bool(self.recording.gravity.any()) and self.team.is_observable
 
     @property
     def poses(self) -> tuple[Pose, ...]:
