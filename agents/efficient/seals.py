@@ -21,9 +21,9 @@ import numpy.typing as npt
 
 from coheft.agents.efficient.exchange import Copy, Exchange
 from coheft.agents.efficient.row_times import RowTimes
-from coheft.agents.estimator import RowSigner
+from coheft.agents.estimator import Channels, RowSigner
 
-CHANNEL = "seals"
+_CHANNEL = "seals"
 _HASH = 8
 """Length of a hash [B]: a forger would have to find another row with the same hash within a second."""
 _LONGEST_SIGNATURE = 72
@@ -147,9 +147,10 @@ class Seals:
             self._keep(unsigned._replace(signature=self._signer.sign(unsigned.content(self._exchange.team))))
             self._due[own] += span
 
-    def hear(self, array: npt.NDArray[np.generic], block: int) -> None:
+    def hear(self, channels: Channels, block: int) -> None:
         """Process the seals in a neighbour's message. After one that is not signed, the rest is ignored."""
-        if array.dtype != np.int32 or array.ndim != 2 or array.shape[1] * array.itemsize != self._size:
+        array = channels.get(_CHANNEL)
+        if array is None or array.dtype != np.int32 or array.ndim != 2 or array.shape[1] * array.itemsize != self._size:
             return
         newest = self._times.complete(block - 1)
         for place, (robot, first) in enumerate(array[:, :2].tolist()):
@@ -169,8 +170,8 @@ class Seals:
         self._news.append(encoded)
         self._newest[seal.robot] = max(self._newest.get(seal.robot, (seal.first, encoded)), (seal.first, encoded))
 
-    def tell(self) -> npt.NDArray[np.int32]:
-        """Return the seals for all neighbours: new ones, and in rotation known ones, in case messages were lost.
+    def tell(self) -> dict[str, npt.NDArray[np.int32]]:
+        """Return the channel with seals for all neighbours: new ones, and known ones in rotation, in case one was lost.
 
         They are always as many, because messages whose arrays keep their shapes are decoded faster.
         """
@@ -179,7 +180,7 @@ class Seals:
         while len(told) < self._per_message:
             self._turn += 1
             told.append(known[self._turn % len(known)][1] if known else self._nothing)
-        return np.frombuffer(b"".join(told), dtype=np.int32).reshape(len(told), self._size // 4)
+        return {_CHANNEL: np.frombuffer(b"".join(told), dtype=np.int32).reshape(len(told), self._size // 4)}
 
     # --- comparison ---
 

@@ -6,13 +6,11 @@ every row that is complete goes to the session, even if an earlier one is not co
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from coheft.agents.efficient.exchange import Exchange
 from coheft.agents.efficient.handover import CHANNEL, decode, encode
 from coheft.agents.efficient.row_times import OwnRows, RowTimes
-from coheft.agents.efficient.seals import CHANNEL as SEALS
-from coheft.agents.efficient.seals import Seals
 from coheft.agents.efficient.session import Session
 from coheft.agents.efficient.settings import Guards, fit_settings
 from coheft.agents.efficient.stages import Stage
@@ -23,6 +21,9 @@ from coheft.estimation.moments.chapter import Prior
 from coheft.estimation.moments.unknowns import Unknowns
 from coheft.wire.config import AgentConfig
 from coheft.wire.messages.size import MOST_SEALED, MOST_TOLD
+
+if TYPE_CHECKING:  # not loaded in the open profile
+    from coheft.agents.efficient.seals import Seals
 
 _TOLD = 2
 """A new robot is sent the prior in so many messages, in case one is lost."""
@@ -77,6 +78,8 @@ class Team:
         self.exchange = Exchange(membership, len(lives), self.own, hops, times, errors.width - 1, sealing)
         self._seals: Seals | None = None
         if signer is not None:
+            from coheft.agents.efficient.seals import Seals
+
             distrust = config.blocks(guards.distrusting)
             self._seals = Seals(
                 self.names, self.own, times.begun_from(start), self.exchange, times, span, patience, distrust, signer
@@ -127,12 +130,12 @@ class Team:
 
     def hear_seals(self, channels: Channels, index: int) -> None:
         """Process the seals in a neighbour's message."""
-        if self._seals is not None and SEALS in channels:
-            self._seals.hear(channels[SEALS], index)
+        if self._seals is not None:
+            self._seals.hear(channels, index)
 
     def tell_seals(self) -> dict[str, Any]:
         """The channel with seals for neighbours, empty if rows are not signed."""
-        return {} if self._seals is None else {SEALS: self._seals.tell()}
+        return {} if self._seals is None else self._seals.tell()
 
     def refused(self) -> list[str]:
         """Return what has been refused since the last call, in words."""
