@@ -31,7 +31,7 @@ from coheft.estimation.batch.pairs import grasps_from_twists
 from coheft.estimation.batch.payload import make_payload, of_central_numbers
 from coheft.estimation.batch.plausibility import plausible_signals
 from coheft.estimation.batch.pose_differences import derivative_by_poses, turned_covariance
-from coheft.estimation.batch.recording import Recording
+from coheft.estimation.batch.recording import Recording, RobotRecord
 from coheft.estimation.batch.signals import CUTOFF, EDGE, Signals, signals_of
 from coheft.estimation.batch.statistics import SPAN
 from coheft.estimation.batch.team_poses import TeamPoses
@@ -146,16 +146,15 @@ def _after_calibration(
     cutoff: float,
 ) -> Evidence:
     """The recording corrected for all calibration errors, in true lengths, for the judge."""
-    robots = {}
-    for k, (name, robot) in enumerate(corrected(recording, grasps.errors).robots.items()):
-        assert robot.pose is not None
-        assert robot.wrench is not None
-        place, turn = fit.scale * robot.pose[:, :3], robot.pose[:, 3:]
-        offset = Rotation.from_quat(turn).inv().apply(fit.force_offset[k])
-        force = (robot.wrench[:, :3] - offset) / (1.0 + fit.force_scale[k])
-        moment = robot.wrench[:, 3:] / (1.0 + fit.force_scale[k])
-        robots[name] = replace(robot, pose=np.hstack([place, turn]), wrench=np.hstack([force, moment]))
-    right = replace(recording, robots=robots)
+    right, robots = corrected(recording, grasps.errors), {}
+    poses, wrenches = right.stacked("pose"), right.stacked("wrench")
+    for name, pose, wrench, scale, offset in zip(
+        right.names, poses, wrenches, fit.force_scale, fit.force_offset, strict=True
+    ):
+        own = np.hstack([Rotation.from_quat(pose[:, 3:]).inv().apply(offset), np.zeros((len(pose), 3))])
+        lengths = np.repeat([fit.scale, 1.0], [3, 4])
+        robots[name] = RobotRecord(right.time, pose=pose * lengths, wrench=(wrench - own) / (1.0 + scale))
+    right = replace(right, robots=robots)
     tilt = float(np.sqrt(np.mean(grasps.errors_std[:, ZERO] ** 2)))
     evidence = Evidence.of_poses(right, signals_of(right, cutoff), cutoff, replace(grasps, team=team))
     return replace(evidence, tolerances=tolerances, tilt=tilt)
@@ -165,18 +164,19 @@ def corrected(recording: Recording, errors: Array) -> Recording:
     """Correct a recording for errors of its poses, shape (N, 7); wrenches are rotated accordingly.
 
     Raises:
-        ValueError: A robot did not record poses and wrenches.
+        RecordingError: A robot did not record poses and wrenches.
     """
     robots = {}
-    for (name, robot), own in zip(recording.robots.items(), errors, strict=True):
-        if robot.pose is None or robot.wrench is None:
-            raise ValueError(f"expected poses and wrenches of {name}")
-        measured = Rotation.from_quat(robot.pose[:, 3:]).as_matrix()
-        rotations, positions = corrected_poses(gimbal_angles(measured), robot.pose[:, :3], own)
+    samples = zip(recording.names, recording.stacked("pose"), recording.stacked("wrench"), errors, strict=True)
+    for name, pose, wrench, own in samples:
+        measured = Rotation.from_quat(pose[:, 3:]).as_matrix()
+        rotations, positions = corrected_poses(gimbal_angles(measured), pose[:, :3], own)
         turn = rotations.swapaxes(-1, -2) @ measured
-        wrench = (robot.wrench.reshape(-1, 2, 3) @ turn.swapaxes(-1, -2)).reshape(-1, 6)
-        pose = np.hstack([positions, Rotation.from_matrix(rotations).as_quat()])
-        robots[name] = replace(robot, pose=pose, wrench=wrench, twist=None, dtwist=None, acceleration=None)
+        robots[name] = RobotRecord(
+            recording.time,
+            pose=np.hstack([positions, Rotation.from_matrix(rotations).as_quat()]),
+            wrench=(wrench.reshape(-1, 2, 3) @ turn.swapaxes(-1, -2)).reshape(-1, 6),
+        )
     return replace(recording, robots=robots)
 
 

@@ -101,12 +101,8 @@ def judge(evidence: Evidence, assumed: str | None = None) -> Verdict:
 
 def _inverse(recording: Recording, cutoff: float) -> Verdict | None:
     """Find out whether all poses are inverse: then they fit each other, but not the forces."""
-    robots = {
-        name: replace(robot, pose=None if robot.pose is None else inverse_poses(robot.pose))
-        for name, robot in recording.robots.items()
-    }
     try:
-        verdict = judge(Evidence.of(replace(recording, robots=robots), cutoff))
+        verdict = judge(Evidence.of(recording.changed("pose", inverse_poses), cutoff))
     except RecordingError:
         return None
     if verdict.is_refuted:

@@ -69,7 +69,7 @@ def check_conventions(recording: Recording, cutoff: float, signals: Signals) -> 
     choices = [np.ones(count, dtype=np.bool_), *np.eye(count, dtype=np.bool_)]
     tried = []
     for convert, how, what_to_do in _CONVENTIONS:
-        other = _twists(_converted(recording, convert), cutoff)
+        other = _twists(recording.changed("pose", convert), cutoff)
         tried += [
             (_misfit(np.where(choice[:, None, None], other, given)), choice, how, what_to_do) for choice in choices
         ]
@@ -84,15 +84,6 @@ def check_conventions(recording: Recording, cutoff: float, signals: Signals) -> 
         f"'pose' of {names}: as poses of the grasp frame in the home frame with quaternions qx qy qz qw, as expected, "
         f"robots that hold one load cannot move like this; {how} they can. {what_to_do}"
     )
-
-
-def _converted(recording: Recording, convert: Callable[[Array], Array]) -> Recording:
-    robots = {}
-    for name, robot in recording.robots.items():
-        if robot.pose is None:
-            raise ValueError(f"expected poses of {name}")
-        robots[name] = replace(robot, pose=convert(robot.pose))
-    return replace(recording, robots=robots)
 
 
 def _twists(recording: Recording, cutoff: float) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -105,6 +105,18 @@ class Recording:
         if missing:
             raise RecordingError(f"'{channel}' of {', '.join(missing)} is missing, but needed")
         return np.array([getattr(robot, channel) for robot in self.robots.values()])
+
+    def changed(self, channel: str, change: Callable[[Array], Array], name: str | None = None) -> Recording:
+        """Change a channel, of shape (n, width), of one robot; None: of all robots.
+
+        Raises:
+            RecordingError: A robot did not record it.
+        """
+        robots = {
+            own: replace(robot, **{channel: change(samples)}) if name in (None, own) else robot
+            for (own, robot), samples in zip(self.robots.items(), self.stacked(channel), strict=True)
+        }
+        return replace(self, robots=robots)
 
     def between(self, start: float, end: float) -> Recording:
         """Only the samples between two times [s].
