@@ -384,7 +384,7 @@ def test_what_is_assumed_is_taken_out(fault: Fault, robots: tuple[str, ...], cau
     recording = with_fault(held_recording(SEED), fault, *robots)
     found = identify(recording, Options(assume=cause))
     assert found.doubts == ()
-    assert found.remarks[0].startswith(f"Taken out, as assumed ({cause}): ")
+    assert found.remarks[0].startswith(f"Corrected, as assumed ({cause}): ")
     assert deviations(recording, found).max() < 5.0
 
 

@@ -9,7 +9,7 @@ from rich.table import Table
 from coheft.app.identify.report import IdentifyReport
 from coheft.app.terminal.wide_table import print_table
 
-_UNSEEN = "not seen"
+_UNSEEN = "not observable"
 
 
 def print_identification(console: Console, report: IdentifyReport) -> None:
@@ -25,7 +25,10 @@ def print_identification(console: Console, report: IdentifyReport) -> None:
     print_table(console, _payload(report))
     if report.loops:
         worst = max(report.loops, key=lambda loop: loop.position_mm)
-        console.print(f"Pairs alone fail to close by up to {worst.rotation_deg:.3f}° and {worst.position_mm:.2f} mm.")
+        console.print(
+            f"Before pairs were fitted together, their loops failed to close by up to {worst.rotation_deg:.3f}° and "
+            f"{worst.position_mm:.2f} mm."
+        )
     if report.errors is not None:
         console.print("Errors are against the truth, which this recording names: it was simulated.")
     if report.holds_s:
@@ -105,8 +108,8 @@ def _numbers(values: float | list[float] | None, digits: int = 4, unit: str = ""
 def _calibration(report: IdentifyReport) -> Table:
     table = Table("robot", "what", "found", "std", "std before", "", title="Calibration", title_justify="left")
     for row in report.calibration:
-        told = "" if row.seen else "not seen"
+        note = "" if row.seen else _UNSEEN
         table.add_row(
-            escape(row.robot), row.what, f"{row.value:.3f} {row.unit}", f"{row.std:.3f}", f"{row.std_before:.3f}", told
+            escape(row.robot), row.what, f"{row.value:.3f} {row.unit}", f"{row.std:.3f}", f"{row.std_before:.3f}", note
         )
     return table

@@ -52,7 +52,7 @@ def judged(
     verdict = _checked(found.verdict, assume)
     for _ in range(_MENDINGS):
         assert evidence is not None  # there is a verdict
-        words.append(f"Taken out, as assumed ({assume}): {verdict.words}")
+        words.append(f"Corrected, as assumed ({assume}): {verdict.words}")
         recording = mend(recording, verdict, evidence.poses)
         found, evidence = _judged(recording, fit, cutoff, assume)
         if found.verdict is None or not found.verdict.is_refuted or found.verdict.cause != assume:
@@ -109,7 +109,7 @@ def _inverse(recording: Recording, cutoff: float) -> Verdict | None:
         return None
     return Verdict(
         cause=Cause.INVERSE,
-        words="forces are not those of a load that moves like this, but they are if all poses are those of the home "
+        words="forces do not fit these poses, but they fit their inverses: all poses seem to be those of the home "
         "frame in the grasp frame, and not the other way round: invert them",
     )
 
@@ -153,8 +153,8 @@ def _what_is_hidden(hidden: Sequence[HiddenError]) -> str:
     std = attrgetter("std")
     mass, com, tensor = hidden[0], max(hidden[1:4], key=std), max(hidden[4:], key=std)
     return (
-        f"This recording would not show sensors that are off by little, which may add standard deviations of "
-        f"{mass.std:.2g} kg ({mass.cause}) to the mass, {1e3 * com.std:.2g} mm ({com.cause}) to the centre of mass and "
+        f"Small faults of sensors that this recording would not show may add standard deviations of {mass.std:.2g} kg "
+        f"({mass.cause}) to the mass, {1e3 * com.std:.2g} mm ({com.cause}) to the centre of mass and "
         f"{tensor.std:.2g} kg·m² ({tensor.cause}) to moments of inertia."
     )
 
@@ -164,6 +164,6 @@ def _common_scale(payload: Payload) -> tuple[str, ...]:
     if not (payload.is_seen("mass") and payload.is_seen("inertia")):
         return ()
     return (
-        f"Nor does any show a factor of all forces and moments, as of another unit: a solid ellipsoid with these mass "
-        f"properties would have at least {solid_density(payload, _SURELY):,.0f} kg/m³.",
+        f"No recording shows a common factor of all forces and moments, such as another unit. Check the density: a "
+        f"solid ellipsoid with these mass properties would have at least {solid_density(payload, _SURELY):,.0f} kg/m³.",
     )

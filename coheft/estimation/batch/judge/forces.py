@@ -72,7 +72,7 @@ def judge_forces(evidence: Evidence, assumed: str | None) -> Verdict:
         second = next(one for one in found[1:] if one.cause is not found[0].cause)
         return Verdict(
             Cause.UNKNOWN,
-            words=f"{misfits}, most at {_worst(misfit):.1f} s, and no single cause explains it; most like it is that "
+            words=f"{misfits}, most at {_worst(misfit):.1f} s, and no single cause explains it; the likeliest is that "
             f"{words_of(found[0], recording, misfit)[1]}. Are the robots calibrated (--calibrate)? Did something "
             f"happen meanwhile (choose a part with --from and --to)?",
             ratio=float(np.sqrt(plain.inside)),
@@ -86,10 +86,10 @@ def judge_forces(evidence: Evidence, assumed: str | None) -> Verdict:
     is_open = is_ambiguous(best, recording) or (is_unit_of_all(best) and best.cause != assumed)
     mass = None if is_open else _mass_of(best.fit)
     with_it = "" if mass is None else f". With it estimated along, the mass is {mass[0]:.4g} kg (std {mass[1]:.2g} kg)"
-    rest = f"; the second best cause, {second.cause.value}, is hardly worse" if margin < _CLOSE else ""
+    rest = f"; another fault, {second.cause.value}, explains it nearly as well" if margin < _CLOSE else ""
     return replace(
         _verdict_of(best, robot, homes),
-        words=f"{misfits}. One cause mends it: {words}{rest}{with_it}",
+        words=f"{misfits}. One fault explains this: {words}{rest}{with_it}",
         ratio=float(np.sqrt(plain.inside)),
         margin=margin,
         second=second.cause.value,

@@ -47,7 +47,7 @@ def judge_motions(evidence: Evidence) -> Verdict | None:
     is_mended = left < max(_EXCESS, _MENDED * view.excess)
     words = (
         f"what {whose} measures of its motion differs from what others measure by {view.ratio:.2g} times what noise "
-        f"explains. {'One cause mends it' if is_mended else 'Most like it is'}: its {fault}"
+        f"explains. {'One fault explains this' if is_mended else 'The likeliest fault'}: its {fault}"
     )
     return Verdict(Cause.MOTION, name, words=words, ratio=view.ratio)
 

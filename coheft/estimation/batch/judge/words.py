@@ -52,7 +52,7 @@ def words_of(suspect: Suspect, recording: Recording, misfit: WrenchMisfit) -> tu
         case Cause.DRIFT:
             return _drift_words(value[6:], recording, misfit)
         case Cause.COMPENSATED:
-            return None, "forces do not hold the weight: a controller has taken it out of them"
+            return None, "forces do not carry the weight: a controller has compensated it"
         case Cause.CLOCK:
             late = "late" if value[0] > 0.0 else "early"
             clocks = f"wrenches of {whose} are {abs(1000.0 * value[0]):.3g} ms {late} against poses"
@@ -75,7 +75,7 @@ def _offset_words(offset: Array, recording: Recording, misfit: WrenchMisfit) -> 
     deviations = np.sqrt([np.diag(noise) * recording.rate / misfit.signals.rate for noise in misfit.noise])
     level = _QUIET * deviations / np.sqrt(first.shape[1]) + 0.02 * np.sqrt(np.mean(wrenches**2, axis=1))
     if np.all(np.abs(first.mean(axis=1)) < level):
-        return None, "all sensors read zero in the beginning: they were tared with the load in hand"
+        return None, "all sensors read zero at the beginning: they were tared while the robots held the load"
     name, f, t = _likeliest(offset, recording, misfit)
     return name, (
         f"the wrench of {name} is off by ({f[0]:.2f}, {f[1]:.2f}, {f[2]:.2f}) N and ({t[0]:.3f}, {t[1]:.3f}, "
