@@ -19,14 +19,9 @@ _DENSEST = 2.3e4
 _METRES = "Are all lengths in metres, moments in N·m, and angular velocities in rad/s?"
 
 
-def unsettled(team: TeamPoses, is_settled: bool) -> tuple[str, ...]:
-    """Say that a fit of poses did not converge; poses that are not observable need not.
-
-    Args:
-        team: The fitted poses.
-        is_settled: Whether the last step was small.
-    """
-    if is_settled or not team.is_observable:
+def unsettled(team: TeamPoses) -> tuple[str, ...]:
+    """Say that a fit of poses did not converge; poses that are not observable need not."""
+    if team.is_settled or not team.is_observable:
         return ()
     return (
         "The fit of the poses did not converge. Are poses and twists those of grasp frames, and do "

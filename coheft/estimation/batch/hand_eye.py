@@ -34,7 +34,6 @@ from coheft.estimation.batch.statistics import EXACT, batch_scatter
 from coheft.estimation.batch.team_poses import TeamPoses
 from coheft.estimation.batch.wrist_poses import WristPoses
 from coheft.estimation.geometry.body_motion import perturbed
-from coheft.estimation.geometry.observability import Visibility
 from coheft.estimation.geometry.spatial import Array, Pose
 
 _STEPS, _STEPS_OF_FEW = 15, 100
@@ -66,7 +65,6 @@ class HandEye:
         errors_std: Their standard deviations, shape (N, 7); equal to the prior's where nothing was learned.
         noise: Standard deviations of a sample's angles [rad] and positions [m], at least 1e-5.
         covariance: Covariance of all unknowns of all robots, shape (19 N, 19 N).
-        is_settled: Whether the fit has converged: the last step was small beside the standard deviations.
     """
 
     team: TeamPoses
@@ -75,7 +73,6 @@ class HandEye:
     errors_std: Array
     noise: tuple[float, float]
     covariance: Array
-    is_settled: bool
 
 
 def fit_hand_eye(
@@ -118,13 +115,12 @@ def fit_hand_eye(
     grasps = unknowns_of(count, GRASP)
     is_small = np.abs(step) <= np.maximum(_CLOSE, _SMALL * spread.ravel())
     return HandEye(
-        team=TeamPoses(guess.grasps, covariance[np.ix_(grasps, grasps)], Visibility()),
+        team=TeamPoses(guess.grasps, covariance[np.ix_(grasps, grasps)], bool(is_noise_known and is_small.all())),
         homes=guess.homes,
         errors=guess.errors,
         errors_std=spread[:, ERRORS],
         noise=noise,
         covariance=covariance,
-        is_settled=bool(is_noise_known and is_small.all()),
     )
 
 

@@ -43,8 +43,7 @@ def identify_batch(
         RecordingError: Something is missing; no two orientations were held still.
     """
     signals = plausible_signals(recording, cutoff)
-    grasps, loops = grasps_from_twists(signals, with_instruments=False)
-    team = grasps.team
+    team, loops = grasps_from_twists(signals, with_instruments=False)
     holds = holds_of(recording, cutoff)
     if statics is not None:
         holds = both_holds(holds, statics.as_holds())
@@ -77,7 +76,7 @@ def identify_batch(
             "Least squares takes noise of accelerations for motion: inertias come out too small, by an unknown amount. "
             "Compare with --method instruments.",
         ),
-        suspicions=unsettled(team, grasps.is_settled),
+        suspicions=unsettled(team),
         time=signals.time,
         residual=tensor.residual,
     )
@@ -94,9 +93,9 @@ def identify_with_instruments(recording: Recording, cutoff: float = CUTOFF) -> I
         RecordingError: Something is missing.
     """
     signals = plausible_signals(recording, cutoff)
-    grasps, loops = grasps_from_twists(signals, with_instruments=True)
-    found = identify_at_grasps("instruments", recording, signals, grasps.team)
-    return replace(found, loops=tuple(loops), suspicions=unsettled(grasps.team, grasps.is_settled))
+    team, loops = grasps_from_twists(signals, with_instruments=True)
+    found = identify_at_grasps("instruments", recording, signals, team)
+    return replace(found, loops=tuple(loops), suspicions=unsettled(team))
 
 
 def identify_at_grasps(method: str, recording: Recording, signals: Signals, team: TeamPoses) -> Identification:

@@ -70,12 +70,12 @@ def identify_poses(
     recording.stacked("wrench")  # better refused before the long fit than after it
     wrists = WristPoses.of(recording.stacked("pose"), recording.rate, at_home=tolerances is not None)
     start, loops = grasps_from_twists(signals, with_instruments=True)
-    grasps = fit_hand_eye(wrists.averaged(POSES_PER_SECOND), start.team.poses, tolerances)
+    grasps = fit_hand_eye(wrists.averaged(POSES_PER_SECOND), start.poses, tolerances)
     if tolerances is None:
         found = _calibrated(recording, signals, grasps, cutoff)
     else:
         found = _with_calibration(recording, grasps, tolerances, cutoff)
-    suspicions = (*suspicions_about(grasps), *unsettled(grasps.team, grasps.is_settled))
+    suspicions = (*suspicions_about(grasps), *unsettled(grasps.team))
     return replace(found, loops=tuple(loops), suspicions=(*suspicions, *found.suspicions))
 
 
@@ -217,5 +217,5 @@ def _in_true_lengths(grasps: HandEye, fit: CalibratedFit) -> TeamPoses:
     return TeamPoses(
         poses=tuple(Pose(pose.rotation, fit.scale * pose.translation) for pose in grasps.team.poses),
         covariance=covariance * np.outer(lengths, lengths) + scale_variance * np.outer(stretched, stretched),
-        limits=grasps.team.limits,
+        is_settled=grasps.team.is_settled,
     )

@@ -11,7 +11,6 @@ from coheft.estimation.batch.payload import Payload
 from coheft.estimation.batch.plausibility import check_units, check_weight
 from coheft.estimation.batch.recording import Recording, check_recording
 from coheft.estimation.batch.team_poses import TeamPoses
-from coheft.estimation.geometry.observability import Visibility
 from coheft.estimation.moments.claims import possible_load
 from coheft.estimation.moments.recorded import fit_recorded
 from coheft.estimation.moments.unknowns import THETA
@@ -53,7 +52,7 @@ def identify_sensors(recording: Recording) -> Identification:
     state, places, inertia = estimate.state, estimate.body.unknowns, possible_load(estimate)
     assert state.load is not None  # it has been fitted
     poses = np.ix_(places.poses.ravel(), places.poses.ravel())
-    team = TeamPoses(state.poses, estimate.seen[poses] + _HIDDEN * estimate.hidden[poses], Visibility())
+    team = TeamPoses(state.poses, estimate.seen[poses] + _HIDDEN * estimate.hidden[poses], found.is_settled)
     to_central = central_derivative(inertia)
     covariance = to_central @ estimate.covariance[places.theta, places.theta] @ to_central.T
     size = float(np.sqrt(np.mean(np.square(found.residual) / np.diag(found.expected))))
@@ -72,7 +71,7 @@ def identify_sensors(recording: Recording) -> Identification:
             unseen=unseen_quantities(covariance, inertia.mass, estimate.size),
         ),
         remarks=() if is_refuted else (remark,),
-        suspicions=((remark,) if is_refuted else ()) + unsettled(team, found.is_settled),
+        suspicions=((remark,) if is_refuted else ()) + unsettled(team),
         time=recording.time[: len(found.residual) * found.row_samples].reshape(-1, found.row_samples).mean(axis=1),
         residual=found.residual,
         noise_ratio=size,

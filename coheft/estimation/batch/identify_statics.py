@@ -68,7 +68,7 @@ def identify_statics(statics: Statics) -> Identification:
         payload=make_payload(of_central_numbers(numbers), whole, team.poses),
         remarks=(_held(holds),),
         not_judged="a load that is held still shows too little of what may be wrong with sensors",
-        suspicions=(*_not_along(holds, team.poses), *unsettled(team, grasps.is_settled)),
+        suspicions=(*_not_along(holds, team.poses), *unsettled(team)),
         time=np.arange(count, dtype=np.float64),
         residual=_residual(holds, team.poses, found),
     )

@@ -7,7 +7,6 @@ closes all loops (a pose graph: Lu and Milios 1997; Zhang et al., sec. III-B).
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from itertools import combinations
 
 import msgspec
@@ -15,7 +14,6 @@ import numpy as np
 
 from coheft.estimation.batch.team_poses import TeamPoses
 from coheft.estimation.geometry.body_motion import perturbation_between, perturbed, relative_pose_derivative
-from coheft.estimation.geometry.observability import Visibility
 from coheft.estimation.geometry.spatial import Array, Pose, skew
 from coheft.estimation.geometry.uncertain_pose import UncertainPose
 
@@ -23,20 +21,7 @@ _STEPS = 20
 _CLOSE = 1e-9
 
 
-@dataclass(frozen=True, eq=False)
-class ClosedLoops:
-    """One pose per robot.
-
-    Attributes:
-        team: All poses.
-        is_settled: Whether steps had become small when no more were taken.
-    """
-
-    team: TeamPoses
-    is_settled: bool
-
-
-def close_loops(count: int, pairs: Mapping[tuple[int, int], UncertainPose]) -> ClosedLoops:
+def close_loops(count: int, pairs: Mapping[tuple[int, int], UncertainPose]) -> TeamPoses:
     """Poses of all robots in the first one's frame.
 
     Args:
@@ -60,8 +45,7 @@ def close_loops(count: int, pairs: Mapping[tuple[int, int], UncertainPose]) -> C
         if is_settled:
             break
     # The pairs share their robots' noise: N (N - 1) / 2 of them know no more than N - 1 independent ones.
-    team = TeamPoses(tuple(poses), covariance * (len(pairs) / (count - 1)), Visibility())
-    return ClosedLoops(team, is_settled)
+    return TeamPoses(tuple(poses), covariance * (len(pairs) / (count - 1)), is_settled)
 
 
 def _rows(poses: list[Pose], i: int, j: int) -> Array:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from coheft.estimation.batch.loop_closure import ClosedLoops, LoopError, close_loops, loop_errors
+from coheft.estimation.batch.loop_closure import LoopError, close_loops, loop_errors
 from coheft.estimation.batch.signals import Signals
 from coheft.estimation.batch.statistics import sandwich_information
+from coheft.estimation.batch.team_poses import TeamPoses
 from coheft.estimation.geometry.observability import PoseEstimate, Visibility, seen_information
 from coheft.estimation.geometry.spatial import Array, Pose, skew
 
@@ -81,7 +82,7 @@ def pair_pose(twist_i: Array, twist_j: Array, rate: float, instrument: Array | N
     return PoseEstimate(Pose(rotation, position), seen.inverse(), seen.unseen())
 
 
-def grasps_from_twists(signals: Signals, with_instruments: bool) -> tuple[ClosedLoops, list[LoopError]]:
+def grasps_from_twists(signals: Signals, with_instruments: bool) -> tuple[TeamPoses, list[LoopError]]:
     """Poses of the team from its twists, and by how much loops of observable pairs failed to close."""
     twists = np.concatenate([signals.w, signals.v], axis=-1)
     count = len(twists)

@@ -18,12 +18,12 @@ class TeamPoses:
     Attributes:
         poses: Poses in the reference robot's grasp frame, the first one.
         covariance: Covariance of all perturbations, shape (6 N, 6 N); zero for the first pose.
-        limits: Deviations up to which a direction counts as observable.
+        is_settled: Whether the fit has converged.
     """
 
     poses: tuple[Pose, ...]
     covariance: Array
-    limits: Visibility
+    is_settled: bool = True
 
     @property
     def is_observable(self) -> bool:
@@ -35,5 +35,5 @@ class TeamPoses:
         derivative = relative_pose_derivative(self.poses[i], self.poses[j])
         by_robot = self.covariance.reshape(len(self.poses), 6, len(self.poses), 6)
         covariance = derivative @ by_robot[[i, j]][:, :, [i, j]].reshape(12, 12) @ derivative.T
-        seen = seen_information(np.linalg.inv(covariance).astype(np.float64), self.limits)
+        seen = seen_information(np.linalg.inv(covariance).astype(np.float64), Visibility())
         return PoseEstimate(self.poses[i].inverse() @ self.poses[j], covariance, seen.unseen())

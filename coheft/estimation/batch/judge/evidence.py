@@ -63,11 +63,9 @@ class Evidence:
         signals = plausible_signals(recording, cutoff)
         start, _ = grasps_from_twists(signals, with_instruments=True)
         if not recording.has("pose"):
-            return cls(recording, signals, cutoff, start.team)
+            return cls(recording, signals, cutoff, start)
         wrists = WristPoses.of(recording.stacked("pose"), recording.rate, at_home=False)
-        return cls.of_poses(
-            recording, signals, cutoff, fit_hand_eye(wrists.averaged(POSES_PER_SECOND), start.team.poses)
-        )
+        return cls.of_poses(recording, signals, cutoff, fit_hand_eye(wrists.averaged(POSES_PER_SECOND), start.poses))
 
     @classmethod
     def of_poses(cls, recording: Recording, signals: Signals, cutoff: float, grasps: HandEye) -> Self:
