@@ -58,8 +58,8 @@ def doubts_about(names: Sequence[str], team: TeamPoses, payload: Payload) -> tup
         if not pose.unseen and (distance := float(np.linalg.norm(pose.pose.translation))) > _FARTHEST
     }
     if far:
-        told = ", ".join(f"{name} {distance:.0f} m" for name, distance in far.items())
-        doubts.append(f"Robots that hold one load would be too far from {names[0]}: {told}. {_METRES}")
+        distances = ", ".join(f"{name} {distance:.0f} m" for name, distance in far.items())
+        doubts.append(f"Robots that hold one load would be too far from {names[0]}: {distances}. {_METRES}")
     middle, _ = middle_and_size(team.poses)
     away = float(np.linalg.norm(payload.inertia.com - middle))
     if away > _FARTHEST and payload.is_seen("com") and not far:

@@ -63,18 +63,18 @@ class Suspects:
     def __init__(self, misfit: WrenchMisfit, homes: Array, gravity: Array) -> None:
         self._misfit, self._homes, self._gravity = misfit, homes, gravity
         self._count = len(misfit.adjoints)
-        everyone = list(range(self._count))
+        indices = list(range(self._count))
         self._one_or_all: list[tuple[int | None, list[int]]] = [
-            *((robot, [robot]) for robot in everyone),
-            (None, everyone),
+            *((robot, [robot]) for robot in indices),
+            (None, indices),
         ]
         if misfit.signals.rotation is not None:
             rotations = [self._body_rotations(robot) for robot in range(self._count)]
             self._rotations = rotations[0]
-            self._supposed = np.mean([gravity @ own for own in rotations], axis=0)
+            self._gravity_in_body = np.mean([gravity @ own for own in rotations], axis=0)
             """Gravity in the body frame, mean over the robots, shape (n, 3)."""
-        self._per_unknown = float(np.log(misfit.plain.residual.size))
-        self._whose = 2.0 * float(np.log(self._count))
+        self._unknown_cost = float(np.log(misfit.plain.residual.size))
+        self._robot_cost = 2.0 * float(np.log(self._count))
 
     def all(self) -> list[Suspect]:
         """All faults, the likeliest first."""
@@ -84,7 +84,7 @@ class Suspects:
         return sorted(found, key=lambda suspect: -suspect.gain)
 
     def _suspect(self, cause: Cause, robot: int | None, fit: Fit, unknowns: int, value: Array | None = None) -> Suspect:
-        cost = unknowns * self._per_unknown + (self._whose if robot is not None else 0.0)
+        cost = unknowns * self._unknown_cost + (self._robot_cost if robot is not None else 0.0)
         # A fault with which the load would have no mass is impossible.
         gain = self._misfit.plain.misfit - fit.misfit - cost if fit.solution[0] > 0.0 else -np.inf
         return Suspect(cause, robot, fit, gain, fit.solution[BODY_NUMBERS:] if value is None else value)
@@ -163,7 +163,7 @@ class Suspects:
     def _regressor(self, gravity: Array) -> Array:
         """The body's regressor (n, 6, 10) with this gravity (3,) in the first robot's home frame."""
         motion = self._misfit.motion.copy()
-        motion[:, BODY_A] += self._supposed - gravity @ self._rotations
+        motion[:, BODY_A] += self._gravity_in_body - gravity @ self._rotations
         return regressor(motion)
 
     def _body_rotations(self, robot: int) -> Array:
