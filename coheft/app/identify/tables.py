@@ -106,10 +106,16 @@ def _numbers(values: float | list[float] | None, digits: int = 4, unit: str = ""
 
 
 def _calibration(report: IdentifyReport) -> Table:
-    table = Table("robot", "what", "found", "std", "std before", "", title="Calibration", title_justify="left")
+    table = Table(
+        "robot", "what", "found", "std", "std before", "observable", title="Calibration", title_justify="left"
+    )
     for row in report.calibration:
-        note = "" if row.seen else _UNSEEN
         table.add_row(
-            escape(row.robot), row.what, f"{row.value:.3f} {row.unit}", f"{row.std:.3f}", f"{row.std_before:.3f}", note
+            escape(row.robot),
+            row.what,
+            f"{row.value:.3f} {row.unit}",
+            f"{row.std:.3f}",
+            f"{row.std_before:.3f}",
+            "yes" if row.seen else "no",
         )
     return table
