@@ -17,9 +17,10 @@ from coheft.app.cart.inprocess import CartRun, run_in_process
 from coheft.app.cart.judge import MASS_AT, judge
 from coheft.app.cart.table_one import TESTS, table_one
 from coheft.app.run.parallel import side_by_side, workers
+from coheft.estimation.cart.model import CartBody
 from coheft.estimation.cart.observability import QUANTITIES
 from coheft.estimation.geometry.spatial import Array
-from coheft.wire.cart.scenario import CartGuess, CartScenario
+from coheft.wire.cart.scenario import CartScenario
 
 _WITHIN = 5.0
 """Largest error [standard deviations]."""
@@ -47,7 +48,7 @@ def errors(run: CartRun) -> Array:
     return np.array(result)
 
 
-def _numbers(cart: CartGuess) -> Array:
+def _numbers(cart: CartBody) -> Array:
     return np.array([cart.mass, *cart.com, cart.inertia, *cart.friction])
 
 

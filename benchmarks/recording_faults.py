@@ -10,7 +10,6 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from benchmarks.drawn_recordings import Team, between, direction, draw_team, recorded, with_record
-from coheft.estimation.batch.judge.mend import pose_of, wrench_of
 from coheft.estimation.batch.pose_conventions import inverse_poses
 from coheft.estimation.batch.recording import Recording, RobotRecord
 from coheft.estimation.batch.signals import without_jumps
@@ -35,6 +34,18 @@ class Faulty:
     recording: Recording
     causes: tuple[str, ...]
     robot: str | None
+
+
+def pose_of(robot: RobotRecord) -> Array:
+    """Poses of a robot that recorded them."""
+    assert robot.pose is not None
+    return robot.pose
+
+
+def wrench_of(robot: RobotRecord) -> Array:
+    """Wrenches of a robot that recorded them."""
+    assert robot.wrench is not None
+    return robot.wrench
 
 
 def _both(rotation: Rotation, wrench: Array) -> Array:

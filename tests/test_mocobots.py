@@ -17,7 +17,7 @@ from coheft.app.mocobots.tables import markdown, typical, worse_than_paper
 
 def trials(factor: float, configuration: str = "a") -> list[Trial]:
     """Two experiments by every method, that many times as wrong as the paper; inertias off to both sides."""
-    rows = factor * np.array(PAPER[configuration].rows())
+    rows = factor * np.array(PAPER[configuration])
     signs = np.array([1.0] * 8 + [-1.0] * 3)
     return [
         Trial(configuration, noise, method, number, (rows * (signs if number == 2 else 1.0)).tolist())
@@ -32,7 +32,7 @@ def test_rows_are_compared_in_the_papers_own_terms() -> None:
         found = Mocobots(trials(factor), 2)
         assert len(worse_than_paper(found, "calibration", "pose")) == worse
     assert typical(np.array([3.0, -3.0]), 10) == pytest.approx(3.0)
-    assert PAPER["c"].rows()[8] == pytest.approx(np.hypot(0.3, 4.0))
+    assert PAPER["c"][8] == pytest.approx(np.hypot(0.3, 4.0))
 
 
 def test_tables_hold_every_row_of_every_configuration() -> None:

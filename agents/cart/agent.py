@@ -24,7 +24,6 @@ from coheft.estimation.cart.trajectory import TRAJECTORIES
 from coheft.estimation.geometry.spatial import Array
 from coheft.wire.cart.config import CartAgentConfig
 from coheft.wire.cart.messages import CartEstimate, CartMeasurement, CartMessage, CartPush
-from coheft.wire.cart.scenario import CartGuess
 
 _REPORT_INTERVAL = 0.1
 """Time between reports to observers [s]."""
@@ -99,7 +98,7 @@ class CartAgent:
         planned = self._planned.get(totals.block, totals.wrench_b)
         push = Push(totals.wrench_b, config.force_noise**2 * totals.leverage, self._period, planned)
         if self._knowledge is None:
-            guess = config.guess.body
+            guess = config.guess
             self._knowledge = CartLearner(guess, sighting, config.prior) if config.learns else FixedCart(guess)
         self._knowledge.step(sighting, push)
         self._newest = totals
@@ -145,7 +144,7 @@ class CartAgent:
             block=index,
             time=index * self._period,
             members=self._newest.members,
-            cart=CartGuess.of(self._knowledge.body),
+            cart=self._knowledge.body,
             covariance=covariance,
             not_known=not_known(covariance, is_judged=self._knowledge.is_judged) if self.config.learns else {},
             jumps=self._knowledge.jumps,

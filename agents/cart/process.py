@@ -76,8 +76,8 @@ class CartAgentProcess:
         expected = set(self._config.neighbours) if self._block > 0 else set()
         while not self._measurements or expected - self._messages.get(self._block - 1, {}).keys():
             self._handle(self._links.receive())
-        heard = self._messages.pop(self._block - 1, {})
-        outbox = self._agent.step(self._measurements.popleft(), list(heard.values()))
+        received = self._messages.pop(self._block - 1, {})
+        outbox = self._agent.step(self._measurements.popleft(), list(received.values()))
         self._block += 1
         self._links.message.send(outbox.message)
         self._links.reference.send(outbox.push)

@@ -16,10 +16,10 @@ import numpy as np
 from coheft.errors import SimulationError
 from coheft.estimation.cart.contact import MOVING, grasp_map
 from coheft.estimation.cart.load import change_of_phi
-from coheft.estimation.cart.model import UNICYCLE, CartBody, axes, mass_matrix
+from coheft.estimation.cart.model import CartBody, axes, mass_matrix, wheel_row
 from coheft.estimation.geometry.spatial import Array
 from coheft.wire.cart.messages import CartMeasurement, CartPush, CartTruth
-from coheft.wire.cart.scenario import PHYSICS_RATE, CartGuess, CartLoad, CartScenario
+from coheft.wire.cart.scenario import PHYSICS_RATE, CartLoad, CartScenario
 from coheft.wire.scenario.borders import first_border
 
 _STABILISING = 100.0
@@ -109,7 +109,7 @@ class CartSimulation:
             motion=motion,
             wrench=wrench_b,
             effort=math.sqrt(squares),
-            slip=float(UNICYCLE.rows(motion[2])[0] @ motion[3:]),
+            slip=float(wheel_row(motion[2]) @ motion[3:]),
         )
         measurements = {name: self._measure(name, motion, pushes.get(name)) for name in scenario.names}
         for _ in range(self._steps):
@@ -162,24 +162,24 @@ class CartSimulation:
             torque - turning * turn_rate,
         )
         mujoco.mj_forward(model, data)
-        row = UNICYCLE.rows(theta)
+        row = np.array([-s, c, 0.0])  # ``wheel_row``
         by_row = np.empty((1, 3))
-        mujoco.mj_solveM(model, data, by_row, row)
-        slipping = float(row[0] @ data.qacc) - turn_rate * speed + _STABILISING * float(row[0] @ data.qvel)
-        result: Array = data.qacc - slipping / float(row[0] @ by_row[0]) * by_row[0]
+        mujoco.mj_solveM(model, data, by_row, row[None])
+        slipping = float(row @ data.qacc) - turn_rate * speed + _STABILISING * float(row @ data.qvel)
+        result: Array = data.qacc - slipping / float(row @ by_row[0]) * by_row[0]
         return result
 
     def _change(self, load: CartLoad) -> None:
         """Add or remove a load. A load that is added was at rest; momentum is conserved along the unconstrained
         directions.
         """
-        old, new = self._cart.body, with_load(self._cart.body, load)
+        old, new = self._cart, with_load(self._cart, load)
         if load.mass > 0.0:
             theta = float(self.data.qpos[2])
             to_floor = axes(theta)[:, MOVING]
             motion = to_floor.T @ self.data.qvel
             self.data.qvel[:] = to_floor @ np.linalg.solve(_moving_mass(new), _moving_mass(old) @ motion)
-        self._cart = CartGuess.of(new)
+        self._cart = new
         _set_mass(self.model, self._cart)
 
 
@@ -195,7 +195,7 @@ def _moving_mass(body: CartBody) -> Array:
     return mass_matrix(body.phi, 0.0)[np.ix_(MOVING, MOVING)]
 
 
-def _build(cart: CartGuess) -> mujoco.MjModel:
+def _build(cart: CartBody) -> mujoco.MjModel:
     """Build a model with two slides and a hinge, without collisions."""
     spec = mujoco.MjSpec()
     spec.option.timestep = 1.0 / PHYSICS_RATE
@@ -215,7 +215,7 @@ def _build(cart: CartGuess) -> mujoco.MjModel:
     return model
 
 
-def _set_mass(model: mujoco.MjModel, cart: CartGuess) -> None:
+def _set_mass(model: mujoco.MjModel, cart: CartBody) -> None:
     body = model.body(_MASS).id
     model.body_mass[body] = cart.mass
     model.body_pos[body, :2] = cart.com

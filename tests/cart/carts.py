@@ -7,16 +7,8 @@ from collections.abc import Callable
 import numpy as np
 from hypothesis import strategies as st
 
-from coheft.estimation.cart.model import UNICYCLE, CartBody, Constraints, Wheel
+from coheft.estimation.cart.model import CartBody
 from coheft.estimation.geometry.spatial import Array
-
-CONSTRAINTS = {
-    "free": Constraints(()),
-    "one axle": UNICYCLE,
-    "an axle with two wheels": Constraints([Wheel((0.0, 0.3)), Wheel((0.0, -0.3))]),
-    "an oblique wheel": Constraints([Wheel((0.2, 0.1), 0.4)]),
-    "two axles": Constraints([Wheel(), Wheel((0.6, 0.0), 0.3)]),
-}
 
 bodies = st.builds(
     CartBody,
@@ -26,7 +18,6 @@ bodies = st.builds(
     friction=st.tuples(st.floats(0.0, 20.0), st.floats(0.0, 20.0)),
 )
 angles = st.floats(-4.0, 4.0)
-constraints = st.sampled_from(sorted(CONSTRAINTS)).map(CONSTRAINTS.__getitem__)
 
 
 def vectors(size: int, largest: float) -> st.SearchStrategy[Array]:

@@ -41,7 +41,7 @@ def test_several_find_the_same_cart_as_one_alone(pushers: int) -> None:
     last = [estimates[-1] for estimates in run(pushers).estimates.values()]
     assert {estimate.members for estimate in last} == {pushers}
     for estimate in last[1:]:
-        np.testing.assert_allclose(estimate.cart.body.phi, last[0].cart.body.phi, rtol=1e-9)
+        np.testing.assert_allclose(estimate.cart.phi, last[0].cart.phi, rtol=1e-9)
 
 
 def test_no_hand_does_it_all() -> None:

@@ -8,7 +8,7 @@ from scipy.linalg import expm
 
 from coheft.estimation.cart.control import Tracker, Tracking, regulator
 from coheft.estimation.cart.filter import move
-from coheft.estimation.cart.model import UNICYCLE, CartBody
+from coheft.estimation.cart.model import CartBody
 from coheft.estimation.cart.trajectory import CURVES, STRAIGHT, TRAJECTORIES, Trajectory
 
 BODY = CartBody(20.0, (0.3, 0.15), 2.0, (5.0, 5.0))
@@ -78,7 +78,7 @@ def test_a_known_cart_comes_to_the_path_and_stays(start: tuple[float, float, flo
     for step in range(round(20.0 / period)):
         wrench_b = tracker.push(CURVES.at(step * period), state[:6], BODY)
         assert wrench_b[1] == 0.0
-        state = move(state, wrench_b, period, UNICYCLE)
+        state = move(state, wrench_b, period)
     assert np.hypot(*(state[:2] - CURVES.at(20.0).pose[:2])) < limit
 
 

@@ -77,7 +77,7 @@ def test_noise_that_is_larger_than_was_said_is_told(tmp_path: Path, capsys: pyte
     path = write_csv(tmp_path / "cart.csv", {name: array[: 5 * RATE] for name, array in without_plan().items()})
     hand = ["--hand", str(HAND[0]), str(HAND[1])]
     assert run_command_line(["cart", "identify", str(path), *hand, "--noise", "0.001"]) == 3
-    assert "velocity is measured 5." in capsys.readouterr().out
+    assert "velocity is 5." in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

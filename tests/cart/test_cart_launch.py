@@ -30,13 +30,13 @@ def test_a_run_of_which_all_was_heard_is_complete() -> None:
 
 def test_missing_samples_are_told() -> None:
     found = run()
-    with pytest.raises(LinkError, match=r"at 599 samples of 600, .* the logs in logs$"):
+    with pytest.raises(LinkError, match=r"received 599 of 600 samples .* the logs in logs$"):
         check_complete(CartRun(found.scenario, found.truths[1:], found.estimates), LOGS)
 
 
 def test_a_silent_pusher_is_told() -> None:
     found = run()
-    with pytest.raises(LinkError, match=r"before p2 had said something; .* the logs in logs$"):
+    with pytest.raises(LinkError, match=r"received no estimate of p2 .* the logs in logs$"):
         check_complete(CartRun(found.scenario, found.truths, {**found.estimates, "p2": []}), LOGS)
 
 

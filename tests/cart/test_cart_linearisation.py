@@ -8,20 +8,18 @@ from hypothesis import given
 
 from coheft.estimation.cart.filter import Belief, Push, Sighting, predict, update
 from coheft.estimation.cart.linearisation import STATE_SIZE, linearise
-from coheft.estimation.cart.model import UNICYCLE, CartBody, Constraints
+from coheft.estimation.cart.model import CartBody, wheel_row
 from coheft.estimation.geometry.spatial import Array
-from tests.cart.carts import angles, bodies, constraints, differences, vectors
+from tests.cart.carts import angles, bodies, differences, vectors
 
 
-@given(bodies, angles, vectors(3, 2.0), vectors(3, 50.0), constraints)
-def test_the_derivatives_of_the_dynamics(
-    body: CartBody, theta: float, rates: Array, wrench_b: Array, wheels: Constraints
-) -> None:
+@given(bodies, angles, vectors(3, 2.0), vectors(3, 50.0))
+def test_the_derivatives_of_the_dynamics(body: CartBody, theta: float, rates: Array, wrench_b: Array) -> None:
     """Also where wheels slip, as the filter's states do a little."""
     state = np.concatenate([[1.0, -2.0, theta], rates, body.parameters])
-    found = linearise(state, wrench_b, wheels)
-    by_state = differences(lambda x: linearise(x, wrench_b, wheels).rate, state)
-    by_wrench = differences(lambda u: linearise(state, u, wheels).rate, wrench_b)
+    found = linearise(state, wrench_b)
+    by_state = differences(lambda x: linearise(x, wrench_b).rate, state)
+    by_wrench = differences(lambda u: linearise(state, u).rate, wrench_b)
     np.testing.assert_allclose(found.by_state, by_state, atol=1e-5 * (1.0 + np.abs(by_state).max()))
     np.testing.assert_allclose(found.by_wrench, by_wrench, atol=1e-7 * (1.0 + np.abs(by_wrench).max()))
 
@@ -35,7 +33,7 @@ def test_one_step_is_of_second_order(body: CartBody, theta: float, rates: Array,
         belief = Belief(state, np.zeros((STATE_SIZE, STATE_SIZE)))
         for _ in range(steps):
             push = Push(wrench_b, np.zeros((3, 3)), duration / steps, wrench_b)
-            belief = predict(belief, push, np.zeros((6, 6)), belief.mean, UNICYCLE).belief
+            belief = predict(belief, push, np.zeros((6, 6)), belief.mean).belief
         return belief.mean
 
     def error(duration: float) -> float:
@@ -51,9 +49,9 @@ def test_the_derivative_of_one_step(body: CartBody, theta: float, rates: Array, 
     none = np.zeros((STATE_SIZE, STATE_SIZE))
 
     def step(x: Array) -> Array:
-        return predict(Belief(x, none), push, np.zeros((6, 6)), x, UNICYCLE).belief.mean
+        return predict(Belief(x, none), push, np.zeros((6, 6)), x).belief.mean
 
-    found = predict(Belief(state, none), push, np.zeros((6, 6)), state, UNICYCLE).transition
+    found = predict(Belief(state, none), push, np.zeros((6, 6)), state).transition
     # The transition leaves out how F itself depends on the state: a share of the step squared, (F dt)^2.
     scale = np.abs(linearise(state, wrench_b).by_state).max()
     np.testing.assert_allclose(found, differences(step, state), atol=1e-3 * (1.0 + scale) + 1e-4 * scale**2)
@@ -67,7 +65,7 @@ def test_a_step_about_another_point_is_the_tangent_there() -> None:
 
     def after(mean: Array, wrench_b: Array) -> Array:
         push = Push(wrench_b, np.zeros((3, 3)), 0.01, planned)
-        return predict(Belief(mean, none), push, np.zeros((6, 6)), state, UNICYCLE).belief.mean
+        return predict(Belief(mean, none), push, np.zeros((6, 6)), state).belief.mean
 
     middle = 0.5 * (after(state, planned) + after(moved, measured))
     np.testing.assert_allclose(after(0.5 * (state + moved), 0.5 * (planned + measured)), middle, atol=1e-12)
@@ -81,10 +79,10 @@ def test_the_update_is_least_squares_and_josephs_form_holds(seed: int) -> None:
     root = rng.standard_normal((STATE_SIZE, STATE_SIZE))
     prior = Belief(state, root @ root.T)
     sighting = Sighting(state[:6] + 0.1 * rng.standard_normal(6), 0.01 * np.eye(6))
-    done = update(prior, sighting, 0.05, state, UNICYCLE, corrects_cart=True).belief
+    done = update(prior, sighting, 0.05, state, corrects_cart=True).belief
 
     def wheels(x: Array) -> Array:
-        return UNICYCLE.rows(float(x[2])) @ x[3:6]
+        return wheel_row(float(x[2])) @ x[3:6]
 
     by_wheels = differences(wheels, state)
     by_state = np.vstack([np.eye(6, STATE_SIZE), by_wheels])
@@ -101,7 +99,7 @@ def test_parameters_that_are_only_considered_stay_and_keep_their_covariance() ->
     root = np.random.default_rng(1).standard_normal((STATE_SIZE, STATE_SIZE))
     prior = Belief(state, root @ root.T)
     sighting = Sighting(state[:6] + 0.1, 0.01 * np.eye(6))
-    done = update(prior, sighting, 0.05, state, UNICYCLE, corrects_cart=False).belief
+    done = update(prior, sighting, 0.05, state, corrects_cart=False).belief
     np.testing.assert_array_equal(done.mean[6:], state[6:])
     np.testing.assert_allclose(done.covariance[6:, 6:], prior.covariance[6:, 6:], atol=1e-12)
     assert np.linalg.eigvalsh(done.covariance).min() > 0.0

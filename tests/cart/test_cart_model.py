@@ -8,23 +8,21 @@ import numpy as np
 import pytest
 from hypothesis import given
 
+from coheft.estimation.cart.contact import MOVING
 from coheft.estimation.cart.model import (
-    UNICYCLE,
     CartBody,
-    CartError,
-    Constraints,
-    Wheel,
     axes,
     coriolis,
     forward_dynamics,
     inverse_dynamics,
     mass_matrix,
-    projection,
     regressor,
     resistance,
+    wheel_row,
+    wheel_row_derivative,
 )
 from coheft.estimation.geometry.spatial import Array
-from tests.cart.carts import CONSTRAINTS, angles, bodies, constraints, vectors
+from tests.cart.carts import angles, bodies, vectors
 
 
 def kinetic_energy(body: CartBody, theta: float, rates: Array) -> float:
@@ -88,54 +86,43 @@ def test_the_dynamics_are_linear_in_phi(body: CartBody, theta: float, rates: Arr
     np.testing.assert_allclose(regressor(theta, rates, accelerations) @ body.phi, expected, atol=1e-9)
 
 
-@given(bodies, angles, constraints)
-def test_the_projection_takes_away_what_wheels_take_up(body: CartBody, theta: float, wheels: Constraints) -> None:
-    projected = projection(body.phi, theta, wheels)
-    np.testing.assert_allclose(projected @ projected, projected, atol=1e-9)
-    np.testing.assert_allclose(projected @ wheels.rows(theta).T, 0.0, atol=1e-9)
-    assert np.linalg.matrix_rank(projected, tol=1e-6) == 3 - len(wheels.rows_b)
+def admissible(theta: float, parameters: Array) -> Array:
+    """Rates, from ahead and turning (2,), that do not make the wheels slip."""
+    rates: Array = axes(theta)[:, MOVING] @ parameters
+    return rates
 
 
-def admissible(theta: float, parameters: Array, wheels: Constraints) -> Array:
-    """Rates that do not make a wheel slip."""
-    return axes(theta) @ wheels.free_b @ parameters[: wheels.free_b.shape[1]]
-
-
-@given(bodies, angles, vectors(3, 2.0), vectors(3, 50.0), constraints)
+@given(bodies, angles, vectors(2, 2.0), vectors(3, 50.0))
 def test_forward_dynamics_are_the_projected_ones(
-    body: CartBody, theta: float, parameters: Array, wrench_b: Array, wheels: Constraints
+    body: CartBody, theta: float, parameters: Array, wrench_b: Array
 ) -> None:
     """Eq. (9) with the rate of the constraint: ``M^-1 P (Gamma - C qd - N) - M^-1 L^T (L M^-1 L^T)^-1 L' qd``."""
-    rates = admissible(theta, parameters, wheels)
+    rates, row = admissible(theta, parameters), wheel_row(theta)
     inverse = np.linalg.inv(mass_matrix(body.phi, theta))
-    rows = wheels.rows(theta)
-    gamma = (
-        axes(theta) @ wrench_b - coriolis(body.phi, theta, float(rates[2])) @ rates - resistance(body.friction, rates)
-    )
-    bending = wheels.rows_rate(theta, float(rates[2])) @ rates
-    expected = inverse @ projection(body.phi, theta, wheels) @ gamma
-    expected -= inverse @ rows.T @ np.linalg.solve(rows @ inverse @ rows.T, bending)
-    found = forward_dynamics(body.phi, body.friction, theta, rates, wrench_b, wheels).accelerations
+    projection = np.eye(3) - np.outer(row, row @ inverse) / (row @ inverse @ row)
+    np.testing.assert_allclose(projection @ projection, projection, atol=1e-9)
+    gamma = axes(theta) @ wrench_b - coriolis(body.phi, theta, rates[2]) @ rates - resistance(body.friction, rates)
+    bending = rates[2] * wheel_row_derivative(theta) @ rates
+    expected = inverse @ projection @ gamma - inverse @ row * bending / (row @ inverse @ row)
+    found = forward_dynamics(body.phi, body.friction, theta, rates, wrench_b).accelerations
     np.testing.assert_allclose(found, expected, atol=1e-7)
 
 
-@given(bodies, angles, vectors(3, 2.0), vectors(3, 50.0), constraints)
+@given(bodies, angles, vectors(2, 2.0), vectors(3, 50.0))
 def test_inverse_dynamics_find_the_wrench_but_for_what_wheels_take_up(
-    body: CartBody, theta: float, parameters: Array, wrench_b: Array, wheels: Constraints
+    body: CartBody, theta: float, parameters: Array, wrench_b: Array
 ) -> None:
-    rates = admissible(theta, parameters, wheels)
-    moved = forward_dynamics(body.phi, body.friction, theta, rates, wrench_b, wheels)
+    rates = admissible(theta, parameters)
+    moved = forward_dynamics(body.phi, body.friction, theta, rates, wrench_b)
     gamma = inverse_dynamics(body.phi, body.friction, theta, rates, moved.accelerations)
-    np.testing.assert_allclose(wheels.free_b.T @ (axes(theta).T @ gamma - wrench_b), 0.0, atol=1e-7)
+    np.testing.assert_allclose((axes(theta).T @ gamma - wrench_b)[MOVING], 0.0, atol=1e-7)
 
 
-@given(bodies, angles, vectors(3, 2.0), vectors(3, 50.0), constraints)
-def test_wheels_do_no_work(
-    body: CartBody, theta: float, parameters: Array, wrench_b: Array, wheels: Constraints
-) -> None:
+@given(bodies, angles, vectors(2, 2.0), vectors(3, 50.0))
+def test_wheels_do_no_work(body: CartBody, theta: float, parameters: Array, wrench_b: Array) -> None:
     """The energy grows by what hands put in, less what friction takes."""
-    rates = admissible(theta, parameters, wheels)
-    solution = forward_dynamics(body.phi, body.friction, theta, rates, wrench_b, wheels)
+    rates = admissible(theta, parameters)
+    solution = forward_dynamics(body.phi, body.friction, theta, rates, wrench_b)
     step = 1e-6
 
     def energy(time: float) -> float:
@@ -146,13 +133,4 @@ def test_wheels_do_no_work(
 
 
 def test_one_axle_is_the_papers_constraint() -> None:
-    np.testing.assert_allclose(UNICYCLE.rows(0.3), [[-sin(0.3), cos(0.3), 0.0]], atol=1e-15)
-
-
-def test_two_wheels_of_one_axle_count_once() -> None:
-    np.testing.assert_allclose(CONSTRAINTS["an axle with two wheels"].rows_b, UNICYCLE.rows_b, atol=1e-12)
-
-
-def test_a_cart_that_cannot_move_is_refused() -> None:
-    with pytest.raises(CartError, match="3 wheels given that hold the cart"):
-        Constraints([Wheel(), Wheel((0.5, 0.0), 0.3), Wheel((0.0, 0.5), 1.0)])
+    np.testing.assert_allclose(wheel_row(0.3), [-sin(0.3), cos(0.3), 0.0], atol=1e-15)

@@ -41,7 +41,7 @@ def drive(scenario: CartScenario, samples: int) -> list[Array]:
 
 def test_it_moves_as_the_model_says() -> None:
     simulation = CartSimulation(QUIET)
-    body, motion = QUIET.cart.body, np.zeros(6)
+    body, motion = QUIET.cart, np.zeros(6)
     for k in range(200):
         truth = simulation.advance(push(k, (30.0, 5.0 * np.sin(0.02 * k), 2.0 * np.cos(0.05 * k)))).truth
         np.testing.assert_allclose(truth.motion, motion, atol=2e-5)
@@ -59,7 +59,7 @@ def test_the_engine_has_the_same_mass_matrix() -> None:
     mujoco.mj_forward(simulation.model, simulation.data)
     found = np.empty((3, 3))
     mujoco.mj_fullM(simulation.model, simulation.data, found)
-    np.testing.assert_allclose(found, mass_matrix(QUIET.cart.body.phi, 0.7), atol=1e-12)
+    np.testing.assert_allclose(found, mass_matrix(QUIET.cart.phi, 0.7), atol=1e-12)
 
 
 def test_wheels_do_not_slip() -> None:
@@ -94,14 +94,14 @@ def test_what_is_dropped_on_it_takes_momentum_and_what_is_taken_off_does_not() -
         moving = np.array([np.hypot(motion[3], motion[4]), motion[5]])
         if k == 200:
             assert before is not None
-            heavier = with_load(QUIET.cart.body, loads[0])
+            heavier = with_load(QUIET.cart, loads[0])
             assert sample.truth.cart.mass == 28.0
 
             def momentum(phi: Array, moving: Array) -> Array:
                 m, _, b, j = phi
                 return np.array([m * moving[0] - b * moving[1], j * moving[1] - b * moving[0]])
 
-            np.testing.assert_allclose(momentum(heavier.phi, moving), momentum(QUIET.cart.body.phi, before), atol=0.5)
+            np.testing.assert_allclose(momentum(heavier.phi, moving), momentum(QUIET.cart.phi, before), atol=0.5)
             assert moving[0] < 0.85 * before[0]
         if k == 300:
             assert before is not None
@@ -113,9 +113,7 @@ def test_what_is_dropped_on_it_takes_momentum_and_what_is_taken_off_does_not() -
 
 def test_a_crate_has_a_moment_of_inertia_of_its_own() -> None:
     point = CartLoad(at=1.0, mass=12.0, place=(0.5, 0.1))
-    with_point, with_crate = (
-        with_load(QUIET.cart.body, load) for load in (point, structs.replace(point, size=(0.9, 0.6)))
-    )
+    with_point, with_crate = (with_load(QUIET.cart, load) for load in (point, structs.replace(point, size=(0.9, 0.6))))
     assert with_crate.com == pytest.approx(with_point.com)
     assert with_crate.inertia - with_point.inertia == pytest.approx(12.0 * (0.81 + 0.36) / 12.0)
 

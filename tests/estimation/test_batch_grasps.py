@@ -61,7 +61,7 @@ def test_instruments_remove_the_bias_of_positions() -> None:
         noisy = with_noise(rng, exact, w=0.1, v=0.01, alpha=0.0, a=0.0)
         for with_instruments in errors:
             found, _ = grasps_from_twists(noisy, with_instruments)
-            errors[with_instruments].append(float(far @ (found.team.poses[1].translation - team[1].translation)))
+            errors[with_instruments].append(float(far @ (found.poses[1].translation - team[1].translation)))
     means = {key: np.mean(values) for key, values in errors.items()}
     doubts = {key: np.std(values) / np.sqrt(len(values)) for key, values in errors.items()}
     assert means[False] < -10.0 * doubts[False]
@@ -74,7 +74,7 @@ def test_teams_of_all_sizes_are_found_without_noise(count: int) -> None:
     team = grasps(rng, count)
     for with_instruments in (False, True):
         found, loops = grasps_from_twists(exact_signals(rng, team), with_instruments)
-        for pose, true in zip(found.team.poses, team, strict=True):
+        for pose, true in zip(found.poses, team, strict=True):
             np.testing.assert_allclose(perturbation_between(pose, true), 0.0, atol=1e-9)
         assert len(loops) == count * (count - 1) * (count - 2) // 6
 
@@ -102,9 +102,9 @@ def test_loops_are_closed_and_exact_pairs_kept(seed: int) -> None:
     pairs = {(i, j): UncertainPose(team[i].inverse() @ team[j], spread) for i in range(4) for j in range(i + 1, 4)}
     found = close_loops(4, pairs)
     assert found.is_settled
-    for pose, true in zip(found.team.poses, team, strict=True):
+    for pose, true in zip(found.poses, team, strict=True):
         np.testing.assert_allclose(perturbation_between(pose, true), 0.0, atol=1e-9)
-    assert all(np.abs(loop.error).max() < 1e-9 for loop in loop_errors(pairs))
+    assert all(max(loop.rotation_deg, loop.position_mm) < 1e-6 for loop in loop_errors(pairs))
 
 
 def test_pairs_that_contradict_each_other_do_not_settle() -> None:
@@ -122,5 +122,6 @@ def test_loop_closure_listens_to_those_who_are_sure() -> None:
     }
     wrong = UncertainPose(perturbed(pairs[0, 2].pose, np.full(6, 0.05)), pairs[0, 2].covariance)
     found = close_loops(3, {**pairs, (0, 2): wrong})
-    np.testing.assert_allclose(perturbation_between(found.team.poses[2], team[2]), 0.0, atol=1e-4)
-    assert np.linalg.norm(loop_errors({**pairs, (0, 2): wrong})[0].error) > 0.05
+    np.testing.assert_allclose(perturbation_between(found.poses[2], team[2]), 0.0, atol=1e-4)
+    (loop,) = loop_errors({**pairs, (0, 2): wrong})[:1]
+    assert loop.rotation_deg > 3.0 or loop.position_mm > 50.0

@@ -118,7 +118,7 @@ def test_fit_is_exact_without_noise_from_a_rough_start(count: int) -> None:
     measured = wrists(rng, team, 10.0, 1e-9, 1e-9)
     start = [perturbed(pose, 0.02 * rng.normal(size=6)) if k else pose for k, pose in enumerate(team)]
     found = fit_hand_eye(measured, start)
-    assert found.is_settled
+    assert found.team.is_settled
     for pose, true in zip(found.team.poses, team, strict=True):
         np.testing.assert_allclose(perturbation_between(pose, true), 0.0, atol=1e-7)
 
@@ -145,7 +145,7 @@ def test_poses_of_different_loads_do_not_settle() -> None:
     angles, positions = (
         np.array([getattr(own, x)[k] for k, own in enumerate(several)]) for x in ("angles", "positions")
     )
-    assert not fit_hand_eye(replace(several[0], angles=angles, positions=positions), team).is_settled
+    assert not fit_hand_eye(replace(several[0], angles=angles, positions=positions), team).team.is_settled
 
 
 def test_every_sample_says_as_much_about_the_noise() -> None:

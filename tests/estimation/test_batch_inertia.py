@@ -110,7 +110,7 @@ def test_derivative_by_poses_predicts_a_fit_with_other_poses() -> None:
 
 @given(rotations)
 def test_principal_inertia_is_ascending_and_right_handed(rotation: Array) -> None:
-    found = PrincipalInertia.of(rotation @ np.diag([3.0, 1.0, 2.0]) @ rotation.T)
+    found = PrincipalInertia.of(rotation @ np.diag([3.0, 1.0, 2.0]) @ rotation.T, np.zeros((6, 6)))
     np.testing.assert_allclose(found.moments, [1.0, 2.0, 3.0], atol=1e-12)
     assert np.linalg.det(found.axes) == pytest.approx(1.0)
     np.testing.assert_allclose(

@@ -14,8 +14,7 @@ from coheft.app.identify.methods import identify
 from coheft.errors import RecordingError
 from coheft.estimation.batch.identification import Identification
 from coheft.estimation.batch.judge.band import white_level
-from coheft.estimation.batch.judge.cause import Cause
-from coheft.estimation.batch.judge.verdict import Verdict
+from coheft.estimation.batch.judge.verdict import Cause, Verdict
 from coheft.estimation.batch.pose_conventions import inverse_poses
 from coheft.estimation.batch.recording import Recording, RobotRecord
 from coheft.estimation.batch.signals import low_pass
@@ -385,7 +384,7 @@ def test_what_is_assumed_is_taken_out(fault: Fault, robots: tuple[str, ...], cau
     recording = with_fault(held_recording(SEED), fault, *robots)
     found = identify(recording, Options(assume=cause))
     assert found.doubts == ()
-    assert found.remarks[0].startswith(f"Taken out, as assumed ({cause}): ")
+    assert found.remarks[0].startswith(f"Corrected, as assumed ({cause}): ")
     assert deviations(recording, found).max() < 5.0
 
 

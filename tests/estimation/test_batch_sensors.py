@@ -51,7 +51,7 @@ def test_robots_that_hold_different_loads_are_suspected() -> None:
     team = grasps(rng)
     several = [sensors_recording(rng, exact_signals(rng, team), NOISE) for _ in team]
     robots = {name: own.robots[name] for name, own in zip(several[0].names, several, strict=True)}
-    broken_off = "Poses were still changing when their fit was broken off"
+    broken_off = "The fit of the poses did not converge"
     assert not any(broken_off in doubt for doubt in identify_sensors(several[0]).doubts)
     assert any(broken_off in doubt for doubt in identify_sensors(replace(several[0], robots=robots)).doubts)
 

@@ -147,7 +147,7 @@ def test_our_own_files_tell_noise_and_truth(tmp_path: Path) -> None:
 
 def test_files_that_are_cut_are_refused(tmp_path: Path) -> None:
     path = record(tmp_path / "run.mcap", news_of_a_run(), finish=False)
-    with pytest.raises(RecordingError, match=r"has no end: .*coheft recover"):
+    with pytest.raises(RecordingError, match=r"is not complete: .*coheft recover"):
         read_any(path)
     path.write_bytes(b"something else")
     with pytest.raises(RecordingError, match="not an MCAP file"):

@@ -1,4 +1,4 @@
-"""Many runs with carts: tests, seeds, with and without the estimator, on as many cores as there are."""
+"""Many runs with carts, in parallel: tests, seeds, with and without the estimator."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from coheft.wire.cart.scenario import CartScenario
 
 
 class Case(NamedTuple):
-    """One run to be done: the number of its test in Table I, and what to run."""
+    """A run to be done: the number of its test in Table I, and its scenario."""
 
     test: int
     scenario: CartScenario
@@ -24,15 +24,15 @@ class Case(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """One run, judged, and what is drawn of it.
+    """Errors of one run, and the data of its figures.
 
     Attributes:
-        case: What was run.
-        report: How it was.
-        times: Of the tracking errors [s], shape (samples,).
-        tracking_errors: Distance from where the cart should be [m], shape (samples,).
+        case: The run.
+        report: Its errors.
+        times: Times of the tracking errors [s], shape (samples,).
+        tracking_errors: Distances from the reference [m], shape (samples,).
         masses: Times [s], the first pusher's estimates and their standard deviations [kg], shape (estimates, 3).
-        true_masses: Of the cart at ``times`` [kg], shape (samples,).
+        true_masses: True masses at ``times`` [kg], shape (samples,).
     """
 
     case: Case
@@ -53,17 +53,17 @@ def run_cases(
     run: Run = run_in_process,
     on_progress: Callable[[int], None] = lambda done: None,
 ) -> list[Outcome]:
-    """Run and judge cases; outcomes come in their order.
+    """Run all cases, and return their outcomes in the same order.
 
     Args:
-        cases: What to run.
-        jobs: Number of processes that do so.
-        run: What runs a scenario, where there is one job.
-        on_progress: Told the number of runs that are done.
+        cases: The runs.
+        jobs: Number of parallel processes.
+        run: Runs a scenario, if there is one job.
+        on_progress: Called with the number of finished runs.
 
     Raises:
-        MissingPackageError: More than one process is asked for, but the package for it is not installed.
-        SimulationError: A cart has gone out of sight.
+        MissingPackageError: There is more than one job, but joblib is not installed.
+        SimulationError: A cart has moved out of bounds.
     """
     found: dict[Case, Outcome] = {}
     for done, outcome in enumerate(_outcomes(cases, jobs, run), start=1):

@@ -1,4 +1,4 @@
-"""Figures 4 to 6 of Aguilera et al., drawn anew."""
+"""Figures 4 to 6 of Aguilera et al., redrawn."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ _SIZE = (7.0, 4.2)
 
 
 def draw(outcomes: Sequence[Outcome], folder: Path) -> list[Path]:
-    """Draw the figures into a folder; of each test, its first run.
+    """Draw the figures into a folder, with the first run of each test.
 
     Raises:
         CoheftError: The folder cannot be made.
-        MissingPackageError: The package that draws is not installed.
+        MissingPackageError: matplotlib is not installed.
     """
     make_folder(folder)
     learned: dict[int, Outcome] = {}

@@ -1,4 +1,4 @@
-"""What a cart is, from a recording of somebody who pushed it."""
+"""Identification of a cart from a recording of pushes."""
 
 from __future__ import annotations
 
@@ -10,34 +10,34 @@ from coheft.estimation.cart.contact import grasp_map
 from coheft.estimation.cart.filter import MOTION_SIZE, Push, Sighting
 from coheft.estimation.cart.learner import CartLearner
 from coheft.estimation.cart.model import CartBody
-from coheft.estimation.cart.observability import QUANTITIES, not_known
+from coheft.estimation.cart.observability import QUANTITIES, UNITS, not_known
 from coheft.estimation.cart.prior import CartPrior
 from coheft.estimation.geometry.spatial import Array
 from coheft.wire.cart.recording import CartRecording
 
-UNITS = ("kg", "m", "m", "kg·m²", "N·s/m", "N·m·s")
-"""Of ``QUANTITIES``."""
 _PRIOR = CartPrior(mass=1.0, com=0.3, inertia=2.0, friction=(4.0, 4.0))
-"""Strangers' carts are guessed less well than those of the paper's tests."""
+"""Guesses of users' carts are worse than those of the paper's tests."""
 _BOX = (1.0**2 + 0.6**2) / 12.0
 """Squared radius of gyration of a box of 1 m by 0.6 m [m²]."""
 _FRICTION = (5.0, 5.0)
 _ARM = 0.1
-"""Noise of torque by that of force [m]."""
+"""Ratio of the torque's noise to the force's [m]."""
 _WAY = 0.5
-"""Poses are compared with rates over so long [s]."""
+"""Time over which poses are compared with rates [s]."""
 _SAME = 0.3
-"""Where they differ by more than this share of the motion, they do not belong together."""
+"""Largest difference between them, as a share of the motion."""
+_LITTLE = 0.03
+"""Motions below this are not compared [m, rad]."""
 
 
 class Quantity(msgspec.Struct, frozen=True):
-    """One of the things that are found out.
+    """An identified quantity.
 
     Attributes:
-        value: In ``unit``.
+        value: Value in ``unit``.
         std: Its standard deviation.
-        unit: Of both.
-        not_known: What would show it, where the recording has not; empty where it is known.
+        unit: Unit of both.
+        not_known: What would show it, if the recording does not; empty if it is known.
     """
 
     value: float
@@ -47,14 +47,14 @@ class Quantity(msgspec.Struct, frozen=True):
 
 
 class CartIdentification(msgspec.Struct, frozen=True):
-    """What a recording says of a cart, at its end.
+    """The cart at the end of a recording.
 
     Attributes:
-        samples: How many there are.
-        duration_s: From the first to the last [s].
-        quantities: By name.
-        changes_s: When the cart was found to have changed [s].
-        doubts: What does not fit what is said of the measurements, in words.
+        samples: Number of samples.
+        duration_s: Time from the first to the last sample [s].
+        quantities: Quantities by name.
+        changes_s: Times of sudden changes of the cart [s].
+        doubts: What is measured worse than stated, as sentences.
     """
 
     samples: int
@@ -65,7 +65,7 @@ class CartIdentification(msgspec.Struct, frozen=True):
 
     @property
     def is_known(self) -> bool:
-        """Whether all is known, and measurements fit."""
+        """Whether all quantities are known, and measurements are as good as stated."""
         return not self.doubts and not any(quantity.not_known for quantity in self.quantities.values())
 
 
@@ -81,15 +81,15 @@ def identify_cart(
     """Run the learner over a recording.
 
     Args:
-        recording: What was measured.
-        mass: First guess [kg].
-        com: First guess [m].
-        hand: Where on the cart pushes are measured [m].
-        noise: Of poses and rates [m, rad, m/s, rad/s].
-        force_noise: [N].
+        recording: The recording.
+        mass: First guess of the mass [kg].
+        com: First guess of the centre of mass [m].
+        hand: Point on the cart at which pushes are measured [m].
+        noise: Standard deviation of poses and rates [m, rad, m/s, rad/s].
+        force_noise: Standard deviation of forces [N].
 
     Raises:
-        RecordingError: Poses, rates and pushes do not belong together.
+        RecordingError: Poses, rates and pushes are not those of one cart.
     """
     _check_motion(recording)
     grasp, lever = grasp_map(np.array(hand)), np.diag([1.0, 1.0, _ARM**2])
@@ -127,7 +127,7 @@ def _check_motion(recording: CartRecording) -> None:
     """Check that rates are those of poses.
 
     Raises:
-        RecordingError: They are not; says which error would explain it.
+        RecordingError: They are not; the message says which error would explain it.
     """
     times, poses, rates = recording.times, recording.poses, recording.rates
     if _misfit(times, poses, rates) < _SAME:
@@ -153,23 +153,21 @@ def _check_motion(recording: CartRecording) -> None:
 
 
 def _misfit(times: Array, poses: Array, rates: Array) -> float:
-    """Root of the mean square of what poses do over a while less what rates say, as a share of what they do."""
+    """Root mean square difference between changes of poses and integrals of rates, as a share of the motion."""
     steps = np.diff(times)[:, None]
     integral = np.vstack([np.zeros((1, 3)), np.cumsum(0.5 * (rates[1:] + rates[:-1]) * steps, axis=0)])
     ahead = max(1, round(_WAY / float(np.median(steps))))
     moved, said = poses[ahead:] - poses[:-ahead], integral[ahead:] - integral[:-ahead]
     shares = []
     for part in (slice(0, 2), slice(2, 3)):
-        size = max(
-            float(np.sqrt(np.mean(np.square(moved[:, part])))), float(np.sqrt(np.mean(np.square(said[:, part]))))
-        )
+        size = max(_rms(moved[:, part]), _rms(said[:, part]))
         if size > _LITTLE:
-            shares.append(float(np.sqrt(np.mean(np.square(moved[:, part] - said[:, part])))) / size)
+            shares.append(_rms(moved[:, part] - said[:, part]) / size)
     return max(shares, default=0.0)
 
 
-_LITTLE = 0.03
-"""Motion that is less does not tell [m, rad]."""
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
 
 
 def _check_pushes(recording: CartRecording, pushes: Array) -> None:

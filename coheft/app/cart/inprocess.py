@@ -1,4 +1,4 @@
-"""A run with a cart in one process: the same cores as in processes of their own, the same numbers."""
+"""A run with a cart in one process, with the same pure cores and results as in separate processes."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from coheft.wire.scenario.schema import Graph
 
 @dataclass(frozen=True, eq=False)
 class CartRun:
-    """What happened in a run.
+    """Results of a run.
 
     Attributes:
-        scenario: What was run.
-        truths: Of every sample.
-        estimates: Of every pusher, by name, ten a second.
+        scenario: The scenario.
+        truths: The truth at every sample.
+        estimates: Each pusher's estimates, ten per second, by its name.
     """
 
     scenario: CartScenario
@@ -29,7 +29,7 @@ class CartRun:
 
 
 def neighbours_of(scenario: CartScenario) -> dict[str, tuple[str, ...]]:
-    """Who talks with whom: along the handle, each with the next."""
+    """The graph of the pushers: a line along the handle."""
     if scenario.pushers == 1:
         return {scenario.names[0]: ()}
     return build_graph(Graph(kind="line"), scenario.names)
@@ -39,7 +39,7 @@ def run_in_process(scenario: CartScenario) -> CartRun:
     """Run a scenario to its end.
 
     Raises:
-        SimulationError: The cart has gone out of sight.
+        SimulationError: The cart has moved out of bounds.
     """
     graph = neighbours_of(scenario)
     simulation = CartSimulation(scenario)
@@ -50,13 +50,13 @@ def run_in_process(scenario: CartScenario) -> CartRun:
     for block in range(scenario.blocks):
         sample = simulation.advance(pushes.pop(block, {}))
         run.truths.append(sample.truth)
-        told: dict[str, CartMessage] = {}
+        sent: dict[str, CartMessage] = {}
         for name, agent in agents.items():
             inbox = [messages[other] for other in graph[name] if other in messages]
             outbox = agent.step(sample.measurements[name], inbox)
-            told[name] = outbox.message
+            sent[name] = outbox.message
             pushes.setdefault(outbox.push.block, {})[name] = outbox.push
             if outbox.estimate is not None:
                 run.estimates[name].append(outbox.estimate)
-        messages = told
+        messages = sent
     return run

@@ -1,4 +1,4 @@
-"""What a run with a cart shows, in a few numbers."""
+"""Errors of a run with a cart."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from coheft.wire.cart.messages import CartEstimate
 from coheft.wire.cart.scenario import CartLoad
 
 MASS_AT = 10.0
-"""When the mass is judged [s]: the paper says that it has converged by then."""
+"""Time at which the mass is judged [s]: the paper says that it has converged by then."""
 SETTLED = 5.0
-"""From when on tracking is judged [s]."""
+"""Time from which on tracking is judged [s]."""
 RECOVERED = 0.5
-"""Mass error below which the pushers have got over a load change [kg]."""
+"""Mass error below which a pusher has recovered from a load change [kg]."""
 _LOST = 1.0
-"""Errors above which an estimator has diverged, at the end [kg, and m off the path]."""
+"""Errors at the end above which a run has diverged [kg, and m off the path]."""
 
 
 class LoadRecovery(msgspec.Struct, frozen=True):
-    """A load came or went.
+    """Recovery from a change of the load.
 
     Attributes:
-        at_s: When [s].
-        mass_kg: How much.
-        recovered_after_s: Time from the change until every pusher's mass was right within 0.5 kg, and stayed so until
-            the next change [s]; None if it did not, or if a pusher was not heard meanwhile.
+        at_s: Time of the change [s].
+        mass_kg: Mass that was added.
+        recovered_after_s: Time until every pusher's mass was within 0.5 kg, and stayed so until the next change [s];
+            None if it did not, or if no estimate of a pusher was received meanwhile.
     """
 
     at_s: float
@@ -40,28 +40,28 @@ class LoadRecovery(msgspec.Struct, frozen=True):
 
 
 class CartReport(msgspec.Struct, frozen=True):
-    """One run, judged; of several pushers, the worst.
+    """Errors of one run; the worst of several pushers.
 
     Attributes:
         test: Number in Table I.
-        seed: Of the noise.
-        pushers: How many.
-        learns: With the estimator, or without.
-        mass_error_kg: At 10 s.
-        mass_std_kg: What the pusher itself says of it.
-        com_error_mm: At the end.
-        com_known: Whether the pushers say that they know all of the centre of mass.
-        com_std_mm: Root of the sum of both variances, as they say.
-        inertia_error_kg_m2: About the centre of mass, at the end.
-        not_known: What they do not know at the end.
-        largest_tracking_error_m: Distance from where the cart should be, after 5 s.
-        first_tracking_error_m: The same, before.
-        mean_effort_n: Of all hands, see ``CartTruth``.
+        seed: Seed of the noise.
+        pushers: Number of pushers.
+        learns: Whether the estimator was used.
+        mass_error_kg: Mass error at 10 s.
+        mass_std_kg: The pusher's standard deviation of it.
+        com_error_mm: Error of the centre of mass at the end.
+        com_known: Whether the pushers report the centre of mass as known.
+        com_std_mm: Their standard deviation of it: root of the sum of both variances.
+        inertia_error_kg_m2: Error of the central moment of inertia at the end.
+        not_known: Quantities that are not known at the end.
+        largest_tracking_error_m: Largest distance from the reference after 5 s.
+        first_tracking_error_m: Largest distance from the reference before.
+        mean_effort_n: Mean effort of all hands, see ``CartTruth``.
         slip_m_s: Largest sideways velocity of the wheels.
-        jumps: Sudden changes noticed.
-        doubts: What the pushers say that does not fit what they are told of their measurements.
-        loads: How the pushers got over load changes.
-        diverged: The estimate or the cart is lost at the end.
+        jumps: Number of sudden changes that were detected.
+        doubts: What the pushers report as measured worse than stated.
+        loads: Recoveries from load changes.
+        diverged: Whether the estimate or the cart is lost at the end.
     """
 
     test: int
@@ -86,7 +86,7 @@ class CartReport(msgspec.Struct, frozen=True):
 
 
 def tracking_errors(run: CartRun) -> tuple[Array, Array]:
-    """Times [s] and distances from where the cart should be [m], each of shape (samples,)."""
+    """Times [s] and distances from the reference [m], each of shape (samples,)."""
     trajectory = TRAJECTORIES[run.scenario.trajectory]
     errors = [np.hypot(*(truth.motion[:2] - trajectory.at(truth.time).pose[:2])) for truth in run.truths]
     return np.array([truth.time for truth in run.truths]), np.array(errors)
@@ -95,13 +95,13 @@ def tracking_errors(run: CartRun) -> tuple[Array, Array]:
 def mass_errors(run: CartRun, name: str) -> tuple[Array, Array]:
     """Times [s] and mass errors [kg] of a pusher, each of shape (estimates,)."""
     by_block = {truth.block: truth for truth in run.truths}
-    told = [estimate for estimate in run.estimates[name] if estimate.block in by_block]
-    errors = [estimate.cart.mass - by_block[estimate.block].cart.mass for estimate in told]
-    return np.array([estimate.time for estimate in told]), np.array(errors)
+    known = [estimate for estimate in run.estimates[name] if estimate.block in by_block]
+    errors = [estimate.cart.mass - by_block[estimate.block].cart.mass for estimate in known]
+    return np.array([estimate.time for estimate in known]), np.array(errors)
 
 
 def judge(run: CartRun, test: int) -> CartReport:
-    """Judge a run that has come to its end."""
+    """Compute the errors of a complete run; ``test`` is its number in Table I."""
     last = {name: estimates[-1] for name, estimates in run.estimates.items()}
     truth = run.truths[-1].cart
     com_errors = {name: float(np.hypot(*np.subtract(e.cart.com, truth.com))) for name, e in last.items()}
@@ -136,12 +136,12 @@ def judge(run: CartRun, test: int) -> CartReport:
 
 
 def _newest(estimates: Sequence[CartEstimate], time: float) -> CartEstimate:
-    """The last one at a time, or the first there is."""
+    """The newest estimate at a time [s], or else the first one."""
     return max((e for e in estimates if e.time <= time), key=lambda e: e.time, default=estimates[0])
 
 
 def _newest_truth(run: CartRun, time: float) -> float:
-    """Mass at a time."""
+    """True mass at a time [s]."""
     return max((truth for truth in run.truths if truth.time <= time), key=lambda truth: truth.time).cart.mass
 
 

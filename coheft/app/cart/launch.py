@@ -1,4 +1,4 @@
-"""A run with a cart in real processes: one for its physics, one for each pusher."""
+"""A run with a cart in separate processes: one for its physics, one for each pusher."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from coheft.wire.transport.sessions import Keys, open_session
 _POLL = 0.05
 _SILENCE = 60.0
 _LAST_WORDS = 1.0
-_COLLECT_LIMIT = 0.1  # or no one would look after the processes while messages come faster than they are read
+_COLLECT_LIMIT = 0.1  # processes are also checked while messages arrive faster than they are read
 
 
 def make_configs(scenario: CartScenario, run: str) -> tuple[CartServerConfig, dict[str, CartAgentProcessConfig]]:
-    """Configurations of all processes of a run; ``run`` is the prefix of its keys.
+    """Make the configurations of all processes of a run; ``run`` is the prefix of its keys.
 
     Raises:
         LinkError: There are not enough free ports.
@@ -56,13 +56,13 @@ def run_in_processes(
     """Run a scenario to its end.
 
     Args:
-        scenario: What to run.
-        make_folder: Makes a folder for the logs of the run of that name.
-        on_problem: Told what processes have refused.
+        scenario: The scenario.
+        make_folder: Makes a folder for the logs of a run, given its name.
+        on_problem: Called with each problem that a process reports.
 
     Raises:
         ProcessError: A process failed; the others have been stopped.
-        LinkError: The processes did not find each other, or too little was heard of the run to judge it.
+        LinkError: The processes did not find each other, or too many messages were lost to judge the run.
     """
     server, agents = make_configs(scenario, f"cart-{secrets.token_hex(4)}")
     keys, folder = Keys(server.run), make_folder(server.run)
@@ -85,40 +85,40 @@ def run_in_processes(
             if _collect(inbox, run, on_problem, _POLL):
                 news = time.monotonic()
             elif time.monotonic() > news + _SILENCE:
-                raise LinkError(f"nothing was heard of the run for {_SILENCE:g} s; see the logs in {folder}")
+                raise LinkError(f"no message of the run arrived for {_SILENCE:g} s; see the logs in {folder}")
         processes.check()
         deadline = time.monotonic() + _LAST_WORDS
         while len(run.truths) < scenario.blocks and time.monotonic() < deadline:
             _collect(inbox, run, on_problem, _POLL)
         while _collect(inbox, run, on_problem, 0.0):
-            pass  # no one is left who could say more
+            pass  # no process can send more
     check_complete(run, folder)
     return run
 
 
 def check_complete(run: CartRun, folder: Path) -> None:
-    """Check that enough was heard of a run to judge it: what observers are told may get lost.
+    """Check that a run can be judged: messages to observers may be lost.
 
     Args:
         run: The run, at its end.
         folder: With its logs.
 
     Raises:
-        LinkError: Some of the cart's samples were not heard, or no estimate of a pusher.
+        LinkError: Samples of the cart are missing, or all estimates of a pusher.
     """
     if len(run.truths) < run.scenario.blocks:
         raise LinkError(
-            f"the cart was heard of at {len(run.truths)} samples of {run.scenario.blocks}, so the run cannot be "
-            f"judged; run it again, or see the logs in {folder}"
+            f"received {len(run.truths)} of {run.scenario.blocks} samples of the cart, so the run cannot be judged; "
+            f"run it again, or see the logs in {folder}"
         )
     if silent := [name for name, estimates in run.estimates.items() if not estimates]:
         raise LinkError(
-            f"the run ended before {', '.join(silent)} had said something; run it again, or see the logs in {folder}"
+            f"received no estimate of {', '.join(silent)} in this run; run it again, or see the logs in {folder}"
         )
 
 
 def _collect(inbox: Inbox, run: CartRun, on_problem: Callable[[str], object], seconds: float) -> bool:
-    """Wait at most that long for something new, then take in what has come; say whether there was anything."""
+    """Wait for messages, at most ``seconds`` [s], and add them to the run; return whether there were any."""
     event = inbox.receive(seconds)
     is_news = event is not None
     deadline = time.monotonic() + _COLLECT_LIMIT
@@ -128,7 +128,7 @@ def _collect(inbox: Inbox, run: CartRun, on_problem: Callable[[str], object], se
                 run.truths.append(truth)
             case Received(name, CartEstimate() as estimate):
                 run.estimates[name].append(estimate)
-            case Received(_, Problem(is_end=False) as problem):  # why the run ends the supervisor says itself
+            case Received(_, Problem(is_end=False) as problem):  # the supervisor reports why the run ended
                 on_problem(f"{problem.source}: {problem.text}")
             case Refused(source, error):
                 on_problem(f"{source}: {error}")

@@ -1,4 +1,4 @@
-"""The results beside what the paper claims, for the terminal and for documents."""
+"""Results of all tests beside the paper's claims, as a table."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ CLAIMS = (
     "below 3",
     "above 20",
 )
-"""What Aguilera et al. say of their simulations in words; they print no numbers per test."""
+"""Claims of Aguilera et al. about their simulations; they give no numbers per test."""
 _SIDES = {"d_x": "along", "d_y": "across"}
-"""The cart, by the names of the coordinates of the centre of mass."""
+"""Directions, by the names of the coordinates of the centre of mass."""
 
 MASS_LIMIT, NOISY_MASS_LIMIT, COM_LIMIT = 0.1, 0.3, 10.0
 TRACKING_LIMIT, WITHOUT_LIMIT = 0.03, 0.20
@@ -38,7 +38,7 @@ class CartStudy(msgspec.Struct, frozen=True):
 
     Attributes:
         reports: One per run.
-        missed: What is not as good as it should be, in words.
+        missed: Results that are worse than expected, as sentences.
     """
 
     reports: list[CartReport]
@@ -46,7 +46,7 @@ class CartStudy(msgspec.Struct, frozen=True):
 
 
 def missed(reports: Iterable[CartReport]) -> list[str]:
-    """What is not as good as it should be; there are no expectations of tests that are not in Table I."""
+    """Results that are worse than expected; only tests of Table I have expectations."""
     found = []
     for report in reports:
         if report.test not in TESTS:
@@ -81,8 +81,8 @@ def rows(reports: Sequence[CartReport]) -> list[tuple[str, ...]]:
         unknown = [report for report in learned if not report.com_known]
         com = f"{max(known):.1f}" if known else ""
         if unknown:
-            told = [side for name, side in _SIDES.items() if any(name in report.not_known for report in unknown)]
-            com += f"{' ' if com else ''}not known {' and '.join(told)} the cart"
+            sides = [side for name, side in _SIDES.items() if any(name in report.not_known for report in unknown)]
+            com += f"{' ' if com else ''}not known {' and '.join(sides)} the cart"
         result.append(
             (
                 str(test),
@@ -96,7 +96,7 @@ def rows(reports: Sequence[CartReport]) -> list[tuple[str, ...]]:
 
 
 def sentences(reports: Sequence[CartReport]) -> list[str]:
-    """What the table does not say."""
+    """Results beside the table, as sentences."""
     learned = [report for report in reports if report.learns]
     found = []
     loads = [load for report in learned for load in report.loads]
@@ -114,13 +114,13 @@ def sentences(reports: Sequence[CartReport]) -> list[str]:
             "Where the centre of mass is along the cart only curves show; across it, speeding up or slowing down."
         )
     for doubt in sorted({doubt for report in learned for doubt in report.doubts}):
-        found.append(f"The pushers say: {doubt}.")
+        found.append(f"The pushers report: {doubt}.")
     diverged = sum(report.diverged for report in learned)
     found.append(f"{diverged} of {len(learned)} runs diverged.")
     return found
 
 
 def markdown(reports: Sequence[CartReport]) -> str:
-    """The table for a document."""
+    """The table as Markdown."""
     lines = [HEADER, ("---",) * len(HEADER), CLAIMS, *rows(reports)]
     return "\n".join(f"| {' | '.join(cells)} |" for cells in lines) + "\n"

@@ -1,12 +1,13 @@
-"""The tests of Aguilera et al., Table I, and what the paper leaves open in them."""
+"""The tests of Aguilera et al., Table I, with assumptions where the paper leaves values open."""
 
 from __future__ import annotations
 
+from coheft.estimation.cart.model import CartBody
 from coheft.estimation.cart.prior import CartPrior
-from coheft.wire.cart.scenario import CartGuess, CartLoad, CartScenario, TrajectoryName
+from coheft.wire.cart.scenario import CartLoad, CartScenario, TrajectoryName
 
 MASS, INERTIA, FRICTION = 20.0, 2.0, 5.0
-"""Of the cart in every test; the paper gives the mass only [kg, kg·m², N·s/m]."""
+"""The cart in every test; the paper gives only the mass [kg, kg·m², N·s/m]."""
 GUESSED_COM = (0.3, 0.0)
 
 _Row = tuple[TrajectoryName, float, tuple[float, float], float, bool]
@@ -23,23 +24,23 @@ _ROWS: dict[int, _Row] = {
     10: ("curves", 16.0, (0.3, 0.15), 0.2, True),
     11: ("curves", 16.0, (0.3, 0.0), 0.005, True),
 }
-"""Trajectory, first guess of the mass [kg], true centre of mass [m], noise, whether the contact point varies."""
+"""Trajectory, first guess of the mass [kg], true centre of mass [m], noise, whether the hand slides."""
 
 TESTS = tuple(_ROWS)
 _LITTLE_NOISE = 0.005
 _CHANGES = 11
-"""Number of the test in which loads come and go."""
+"""Number of the test in which loads are added and removed."""
 QUIET_TESTS = tuple(test for test, row in _ROWS.items() if row[3] <= _LITTLE_NOISE and test != _CHANGES)
-"""Those with little noise, and the same load all along."""
+"""Tests with little noise and a constant load."""
 REVERSAL = 12
-"""Number of a test that is not in Table I: pushed and pulled with casters that turn round, and 3 N of force noise."""
+"""Number of a test that is not in Table I: push and pull, with casters that turn around and 3 N of force noise."""
 
 MASS_CHANGES = (
     CartLoad(at=10.5, mass=5.0, place=(0.3, 0.0)),
     CartLoad(at=18.5, mass=5.0, place=(0.3, 0.0)),
     CartLoad(at=28.5, mass=-10.0, place=(0.3, 0.0)),
 )
-"""Of test 11, where the paper does not say when and how much: put on in curves, taken off while braking."""
+"""Loads of test 11, of which the paper gives neither times nor masses: added in curves, removed while braking."""
 
 
 def table_one(
@@ -56,12 +57,12 @@ def table_one(
 
     Args:
         number: 1 to 12.
-        seed: Of the noise.
-        learns: With the estimator, or without.
-        pushers: How many; the paper has one.
-        friction_guess: What the pushers take the friction of moving for, as a share of what it is; None if they know
-            it, as in the paper. That of turning they take for the same number, and learn.
-        turning_friction: As a share of the friction of moving [m²]; in the paper they are one number.
+        seed: Seed of the noise.
+        learns: Whether to use the estimator.
+        pushers: Number of pushers; one in the paper.
+        friction_guess: The pushers' guess of the translational friction, relative to the true one; None if they know
+            it, as in the paper. They guess the same number for the turning friction, and estimate it.
+        turning_friction: Turning friction relative to the translational one [m²]; they are one number in the paper.
         noise_factor: See ``CartScenario``.
     """
     row: _Row = ("there and back", 16.0, (0.3, 0.15), 0.005, False) if number == REVERSAL else _ROWS[number]
@@ -69,9 +70,9 @@ def table_one(
     guessed_friction = FRICTION * (friction_guess or 1.0)
     return CartScenario(
         name=f"test {number}",
-        cart=CartGuess(mass=MASS, com=com, inertia=INERTIA, friction=(FRICTION, FRICTION * turning_friction)),
-        # For want of anything better the moment of inertia is guessed as that of a box of 1 m by 0.6 m.
-        guess=CartGuess(
+        cart=CartBody(mass=MASS, com=com, inertia=INERTIA, friction=(FRICTION, FRICTION * turning_friction)),
+        # The guess of the moment of inertia is that of a box of 1 m by 0.6 m.
+        guess=CartBody(
             mass=guessed_mass,
             com=GUESSED_COM,
             inertia=guessed_mass * (1.0 + 0.36) / 12.0,

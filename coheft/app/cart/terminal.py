@@ -12,8 +12,8 @@ from coheft.app.terminal.wide_table import print_table
 
 
 def print_study(console: Console, study: CartStudy) -> None:
-    """Print a table with the worst run of each test, beside the paper's claims."""
-    title = "Largest errors in all runs of a test: of pushers who learn, and of others who believe their first guess"
+    """Print a table with the worst run of each test, below the paper's claims."""
+    title = "Largest errors in all runs of a test, with the estimator, and without it"
     table = Table(box=SIMPLE_HEAD, title=title, title_justify="left")
     for index, name in enumerate(HEADER):
         table.add_column(name, justify="left" if index == 0 else "right")
@@ -24,11 +24,11 @@ def print_study(console: Console, study: CartStudy) -> None:
     for sentence in sentences(study.reports):
         console.print(sentence, highlight=False)
     for text in study.missed:
-        console.print(f"Worse than it should be: {text}", style="red", highlight=False)
+        console.print(f"Worse than expected: {text}", style="red", highlight=False)
 
 
 def print_identification(console: Console, found: CartIdentification) -> None:
-    """Print what a recording says of a cart."""
+    """Print the identification of a cart."""
     table = Table(box=SIMPLE_HEAD, title=f"The cart after {found.duration_s:g} s", title_justify="left")
     for name in ("quantity", "value", "standard deviation"):
         table.add_column(name, justify="left" if name == "quantity" else "right")
@@ -42,6 +42,6 @@ def print_identification(console: Console, found: CartIdentification) -> None:
         console.print(f"{advice}.", highlight=False)
     if found.changes_s:
         times = ", ".join(f"{time:.2f}" for time in found.changes_s)
-        console.print(f"The cart changed at about {times} s; this is what it was at the end.", highlight=False)
+        console.print(f"The cart changed at about {times} s; the values are those at the end.", highlight=False)
     for doubt in found.doubts:
         console.print(f"Does not fit: {doubt}", style="red", highlight=False)

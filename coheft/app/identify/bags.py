@@ -1,6 +1,6 @@
-"""Recordings of topics: MCAP files, by coheft or by others, bags of ROS 2, bags of ROS 1.
+"""Reads topics from MCAP files, by coheft or by others, and from bags of ROS 2 and ROS 1.
 
-Takes the packages of the extra ``record``.
+Needs the packages of the extra ``record``.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ from coheft.wire.process.log import LOG
 
 @dataclass(frozen=True)
 class Kind:
-    """A type of messages that tells what a robot measured.
+    """A type of messages with measurements.
 
     Attributes:
-        channel: Which attribute of ``RobotRecord``.
-        numbers: What a message tells, in the order of that attribute.
+        channel: The attribute of ``RobotRecord`` for them.
+        numbers: Returns the numbers of a message, in the order of that attribute.
     """
 
     channel: str
@@ -55,12 +55,12 @@ KINDS = {
     "geometry_msgs/msg/TwistStamped": Kind("twist", lambda m: _xyz(m.twist.angular) + _xyz(m.twist.linear)),
     "geometry_msgs/msg/AccelStamped": Kind("acceleration", lambda m: _xyz(m.accel.linear)),
 }
-"""By the names of types."""
+"""Kinds by names of types."""
 
 
 @dataclass(frozen=True)
 class BagTopic:
-    """A topic of a file: its name, the type of its messages, how many there are."""
+    """A topic of a file: its name, and the type and number of its messages."""
 
     name: str
     kind: str
@@ -68,15 +68,15 @@ class BagTopic:
 
     @property
     def words(self) -> str:
-        """For people."""
+        """Name, type and number of messages, for an error message."""
         return f"{one_line(self.name)} ({one_line(self.kind.replace('/msg/', '/'))}, {self.count})"
 
 
 class Bag:
-    """A file or folder of messages, while it is open. Use it as a context.
+    """An open file or folder of messages; use it as a context manager.
 
     Attributes:
-        topics: All that it holds.
+        topics: All topics in it.
 
     Raises:
         RecordingError: It cannot be read.
@@ -94,8 +94,8 @@ class Bag:
             with self._path.open("rb") as file:
                 if not is_finished(file):
                     raise RecordingError(
-                        f"it has no end: whoever wrote it was killed, or writes still. To save what there is: coheft "
-                        f"recover {self._path}"
+                        f"it is not complete: its writer was killed, or is still writing. Save what it contains with: "
+                        f"coheft recover {self._path}"
                     )
         try:
             self._reader = Ros1Reader(self._path) if self._is_ros1 else Ros2Reader(self._path)
@@ -105,7 +105,7 @@ class Bag:
                 counts[each.topic, each.msgtype] = counts.get((each.topic, each.msgtype), 0) + each.msgcount
         except OSError:
             raise
-        except Exception as error:  # each of the libraries below has errors of its own for what is cut or damaged
+        except Exception as error:  # the libraries raise many kinds of errors for damaged files
             raise RecordingError(f"cannot be read as a recording of topics: {one_line(str(error))}") from error
         self.topics = tuple(BagTopic(*key, count) for key, count in sorted(counts.items()))
         return self
@@ -114,10 +114,10 @@ class Bag:
         self._stack.close()
 
     def streams(self, names: Collection[str]) -> dict[str, Stream]:
-        """What was measured on some topics, by the times in the headers, whose types ``KINDS`` lists.
+        """Read topics whose types are in ``KINDS``, with the times in the headers.
 
         Raises:
-            RecordingError: The file is damaged, or messages make no sense.
+            RecordingError: The file is damaged, or messages are not valid.
         """
         chosen = [each for each in self._reader.connections if each.topic in names and each.msgtype in KINDS]
         stamps: dict[str, list[int]] = {name: [] for name in names}
@@ -141,10 +141,10 @@ class Bag:
 
 
 def _stream(name: str, stamps: list[int], received: list[int], values: Array) -> Stream:
-    """The messages of a topic in the order of their stamps, each once.
+    """The messages of a topic in the order of their stamps, without duplicates.
 
     Raises:
-        RecordingError: A number is not finite, or stamps are missing of some.
+        RecordingError: A number is not finite, or some stamps are missing.
     """
     time = np.array(stamps, dtype=np.int64)
     zeros = int(np.count_nonzero(time == 0))

@@ -1,4 +1,4 @@
-"""What a user may choose about an identification; nothing heavy is loaded for it."""
+"""Options of an identification; this module imports nothing heavy."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ Method = Literal["batch", "instruments", "pose", "likelihood", "static"]
 
 @dataclass(frozen=True)
 class Bounds:
-    """How wrong robots may be that are not calibrated: errors are anywhere within plus or minus these.
+    """Bounds of calibration errors, which are uniformly distributed within plus or minus these.
 
     Attributes:
         misalignment_deg: With --calibrate: how far the gimbal's zero may be off, about any axis [degrees].

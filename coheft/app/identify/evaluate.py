@@ -1,4 +1,4 @@
-"""A recording from wherever it is to what was found, for the command and for programs."""
+"""Identification of a load from a recording in a file or in arrays, for the command and the Python interface."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from coheft.estimation.batch.statics import Statics
 from coheft.wire.data.file import recording_of
 
 ARRAYS = "arrays"
-"""What errors and reports call a recording that is no file."""
+"""Name of a recording without a file, in errors and reports."""
 
 
 def evaluate(recording: Path | Mapping[str, npt.ArrayLike], options: Options) -> tuple[Recording, Identification]:
     """Identify the load of a recording.
 
     Returns:
-        The part of the recording that was used, and what was found.
+        The part of the recording that was used, and the identification.
 
     Raises:
-        RecordingError: It cannot be read, or cannot be a recording of one load; says what, and why.
+        RecordingError: It cannot be read, or cannot be a recording of one load; the message says why.
         UsageError: Options contradict each other.
     """
     holds, is_static = options.holds, options.method == "static"

@@ -16,11 +16,11 @@ from coheft.estimation.batch.recording import Recording
 
 
 def write_identification(folder: Path, recording: Recording, found: Identification, report: IdentifyReport) -> None:
-    """Write ``report.json``, ``report.txt`` and pictures into a folder that is there.
+    """Write ``report.json``, ``report.txt`` and pictures into an existing folder.
 
     Raises:
-        RecordingError: Nothing can be written there.
-        MissingPackageError: The package that draws is not installed.
+        RecordingError: A file cannot be written.
+        MissingPackageError: matplotlib is not installed.
     """
     try:
         with (folder / "report.txt").open("w", encoding="utf-8") as file:

@@ -1,4 +1,4 @@
-"""Recordings of all kinds that ``coheft identify`` reads."""
+"""Reading of all kinds of recordings."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from coheft.wire.data.statics import read_statics
 _OF_TOPICS = (".mcap", ".bag", ".db3")
 _TABLES = ".csv"
 _METADATA = "metadata.yaml"
-"""Of the folder that is a bag of ROS 2."""
+"""File in each bag of ROS 2, which is a folder."""
 
 
 def read_any(path: Path, topics: Sequence[str] = ()) -> Recording:
@@ -23,15 +23,15 @@ def read_any(path: Path, topics: Sequence[str] = ()) -> Recording:
 
     Args:
         path: File or folder.
-        topics: Which topics are of which robot, ``ROBOT=TOPIC`` each; none: as their names say.
+        topics: Topics of each robot, as ``ROBOT=TOPIC``; if there are none, the topics' names tell.
 
     Raises:
-        RecordingError: It cannot be read or used; says what, and why.
-        UsageError: There are topics to choose, but none in such a file.
-        MissingPackageError: Topics are read by packages that are not installed.
+        RecordingError: It cannot be read or used; the message says why.
+        UsageError: Topics are given for a file that has none.
+        MissingPackageError: The packages for reading topics are not installed.
     """
     if _is_of_topics(path):
-        import_module("coheft.app.recording")  # says which package is missing, if one is
+        import_module("coheft.app.recording")  # raises MissingPackageError
         from coheft.app.identify.recorded_topics import read_topics
 
         return read_topics(path, topics)
@@ -43,14 +43,14 @@ def read_any(path: Path, topics: Sequence[str] = ()) -> Recording:
 
 
 def read_holds(path: Path, names: Sequence[str] | None = None) -> Statics:
-    """Read holds that were recorded apart: a file or folder as of any recording, or with a line for each hold.
+    """Read holds that were recorded separately, from any recording, or from a file with a line for each hold.
 
     Args:
         path: File or folder.
-        names: Robots that are expected, in their order; None: any.
+        names: Expected robots in their order; None for any.
 
     Raises:
-        RecordingError: It cannot be read or used, or is of other robots; says what, and why.
+        RecordingError: It cannot be read or used, or its robots are others; the message says why.
     """
     try:
         statics = Statics.of_recording(read_any(path)) if _is_of_topics(path) else read_statics(path)
@@ -63,7 +63,7 @@ def read_holds(path: Path, names: Sequence[str] | None = None) -> Statics:
 
 
 def files_of(path: Path) -> list[Path]:
-    """The files that a recording is in, none of which is to be written over."""
+    """The files of a recording, which must not be overwritten."""
     if not path.is_dir():
         return [path]
     return [file for file in path.iterdir() if file.suffix.lower() in (*_OF_TOPICS, _TABLES) or file.name == _METADATA]

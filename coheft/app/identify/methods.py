@@ -1,8 +1,8 @@
-"""Which method suits a recording, and how each is called."""
+"""Choice of a method for a recording, and calls of all methods."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 
@@ -32,10 +32,10 @@ def suitable(recording: Recording) -> Method:
 
 
 def part_of(recording: Recording, start: float | None, end: float | None) -> Recording:
-    """The samples from ``--from`` to ``--to`` [s]; None: all from the first, all to the last.
+    """The samples from ``--from`` to ``--to`` [s]; None for the begin or the end of the recording.
 
     Raises:
-        UsageError: There are none, or a time is where nothing was recorded.
+        UsageError: The times are in the wrong order, or outside the recording.
     """
     if start is not None and end is not None and start >= end:
         raise UsageError(f"--from {start:g} is not before --to {end:g}: give the earlier time first")
@@ -52,13 +52,13 @@ def identify(recording: Recording, options: Options = _BEST, statics: Statics | 
     """Identify the load, and judge the recording.
 
     Args:
-        recording: What was recorded.
-        options: How; without a method, what suits the recording.
-        statics: Holds that were recorded apart, of the same robots.
+        recording: The recording.
+        options: The options; without a method, the most suitable one is used.
+        statics: Holds of the same robots that were recorded separately.
 
     Raises:
-        RecordingError: The recording does not hold what the method needs, or numbers that cannot be computed with.
-        UsageError: The method cannot do it.
+        RecordingError: The recording lacks what the method needs, or its numbers make the computation fail.
+        UsageError: The method does not support an option.
     """
     method = options.method or suitable(recording)
     _check(method, options, statics)
@@ -79,7 +79,7 @@ def identify(recording: Recording, options: Options = _BEST, statics: Statics | 
 
 
 def _check(method: Method, options: Options, statics: Statics | None) -> None:
-    """Check that the method can do what is asked for."""
+    """Check that the method supports the options."""
     if options.calibrate and method != "pose":
         raise UsageError(f"calibration errors are estimated by --method pose only, not by {method}")
     if options.calibrate and statics is not None:
@@ -93,7 +93,7 @@ def _check(method: Method, options: Options, statics: Statics | None) -> None:
 def fitted(
     recording: Recording, method: Method, options: Options = _BEST, statics: Statics | None = None
 ) -> Identification:
-    """Identify the load by a method, and believe the recording; arguments and errors as of ``identify``."""
+    """Identify the load by a method without judging the recording; arguments and errors as of ``identify``."""
     match method:
         case "batch":
             return identify_batch(recording, options.cutoff or PAPER_CUTOFF, statics)
@@ -102,7 +102,7 @@ def fitted(
         case "instruments":
             found = identify_with_instruments(recording, options.cutoff or CUTOFF)
         case "pose":
-            tolerances = _tolerances(options.bounds or Bounds()) if options.calibrate else None
+            tolerances = Tolerances.of_bounds(**asdict(options.bounds or Bounds())) if options.calibrate else None
             found = identify_poses(recording, tolerances, options.cutoff or CUTOFF)
         case "likelihood":
             found = identify_sensors(recording)
@@ -112,7 +112,7 @@ def fitted(
 
 
 def _without_noise(recording: Recording, options: Options, refuted: Identification) -> Identification:
-    """By instruments, which need not know the noise, as it is not what the recording names, if it is long enough."""
+    """Use instruments instead, which need no noise, if the recording is long enough for them."""
     try:
         found = identify_with_instruments(recording, options.cutoff or CUTOFF)
     except RecordingError:
@@ -122,10 +122,3 @@ def _without_noise(recording: Recording, options: Options, refuted: Identificati
         f"--method likelihood does not suit it."
     )
     return replace(found, remarks=(*found.remarks, remark))
-
-
-def _tolerances(bounds: Bounds) -> Tolerances:
-    """As standard deviations."""
-    return Tolerances.of_bounds(
-        bounds.misalignment_deg, bounds.angle_scale, bounds.position_scale, bounds.force_scale, bounds.force_offset
-    )

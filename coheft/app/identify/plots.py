@@ -1,4 +1,4 @@
-"""Pictures of an identification: the residuals, and what is and what is not certain."""
+"""Pictures of an identification: residuals, forces and correlations."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ _AXES = ("x", "y", "z")
 
 
 def plot_residuals(found: Identification, path: Path) -> None:
-    """Residual of the total wrench, or torque, over time.
+    """Plot the residual of the total wrench, or of the torque, over time.
 
     Raises:
-        MissingPackageError: The package that draws is not installed.
+        MissingPackageError: matplotlib is not installed.
     """
     with figure_to(path, 9.0, 4.5) as figure:
         width = found.residual.shape[1]
@@ -28,16 +28,16 @@ def plot_residuals(found: Identification, path: Path) -> None:
             for name, values in zip(_AXES, found.residual[:, part].T, strict=True):
                 axes.plot(found.time, values, linewidth=0.6, label=name)
             axes.set_ylabel(label)
-        grid[0].set_title("What the rigid body does not explain")
+        grid[0].set_title("Residual of the rigid body model")
         grid[0].legend(loc="upper right", ncols=3)
         grid[-1].set_xlabel("time [s]")
 
 
 def plot_forces(recording: Recording, found: Identification, path: Path) -> None:
-    """Forces of all robots over time, and when the load was held still.
+    """Plot the forces of all robots over time, and when the load was held still.
 
     Raises:
-        MissingPackageError: The package that draws is not installed.
+        MissingPackageError: matplotlib is not installed.
     """
     with figure_to(path, 9.0, 1.6 * len(found.names) + 0.8) as figure:
         grid = np.atleast_1d(figure.subplots(len(found.names), 1, sharex=True))
@@ -54,10 +54,10 @@ def plot_forces(recording: Recording, found: Identification, path: Path) -> None
 
 
 def plot_uncertainty(report: IdentifyReport, path: Path) -> None:
-    """Correlations of the load's ten numbers: what could be traded for what.
+    """Plot the correlations of the load's ten parameters.
 
     Raises:
-        MissingPackageError: The package that draws is not installed.
+        MissingPackageError: matplotlib is not installed.
     """
     covariance = np.array(report.payload.covariance)
     spread = np.sqrt(np.maximum(np.diag(covariance), 1e-300))

@@ -1,4 +1,4 @@
-"""From a file of topics to a recording of a team."""
+"""Reading of a team's recording from a file of topics."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ _STATUS = "/coheft/status"
 
 
 def read_topics(path: Path, topics: Sequence[str]) -> Recording:
-    """Read what robots measured from an MCAP file, or a bag of ROS.
+    """Read a recording from an MCAP file, or a bag of ROS.
 
     Args:
         path: The file, or the folder of a bag.
-        topics: Which are of which robot, ``ROBOT=TOPIC`` each; none: as their names say.
+        topics: Topics of each robot, as ``ROBOT=TOPIC``; if there are none, the topics' names tell.
 
     Raises:
-        RecordingError: It cannot be read, holds other topics, or what cannot be computed with; says what it holds.
+        RecordingError: It cannot be read, has other topics, or samples that are not valid.
     """
     try:
         with Bag(path) as bag:
@@ -55,7 +55,7 @@ def read_topics(path: Path, topics: Sequence[str]) -> Recording:
 
 
 def _with_truth(recording: Recording, run: Run) -> Recording:
-    """Add what a run of ours knows: the sensors' noise, and the truth."""
+    """Add the sensors' noise and the truth from a recorded run of coheft."""
     scene = run.begin.scene
     try:
         scenario = msgspec.json.decode(run.scenario, type=Scenario)

@@ -1,16 +1,15 @@
-"""What came out of a recording, in one struct that becomes the JSON report."""
+"""The report on an identification, which becomes JSON."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from itertools import combinations
 
 import msgspec
 import numpy as np
 
 from coheft.estimation.batch.holds import orientations
-from coheft.estimation.batch.identification import HiddenError, Identification
-from coheft.estimation.batch.judge.verdict import Verdict
+from coheft.estimation.batch.identification import CalibrationFinding, Identification
+from coheft.estimation.batch.loop_closure import LoopError
 from coheft.estimation.batch.payload import Payload
 from coheft.estimation.batch.principal_axes import PrincipalInertia
 from coheft.estimation.batch.recording import Recording, Truth
@@ -20,18 +19,18 @@ from coheft.estimation.rigid_body.mass_properties import Inertia
 
 _ALL_DIRECTIONS = 6
 _LOOSE = 2.0
-"""Standard deviations by which loops of pairs may fail to close; noise makes one, or less where pairs share it."""
+"""Largest error of loops of pairs, in standard deviations; noise makes one, or less where pairs share it."""
 
 
 class Errors(msgspec.Struct, frozen=True):
-    """Differences from a truth that the recording names; None where it does not, or where nothing was found.
+    """Differences from the truth that the recording names; None where it is unknown, or nothing was found.
 
     Attributes:
-        rotation_deg: Of relative poses, by pair of robots, but for those that were not seen.
-        position_mm: Likewise.
-        mass_kg: Estimate minus truth.
-        com_mm: Distance.
-        principal_pct: Of the principal moments, ascending, estimate minus truth.
+        rotation_deg: Rotation error of relative poses, by pair of robots, if observable.
+        position_mm: Position error of relative poses, by pair of robots, if observable.
+        mass_kg: Mass, estimate minus truth.
+        com_mm: Distance of the centres of mass.
+        principal_pct: Principal moments, ascending, estimate minus truth [%].
     """
 
     rotation_deg: dict[str, float]
@@ -55,17 +54,17 @@ class PayloadReport(msgspec.Struct, frozen=True):
     """Mass properties in the first robot's grasp frame; None where the recording does not show them.
 
     Attributes:
-        mass_kg: [kg].
-        mass_std_kg: Standard deviation.
+        mass_kg: Mass.
+        mass_std_kg: Standard deviation of the mass.
         com_m: Centre of mass.
-        com_std_m: Standard deviations.
-        inertia: At the centre of mass [kg·m²].
+        com_std_m: Standard deviations of the centre of mass.
+        inertia: Inertia at the centre of mass [kg·m²].
         principal: Principal moments, ascending [kg·m²].
         principal_std: Their standard deviations.
         axes_deg: Rotation vector from the grasp frame to the principal axes.
-        covariance: Of ``(m, h, J packed as xx yy zz xy xz yz)``.
-        was_possible: False: what was solved for is no body that can exist; this is the most likely one that is.
-        deviations_off: How far what was solved for is from it, in its own standard deviations.
+        covariance: Covariance of ``(m, h, J packed as xx yy zz xy xz yz)``.
+        was_possible: False if the best fit is physically impossible, and this is the most likely possible body.
+        deviations_off: Distance of the best fit from this body, in its own standard deviations.
     """
 
     mass_kg: float | None
@@ -81,58 +80,21 @@ class PayloadReport(msgspec.Struct, frozen=True):
     deviations_off: float
 
 
-class LoopReport(msgspec.Struct, frozen=True):
-    """By how much a loop of three pairs did not close before all were fitted together.
-
-    Attributes:
-        rotation_deg: About any axis.
-        position_mm: Distance.
-        deviations: Root mean square of both, in units of the pairs' standard deviations.
-    """
-
-    rotation_deg: float
-    position_mm: float
-    deviations: float
-
-
-class CalibrationReport(msgspec.Struct, frozen=True):
-    """One thing that may be wrong with a robot.
-
-    Attributes:
-        robot: Whose.
-        what: Which: a zero or scale of a gimbal's angle ``a``, ``b`` or ``c``, the scale of positions or forces, or the
-            offset of forces along an axis of the robot's home frame.
-        unit: Of the numbers: ``deg``, ``%`` or ``N``.
-        value: By how much what the robot measures is too large; for scales as a share of it.
-        std: Standard deviation of the value.
-        std_before: Standard deviation that was known before anything was measured.
-        seen: Whether the recording said anything about it worth mentioning.
-    """
-
-    robot: str
-    what: str
-    unit: str
-    value: float
-    std: float
-    std_before: float
-    seen: bool
-
-
 class VerdictReport(msgspec.Struct, frozen=True):
-    """Whether forces are those of one rigid body.
+    """Whether one rigid body explains the recording.
 
     Attributes:
-        refuted: Whether they are not.
-        cause: Of it, if one cause explains it all, else "unknown"; empty if nothing is wrong.
-        robot: Whose; None of no one in particular.
-        value: What the cause's numbers are, see ``coheft.estimation.batch.judge.suspects``.
-        ratio: By how many times residuals are larger than noise explains.
-        margin: Twice the log likelihood ratio to the second best cause.
-        second: That cause.
-        hidden_std: Of ``(m, h, J packed as xx yy zz xy xz yz)``, what sensors may add that are off by less than the
-            recording shows; empty if refuted.
-        hidden_cause: By what, for each of these.
-        proposal: The load's mass with the cause estimated along, and its standard deviation [kg]; None if unknown.
+        refuted: Whether it does not.
+        cause: The fault, or "unknown" if no single one explains the recording; empty if there is none.
+        robot: The robot that has the fault; None if it is no single one.
+        value: Parameters of the fault, see ``coheft.estimation.batch.judge.suspects``.
+        ratio: Size of the residuals, in multiples of what noise explains.
+        margin: Twice the log likelihood ratio to the second likeliest fault.
+        second: The second likeliest fault.
+        hidden_std: Additional standard deviations of ``(m, h, J packed as xx yy zz xy xz yz)`` by faults that the
+            recording would not show; empty if refuted.
+        hidden_cause: These faults, one for each number.
+        proposal: Mass of the load with the fault estimated along, and its standard deviation [kg]; None if unknown.
     """
 
     refuted: bool
@@ -151,23 +113,23 @@ class IdentifyReport(msgspec.Struct, frozen=True):
     """The report on a recording.
 
     Attributes:
-        recording: The file or folder that it was read from.
-        method: How it was found, see ``coheft.app.identify.choices``.
-        robots: Their names; all poses and mass properties are given in the grasp frame of the first.
+        recording: File or folder of the recording.
+        method: Name of the method, see ``coheft.app.identify.choices``.
+        robots: Names of the robots; poses and mass properties are given in the grasp frame of the first.
         from_s: Time of the first sample that was used [s].
-        to_s: Time of the last one [s].
-        poses: Grasp frames by robot, but for the first; None where the recording does not show all of one.
-        payload: Mass properties of what was held.
-        not_observable: What the recording does not show, and what would show it.
-        doubts: What speaks against all of it: then no number is to be trusted.
-        verdict: On the forces; None if they were not judged.
-        not_judged: Why they were not, so that nothing checks the numbers; None if they were.
-        remarks: What else should be known.
-        loops: Loops of three pairs of robots; none where a method finds all poses at once.
-        holds_s: Times from which to which the load was still, ``[from, to]`` each [s]; none where they are not used.
+        to_s: Time of the last sample that was used [s].
+        poses: Poses of the other robots' grasp frames; None if not observable.
+        payload: Mass properties of the load.
+        not_observable: What is not observable, and what would show it.
+        doubts: Contradictions; if there are any, no number is to be trusted.
+        verdict: The verdict on the recording; None if it was not judged.
+        not_judged: Why it was not judged, so that nothing has checked the numbers; None if it was.
+        remarks: Other remarks.
+        loops: Errors of loops of three pairs of robots; empty if the method finds all poses at once.
+        holds_s: Begin and end of each hold, ``[from, to]`` [s]; empty if holds were not used.
         hold_orientations: Number of different orientations of the load in these.
-        calibration: What may be wrong with the robots; none unless it was estimated.
-        errors: Differences from the truth; None where the recording does not tell it.
+        calibration: Calibration errors of the robots; empty if they were not estimated.
+        errors: Differences from the truth; None if the recording does not name it.
     """
 
     recording: str
@@ -182,14 +144,17 @@ class IdentifyReport(msgspec.Struct, frozen=True):
     verdict: VerdictReport | None
     not_judged: str | None
     remarks: list[str]
-    loops: list[LoopReport]
+    loops: list[LoopError]
     holds_s: list[list[float]]
     hold_orientations: int
-    calibration: list[CalibrationReport]
+    calibration: list[CalibrationFinding]
     errors: Errors | None
 
 
-def _verdict(verdict: Verdict, hidden: Sequence[HiddenError]) -> VerdictReport:
+def _verdict(found: Identification) -> VerdictReport | None:
+    verdict = found.verdict
+    if verdict is None:
+        return None
     return VerdictReport(
         refuted=verdict.is_refuted,
         cause=verdict.cause,
@@ -198,14 +163,14 @@ def _verdict(verdict: Verdict, hidden: Sequence[HiddenError]) -> VerdictReport:
         ratio=verdict.ratio,
         margin=verdict.margin,
         second=verdict.second,
-        hidden_std=[error.std for error in hidden],
-        hidden_cause=[error.cause for error in hidden],
+        hidden_std=[error.std for error in found.hidden],
+        hidden_cause=[error.cause for error in found.hidden],
         proposal=None if verdict.mass is None else list(verdict.mass),
     )
 
 
 def make_report(source: str, recording: Recording, found: Identification) -> IdentifyReport:
-    """Gather what was found."""
+    """Make the report on an identification of a recording from ``source``, a path or a name."""
     holds = found.holds
     return IdentifyReport(
         recording=source,
@@ -217,23 +182,13 @@ def make_report(source: str, recording: Recording, found: Identification) -> Ide
         payload=_payload(found.payload),
         not_observable=_not_observable(found),
         doubts=list(found.doubts),
-        verdict=None if found.verdict is None else _verdict(found.verdict, found.hidden),
+        verdict=_verdict(found),
         not_judged=found.not_judged or None,
         remarks=[*_loose_loops(recording, found), *found.remarks, *_changes(recording)],
-        loops=[
-            LoopReport(
-                rotation_deg=float(np.degrees(np.linalg.norm(loop.error[:3]))),
-                position_mm=float(1e3 * np.linalg.norm(loop.error[3:])),
-                deviations=loop.deviations,
-            )
-            for loop in found.loops
-        ],
+        loops=list(found.loops),
         holds_s=[] if holds is None else [list(span) for span in holds.spans],
         hold_orientations=0 if holds is None else orientations(holds.down[:, 0]),
-        calibration=[
-            CalibrationReport(f.robot, f.what, f.unit, float(f.value), float(f.std), float(f.before), bool(f.is_seen))
-            for f in found.calibration
-        ],
+        calibration=list(found.calibration),
         errors=None if recording.truth is None else errors_of(recording, recording.truth, found),
     )
 
@@ -257,7 +212,7 @@ def _payload(payload: Payload) -> PayloadReport:
 
 
 def _not_observable(found: Identification) -> list[str]:
-    """What the motion does not show, in words."""
+    """Describe what is not observable."""
     sentences = []
     for k, name in enumerate(found.names[1:], 1):
         directions = found.team.relative(0, k).unseen
@@ -266,11 +221,11 @@ def _not_observable(found: Identification) -> list[str]:
         elif directions:
             parts = ", ".join(str(direction) for direction in directions)
             sentences.append(f"pose of {name}, {parts}: turn the load about other axes as well")
-    if found.is_explained:  # what the load hides may be what is wrong
+    if found.is_explained:  # the fault may be the reason for the rest
         return sentences
     are_poses_seen = not sentences
     for part in found.payload.unseen:
-        # Gravity shows the mass to whoever can add up the forces.
+        # With all poses known, gravity would show the mass.
         is_mass = part.quantity == "mass"
         remedy = part.remedy if are_poses_seen or not is_mass else "first, all poses have to be seen"
         sentences.append(f"{part.what}: {remedy}")
@@ -278,7 +233,7 @@ def _not_observable(found: Identification) -> list[str]:
 
 
 def _loose_loops(recording: Recording, found: Identification) -> tuple[str, ...]:
-    """That pairs do not agree as well as their standard deviations say, in words."""
+    """Say if pairs agree less well than their standard deviations predict."""
     worst = max((loop.deviations for loop in found.loops), default=0.0)
     if worst < _LOOSE or found.calibration:
         return ()
@@ -290,7 +245,7 @@ def _loose_loops(recording: Recording, found: Identification) -> tuple[str, ...]
 
 
 def _changes(recording: Recording) -> tuple[str, ...]:
-    """That the load changed meanwhile, in words, where the recording tells it."""
+    """Say if the load changed meanwhile, according to the truth."""
     start, end = float(recording.time[0]), float(recording.time[-1])
     if recording.truth is None or recording.truth.load_between(start, end) is not None:
         return ()
@@ -316,7 +271,7 @@ def _pose(found: Identification, robot: int) -> PoseReport | None:
 
 
 def errors_of(recording: Recording, truth: Truth, found: Identification) -> Errors:
-    """Compare with the truth."""
+    """Errors of an identification."""
     rotation, position = {}, {}
     for i, j in combinations(range(len(found.names)), 2):
         if found.team.relative(i, j).unseen:
@@ -338,14 +293,14 @@ def errors_of(recording: Recording, truth: Truth, found: Identification) -> Erro
 
 
 def pose_errors(truth: Truth, found: Identification, i: int, j: int) -> tuple[float, float]:
-    """Of robot j's pose seen from robot i: rotation [degrees], position [mm]."""
+    """Errors of robot j's pose in robot i's grasp frame: rotation [degrees], position [mm]."""
     estimate, true = (poses[i].inverse() @ poses[j] for poses in (found.team.poses, truth.poses))
     error = perturbation_between(true, estimate)
     return float(np.degrees(np.linalg.norm(error[:3]))), float(1e3 * np.linalg.norm(error[3:]))
 
 
 def load_errors(estimate: Inertia, truth: Inertia) -> tuple[float, float, list[float]]:
-    """Mass [kg], centre of mass [mm], principal moments [%]."""
+    """Errors of mass [kg], centre of mass [mm] and principal moments [%]."""
     moments, true_moments = (np.linalg.eigvalsh(inertia.tensor) for inertia in (estimate, truth))
     return (
         estimate.mass - truth.mass,

@@ -1,4 +1,4 @@
-"""The report on a recording for people."""
+"""The report on a recording as tables in the terminal."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from rich.table import Table
 from coheft.app.identify.report import IdentifyReport
 from coheft.app.terminal.wide_table import print_table
 
-_UNSEEN = "not seen"
+_UNSEEN = "not observable"
 
 
 def print_identification(console: Console, report: IdentifyReport) -> None:
-    """Print tables of what was found, how sure it is, and what is not known."""
+    """Print tables of the estimates and their standard deviations, and all remarks."""
     first = report.robots[0]
     when = "held still" if report.method == "static" else f"{report.from_s:.1f} s to {report.to_s:.1f} s"
     console.print(
@@ -25,7 +25,10 @@ def print_identification(console: Console, report: IdentifyReport) -> None:
     print_table(console, _payload(report))
     if report.loops:
         worst = max(report.loops, key=lambda loop: loop.position_mm)
-        console.print(f"Pairs alone fail to close by up to {worst.rotation_deg:.3f}° and {worst.position_mm:.2f} mm.")
+        console.print(
+            f"Before pairs were fitted together, their loops failed to close by up to {worst.rotation_deg:.3f}° and "
+            f"{worst.position_mm:.2f} mm."
+        )
     if report.errors is not None:
         console.print("Errors are against the truth, which this recording names: it was simulated.")
     if report.holds_s:
@@ -34,11 +37,13 @@ def print_identification(console: Console, report: IdentifyReport) -> None:
         print_table(console, _calibration(report))
     if not report.payload.was_possible and report.payload.inertia is not None and not report.doubts:
         console.print(
-            f"What was solved for is no body that can exist; this is the most likely one that is, "
+            f"The best fit is physically impossible; this is the most likely possible body, "
             f"{report.payload.deviations_off:.1f} standard deviations away."
         )
     unseen = (f"Not observable: {what}" for what in report.not_observable)
-    unjudged = [] if report.not_judged is None else [f"Not judged, so that nothing checks it: {report.not_judged}."]
+    unjudged = (
+        [] if report.not_judged is None else [f"Not judged, so that nothing has checked it: {report.not_judged}."]
+    )
     doubts = (f"Do not trust these numbers: {what}" for what in report.doubts)
     for text in (*unseen, *report.remarks, *unjudged, *doubts):
         console.print(text, markup=False)
@@ -94,17 +99,23 @@ def _payload(report: IdentifyReport) -> Table:
 
 
 def _numbers(values: float | list[float] | None, digits: int = 4, unit: str = "") -> str:
-    """Numbers in a cell; nothing if there are none."""
+    """Text of a cell with numbers; empty for None."""
     if values is None:
         return ""
     return " ".join(f"{value:.{digits}f}" for value in (values if isinstance(values, list) else [values])) + unit
 
 
 def _calibration(report: IdentifyReport) -> Table:
-    table = Table("robot", "what", "found", "std", "std before", "", title="Calibration", title_justify="left")
+    table = Table(
+        "robot", "what", "found", "std", "std before", "observable", title="Calibration", title_justify="left"
+    )
     for row in report.calibration:
-        told = "" if row.seen else "not seen"
         table.add_row(
-            escape(row.robot), row.what, f"{row.value:.3f} {row.unit}", f"{row.std:.3f}", f"{row.std_before:.3f}", told
+            escape(row.robot),
+            row.what,
+            f"{row.value:.3f} {row.unit}",
+            f"{row.std:.3f}",
+            f"{row.std_before:.3f}",
+            "yes" if row.seen else "no",
         )
     return table

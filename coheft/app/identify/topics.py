@@ -1,4 +1,4 @@
-"""Which topics of a recording are of which robot: as ``--topics`` says, or as their names do."""
+"""Assignment of topics to robots, by ``--topics`` or by the topics' names."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def named_topics(topics: Sequence[BagTopic], given: Sequence[str]) -> Chosen:
     """Topics that ``--topics`` names, each as ``ROBOT=TOPIC``, or ``ROBOT=TOPIC,TOPIC``.
 
     Raises:
-        RecordingError: One is not there, or of a type that tells nothing of a robot; lists what there is.
+        RecordingError: A topic does not exist or cannot be used; the message lists all topics.
     """
     chosen: dict[str, dict[str, str]] = {}
     by_name = {topic.name: topic for topic in topics}
@@ -46,10 +46,10 @@ def named_topics(topics: Sequence[BagTopic], given: Sequence[str]) -> Chosen:
 
 
 def found_topics(topics: Sequence[BagTopic]) -> Chosen:
-    """Topics by the robots that their names begin with; those of a run of ours if there are some.
+    """Topics by robot, according to the begin of their names; those of a run of coheft if there are any.
 
     Raises:
-        RecordingError: Names do not tell; lists what there is.
+        RecordingError: Names do not tell; the message lists all topics.
     """
     usable = [topic for topic in topics if topic.kind in KINDS and topic.count]
     chosen: dict[str, dict[str, str]] = {}
@@ -64,7 +64,9 @@ def found_topics(topics: Sequence[BagTopic]) -> Chosen:
         shared += 1
     for topic in ours or usable:
         _add(chosen, parts[topic.name][0 if ours else shared], topic)
-    chosen = {robot: own for robot, own in chosen.items() if "wrench" in own}  # others are of tables, cameras, targets
+    chosen = {
+        robot: own for robot, own in chosen.items() if "wrench" in own
+    }  # others belong to tables, cameras or targets
     if not _is_team(chosen):
         raise RecordingError(
             f"found robots by the names of topics: {_each(chosen)}; expected at least two that measure the same, "
@@ -99,7 +101,7 @@ def _kinds() -> str:
 
 
 def _listed(topics: Sequence[BagTopic]) -> str:
-    """What there is, in words."""
+    """All topics, in words."""
     usable = [topic.words for topic in topics if topic.kind in KINDS]
     others = sorted({one_line(topic.kind.replace("/msg/", "/")) for topic in topics if topic.kind not in KINDS})
     text = f"Topics that could be used: {', '.join(usable) or 'none'}"

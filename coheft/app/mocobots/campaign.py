@@ -1,4 +1,4 @@
-"""Many experiments: every configuration, with and without calibration errors, by the paper's method and ours."""
+"""Many simulated experiments: all configurations, with and without calibration errors, by several methods."""
 
 from __future__ import annotations
 
@@ -32,12 +32,11 @@ class Trial(msgspec.Struct, frozen=True):
     """Errors of one method on one recording.
 
     Attributes:
-        configuration: Of the paper.
-        noise: ``vibration``: encoders and vibration alone; ``calibration``: with calibration errors as well.
-        method: Of identification; ``pose`` estimates calibration errors where there are some.
-        number: Of the experiment: odd ones move from via point to via point, even ones on a sphere. Each has robots,
-            noise and motion of its own.
-        rows: In the order of ``paper.ROWS``, absolute but for the inertias.
+        configuration: Configuration of the paper.
+        noise: ``vibration``: encoders and vibration only; ``calibration``: with calibration errors as well.
+        method: Method of identification; ``pose`` estimates calibration errors if there are some.
+        number: Number of the experiment; its motion goes through via points if it is odd, and on a sphere if even.
+        rows: Errors in the order of ``paper.ROWS``; absolute values except of inertias.
     """
 
     configuration: str
@@ -48,7 +47,7 @@ class Trial(msgspec.Struct, frozen=True):
 
 
 class Mocobots(msgspec.Struct, frozen=True):
-    """All of them, and how many there are of each configuration and noise."""
+    """All trials, and the number of experiments per configuration and noise."""
 
     trials: list[Trial]
     experiments: int
@@ -74,8 +73,8 @@ def run_campaign(
 
     Args:
         configurations: Some of ``a`` to ``d``.
-        numbers: Of the experiments of each of them and each kind of noise.
-        jobs: Number of processes; None: one per core.
+        numbers: Numbers of the experiments of each configuration and noise.
+        jobs: Number of processes; None for one per core.
         on_progress: Called after each experiment.
 
     Raises:
@@ -95,12 +94,12 @@ def run_campaign(
 
 
 def experiments_in(configurations: Sequence[str], experiments: int) -> int:
-    """How many there are in all."""
+    """Total number of experiments."""
     return len(configurations) * len(_METHODS) * experiments
 
 
 def run_experiment(configuration: str, noise: Noise, number: int) -> list[Trial]:
-    """Simulate one recording, and identify the load by all methods."""
+    """Simulate a recording, and identify the load by all methods."""
     scenario = scenario_of(configuration, noise, number)
     recording = record(scenario) if number % 2 else record_sphere(scenario)
     trials = []
@@ -112,7 +111,7 @@ def run_experiment(configuration: str, noise: Noise, number: int) -> list[Trial]
 
 
 def scenario_of(configuration: str, noise: Noise, number: int) -> Scenario:
-    """The scenario of a configuration with noise, motions and robots of its own."""
+    """The scenario of an experiment."""
     scenario = load_scenario(f"mocobot_{configuration}")
     encoders = scenario.sensors.encoders or EncoderErrors()
     if noise == "vibration":
@@ -122,7 +121,7 @@ def scenario_of(configuration: str, noise: Noise, number: int) -> Scenario:
             vibration_deg=encoders.vibration_deg,
             vibration_mm=encoders.vibration_mm,
         )
-    # The same robots for all configurations, as in the paper; others in every experiment.
+    # The same robots for all configurations, as in the paper, but others in each experiment.
     encoders = msgspec.structs.replace(encoders, calibration_seed=number)
     seed = 100 * sorted(PAPER).index(configuration) + number
     return msgspec.structs.replace(
@@ -131,11 +130,11 @@ def scenario_of(configuration: str, noise: Noise, number: int) -> Scenario:
 
 
 def errors_of(recording: Recording, found: Identification) -> list[float]:
-    """In the order of ``paper.ROWS``."""
+    """Errors in the order of ``paper.ROWS``."""
     truth = recording.truth
     load = None if truth is None else truth.load_between(float(recording.time[0]), float(recording.time[-1]))
     if truth is None or load is None:
-        raise ValueError("expected a recording that knows the truth")
+        raise ValueError("expected a recording with the truth")
     rotations, positions = zip(*(pose_errors(truth, found, i, j) for i, j in PAIRS), strict=True)
     mass, com, principal = load_errors(found.payload.inertia, load)
     return [*rotations, *positions, abs(mass), com, *principal]

@@ -1,43 +1,15 @@
-"""What Zhang et al. (2025) measured on hardware, Tables II to V.
+"""Errors of Zhang et al. (2025) on hardware, Tables II to V.
 
 Errors of rotations, positions, mass and centre of mass are means of absolute values. Those of principal inertias are
-means of signed values with a standard deviation that is often larger: there, what compares is ``sqrt(mean² + std²)``.
+means of signed values with standard deviations, so that ``sqrt(mean² + std²)`` is used.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 PAIRS = ((0, 1), (1, 2), (2, 0))
-"""Of robots, in the order of the tables."""
-
-
-@dataclass(frozen=True)
-class PaperErrors:
-    """Of one configuration.
-
-    Attributes:
-        rotation_deg: Of three pairs [degrees].
-        position_mm: Of three pairs [mm].
-        mass_kg: [kg].
-        com_mm: [mm].
-        principal_pct: Mean of signed errors of the principal inertias [%],
-        principal_std_pct: and their standard deviation [%].
-    """
-
-    rotation_deg: tuple[float, float, float]
-    position_mm: tuple[float, float, float]
-    mass_kg: float
-    com_mm: float
-    principal_pct: tuple[float, float, float]
-    principal_std_pct: tuple[float, float, float]
-
-    def rows(self) -> list[float]:
-        """All eleven, in the order of ``ROWS``."""
-        principal = np.hypot(self.principal_pct, self.principal_std_pct).tolist()
-        return [*self.rotation_deg, *self.position_mm, self.mass_kg, self.com_mm, *principal]
+"""Pairs of robots, in the order of the tables."""
 
 
 ROWS = (
@@ -54,9 +26,22 @@ ROWS = (
     "inertia 3, %",
 )
 
+
+def _rows(
+    rotations: tuple[float, ...],
+    positions: tuple[float, ...],
+    mass: float,
+    com: float,
+    principal: tuple[float, ...],
+    principal_std: tuple[float, ...],
+) -> tuple[float, ...]:
+    return (*rotations, *positions, mass, com, *np.hypot(principal, principal_std).tolist())
+
+
 PAPER = {
-    "a": PaperErrors((0.94, 0.99, 1.07), (7, 42, 51), 0.11, 21, (3.6, 4.1, 1.8), (1.6, 0.7, 3.0)),
-    "b": PaperErrors((1.77, 0.90, 1.93), (16, 39, 39), 0.07, 18, (3.1, 2.5, 4.4), (3.0, 3.0, 1.0)),
-    "c": PaperErrors((0.66, 2.21, 1.67), (38, 46, 63), 0.11, 39, (0.3, 1.6, 3.8), (4.0, 4.9, 2.2)),
-    "d": PaperErrors((2.55, 3.57, 1.49), (19, 57, 29), 0.18, 23, (2.8, 0.8, 0.1), (3.4, 2.8, 4.4)),
+    "a": _rows((0.94, 0.99, 1.07), (7, 42, 51), 0.11, 21, (3.6, 4.1, 1.8), (1.6, 0.7, 3.0)),
+    "b": _rows((1.77, 0.90, 1.93), (16, 39, 39), 0.07, 18, (3.1, 2.5, 4.4), (3.0, 3.0, 1.0)),
+    "c": _rows((0.66, 2.21, 1.67), (38, 46, 63), 0.11, 39, (0.3, 1.6, 3.8), (4.0, 4.9, 2.2)),
+    "d": _rows((2.55, 3.57, 1.49), (19, 57, 29), 0.18, 23, (2.8, 0.8, 0.1), (3.4, 2.8, 4.4)),
 }
+"""Errors in the order of ``ROWS``, by configuration."""

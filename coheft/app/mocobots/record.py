@@ -1,4 +1,4 @@
-"""Experiments with mocobots, simulated: who moves how, and what they record."""
+"""Simulated experiments with mocobots."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ from coheft.wire.scenario.schema import Scenario
 from coheft.wire.scenario.via_points import ViaPoints
 
 ReferenceOf = Callable[[int], Array]
-"""From a block's number to the reference motion during it, see ``ReferenceMotion.reference``."""
+"""Function from a block's number to its reference motion, see ``ReferenceMotion.reference``."""
 
 SPHERE_TIME = 60.0
-"""Length of the periodic motion [s]."""
+"""Duration of the periodic motion [s]."""
 _RAMP = 2.0
 _SWING_DEG = 11.0
-"""Amplitude per axis."""
+"""Amplitude per axis [degrees]."""
 _FREQUENCIES = ((0.35, 0.55), (0.40, 0.65), (0.45, 0.70))
-"""Two per axis [Hz]."""
+"""Two frequencies per axis [Hz]."""
 _DERIVATIVE_STEP = 1e-4
 
 
 def record(scenario: Scenario, references: Mapping[str, ReferenceOf] | None = None) -> Recording:
-    """What the robots record while they carry out their references; None: those of the scenario's agents."""
+    """Simulate a recording with these references by robot; None for those of the scenario's agents."""
     names = scenario.robot_names
     if references is None:
         references = agents_references(scenario)
@@ -51,16 +51,16 @@ def record(scenario: Scenario, references: Mapping[str, ReferenceOf] | None = No
 
 
 def agents_references(scenario: Scenario) -> dict[str, ReferenceOf]:
-    """The motions that the scenario's agents would choose."""
+    """The references of the scenario's agents, by robot."""
     graph = build_graph(scenario.graph, scenario.robot_names)
     return {name: make_motion(agent_config(scenario, name, graph[name])).reference for name in graph}
 
 
 def record_sphere(scenario: Scenario) -> Recording:
-    """Periodic motion on a sphere (Zhang et al., sec. IV-C), then the scenario's holds.
+    """Simulate a periodic motion on a sphere (Zhang et al., sec. IV-C), then the scenario's holds.
 
-    The sphere is the one of which the three grasps lie on a meridian: they turn about its centre. Whoever makes the
-    robots do so knows where the grasps are, from an experiment before.
+    The three grasps lie on a meridian of the sphere, and rotate about its centre. Grasp poses are known, as from a
+    previous experiment.
     """
     via = scenario.motion.via_points or ViaPoints()
     holds = msgspec.structs.replace(via, count=2)
@@ -80,11 +80,11 @@ def record_sphere(scenario: Scenario) -> Recording:
 
 
 def sphere_references(grasps: Sequence[Pose], seed: int, rate: int, block: int) -> list[ReferenceOf]:
-    """References of robots that turn their load about the centre of the circle through three grasps.
+    """References for a rotation of the load about the centre of the circle through three grasps.
 
     Args:
-        grasps: In a common frame; the robots' home frames lie there.
-        seed: Of the phases.
+        grasps: Grasp poses in a common frame, at which the home frames are.
+        seed: Seed of the phases.
         rate: Samples per second.
         block: Samples per block.
     """

@@ -1,4 +1,4 @@
-"""The paper's tables beside ours, as Markdown."""
+"""Our errors beside the paper's tables, as Markdown."""
 
 from __future__ import annotations
 
@@ -25,8 +25,7 @@ _COLUMNS: tuple[tuple[str, Noise, Method], ...] = (
     ("pose with calibration, calibration errors", "calibration", "pose"),
 )
 _DIGITS = (3, 3, 3, 2, 2, 2, 4, 2, 2, 2, 2)
-
-
+"""Digits after the point, by row."""
 _KINDS = (
     ("rotations, °", slice(0, 3)),
     ("positions, mm", slice(3, 6)),
@@ -34,11 +33,11 @@ _KINDS = (
     ("centre of mass, mm", slice(7, 8)),
     ("principal inertias, %", slice(8, 11)),
 )
-"""Of rows."""
+"""Kinds of rows."""
 
 
 def markdown(found: Mocobots) -> str:
-    """All tables: ours in short, then the paper's errors on hardware beside ours, mean (worst) over the experiments."""
+    """All tables: a summary, then the paper's errors on hardware beside ours, mean (worst) over the experiments."""
     configurations = sorted({trial.configuration for trial in found.trials})
     parts = [_in_short(found, configurations)]
     for title, rows in _TABLES:
@@ -47,7 +46,7 @@ def markdown(found: Mocobots) -> str:
         for configuration in configurations:
             for row in range(*rows.indices(len(ROWS))):
                 label = ROWS[row].rpartition(",")[0]
-                cells = [f"{configuration}, {label}", f"{PAPER[configuration].rows()[row]:.{_DIGITS[row]}g}"]
+                cells = [f"{configuration}, {label}", f"{PAPER[configuration][row]:.{_DIGITS[row]}g}"]
                 for _, noise, method in _COLUMNS:
                     errors = found.rows(configuration, noise, method)[:, row]
                     cells.append(f"{typical(errors, row):.{_DIGITS[row]}f} ({np.abs(errors).max():.{_DIGITS[row]}f})")
@@ -71,16 +70,16 @@ def _in_short(found: Mocobots, configurations: Sequence[str]) -> str:
 
 
 def typical(errors: Array, row: int) -> float:
-    """What compares with the paper's number: the mean, of inertias the root mean square."""
+    """The statistic that the paper gives for a row: the mean, or for inertias the root mean square."""
     return float(np.sqrt(np.mean(errors**2)) if row >= 8 else np.mean(np.abs(errors)))
 
 
 def worse_than_paper(found: Mocobots, noise: Noise, method: Method) -> list[str]:
-    """Rows of the paper's tables in which a method is worse."""
+    """Rows in which a method is worse than the paper, as sentences."""
     worse = []
     for configuration in sorted({trial.configuration for trial in found.trials}):
         errors = found.rows(configuration, noise, method)
-        for row, (name, limit) in enumerate(zip(ROWS, PAPER[configuration].rows(), strict=True)):
+        for row, (name, limit) in enumerate(zip(ROWS, PAPER[configuration], strict=True)):
             value = typical(errors[:, row], row)
             if value > limit:
                 worse.append(f"{configuration}, {name}: {value:.3g}, paper {limit:.3g}")

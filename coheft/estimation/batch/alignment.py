@@ -1,4 +1,4 @@
-"""Sensors that are sampled at times of their own, brought to the same regular times: topics of ROS come like that."""
+"""Resampling of sensors with different times, such as topics of ROS, at the same regular times."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from coheft.estimation.batch.recording import RobotRecord
 from coheft.estimation.geometry.spatial import Array
 
 _GAP_STEPS, _GAP = 3.5, 0.05
-"""Longest time without a sample that is bridged, in steps of the sensor, or [s] if that is more."""
+"""Longest gap that is interpolated, in steps of the sensor, or [s] if that is more."""
 _SAME = 1e-3
-"""Share of a step by which times may differ that count as the same."""
+"""Difference of times that count as the same, as a share of a step."""
 _FASTER = 1.5
-"""Sensors that are so many times as fast as the slowest are filtered before fewer of their samples are taken,"""
+"""Sensors that are faster than the common rate by this factor are filtered before they are resampled,"""
 _ALIAS = 0.4
-"""at this share of the slowest one's rate."""
+"""with this share of the common rate as cutoff."""
 _FEWEST = 4
 
 
 @dataclass(frozen=True, eq=False)
 class Stream:
-    """What one sensor measured.
+    """Samples of one sensor.
 
     Attributes:
-        time: Of its samples, growing, shape (n,) [s].
-        values: Shape (n, width), columns as in ``RobotRecord``.
+        time: Increasing times, shape (n,) [s].
+        values: Samples, shape (n, width), columns as in ``RobotRecord``.
     """
 
     time: Array
@@ -36,36 +36,34 @@ class Stream:
 
     @property
     def step(self) -> float:
-        """Mean time from sample to sample [s]: the usual one may be far shorter, if samples come in bursts."""
+        """Mean time between samples [s]; the median would be far shorter if samples come in bursts."""
         return float((self.time[-1] - self.time[0]) / (len(self.time) - 1))
 
     @property
     def gaps(self) -> list[tuple[float, float]]:
-        """From when to when there are no samples for too long [s]."""
+        """Begin and end of each gap that is too long to interpolate [s]."""
         steps = np.diff(self.time)
         found = np.flatnonzero(steps > max(_GAP_STEPS * float(np.median(steps)), _GAP))
         return [(float(self.time[k]), float(self.time[k + 1])) for k in found]
 
     def between(self, start: float, end: float) -> Stream:
-        """The samples from some time to another, with those just outside, if there are none just there."""
+        """The samples between two times, and the neighbouring ones outside."""
         first = max(0, int(np.searchsorted(self.time, start, "right")) - 1)
         last = min(len(self.time), int(np.searchsorted(self.time, end, "left")) + 1)
         return Stream(self.time[first:last], self.values[first:last])
 
 
 def aligned(streams: Mapping[str, Mapping[str, Stream]]) -> tuple[dict[str, RobotRecord], list[str]]:
-    """Bring all sensors of all robots to the times of the slowest one, by splines, within the time that all cover.
-
-    What lies beyond a gap in any of them is left out: the longest part without gaps remains.
+    """Resample all sensors at the rate of the slowest one, by splines, within the longest part without gaps.
 
     Args:
-        streams: By robot and channel, an attribute of ``RobotRecord``.
+        streams: Streams by robot and channel (an attribute of ``RobotRecord``).
 
     Returns:
-        The robots, all with the same times, and what the reader should know of it, in words.
+        The robots, all with the same times, and remarks on what was changed.
 
     Raises:
-        RecordingError: There are too few samples, or no time that all sensors cover; says which sensor's.
+        RecordingError: There are too few samples, or no time that all sensors cover.
     """
     named = {f"'{channel}' of {robot}": s for robot, own in streams.items() for channel, s in own.items()}
     for name, stream in named.items():
@@ -85,18 +83,18 @@ def aligned(streams: Mapping[str, Mapping[str, Stream]]) -> tuple[dict[str, Robo
             raise RecordingError(f"all sensors together cover {start:g} s to {end:g} s: too little. Record for longer")
         time = start + step * np.arange(count, dtype=np.float64)
         remarks.append(
-            f"sensors are sampled at times of their own: brought to those of a grid of {1.0 / step:.4g} samples per "
-            f"second, the rate of {slowest}"
+            f"sensors have different times: they are resampled at {1.0 / step:.4g} samples per second, the rate of "
+            f"{slowest}"
         )
-    return {robot: _record(own, time) for robot, own in streams.items()}, remarks
-
-
-def _record(streams: Mapping[str, Stream], time: Array) -> RobotRecord:
-    return RobotRecord(time, **{name: _at(stream, time, name == "pose") for name, stream in streams.items()})
+    robots = {
+        robot: RobotRecord(time, **{name: _at(stream, time, name == "pose") for name, stream in own.items()})
+        for robot, own in streams.items()
+    }
+    return robots, remarks
 
 
 def _covered(streams: Mapping[str, Stream]) -> tuple[float, float, list[str]]:
-    """The longest time that all streams cover without gaps, from when to when [s], and remarks on what is left out."""
+    """Begin and end of the longest part without gaps that all streams cover [s], and remarks on what is left out."""
     first = max(streams, key=lambda name: float(streams[name].time[0]))
     last = min(streams, key=lambda name: float(streams[name].time[-1]))
     start, end = float(streams[first].time[0]), float(streams[last].time[-1])
@@ -113,7 +111,7 @@ def _covered(streams: Mapping[str, Stream]) -> tuple[float, float, list[str]]:
     )
     if not gaps:
         return start, end, []
-    # Parts begin where all gaps before have ended.
+    # Gaps may overlap: a part begins where all previous gaps have ended.
     parts, since = [], start
     for begin, over, _ in gaps:
         parts.append((since, begin))
@@ -133,7 +131,7 @@ def _covered(streams: Mapping[str, Stream]) -> tuple[float, float, list[str]]:
 
 
 def _common_times(streams: Iterable[Stream], start: float, end: float) -> Array | None:
-    """The streams' own times, if all have the same, at equal steps."""
+    """The streams' times if all have the same, at equal steps; otherwise None."""
     times = [s.time[(s.time >= start - _SAME * s.step) & (s.time <= end + _SAME * s.step)] for s in streams]
     first = times[0]
     if len(first) < _FEWEST or any(len(time) != len(first) for time in times):
@@ -144,7 +142,7 @@ def _common_times(streams: Iterable[Stream], start: float, end: float) -> Array 
 
 
 def _at(stream: Stream, time: Array, is_pose: bool) -> Array:
-    """Values at other times, equally far apart: (m, width)."""
+    """Values (m, width) at other times (m,) with equal steps."""
     from scipy.interpolate import CubicSpline  # servers write recordings without it
 
     from coheft.estimation.batch.signals import low_pass, without_jumps
@@ -160,6 +158,6 @@ def _at(stream: Stream, time: Array, is_pose: bool) -> Array:
     if is_pose:
         with np.errstate(over="ignore"):
             lengths = np.linalg.norm(found[:, 3:], axis=1, keepdims=True)
-        is_unit = np.abs(lengths - 1.0) < 0.01  # others were none: let the checks refuse them
+        is_unit = np.abs(lengths - 1.0) < 0.01  # the checks refuse the others
         found = np.hstack([found[:, :3], found[:, 3:] / np.where(is_unit, lengths, 1.0)])
     return found

@@ -1,4 +1,4 @@
-"""What all robots' signals say about the load, seen from one frame fixed to it, the body frame."""
+"""Motion of the load, and the total wrench on it, in a frame fixed to it: the body frame."""
 
 from __future__ import annotations
 
@@ -15,20 +15,19 @@ _COEFFICIENTS = regressor_coefficients(with_offset=False)[:, :, :-1]
 
 
 def own_motions(signals: Signals) -> Array:
-    """Motion ``(w, v, a, alpha)`` of every robot's own grasp frame, shape (N, n, 12)."""
+    """Motion ``(w, v, a, alpha)`` of each robot's grasp frame, shape (N, n, 12)."""
     return np.concatenate([signals.w, signals.v, signals.a, signals.alpha], axis=-1)
 
 
 def body_motions(signals: Signals, poses: Sequence[Pose]) -> Array:
-    """Motion ``(w, v, a, alpha)`` of the body frame as each robot alone sees it, shape (N, n, 12).
+    """Motion ``(w, v, a, alpha)`` of the body frame, predicted by each robot's own signals, shape (N, n, 12).
 
     Args:
-        signals: Of N robots.
-        poses: Of their grasp frames in the body frame.
+        signals: Signals of N robots.
+        poses: Poses of their grasp frames in the body frame.
     """
     motions = []
     for pose, motion in zip(poses, own_motions(signals), strict=True):
-        # The body frame is where a further sensor of that robot could be.
         motions.append(np.hstack([grasp_measurements(pose.inverse(), motion), motion[:, 9:] @ pose.rotation.T]))
     return np.array(motions)
 
@@ -46,5 +45,5 @@ def regressor(motion: Array) -> Array:
 
 
 def centre_of(poses: Sequence[Pose]) -> Pose:
-    """Middle of the grasps, in the first one's axes: seen from there, no robot's noise has a long lever."""
+    """Frame at the middle of the grasps, with the first one's axes: no robot's noise has a long lever there."""
     return Pose(np.eye(3), np.mean([pose.translation for pose in poses], axis=0))

@@ -1,13 +1,13 @@
-"""Inertia from robots whose calibration may be off: what is wrong with it is fitted along.
+"""Inertia and calibration errors of the robots, fitted together.
 
-Poses alone tell the robots' lengths apart, not which of them is right (``hand_eye``). The motion does: it is known what
-gravity is, so accelerations that look too large beside it were measured with too long a ruler. With all lengths true
-``scale`` times what was measured, Newton and Euler hold for measured lengths with gravity ``g / scale``, and
+Poses determine the ratios of the robots' length scales, but not the common scale (``hand_eye``). Accelerations do,
+because gravity is known. If true lengths are ``scale`` times the measured ones, the equations of motion hold for
+measured lengths with gravity ``g / scale``, and
 
     m = m' / scale,    m h = (m h)',    I_o = scale I_o'.
 
-Forces are told by robot i as ``(1 + e_i) f_i + o_i``, with the offset in the axes of its home frame. What all of them
-have too much, no motion can tell from a heavier load; nor can it tell an offset that lifts from weight.
+Robot i measures the force ``(1 + e_i) f_i + o_i``, with the offset in the axes of its home frame. No motion can tell
+a common scale of all forces, or an offset along gravity, from a heavier load.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _STEPS = 6
 _GRAVITY = INERTIA_SIZE
 _FORCES = INERTIA_SIZE + 1
 _LEARNED = 1e-3
-"""No calibration error is known better than to this share of what it was, whatever exact numbers say."""
+"""Smallest standard deviation of a calibration error, as a share of the prior's: no data are exact."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,10 +38,10 @@ class CalibratedFit:
     """The fit, in true lengths.
 
     Attributes:
-        numbers: ``(theta, scale, force_scale, force_offset)``, see below, shape (11 + 4 N,).
-        covariance: Of the numbers, shape (11 + 4 N, 11 + 4 N).
-        residual: Of the total wrench, shape (n, 6).
-        weight: Of the six components of its residual, shape (6,).
+        numbers: ``(theta, scale, force_scale, force_offset)``, see the properties, shape (11 + 4 N,).
+        covariance: Covariance of the numbers, shape (11 + 4 N, 11 + 4 N).
+        residual: Residual of the total wrench, shape (n, 6).
+        weight: Weights of its components, shape (6,).
     """
 
     numbers: Array
@@ -61,26 +61,26 @@ class CalibratedFit:
 
     @property
     def force_scale(self) -> Array:
-        """Of each robot, shape (N,)."""
+        """Relative error of each robot's force scale, shape (N,)."""
         return self.numbers[_FORCES : _FORCES + (len(self.numbers) - _FORCES) // 4]
 
     @property
     def force_offset(self) -> Array:
-        """Of each robot, in its home frame's axes, shape (N, 3) [N]."""
+        """Force offset of each robot in the axes of its home frame, shape (N, 3) [N]."""
         return self.numbers[_FORCES + len(self.force_scale) :].reshape(-1, 3)
 
 
 def fit_calibrated(
     signals: Signals, poses: Sequence[Pose], tolerances: Tolerances, gravity: Array, start: CalibratedFit | None = None
 ) -> CalibratedFit:
-    """Fit inertia and calibration, every robot's motion with all others' as instruments.
+    """Fit inertia and calibration errors, each robot's motion with the others' as instruments.
 
     Args:
-        signals: With rotations and wrenches.
-        poses: Of the grasp frames in the body frame, in measured lengths.
-        tolerances: How well the robots are calibrated.
-        gravity: In the home frames, shape (3,) [m/s²].
-        start: A fit with nearly the same poses: only one step is taken from there, with its weights.
+        signals: Signals with rotations and wrenches.
+        poses: Poses of the grasp frames in the body frame, in measured lengths.
+        tolerances: Tolerances of the calibration errors.
+        gravity: Gravity in the home frames, shape (3,) [m/s²].
+        start: A fit with nearly the same poses, from which one step is taken, with the same weights.
 
     Raises:
         ValueError: Signals lack wrenches or rotations, there is one robot only, or all wrenches are zero.
@@ -99,7 +99,7 @@ def fit_calibrated(
     )
     output = total_wrench(signals.wrench, poses)
     information = np.concatenate([np.zeros(INERTIA_SIZE), tolerances.motion_errors(count) ** -2])
-    stretch = 1.0  # gravity's size in measured lengths, relative
+    stretch = 1.0  # relative size of gravity in measured lengths
     parameters, weight = np.zeros(INERTIA_SIZE), np.ones(6)
     if start is not None:
         stretch, parameters, weight = 1.0 / start.scale, start.parameters / _power(start.scale), start.weight
@@ -108,7 +108,7 @@ def fit_calibrated(
         columns = np.concatenate([stretched, (resting @ parameters)[..., None], forces], axis=-1)
         mean = np.zeros(columns.shape[-1])
         mean[_GRAVITY] = 1.0 - stretch
-        if step == 0 and start is None:  # the parameters are not known yet, and so not what a stretch would do
+        if step == 0 and start is None:  # without parameters, the effect of a stretch is unknown
             columns[..., _GRAVITY] = 0.0
         fit = instrumental_fit(columns, output, others(columns), weight, signals.rate, Prior(mean, information))
         parameters = fit.solution[:INERTIA_SIZE]
@@ -118,9 +118,9 @@ def fit_calibrated(
 
 
 def _force_columns(wrenches: Array, rotations: Array, poses: Sequence[Pose]) -> Array:
-    """How scales and offsets of forces add to the total wrench, shape (n, 6, 4 N): all scales first.
+    """Derivative of the total wrench by scales, then by offsets of forces, shape (n, 6, 4 N).
 
-    Scales count from their mean: all forces less, and the mass as well, would always leave less noise to explain.
+    Scales are relative to their mean: smaller forces and a smaller mass would always leave less noise.
     """
     scales, offsets = [], []
     for wrench, rotation, pose in zip(wrenches, rotations, poses, strict=True):
@@ -132,23 +132,22 @@ def _force_columns(wrenches: Array, rotations: Array, poses: Sequence[Pose]) -> 
 
 
 def _deserved_weight(residual: Array, output: Array, rate: float) -> Array:
-    """Weights (6,) of samples that are correlated in time: as many samples as are independent count."""
+    """Weights (6,) of residuals (n, 6) that are correlated in time, by their effective number of samples."""
     variance = residual_variance(residual - residual.mean(axis=0), output)
     length = span_length(len(residual), rate)
     blocks = residual[: len(residual) // length * length].reshape(-1, length, residual.shape[1])
-    # A mean of independent samples has a variance smaller by their number.
     repeats = np.maximum(length * blocks.mean(axis=1).var(axis=0) / variance, 1.0)
     result: Array = 1.0 / (variance * repeats)
     return result
 
 
 def _power(scale: float) -> Array:
-    """What turns ``(m', (m h)', I_o')`` in measured lengths into ``theta`` in true ones, shape (10,)."""
+    """Factors (10,) from ``(m', (m h)', I_o')`` in measured lengths to ``theta`` in true ones."""
     return np.repeat([1.0 / scale, 1.0, scale], [1, 3, 6])
 
 
 def _in_true_lengths(fit: LinearFit, stretch: float, prior: Array) -> CalibratedFit:
-    """In true lengths, of a fit in measured ones; ``prior`` is the information on its unknowns before the data."""
+    """Convert a fit to true lengths; ``prior`` is the prior information on its unknowns, shape (11 + 4 N,)."""
     scale, count = 1.0 / stretch, (len(prior) - _FORCES) // 4
     least = np.zeros(len(prior))
     least[INERTIA_SIZE:] = _LEARNED**2 / prior[INERTIA_SIZE:]
@@ -157,11 +156,11 @@ def _in_true_lengths(fit: LinearFit, stretch: float, prior: Array) -> Calibrated
     parameters = power * fit.solution[:INERTIA_SIZE]
     derivative = np.eye(len(fit.solution))
     derivative[:INERTIA_SIZE, :INERTIA_SIZE] = np.diag(power)
-    # By the stretch, of which the scale is the inverse.
+    # By the stretch, the inverse of the scale.
     derivative[0, _GRAVITY] = fit.solution[0]
     derivative[4:10, _GRAVITY] = -(scale**2) * fit.solution[4:10]
     derivative[_GRAVITY, _GRAVITY] = -(scale**2)
-    # What all forces have too much in common was left out of the model; it would have been taken for inertia.
+    # The common scale of forces, which the model leaves out, scales the inertia.
     derivative[:INERTIA_SIZE, _FORCES : _FORCES + count] = -parameters[:, None] / count
     return CalibratedFit(
         numbers=np.concatenate([parameters, [scale], fit.solution[_FORCES:]]),

@@ -1,7 +1,7 @@
-"""What may be wrong with robots that measure with encoders, and how it enters their samples.
+"""Calibration errors of robots that measure with encoders.
 
-A wrist is an arm that measures position and force in the axes of the robot's home frame, and a gimbal whose three
-angles tell the orientation there, ``R = R_x(a) R_y(b) R_z(c)``. It measures
+A robot has an arm, which measures position and force in the axes of its home frame, and a gimbal with three angles,
+which measures the orientation ``R = R_x(a) R_y(b) R_z(c)``. It measures
 
     (1 + angle_scale) angles + zero,    (1 + position_scale) position,    (1 + force_scale) force + force_offset.
 """
@@ -17,25 +17,25 @@ from coheft.estimation.geometry.spatial import Array
 
 ZERO, ANGLE_SCALE, POSITION_SCALE = slice(0, 3), slice(3, 6), slice(6, 7)
 POSE_ERRORS = 7
-"""Numbers per robot that poses depend on: zero [rad], angle scale, position scale."""
+"""Number of a robot's errors that affect poses: zeros [rad], angle scales, position scale."""
 UNIFORM_BOUND = np.sqrt(3.0)
-"""Of a uniform error, over its standard deviation."""
+"""Bound of a uniform distribution, in its standard deviations."""
 _EXACT = 1e-9
-"""What is said to be without error may still have one of this size, so that all errors have a distribution."""
+"""Least standard deviation of an error, so that all errors have a distribution."""
 
 
 @dataclass(frozen=True)
 class Tolerances:
-    """How well robots are calibrated: standard deviations of what is wrong, before anything is measured.
+    """Prior standard deviations of the robots' calibration errors.
 
-    Scales and offsets are uniform: none is beyond ``UNIFORM_BOUND`` times its standard deviation.
+    Scales and offsets are uniformly distributed, within ``UNIFORM_BOUND`` times their standard deviations.
 
     Attributes:
-        zero: Of each gimbal angle's zero [rad].
-        angle_scale: Relative, of each gimbal angle.
-        position_scale: Relative.
-        force_scale: Relative.
-        force_offset: Of each axis [N].
+        zero: Zero of each gimbal angle [rad].
+        angle_scale: Relative scale of each gimbal angle.
+        position_scale: Relative scale of positions.
+        force_scale: Relative scale of forces.
+        force_offset: Offset of each axis of the force [N].
     """
 
     zero: float
@@ -48,7 +48,7 @@ class Tolerances:
     def of_bounds(
         misalignment_deg: float, angle_scale: float, position_scale: float, force_scale: float, force_offset: float
     ) -> Tolerances:
-        """Of errors that are uniform within plus or minus bounds; the misalignment is about a random axis."""
+        """Tolerances of uniform errors within plus or minus these bounds; the misalignment is about a random axis."""
         return Tolerances(
             zero=float(np.radians(misalignment_deg) / 3.0),
             angle_scale=angle_scale / UNIFORM_BOUND,
@@ -58,11 +58,11 @@ class Tolerances:
         )
 
     def pose_errors(self) -> Array:
-        """Of one robot's ``POSE_ERRORS``, shape (7,)."""
+        """Standard deviations of one robot's ``POSE_ERRORS``, shape (7,)."""
         return np.repeat([self.zero, self.angle_scale, self.position_scale], [3, 3, 1])
 
     def motion_errors(self, count: int) -> Array:
-        """Of what the motion tells of N robots: the position scale of all, each force scale and offset, (1 + 4 N,)."""
+        """Of the common position scale of N robots, and of each force scale and offset, shape (1 + 4 N,)."""
         common = self.position_scale / np.sqrt(count)
         spread = np.repeat([common, self.force_scale, self.force_offset], [1, count, 3 * count])
         result: Array = np.maximum(spread, _EXACT)
@@ -82,7 +82,7 @@ def gimbal_rotations(angles: Array) -> Array:
 
 
 def gimbal_axes(angles: Array) -> Array:
-    """Axes about which the three angles turn, in the home frame, as columns: shape (n, 3) to (n, 3, 3)."""
+    """Rotation axes of the three angles (n, 3) in the home frame, as columns, shape (n, 3, 3)."""
     a, b = angles[:, 0], angles[:, 1]
     axes = np.zeros((len(angles), 3, 3))
     axes[:, 0, 0] = 1.0
@@ -92,6 +92,6 @@ def gimbal_axes(angles: Array) -> Array:
 
 
 def corrected_poses(angles: Array, positions: Array, errors: Array) -> tuple[Array, Array]:
-    """Rotations (n, 3, 3) and positions (n, 3) of one robot, from what it measured and its ``POSE_ERRORS`` (7,)."""
+    """Rotations (n, 3, 3) and positions (n, 3) of one robot, from measurements (n, 3) and ``POSE_ERRORS`` (7,)."""
     rotations = gimbal_rotations((angles - errors[ZERO]) / (1.0 + errors[ANGLE_SCALE]))
     return rotations, positions / (1.0 + errors[POSITION_SCALE])

@@ -1,8 +1,7 @@
-"""Calibration errors have bounds: an estimate that took them for Gaussian, once what is beyond is ruled out.
+"""Corrects a fit with a Gaussian prior of the calibration errors for their bounds.
 
-A Gaussian prior makes the fit linear, and is about as wide as the bounds. But where forces and lengths can explain the
-same motion, it is the bounds that decide: each robot's scale has to be within them, which the ratios between robots,
-known much better, leave less room for than a Gaussian of the same width.
+A Gaussian prior of the same width as the bounds makes the fit linear. The bounds matter where forces and lengths can
+explain the same motion: the scales of all robots, whose ratios are known well, must be within them.
 """
 
 from __future__ import annotations
@@ -18,19 +17,19 @@ from coheft.estimation.rigid_body.regressor import INERTIA_SIZE
 
 _SAMPLES = 2**16
 _FEWEST = 100.0
-"""Samples within the bounds, below which these contradict the recording."""
+"""Least effective number of samples within the bounds; with fewer, the bounds contradict the recording."""
 
 
 def cut_to_bounds(fit: CalibratedFit, tolerances: Tolerances, position_scales: Array) -> CalibratedFit | None:
-    """Mean and covariance with errors that are uniform within their bounds; None if they cannot be within.
+    """Mean and covariance with uniform errors within their bounds; None if the errors cannot be within.
 
-    Samples of the errors, as the fit has them, are weighted by the uniform prior over the Gaussian one. The inertia
-    goes with them, as it is correlated.
+    Samples of the errors from the fit are weighted by the ratio of the uniform to the Gaussian prior. The inertia
+    follows by its correlation with the errors.
 
     Args:
-        fit: With Gaussian errors.
-        tolerances: What it was fitted with.
-        position_scales: Of each robot, before the fit's scale of all lengths is known, shape (N,).
+        fit: The fit with a Gaussian prior.
+        tolerances: The tolerances of the prior.
+        position_scales: Each robot's position scale without the common scale, shape (N,).
     """
     count = len(position_scales)
     mean, errors = fit.numbers[INERTIA_SIZE:], fit.covariance[INERTIA_SIZE:, INERTIA_SIZE:]

@@ -1,4 +1,4 @@
-"""Contradictions in an identification: no robots and no load can be like that, so the recording is wrong somehow."""
+"""Results that no robots and no load can have: something is wrong with the recording."""
 
 from __future__ import annotations
 
@@ -11,35 +11,30 @@ from coheft.estimation.batch.team_poses import TeamPoses
 from coheft.estimation.rigid_body.unseen import middle_and_size
 
 _FAR = 10.0
-"""Standard deviations from all bodies that can exist, from which on noise is no explanation."""
+"""Distance from all possible bodies, in standard deviations, that noise does not explain."""
 _FARTHEST = 20.0
-"""No load is longer [m]: a unit will be another one, as with the boxes of scenarios."""
+"""No load is longer [m]: lengths must be in another unit."""
 _DENSEST = 2.3e4
 """No material is denser [kg/m³]."""
 _METRES = "Are all lengths in metres, moments in N·m, and angular velocities in rad/s?"
 
 
-def unsettled(team: TeamPoses, is_settled: bool) -> tuple[str, ...]:
-    """That a fit of poses was broken off, in words; nothing if it was not, or if it had no poses to settle at.
-
-    Args:
-        team: What was fitted; what is not seen of it need not settle.
-        is_settled: Whether steps had become small.
-    """
-    if is_settled or any(team.relative(0, k).unseen for k in range(1, len(team.poses))):
+def unsettled(team: TeamPoses) -> tuple[str, ...]:
+    """Say that a fit of poses did not converge; poses that are not observable need not."""
+    if team.is_settled or not team.is_observable:
         return ()
     return (
-        "Poses were still changing when their fit was broken off. Are poses and twists those of grasp frames, and do "
+        "The fit of the poses did not converge. Are poses and twists those of grasp frames, and do "
         "all clocks agree? Did a robot let go (--from and --to choose a part)?",
     )
 
 
 def solid_density(payload: Payload, slack: float = 0.0) -> float:
-    """Density of the homogeneous ellipsoid with these mass properties [kg/m³]: others are denser somewhere.
+    """Density of the homogeneous ellipsoid with these mass properties [kg/m³]: any other body is denser somewhere.
 
     Args:
-        payload: Whose inertia is seen.
-        slack: So many standard deviations larger it may be.
+        payload: A payload whose inertia is known.
+        slack: Number of standard deviations by which the inertia may be larger.
     """
     mass, tensor = payload.inertia.mass, payload.inertia.tensor
     second = np.maximum(0.5 * np.trace(tensor) - np.linalg.eigvalsh(tensor), 0.0) + slack * payload.std[4:].max()
@@ -48,12 +43,12 @@ def solid_density(payload: Payload, slack: float = 0.0) -> float:
 
 
 def doubts_about(names: Sequence[str], team: TeamPoses, payload: Payload) -> tuple[str, ...]:
-    """What cannot be, in words, of what was seen.
+    """Contradictions in what was identified, as sentences.
 
     Args:
-        names: Of the robots.
-        team: Their grasps.
-        payload: What they hold.
+        names: Names of the robots.
+        team: Poses of their grasps.
+        payload: The load.
     """
     doubts = []
     relative = [team.relative(0, k) for k in range(1, len(names))]
@@ -63,8 +58,8 @@ def doubts_about(names: Sequence[str], team: TeamPoses, payload: Payload) -> tup
         if not pose.unseen and (distance := float(np.linalg.norm(pose.pose.translation))) > _FARTHEST
     }
     if far:
-        told = ", ".join(f"{name} {distance:.0f} m" for name, distance in far.items())
-        doubts.append(f"One load would be held by robots too far from {names[0]}: {told}. {_METRES}")
+        distances = ", ".join(f"{name} {distance:.0f} m" for name, distance in far.items())
+        doubts.append(f"Robots that hold one load would be too far from {names[0]}: {distances}. {_METRES}")
     middle, _ = middle_and_size(team.poses)
     away = float(np.linalg.norm(payload.inertia.com - middle))
     if away > _FARTHEST and payload.is_seen("com") and not far:

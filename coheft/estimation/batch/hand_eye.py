@@ -1,14 +1,14 @@
-"""Where robots hold a load, from their poses alone: nothing is differentiated.
+"""Grasp poses from the robots' poses, without derivatives.
 
-Robot i knows the pose ``T_i`` of its grasp frame in its home frame. With the load's pose ``B`` in the world,
+Robot i measures the pose ``T_i`` of its grasp frame in its home frame. With the load's pose ``B`` in the world,
 
     T_i = H_i^-1 B X_i,
 
 ``H_i`` the home frame in the world and ``X_i`` the grasp frame in the load (hand-eye calibration, ``A X = X B`` between
 two samples: Shiu and Ahmad 1989; with the robots' places in the world: Zhuang, Roth and Sudhakar 1994). World and load
 are the home and the grasp frame of the first robot. All samples of all robots are fitted at once by maximum likelihood,
-the load's pose of every sample eliminated: that closes all loops. What may be wrong with the robots' calibration is
-fitted along, held by how wrong it may be.
+with the load's poses eliminated, which closes all loops. Calibration errors are fitted along, with their tolerances as
+prior.
 """
 
 from __future__ import annotations
@@ -34,25 +34,24 @@ from coheft.estimation.batch.statistics import EXACT, batch_scatter
 from coheft.estimation.batch.team_poses import TeamPoses
 from coheft.estimation.batch.wrist_poses import WristPoses
 from coheft.estimation.geometry.body_motion import perturbed
-from coheft.estimation.geometry.observability import Visibility
 from coheft.estimation.geometry.spatial import Array, Pose
 
 _STEPS, _STEPS_OF_FEW = 15, 100
-"""The latter where samples are few: weights of angles and positions then settle slowly."""
+"""The latter for few samples: weights of angles and positions then converge slowly."""
 _CLOSE = 1e-7
-"""No more steps are taken after one that is smaller than this [rad, m]."""
+"""The iteration ends with a step that is smaller than this [rad, m]."""
 _SMALL = 0.1
-"""A last step below this share of the standard deviation makes no difference."""
+"""Share of the standard deviation below which the last step does not matter."""
 _DAMPING = 1e-2
-"""Information on each step of a pose [1/rad², 1/m²]."""
+"""Information that is added to each pose [1/rad², 1/m²]: steps stay finite where nothing is observable."""
 _SETTLED = 0.01
-"""Relative change of the noise that is seen, when it counts as known."""
+"""Relative change of the estimated noise below which it counts as known."""
 _ANGLE_NOISE, _POSITION_NOISE = 1e-3, 1e-3
-"""First guesses [rad, m]; the residuals tell better ones."""
+"""First guesses [rad, m]; residuals then determine the noise."""
 _FINEST = 1e-5
-"""Poses that fit better than this [rad, m] are weighted as if they did not: no weight is infinite."""
+"""Least noise [rad, m], so that weights are finite."""
 _ROUNDING = 1e-12
-"""Share of the largest information below which there is none, only rounding."""
+"""Share of the largest information below which it is rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,13 +59,12 @@ class HandEye:
     """The fit.
 
     Attributes:
-        team: Grasp frames in the first one.
-        homes: Home frames in the first one.
-        errors: Of each robot's calibration, shape (N, 7).
-        errors_std: Their standard deviations, shape (N, 7); where they are those of before, nothing was learned.
-        noise: Standard deviation of a sample's angles [rad] and positions [m], 1e-5 at least.
-        covariance: Of all unknowns of all robots, shape (19 N, 19 N).
-        is_settled: Whether steps were small beside standard deviations when no more were taken.
+        team: Poses of the grasp frames in the first one.
+        homes: Poses of the home frames in the first one.
+        errors: Calibration errors of each robot, shape (N, 7).
+        errors_std: Their standard deviations, shape (N, 7); equal to the prior's where nothing was learned.
+        noise: Standard deviations of a sample's angles [rad] and positions [m], at least 1e-5.
+        covariance: Covariance of all unknowns of all robots, shape (19 N, 19 N).
     """
 
     team: TeamPoses
@@ -75,20 +73,19 @@ class HandEye:
     errors_std: Array
     noise: tuple[float, float]
     covariance: Array
-    is_settled: bool
 
 
 def fit_hand_eye(
     wrists: WristPoses, start: Sequence[Pose], tolerances: Tolerances | None = None, *, is_independent: bool = False
 ) -> HandEye:
-    """Fit all poses.
+    """Fit all poses, and the calibration errors that have tolerances.
 
     Args:
-        wrists: What was measured.
+        wrists: The measured angles and positions.
         start: Rough poses of the grasp frames in the first one.
-        tolerances: How well the robots are calibrated; None: perfectly.
-        is_independent: Samples are few, but have errors of their own each: more than twelve numbers of each robot but
-            the first. Otherwise how certain all is follows from how errors change over time.
+        tolerances: Tolerances of the calibration errors; None if robots are perfectly calibrated.
+        is_independent: Whether samples are few with independent errors, but more than twelve numbers per robot without
+            the first. Otherwise the covariance follows from the correlation of residuals over time.
     """
     count = len(wrists.angles)
     prior, free = _prior(count, tolerances)
@@ -118,24 +115,23 @@ def fit_hand_eye(
     grasps = unknowns_of(count, GRASP)
     is_small = np.abs(step) <= np.maximum(_CLOSE, _SMALL * spread.ravel())
     return HandEye(
-        team=TeamPoses(guess.grasps, covariance[np.ix_(grasps, grasps)], Visibility()),
+        team=TeamPoses(guess.grasps, covariance[np.ix_(grasps, grasps)], bool(is_noise_known and is_small.all())),
         homes=guess.homes,
         errors=guess.errors,
         errors_std=spread[:, ERRORS],
         noise=noise,
         covariance=covariance,
-        is_settled=bool(is_noise_known and is_small.all()),
     )
 
 
 @dataclass(frozen=True, eq=False)
 class _Shown:
-    """Information of the data, in directions in units of the prior's standard deviations.
+    """Eigenvectors of the data's information, in units of the prior's standard deviations.
 
     Attributes:
-        values: Of the data's information, shape (u,); zero where it is rounding.
-        directions: As columns, in the unknowns' units, shape (u, u).
-        weights: Rows that take scores to these directions, zero where the data have no information, shape (u, u).
+        values: Eigenvalues, shape (u,); zero where they are rounding.
+        directions: Eigenvectors as columns, in the unknowns' units, shape (u, u).
+        weights: Map of scores to these directions, zero where the data have no information, shape (u, u).
     """
 
     values: Array
@@ -144,7 +140,7 @@ class _Shown:
 
     @staticmethod
     def of(information: Array, prior: Array) -> _Shown:
-        """From the data's information (u, u) and the prior's, (u,), which is positive."""
+        """Decompose the data's information (u, u); the prior's (u,) is positive."""
         units = 1.0 / np.sqrt(prior)
         values, vectors = np.linalg.eigh(information * np.outer(units, units))
         values = np.where(values > _ROUNDING * values[-1], values, 0.0)
@@ -152,51 +148,50 @@ class _Shown:
         return _Shown(values, directions, np.where(values > 0.0, directions, 0.0).T)
 
     def step(self, score: Array, place: Array) -> Array:
-        """Newton step (u,) with the data's score (u,), from this place as seen from the prior's mean, (u,)."""
+        """Newton step (u,) for the data's score (u,), at this distance (u,) from the prior's mean."""
         behind = np.linalg.solve(self.directions, place)
         result: Array = self.directions @ ((self.weights @ score - behind) / (1.0 + self.values))
         return result
 
     def covariance(self, scatter: Array) -> Array:
-        """Covariance (u, u) of the solution if the data's scores have this one, (u, u)."""
+        """Covariance (u, u) of the solution for this covariance (u, u) of the data's scores."""
         spread = self.directions / (1.0 + self.values)
         result: Array = spread @ (self.weights @ scatter @ self.weights.T + np.eye(len(scatter))) @ spread.T
         return result
 
 
 def _prior(count: int, tolerances: Tolerances | None) -> tuple[Array, npt.NDArray[np.intp]]:
-    """Information on all unknowns before the data, (19 N,), and indices of those that are fitted at all."""
+    """Prior information on all unknowns, shape (19 N,), and indices of the unknowns to fit."""
     prior = np.full((count, UNKNOWNS), _DAMPING)
     free = np.ones((count, UNKNOWNS), dtype=np.bool_)
     free[0, :12] = False
     spread = np.zeros(POSE_ERRORS) if tolerances is None else tolerances.pose_errors()
     free[:, ERRORS] = spread > 0.0
-    # Poses are not held anywhere: this only keeps steps finite where nothing is seen.
     prior[:, ERRORS] = np.where(spread > 0.0, 1.0 / np.maximum(spread, 1e-12) ** 2, 0.0)
     return prior.ravel(), np.flatnonzero(free)
 
 
 def _start(wrists: WristPoses, grasps: Sequence[Pose]) -> Guess:
-    """The load's poses as the first robot tells them, and homes that fit on average."""
+    """Start with the load's poses according to the first robot, and mean home frames."""
     errors = np.zeros((len(grasps), POSE_ERRORS))
     rotations, positions = wrists.rotations(0), wrists.positions[0]
     homes = [Pose.identity()]
-    for robot, (told, grasp) in enumerate(zip(wrists.positions[1:], grasps[1:], strict=True), 1):
+    for robot, (measured, grasp) in enumerate(zip(wrists.positions[1:], grasps[1:], strict=True), 1):
         own = wrists.rotations(robot)
         home = Rotation.from_matrix(rotations @ grasp.rotation @ own.swapaxes(-1, -2)).mean().as_matrix()
-        homes.append(Pose(home, np.mean(rotations @ grasp.translation + positions - told @ home.T, axis=0)))
+        homes.append(Pose(home, np.mean(rotations @ grasp.translation + positions - measured @ home.T, axis=0)))
     return Guess(tuple(homes), tuple(grasps), errors, rotations, positions)
 
 
 def _flat(guess: Guess) -> Array:
-    """Where the guess is, of the unknowns that have a prior: the errors; zero elsewhere."""
+    """Distance (19 N,) of the guess from the prior's mean: the errors; zero for poses."""
     flat = np.zeros((len(guess.errors), UNKNOWNS))
     flat[:, ERRORS] = guess.errors
     return flat.ravel()
 
 
 def _moved(guess: Guess, step: Array, load_step: Array) -> Guess:
-    """The guess after a step of all robots' unknowns (19 N,) and of the load's poses (n, 6)."""
+    """The guess after steps of all robots' unknowns (19 N,) and of the load's poses (n, 6)."""
     steps = step.reshape(-1, UNKNOWNS)
     turns = Rotation.from_rotvec(load_step[:, :3]).as_matrix()
     return Guess(

@@ -1,6 +1,6 @@
-"""The normal equations of hand-eye calibration (``hand_eye``), the load's pose of every sample eliminated.
+"""Normal equations of hand-eye calibration (``hand_eye``), with the load's pose of each sample eliminated.
 
-That leaves the Schur complement of the loads' block, sample by sample, as in bundle adjustment (Brown 1958; Triggs,
+What remains is the Schur complement of the loads' block, sample by sample, as in bundle adjustment (Brown 1958; Triggs,
 McLauchlan, Hartley and Fitzgibbon 2000).
 """
 
@@ -25,9 +25,9 @@ from coheft.estimation.geometry.spatial import Array, Pose, skew
 HOME, GRASP = slice(0, 6), slice(6, 12)
 ERRORS = slice(12, 12 + POSE_ERRORS)
 UNKNOWNS = 12 + POSE_ERRORS
-"""Per robot: perturbations of home and grasp ``(rotation, translation)``, then the errors of its calibration."""
+"""Per robot: perturbations ``(rotation, translation)`` of home and grasp, then the calibration errors."""
 _CHUNK = 4000
-"""Samples at a time: their derivatives take 3 kB each and robot."""
+"""Samples that are processed at a time: derivatives take 3 kB per sample and robot."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,9 +37,9 @@ class Guess:
     Attributes:
         homes: Home frames in the world.
         grasps: Grasp frames in the load.
-        errors: Of each robot's calibration, shape (N, 7).
-        rotations: The load's orientation in the world, shape (n, 3, 3).
-        positions: Its position there, shape (n, 3).
+        errors: Calibration errors of each robot, shape (N, 7).
+        rotations: Orientations of the load in the world, shape (n, 3, 3).
+        positions: Positions of the load in the world, shape (n, 3).
     """
 
     homes: tuple[Pose, ...]
@@ -50,13 +50,13 @@ class Guess:
 
 
 def unknowns_of(count: int, part: slice) -> npt.NDArray[np.intp]:
-    """Indices of some of every robot's unknowns."""
+    """Indices of these unknowns of all robots."""
     own = np.arange(UNKNOWNS)[part]
     return np.concatenate([k * UNKNOWNS + own for k in range(count)])
 
 
 def position_scale_rows(count: int) -> Array:
-    """Picks each robot's position scale from the unknowns of N, shape (N, 19 N)."""
+    """Selects each robot's position scale from the unknowns of N robots, shape (N, 19 N)."""
     picked: Array = np.eye(count * UNKNOWNS)[unknowns_of(count, ERRORS).reshape(count, -1)[:, POSITION_SCALE].ravel()]
     return picked
 
@@ -64,21 +64,20 @@ def position_scale_rows(count: int) -> Array:
 def residuals_and_derivatives(
     wrists: WristPoses, robot: int, home: Pose, grasp: Pose, errors: Array, rotations: Array, positions: Array
 ) -> tuple[Array, Array, Array]:
-    """What one robot measured beyond what the load's poses predict, at n samples, and how that changes.
+    """Residuals of one robot's measurements at n samples, and their derivatives.
 
     Args:
-        wrists: What was measured, N robots.
-        robot: Which of them.
+        wrists: The measurements of N robots.
+        robot: Index of the robot.
         home: ``H_i``.
         grasp: ``X_i``.
-        errors: Of its calibration, shape (7,).
-        rotations: The load's orientations, shape (n, 3, 3).
-        positions: Its positions, shape (n, 3).
+        errors: Calibration errors of the robot, shape (7,).
+        rotations: Orientations of the load, shape (n, 3, 3).
+        positions: Positions of the load, shape (n, 3).
 
     Returns:
-        Residuals (gimbal's angles, position) as the robot would measure them, shape (n, 6); their derivatives by the
-        unknowns, shape (n, 6, 19), and by the load's perturbation ``(rotation, translation)`` in the world, shape
-        (n, 6, 6).
+        Residuals (gimbal's angles, position), shape (n, 6); their derivatives by the unknowns, shape (n, 6, 19), and by
+        the load's perturbation ``(rotation, translation)`` in the world, shape (n, 6, 6).
     """
     to_home = home.rotation.T
     arm = rotations @ grasp.translation
@@ -113,15 +112,15 @@ def _between_half_turns(angles: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class NormalEquations:
-    """Of all robots' unknowns, the load's poses eliminated.
+    """Normal equations of all robots' unknowns.
 
     Attributes:
-        matrix: Shape (19 N, 19 N).
-        scores: Of each sample, shape (n, 19 N).
+        matrix: Information matrix, shape (19 N, 19 N).
+        scores: Score of each sample, shape (n, 19 N).
         squares: Sums of squared residuals of angles [rad²] and positions [m²], shape (2,).
-        freedom: How many of these residuals are free, as the load's poses take up some, shape (2,).
-        load_score: The load's own step if no unknown moved, shape (n, 6).
-        load_gain: Minus what the unknowns' steps add to it, shape (n, 6, 19 N).
+        freedom: Degrees of freedom of these residuals, without those of the load's poses, shape (2,).
+        load_score: Step of the load's poses if no unknown moves, shape (n, 6).
+        load_gain: Change of this step by minus the unknowns' steps, shape (n, 6, 19 N).
     """
 
     matrix: Array
@@ -133,16 +132,15 @@ class NormalEquations:
 
     @property
     def noise(self) -> tuple[float, float]:
-        """Standard deviations of angles [rad] and positions [m], as the residuals show them."""
+        """Standard deviations of angles [rad] and positions [m] according to the residuals."""
         angle, position = np.sqrt(self.squares / self.freedom)
         return float(angle), float(position)
 
 
 def normal_equations(wrists: WristPoses, guess: Guess, noise: tuple[float, float]) -> NormalEquations:
-    """Of all samples, weighted by the noise of angles [rad] and positions [m]."""
-    parts = []
-    for first in range(0, len(guess.rotations), _CHUNK):
-        parts.append(_chunk(wrists, guess, noise, slice(first, first + _CHUNK)))
+    """Normal equations of all samples, weighted by the noise of angles [rad] and positions [m]."""
+    starts = range(0, len(guess.rotations), _CHUNK)
+    parts = [_chunk(wrists, guess, noise, slice(first, first + _CHUNK)) for first in starts]
     return NormalEquations(
         matrix=np.sum([part.matrix for part in parts], axis=0),
         scores=np.concatenate([part.scores for part in parts]),
@@ -154,7 +152,7 @@ def normal_equations(wrists: WristPoses, guess: Guess, noise: tuple[float, float
 
 
 def _chunk(wrists: WristPoses, guess: Guess, noise: tuple[float, float], rows: slice) -> NormalEquations:
-    """Of some samples."""
+    """Normal equations of some samples."""
     count = len(guess.grasps)
     some = wrists.some(rows)
     samples = some.angles.shape[1]
@@ -181,7 +179,7 @@ def _chunk(wrists: WristPoses, guess: Guess, noise: tuple[float, float], rows: s
     gain = covariance @ coupling
     matrix -= coupling.reshape(-1, size).T @ gain.reshape(-1, size)
     scores -= (load_step[:, None] @ coupling)[:, 0]
-    # Each load's pose takes up six of the residuals; which share of them are angles follows from its covariance.
+    # Each pose of the load takes six degrees of freedom from the residuals, divided according to its covariance.
     squares, freedom = np.zeros(2), np.zeros(2)
     for residual, by_load in kept:
         left = residual + (by_load @ load_step[..., None])[..., 0]

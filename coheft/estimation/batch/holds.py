@@ -1,4 +1,4 @@
-"""Times at which the load is held still, and what that says of its mass and centre of mass (Zhang et al., III-C)."""
+"""Intervals in which the load is held still, and mass and centre of mass from them (Zhang et al., sec. III-C)."""
 
 from __future__ import annotations
 
@@ -15,25 +15,24 @@ from coheft.estimation.batch.signals import PAPER_CUTOFF, smooth_poses
 from coheft.estimation.geometry.spatial import Array, Pose, skew
 
 _TOLERANCE = 0.5
-"""Forces may differ by so much from the middle of their range [N]."""
+"""Largest difference of forces from the middle of their range [N]."""
 _DURATION = 6.0
-"""Holds last at least so long [s]."""
+"""Least duration of a hold [s]."""
 _SMOOTHING = 1.0
-"""Forces are averaged over so long before they are compared [s]: their noise is not motion."""
+"""Time over which forces are averaged before they are compared [s]: their noise is not motion."""
 _SAME = np.radians(2.0)
-"""Orientations that differ by less than this show the same."""
+"""Orientations that differ by less than this count as one [rad]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Holds:
-    """What was measured while the load was still: means of H holds, of N robots, each in its own grasp frame.
+    """Mean measurements of N robots, each in its own grasp frame, in H holds.
 
     Attributes:
-        spans: From when to when [s].
+        spans: Begin and end of each hold [s].
         down: Gravity, shape (H, N, 3) [m/s²].
-        wrench: ``(f, t)``, shape (H, N, 6).
-        scatter: Variances of these means, each component on its own, as samples of white noise have them, shape
-            (H, N, 6).
+        wrench: ``(f, t)`` on the load, shape (H, N, 6).
+        scatter: Variances of the mean wrenches' components, if noise is white, shape (H, N, 6).
     """
 
     spans: tuple[tuple[float, float], ...]
@@ -52,7 +51,7 @@ class StaticEstimate:
 
 
 def held_spans(recording: Recording) -> list[tuple[int, int]]:
-    """First sample and the one after the last of each time at rest, as the recording says or as forces show."""
+    """First and one past the last sample of each hold: those that the recording names, or else those that are found."""
     if recording.holds is None:
         return find_holds(recording.stacked("wrench")[..., :3], recording.time)
     borders = np.searchsorted(recording.time, np.array(recording.holds).reshape(-1, 2))
@@ -60,14 +59,14 @@ def held_spans(recording: Recording) -> list[tuple[int, int]]:
 
 
 def find_holds(forces: Array, time: Array) -> list[tuple[int, int]]:
-    """Stretches of samples in which no force of any robot changes.
+    """Find the intervals in which no robot's force changes.
 
     Args:
         forces: Shape (N, n, 3) [N].
         time: Shape (n,) [s].
 
     Returns:
-        First and one past the last sample of each.
+        First and one past the last sample of each interval.
     """
     rate = (len(time) - 1) / (time[-1] - time[0])
     length, smoothing = round(_DURATION * rate), max(1, round(_SMOOTHING * rate))
@@ -75,7 +74,7 @@ def find_holds(forces: Array, time: Array) -> list[tuple[int, int]]:
         return []
     smooth = uniform_filter1d(forces, smoothing, axis=1)
     ranges = maximum_filter1d(smooth, length, axis=1) - minimum_filter1d(smooth, length, axis=1)
-    # These are of windows about each sample; those that begin where there are enough samples lie within.
+    # These are ranges of windows about each sample; keep the windows that lie within the recording.
     begun = ranges[:, length // 2 : length // 2 + len(time) - length + 1]
     steady = (begun < 2.0 * _TOLERANCE).all(axis=(0, 2))
     found: list[tuple[int, int]] = []
@@ -88,11 +87,11 @@ def find_holds(forces: Array, time: Array) -> list[tuple[int, int]]:
 
 
 def holds_of(recording: Recording, cutoff: float = PAPER_CUTOFF) -> Holds:
-    """The recording's holds, found where it does not name them.
+    """Measurements in the holds of a recording.
 
     Args:
-        recording: Checked.
-        cutoff: Of the filter for orientations [Hz].
+        recording: A checked recording.
+        cutoff: Cutoff of the filter for orientations [Hz].
 
     Raises:
         RecordingError: Wrenches are missing, or both poses and accelerations, or samples are too few or too slow.
@@ -101,7 +100,7 @@ def holds_of(recording: Recording, cutoff: float = PAPER_CUTOFF) -> Holds:
     if recording.has("pose"):
         rotations, _ = smooth_poses(recording.stacked("pose"), recording.rate, cutoff)
         down = recording.gravity @ rotations
-    else:  # at rest an accelerometer reads gravity alone, upwards
+    else:  # at rest, accelerometers measure minus gravity
         down = -recording.stacked("acceleration")
     means, scatters = [], []
     for start, end in spans:
@@ -118,7 +117,7 @@ def holds_of(recording: Recording, cutoff: float = PAPER_CUTOFF) -> Holds:
 
 
 def both_holds(one: Holds, other: Holds) -> Holds:
-    """All holds of two recordings."""
+    """The holds of two recordings together."""
     return Holds(
         spans=(*one.spans, *other.spans),
         down=np.concatenate([one.down, other.down]),

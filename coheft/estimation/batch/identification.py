@@ -1,33 +1,34 @@
-"""What any method says of a recording."""
+"""The result of identification by any method."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import msgspec
 import numpy as np
 
 from coheft.estimation.batch.doubts import doubts_about
 from coheft.estimation.batch.holds import Holds
-from coheft.estimation.batch.judge.cause import Cause
 from coheft.estimation.batch.judge.evidence import Evidence
-from coheft.estimation.batch.judge.verdict import Verdict
+from coheft.estimation.batch.judge.verdict import Cause, Verdict
 from coheft.estimation.batch.loop_closure import LoopError
 from coheft.estimation.batch.payload import Payload
 from coheft.estimation.batch.team_poses import TeamPoses
 from coheft.estimation.geometry.spatial import Array
 
 
-@dataclass(frozen=True, eq=False)
-class CalibrationFinding:
-    """One thing that may be wrong with a robot.
+class CalibrationFinding(msgspec.Struct, frozen=True):
+    """One calibration error of a robot.
 
     Attributes:
-        robot: Whose.
-        what: Which.
-        unit: Of the numbers.
-        value: What was found.
-        std: Its standard deviation.
-        before: Its standard deviation before anything was measured.
+        robot: Name of the robot.
+        what: The error: a zero or scale of a gimbal's angle ``a``, ``b`` or ``c``, the scale of positions or forces, or
+            the offset of forces along an axis of the robot's home frame.
+        unit: Unit of the numbers: ``deg``, ``%`` or ``N``.
+        value: By how much what the robot measures is too large; for scales as a share of it.
+        std: Standard deviation of the value.
+        std_before: Standard deviation that was known before anything was measured.
+        seen: Whether the recording has reduced the standard deviation to less than half.
     """
 
     robot: str
@@ -35,17 +36,13 @@ class CalibrationFinding:
     unit: str
     value: float
     std: float
-    before: float
-
-    @property
-    def is_seen(self) -> bool:
-        """Whether the recording said anything about it worth mentioning."""
-        return self.std < 0.5 * self.before
+    std_before: float
+    seen: bool
 
 
 @dataclass(frozen=True)
 class HiddenError:
-    """What a number may be off although all fits: the worst cause, and the standard deviation that it would have."""
+    """Additional standard deviation of a number by the worst fault that the recording would not show."""
 
     cause: str
     std: float
@@ -53,25 +50,25 @@ class HiddenError:
 
 @dataclass(frozen=True, eq=False)
 class Identification:
-    """What a recording says.
+    """The load, and where the robots hold it, as one method has found them in a recording.
 
     Attributes:
-        method: How it was found.
-        names: Of the robots; the first one's grasp frame is what all is given in.
+        method: Name of the method.
+        names: Names of the robots; all quantities are given in the first one's grasp frame.
         team: Poses of all grasp frames.
-        payload: Mass properties.
-        loops: Failures of loops of pairs to close, before they were made to.
-        holds: What was measured at rest; None if not used.
-        calibration: What may be wrong with the robots.
-        remarks: What the reader should know, in words.
-        suspicions: What in the method's own fit speaks against it, in words.
-        verdict: Of a judge who asks whether forces are those of one rigid body; None if it could not be asked.
-        not_judged: Why it could not, in words; empty if it could.
-        hidden: For each of ``(m, h, J)``, what may be wrong without being seen; empty if not judged, or refuted.
-        time: Of the residuals, shape (n,) [s].
-        residual: Of the total wrench (force, torque), or of the torque alone, shape (n, 6) or (n, 3).
-        evidence: What a judge looks at, where the method has found it already.
-        noise_ratio: Of the residuals to what the noise that the recording names explains; 1 where no method asks.
+        payload: Mass properties of the load.
+        loops: By how much loops of pairs did not close before they were fitted together.
+        holds: Measurements at rest; None if they were not used.
+        calibration: Calibration errors of the robots; empty if they were not estimated.
+        remarks: Remarks for the user, as sentences.
+        suspicions: Contradictions within the method's own fit, as sentences.
+        verdict: Verdict on the recording; None if it could not be judged.
+        not_judged: Why it could not be judged; empty if it could.
+        hidden: For each of ``(m, h, J)``, the worst fault that would not show; empty if not judged, or refuted.
+        time: Times of the residuals, shape (n,) [s].
+        residual: Residuals of the total wrench (force, torque), or of the torque only, shape (n, 6) or (n, 3).
+        evidence: Input of the judge, if the method has computed it already.
+        noise_ratio: Size of the residuals, in multiples of the noise that the recording names; 1 if it names none.
     """
 
     method: str
@@ -93,7 +90,7 @@ class Identification:
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """What speaks against all of it, in words: then none of the numbers is to be trusted."""
+        """All contradictions, as sentences; if there are any, none of the numbers is to be trusted."""
         if self.is_explained:
             assert self.verdict is not None
             return (self.verdict.words,)
@@ -102,5 +99,5 @@ class Identification:
 
     @property
     def is_explained(self) -> bool:
-        """Whether a cause was named for what does not fit: then all else that is odd comes of it."""
+        """Whether one fault explains all contradictions."""
         return self.verdict is not None and self.verdict.is_refuted and self.verdict.cause != Cause.UNKNOWN

@@ -1,9 +1,9 @@
-"""From recorded twists to the load: as the paper does it, and with instruments."""
+"""Identification from recorded twists: by least squares as in the paper, and with instrumental variables."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from coheft.estimation.batch.doubts import unsettled
 from coheft.estimation.batch.holds import StaticEstimate, both_holds, holds_of, static_estimate
 from coheft.estimation.batch.identification import Identification
 from coheft.estimation.batch.inertia_fit import LinearFit, fit_parameters, fit_tensor
+from coheft.estimation.batch.pairs import grasps_from_twists
 from coheft.estimation.batch.payload import hidden_covariance, make_payload, of_central_numbers
 from coheft.estimation.batch.plausibility import plausible_signals
 from coheft.estimation.batch.pose_differences import derivative_by_poses, turned_covariance
@@ -20,7 +21,6 @@ from coheft.estimation.batch.recording import Recording
 from coheft.estimation.batch.signals import CUTOFF, PAPER_CUTOFF, Signals
 from coheft.estimation.batch.statics import Statics
 from coheft.estimation.batch.team_poses import TeamPoses
-from coheft.estimation.batch.twist_grasps import grasps_from_twists
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.rigid_body.derivatives import central_derivative
 from coheft.estimation.rigid_body.mass_properties import Inertia
@@ -32,19 +32,18 @@ _COM_STEP = 1e-4
 def identify_batch(
     recording: Recording, cutoff: float = PAPER_CUTOFF, statics: Statics | None = None
 ) -> Identification:
-    """The paper's way (Zhang et al., sec. III): least squares, one thing after the other.
+    """Identify by sequential least squares (Zhang et al., sec. III).
 
     Args:
-        recording: What was recorded.
-        cutoff: Of the filter [Hz].
-        statics: Holds that were recorded apart; those within the recording are used as well.
+        recording: The recording.
+        cutoff: Cutoff of the filter [Hz].
+        statics: Holds that were recorded separately; those within the recording are used as well.
 
     Raises:
         RecordingError: Something is missing; no two orientations were held still.
     """
     signals = plausible_signals(recording, cutoff)
-    grasps, loops = grasps_from_twists(signals, with_instruments=False)
-    team = grasps.team
+    team, loops = grasps_from_twists(signals, with_instruments=False)
     holds = holds_of(recording, cutoff)
     if statics is not None:
         holds = both_holds(holds, statics.as_holds())
@@ -74,33 +73,55 @@ def identify_batch(
         loops=tuple(loops),
         holds=holds,
         remarks=(
-            "Least squares takes noise of accelerations for motion: inertias come out too small, and nothing here "
-            "says by how much. Compare with --method instruments.",
+            "Least squares takes noise of accelerations for motion: inertias come out too small, by an unknown amount. "
+            "Compare with --method instruments.",
         ),
-        suspicions=unsettled(team, grasps.is_settled),
+        suspicions=unsettled(team),
         time=signals.time,
         residual=tensor.residual,
     )
 
 
 def identify_with_instruments(recording: Recording, cutoff: float = CUTOFF) -> Identification:
-    """Twists as in the paper, but each robot's with the others' as instruments; mass and centre of mass from motion.
+    """Identify from twists as in the paper, but with other robots as instruments; mass and centre of mass from motion.
+
+    Args:
+        recording: The recording.
+        cutoff: Cutoff of the filter [Hz].
 
     Raises:
         RecordingError: Something is missing.
     """
     signals = plausible_signals(recording, cutoff)
-    grasps, loops = grasps_from_twists(signals, with_instruments=True)
-    team = grasps.team
+    team, loops = grasps_from_twists(signals, with_instruments=True)
+    found = identify_at_grasps("instruments", recording, signals, team)
+    return replace(found, loops=tuple(loops), suspicions=unsettled(team))
+
+
+def identify_at_grasps(method: str, recording: Recording, signals: Signals, team: TeamPoses) -> Identification:
+    """Identify the load from motion and gravity, with these grasp poses and their uncertainty.
+
+    Args:
+        method: Name of the method.
+        recording: The recording.
+        signals: Its signals, with wrenches.
+        team: Poses of all grasp frames.
+
+    Raises:
+        RecordingError: Wrenches are missing.
+    """
     fit = parameters_fit(signals, team.poses)
-    covariance = fit.covariance + covariance_by_poses(signals, team, fit.weight)
+
+    def solve(poses: Sequence[Pose]) -> Array:
+        return parameters_fit(signals, poses, fit.weight).numbers
+
+    by_poses = derivative_by_poses(solve, team.poses)
+    covariance = fit.covariance + by_poses @ team.covariance @ by_poses.T + turned_covariance(solve, team)
     return Identification(
-        method="instruments",
+        method=method,
         names=recording.names,
         team=team,
         payload=make_payload(of_central_numbers(fit.numbers), covariance, team.poses),
-        loops=tuple(loops),
-        suspicions=unsettled(team, grasps.is_settled),
         time=signals.time,
         residual=fit.residual,
     )
@@ -108,9 +129,13 @@ def identify_with_instruments(recording: Recording, cutoff: float = CUTOFF) -> I
 
 @dataclass(frozen=True, eq=False)
 class ParametersFit:
-    """``(m, h, J)`` (10,) in the first robot's frame, its covariance given poses, and the residual wrench (n, 6).
+    """All parameters of the load, at given grasp poses.
 
-    ``weight`` (6,) is that of the wrench's components.
+    Attributes:
+        numbers: ``(m, h, J)`` in the first robot's frame, shape (10,).
+        covariance: Covariance of the numbers, without the uncertainty of the poses, shape (10, 10).
+        residual: Residual of the total wrench, shape (n, 6).
+        weight: Weights of the wrench's components, shape (6,).
     """
 
     numbers: Array
@@ -120,7 +145,16 @@ class ParametersFit:
 
 
 def parameters_fit(signals: Signals, poses: Sequence[Pose], weight: Array | None = None) -> ParametersFit:
-    """All ten parameters from motion and gravity, every robot with all others as instruments."""
+    """Fit all ten parameters from motion and gravity, each robot with the others as instruments.
+
+    Args:
+        signals: Signals of N robots.
+        poses: Poses of their grasp frames in the first one.
+        weight: Weights of the wrench's components, shape (6,); None: inverse variances of their residuals.
+
+    Raises:
+        RecordingError: Wrenches are missing.
+    """
     centre = centre_of(poses)
     from_centre = [centre.inverse() @ pose for pose in poses]
     total = total_wrench(_wrench(signals), from_centre)
@@ -128,17 +162,6 @@ def parameters_fit(signals: Signals, poses: Sequence[Pose], weight: Array | None
     numbers, derivative = at_first_grasp(Inertia.from_barycentric(fit.solution), centre)
     covariance = fit.covariance + hidden_covariance(fit.hidden, float(fit.solution[0]))
     return ParametersFit(numbers, derivative @ covariance @ derivative.T, fit.residual, fit.weight)
-
-
-def covariance_by_poses(signals: Signals, team: TeamPoses, weight: Array) -> Array:
-    """What uncertain poses add to the covariance (10, 10) of a ``parameters_fit`` with this weight."""
-
-    def solve(poses: Sequence[Pose]) -> Array:
-        return parameters_fit(signals, poses, weight).numbers
-
-    by_poses = derivative_by_poses(solve, team.poses)
-    result: Array = by_poses @ team.covariance @ by_poses.T + turned_covariance(solve, team)
-    return result
 
 
 def at_first_grasp(about_centre: Inertia, centre: Pose) -> tuple[Array, Array]:

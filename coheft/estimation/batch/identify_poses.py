@@ -1,4 +1,4 @@
-"""From a recording of poses to the load, with or without doubts about the robots' calibration."""
+"""Identification from recorded poses, with or without estimating the robots' calibration errors."""
 
 from __future__ import annotations
 
@@ -25,20 +25,16 @@ from coheft.estimation.batch.doubts import unsettled
 from coheft.estimation.batch.hand_eye import HandEye, fit_hand_eye
 from coheft.estimation.batch.hand_eye_equations import ERRORS, GRASP, position_scale_rows, unknowns_of
 from coheft.estimation.batch.identification import Identification
-from coheft.estimation.batch.identify import (
-    at_first_grasp,
-    covariance_by_poses,
-    parameters_fit,
-)
+from coheft.estimation.batch.identify import at_first_grasp, identify_at_grasps
 from coheft.estimation.batch.judge.evidence import POSES_PER_SECOND, Evidence, suspicions_about
+from coheft.estimation.batch.pairs import grasps_from_twists
 from coheft.estimation.batch.payload import make_payload, of_central_numbers
 from coheft.estimation.batch.plausibility import plausible_signals
 from coheft.estimation.batch.pose_differences import derivative_by_poses, turned_covariance
-from coheft.estimation.batch.recording import Recording
+from coheft.estimation.batch.recording import Recording, RobotRecord
 from coheft.estimation.batch.signals import CUTOFF, EDGE, Signals, signals_of
 from coheft.estimation.batch.statistics import SPAN
 from coheft.estimation.batch.team_poses import TeamPoses
-from coheft.estimation.batch.twist_grasps import grasps_from_twists
 from coheft.estimation.batch.wrist_poses import WristPoses
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.rigid_body.derivatives import seen_inertia_derivative
@@ -46,24 +42,24 @@ from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.estimation.rigid_body.regressor import INERTIA_SIZE
 
 _IDENTIFIABLE = (
-    "Seen from poses: zeros of each gimbal's first two angles, all angle scales, ratios of position scales. Seen from "
-    "forces: ratios of force scales, offsets across gravity, and the common position scale by comparing accelerations "
-    "with gravity.",
-    "Not seen by any motion: zero of the gimbal's last angle (it turns the grasp frame itself), what all forces have "
-    "too much in common (it looks like mass), offsets that lift or weigh. For these the stated uncertainty is that of "
-    "the tolerances.",
+    "Observable from poses: zeros of each gimbal's first two angles, all angle scales, ratios of position scales. "
+    "Observable from forces: ratios of force scales, offsets across gravity, and the common position scale, by "
+    "comparing accelerations with gravity.",
+    "Not observable by any motion: zero of the gimbal's last angle (it rotates the grasp frame itself), the common "
+    "scale of all forces (it looks like mass), offsets along gravity. For these the stated uncertainty is that of the "
+    "tolerances.",
 )
 
 
 def identify_poses(
     recording: Recording, tolerances: Tolerances | None = None, cutoff: float = CUTOFF
 ) -> Identification:
-    """Grasps from poses, nothing differentiated; the load from motion, every robot with all others as instruments.
+    """Identify grasps from poses, without derivatives, and the load from motion, with other robots as instruments.
 
     Args:
-        recording: With poses and wrenches.
-        tolerances: How well the robots are calibrated; what may be wrong is estimated along. None: perfectly.
-        cutoff: Of the filter for the load's motion [Hz].
+        recording: The recording, with poses and wrenches.
+        tolerances: Tolerances of the calibration errors to be estimated; None if robots are perfectly calibrated.
+        cutoff: Cutoff of the filter for the load's motion [Hz].
 
     Raises:
         RecordingError: Something is missing, or calibration errors cannot be told from so short a motion.
@@ -74,17 +70,17 @@ def identify_poses(
     recording.stacked("wrench")  # better refused before the long fit than after it
     wrists = WristPoses.of(recording.stacked("pose"), recording.rate, at_home=tolerances is not None)
     start, loops = grasps_from_twists(signals, with_instruments=True)
-    grasps = fit_hand_eye(wrists.averaged(POSES_PER_SECOND), start.team.poses, tolerances)
+    grasps = fit_hand_eye(wrists.averaged(POSES_PER_SECOND), start.poses, tolerances)
     if tolerances is None:
-        found = _without_doubts(recording, signals, grasps, cutoff)
+        found = _calibrated(recording, signals, grasps, cutoff)
     else:
-        found = _with_doubts(recording, grasps, tolerances, cutoff)
-    suspicions = (*suspicions_about(grasps), *unsettled(grasps.team, grasps.is_settled))
+        found = _with_calibration(recording, grasps, tolerances, cutoff)
+    suspicions = (*suspicions_about(grasps), *unsettled(grasps.team))
     return replace(found, loops=tuple(loops), suspicions=(*suspicions, *found.suspicions))
 
 
 def _check_duration(recording: Recording, signals: Signals) -> None:
-    """Refuse motions over which residuals are hardly independent: nothing would say how certain the errors are."""
+    """Refuse motions that are too short for independent residuals, which determine the standard deviations."""
     if len(signals.time) < SPAN * signals.rate:
         raise RecordingError(
             f"found samples from {recording.span}, of which {EDGE:g} s are dropped at both ends: too little is left to "
@@ -93,26 +89,18 @@ def _check_duration(recording: Recording, signals: Signals) -> None:
         )
 
 
-def _without_doubts(recording: Recording, signals: Signals, grasps: HandEye, cutoff: float) -> Identification:
-    poses = grasps.team.poses
-    fit = parameters_fit(signals, poses)
-    covariance = fit.covariance + covariance_by_poses(signals, grasps.team, fit.weight)
-    return Identification(
-        method="pose",
-        names=recording.names,
-        team=grasps.team,
-        payload=make_payload(of_central_numbers(fit.numbers), covariance, poses),
+def _calibrated(recording: Recording, signals: Signals, grasps: HandEye, cutoff: float) -> Identification:
+    return replace(
+        identify_at_grasps("pose", recording, signals, grasps.team),
         remarks=(
-            "Standard deviations hold only if the robots are perfectly calibrated; --calibrate estimates what is wrong "
-            "with them.",
+            "Standard deviations hold only if the robots are perfectly calibrated; --calibrate estimates their "
+            "calibration errors.",
         ),
-        time=signals.time,
-        residual=fit.residual,
         evidence=Evidence.of_poses(recording, signals, cutoff, grasps),
     )
 
 
-def _with_doubts(recording: Recording, grasps: HandEye, tolerances: Tolerances, cutoff: float) -> Identification:
+def _with_calibration(recording: Recording, grasps: HandEye, tolerances: Tolerances, cutoff: float) -> Identification:
     signals = signals_of(corrected(recording, grasps.errors), cutoff)
     poses = grasps.team.poses
 
@@ -131,7 +119,7 @@ def _with_doubts(recording: Recording, grasps: HandEye, tolerances: Tolerances, 
     numbers, covariance = _at_first_grasp(fit, poses)
     team = _in_true_lengths(grasps, fit)
     covariance = covariance + by_poses @ _given_errors(grasps) @ by_poses.T + turned_covariance(numbers_with, team)
-    # A wrong zero of the first robot's gimbal turns the frame that everything is given in.
+    # A wrong zero of the first robot's gimbal rotates the reference frame.
     inertia = of_central_numbers(numbers)
     calibration = calibration_findings(recording.names, grasps, fit, tolerances)
     turned = seen_inertia_derivative(Pose.identity(), inertia)[:, :3] * grasps.errors_std[0, ZERO]
@@ -157,47 +145,47 @@ def _after_calibration(
     tolerances: Tolerances,
     cutoff: float,
 ) -> Evidence:
-    """What is left for a judge when all is taken out that was found, in true lengths."""
-    robots = {}
-    for k, (name, robot) in enumerate(corrected(recording, grasps.errors).robots.items()):
-        assert robot.pose is not None
-        assert robot.wrench is not None
-        place, turn = fit.scale * robot.pose[:, :3], robot.pose[:, 3:]
-        offset = Rotation.from_quat(turn).inv().apply(fit.force_offset[k])
-        force = (robot.wrench[:, :3] - offset) / (1.0 + fit.force_scale[k])
-        moment = robot.wrench[:, 3:] / (1.0 + fit.force_scale[k])
-        robots[name] = replace(robot, pose=np.hstack([place, turn]), wrench=np.hstack([force, moment]))
-    right = replace(recording, robots=robots)
+    """The recording corrected for all calibration errors, in true lengths, for the judge."""
+    right, robots = corrected(recording, grasps.errors), {}
+    poses, wrenches = right.stacked("pose"), right.stacked("wrench")
+    for name, pose, wrench, scale, offset in zip(
+        right.names, poses, wrenches, fit.force_scale, fit.force_offset, strict=True
+    ):
+        own = np.hstack([Rotation.from_quat(pose[:, 3:]).inv().apply(offset), np.zeros((len(pose), 3))])
+        lengths = np.repeat([fit.scale, 1.0], [3, 4])
+        robots[name] = RobotRecord(right.time, pose=pose * lengths, wrench=(wrench - own) / (1.0 + scale))
+    right = replace(right, robots=robots)
     tilt = float(np.sqrt(np.mean(grasps.errors_std[:, ZERO] ** 2)))
     evidence = Evidence.of_poses(right, signals_of(right, cutoff), cutoff, replace(grasps, team=team))
     return replace(evidence, tolerances=tolerances, tilt=tilt)
 
 
 def corrected(recording: Recording, errors: Array) -> Recording:
-    """What robots would have recorded without these errors of their poses, shape (N, 7); forces turn along.
+    """Correct a recording for errors of its poses, shape (N, 7); wrenches are rotated accordingly.
 
     Raises:
-        ValueError: A robot did not record poses and wrenches.
+        RecordingError: A robot did not record poses and wrenches.
     """
     robots = {}
-    for (name, robot), own in zip(recording.robots.items(), errors, strict=True):
-        if robot.pose is None or robot.wrench is None:
-            raise ValueError(f"expected poses and wrenches of {name}")
-        told = Rotation.from_quat(robot.pose[:, 3:]).as_matrix()
-        rotations, positions = corrected_poses(gimbal_angles(told), robot.pose[:, :3], own)
-        turn = rotations.swapaxes(-1, -2) @ told
-        wrench = (robot.wrench.reshape(-1, 2, 3) @ turn.swapaxes(-1, -2)).reshape(-1, 6)
-        pose = np.hstack([positions, Rotation.from_matrix(rotations).as_quat()])
-        robots[name] = replace(robot, pose=pose, wrench=wrench, twist=None, dtwist=None, acceleration=None)
+    samples = zip(recording.names, recording.stacked("pose"), recording.stacked("wrench"), errors, strict=True)
+    for name, pose, wrench, own in samples:
+        measured = Rotation.from_quat(pose[:, 3:]).as_matrix()
+        rotations, positions = corrected_poses(gimbal_angles(measured), pose[:, :3], own)
+        turn = rotations.swapaxes(-1, -2) @ measured
+        robots[name] = RobotRecord(
+            recording.time,
+            pose=np.hstack([positions, Rotation.from_matrix(rotations).as_quat()]),
+            wrench=(wrench.reshape(-1, 2, 3) @ turn.swapaxes(-1, -2)).reshape(-1, 6),
+        )
     return replace(recording, robots=robots)
 
 
 def _at_first_grasp(fit: CalibratedFit, poses: Sequence[Pose]) -> tuple[Array, Array]:
-    """``(m, h, J)`` (10,) in the first robot's frame, in true lengths, and covariance, of a fit about the centre."""
+    """``(m, h, J)`` (10,) in the first robot's frame and true lengths, and their covariance (10, 10)."""
     centre = centre_of(poses)
     true_centre = Pose(centre.rotation, fit.scale * centre.translation)
     numbers, by_parameters = at_first_grasp(Inertia.from_barycentric(fit.parameters), true_centre)
-    # The centre, too, lies as far away as the scale says.
+    # The position of the centre depends on the scale, too.
     by_scale = np.concatenate([[0.0], centre.translation, np.zeros(6)])
     derivative = np.column_stack([by_parameters, by_scale])
     known = fit.covariance[: INERTIA_SIZE + 1, : INERTIA_SIZE + 1]
@@ -205,21 +193,21 @@ def _at_first_grasp(fit: CalibratedFit, poses: Sequence[Pose]) -> tuple[Array, A
 
 
 def _given_errors(grasps: HandEye) -> Array:
-    """Covariance of all grasps' perturbations if the errors were known, shape (6 N, 6 N)."""
+    """Covariance of all grasps' perturbations given the calibration errors, shape (6 N, 6 N)."""
     count = len(grasps.errors)
     known = np.eye(len(grasps.covariance))[unknowns_of(count, ERRORS)]
     return _conditional(grasps.covariance, unknowns_of(count, GRASP), known)
 
 
 def _conditional(covariance: Array, kept: npt.NDArray[np.intp], known: Array) -> Array:
-    """Covariance of some unknowns if some combinations of all, rows of ``known``, were known."""
+    """Covariance of the unknowns ``kept``, given linear combinations of all unknowns, the rows of ``known``."""
     cross = covariance[kept] @ known.T
     result: Array = covariance[np.ix_(kept, kept)] - cross @ np.linalg.pinv(known @ covariance @ known.T) @ cross.T
     return result
 
 
 def _in_true_lengths(grasps: HandEye, fit: CalibratedFit) -> TeamPoses:
-    """Poses in true lengths: the forces' motion decides about the scale that poses leave open."""
+    """Grasp poses in true lengths: poses alone do not determine the common scale, but forces do."""
     count = len(grasps.errors)
     common = position_scale_rows(count).mean(axis=0, keepdims=True)
     covariance = _conditional(grasps.covariance, unknowns_of(count, GRASP), common)
@@ -229,5 +217,5 @@ def _in_true_lengths(grasps: HandEye, fit: CalibratedFit) -> TeamPoses:
     return TeamPoses(
         poses=tuple(Pose(pose.rotation, fit.scale * pose.translation) for pose in grasps.team.poses),
         covariance=covariance * np.outer(lengths, lengths) + scale_variance * np.outer(stretched, stretched),
-        limits=grasps.team.limits,
+        is_settled=grasps.team.is_settled,
     )

@@ -1,4 +1,4 @@
-"""From a recording of gyros, velocities and accelerometers of known noise to the load: maximum likelihood."""
+"""Identification by maximum likelihood from gyros, velocities and accelerometers with known noise."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from coheft.estimation.batch.payload import Payload
 from coheft.estimation.batch.plausibility import check_units, check_weight
 from coheft.estimation.batch.recording import Recording, check_recording
 from coheft.estimation.batch.team_poses import TeamPoses
-from coheft.estimation.geometry.observability import Visibility
 from coheft.estimation.moments.claims import possible_load
 from coheft.estimation.moments.recorded import fit_recorded
 from coheft.estimation.moments.unknowns import THETA
@@ -20,9 +19,9 @@ from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.estimation.rigid_body.unseen import unseen_quantities
 
 MOST_NOISE = 1.3
-"""Residuals that are so many times as large as noise explains are not white noise of the level that is named."""
+"""Ratio of residuals to the noise above which they are not white noise of the named level."""
 _HIDDEN = 1e6
-"""What is not seen of poses has so many times the variance that a fit lets it have: a stand-in for infinity."""
+"""Stands for an infinite variance of directions of poses that are not observable."""
 _SUSPECTS = (
     ": did the load change (--from and --to choose a part), or are the sensors worse than 'noise' says? "
     "This method estimates no scales, offsets or mountings of sensors; --method instruments asks for no noise."
@@ -30,10 +29,10 @@ _SUSPECTS = (
 
 
 def identify_sensors(recording: Recording) -> Identification:
-    """What a central computer finds with the noise that the recording names (``coheft.estimation.moments.recorded``).
+    """Fit all rows of a recording with the noise that it names (``coheft.estimation.moments.recorded``).
 
     Args:
-        recording: With twists, accelerations, wrenches, and noise.
+        recording: The recording, with twists, accelerations, wrenches, and noise.
 
     Raises:
         RecordingError: Something is missing.
@@ -53,7 +52,7 @@ def identify_sensors(recording: Recording) -> Identification:
     state, places, inertia = estimate.state, estimate.body.unknowns, possible_load(estimate)
     assert state.load is not None  # it has been fitted
     poses = np.ix_(places.poses.ravel(), places.poses.ravel())
-    team = TeamPoses(state.poses, estimate.seen[poses] + _HIDDEN * estimate.hidden[poses], Visibility())
+    team = TeamPoses(state.poses, estimate.seen[poses] + _HIDDEN * estimate.hidden[poses], found.is_settled)
     to_central = central_derivative(inertia)
     covariance = to_central @ estimate.covariance[places.theta, places.theta] @ to_central.T
     size = float(np.sqrt(np.mean(np.square(found.residual) / np.diag(found.expected))))
@@ -72,7 +71,7 @@ def identify_sensors(recording: Recording) -> Identification:
             unseen=unseen_quantities(covariance, inertia.mass, estimate.size),
         ),
         remarks=() if is_refuted else (remark,),
-        suspicions=((remark,) if is_refuted else ()) + unsettled(team, found.is_settled),
+        suspicions=((remark,) if is_refuted else ()) + unsettled(team),
         time=recording.time[: len(found.residual) * found.row_samples].reshape(-1, found.row_samples).mean(axis=1),
         residual=found.residual,
         noise_ratio=size,

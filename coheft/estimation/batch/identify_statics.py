@@ -1,4 +1,4 @@
-"""From a load that is held still in some orientations to where robots hold it, its mass and its centre of mass."""
+"""Identification of grasps, mass and centre of mass from a load that is held still in several orientations."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from coheft.errors import RecordingError
+from coheft.estimation.batch.body import total_wrench
 from coheft.estimation.batch.doubts import unsettled
 from coheft.estimation.batch.hand_eye import fit_hand_eye
 from coheft.estimation.batch.holds import Holds, orientations, static_estimate
@@ -23,22 +24,22 @@ from coheft.estimation.batch.wrist_poses import WristPoses
 from coheft.estimation.geometry.spatial import Array, Pose
 
 _FEWEST = 3
-"""Holds of which grasps follow."""
+"""Least number of holds that determine grasps."""
 _KNOWN = 4
-"""Numbers that holds show: mass and centre of mass."""
+"""Number of parameters that holds determine: mass and centre of mass."""
 _ASIDE = 0.05
-"""Share of the weight that forces may add up to across gravity."""
+"""Largest total force across gravity, as a share of the weight."""
 _ROUNDING = 1e-12
-"""Share of variances below which they are rounding."""
+"""Share of variances that is rounding."""
 _APART = 7.0
-"""Standard deviations by which holds and motion may differ; few holds do not say well how certain they are."""
+"""Standard deviations by which holds and motion may differ; the deviations from few holds are uncertain."""
 
 
 def identify_statics(statics: Statics) -> Identification:
-    """Grasps from the poses, mass and centre of mass from the wrenches; nothing shows the inertia.
+    """Identify grasps from poses, mass and centre of mass from wrenches; the inertia is not observable.
 
     Raises:
-        RecordingError: There are too few, or too few orientations; forces pull the load down.
+        RecordingError: There are too few holds or orientations, or forces pull the load down.
     """
     count = statics.pose.shape[1]
     if count < _FEWEST:
@@ -51,7 +52,7 @@ def identify_statics(statics: Statics) -> Identification:
     starts = [Pose.identity(), *(_grasp(statics.pose[0], pose) for pose in statics.pose[1:])]
     grasps = fit_hand_eye(WristPoses.without_gimbals(statics.pose), starts, is_independent=True)
     team = grasps.team
-    if any(team.relative(0, k).unseen for k in range(1, len(team.poses))):
+    if not team.is_observable:
         raise RecordingError(
             f"found {orientations(holds.down[:, 0])} orientations in {count} holds: they do not show where robots hold "
             f"the load; expected orientations that differ by turns about two axes at least, far apart"
@@ -67,27 +68,26 @@ def identify_statics(statics: Statics) -> Identification:
         payload=make_payload(of_central_numbers(numbers), whole, team.poses),
         remarks=(_held(holds),),
         not_judged="a load that is held still shows too little of what may be wrong with sensors",
-        suspicions=(*_not_along(holds, team.poses), *unsettled(team, grasps.is_settled)),
+        suspicions=(*_not_along(holds, team.poses), *unsettled(team)),
         time=np.arange(count, dtype=np.float64),
         residual=_residual(holds, team.poses, found),
     )
 
 
 def with_statics(found: Identification, statics: Statics) -> Identification:
-    """What was found from motion, and holds that were recorded apart, together.
+    """Combine an identification from motion with holds that were recorded separately.
 
-    The errors of grasps are in both alike: both ask where forces act. So they are no reason to trust one more than the
-    other, and stay as they are.
+    Errors of the grasp poses affect both equally, so that the combination does not reduce them.
 
     Args:
-        found: From motion.
-        statics: Of the same robots, which hold the same load in the same way.
+        found: The identification from motion.
+        statics: Holds of the same load by the same robots with the same grasps.
 
     Raises:
         RecordingError: There are too few orientations.
     """
     team, holds = found.team, statics.as_holds()
-    if any(team.relative(0, k).unseen for k in range(1, len(team.poses))):
+    if not team.is_observable:
         remark = "Holds that were recorded apart are not used: the motion does not show where robots hold the load."
         return replace(found, remarks=(*found.remarks, remark))
     still, spread = _estimate(holds, team.poses)
@@ -116,7 +116,7 @@ def with_statics(found: Identification, statics: Statics) -> Identification:
 
 
 def _grasp(first: Array, other: Array) -> Pose:
-    """Rough pose of one grasp frame in another from poses (H, 7) of both: ``A X = X B`` between any two holds."""
+    """Rough pose of one grasp frame in another from poses (H, 7) of both, by ``A X = X B`` between any two holds."""
     turns, shifts = zip(*(_changes(poses) for poses in (first, other)), strict=True)
     rotation = kabsch(turns[0].as_rotvec(), turns[1].as_rotvec())
     matrix = (turns[0].as_matrix() - np.eye(3)).reshape(-1, 3)
@@ -125,7 +125,7 @@ def _grasp(first: Array, other: Array) -> Pose:
 
 
 def _changes(poses: Array) -> tuple[Rotation, Array]:
-    """How a grasp frame turns and shifts between any two of its poses (H, 7), seen from the former."""
+    """Rotations and translations between any two of the poses (H, 7) of a grasp frame, in the axes of the former."""
     before, after = np.triu_indices(len(poses), 1)
     rotations = Rotation.from_quat(poses[:, 3:])
     start = rotations[before].inv()
@@ -133,7 +133,7 @@ def _changes(poses: Array) -> tuple[Rotation, Array]:
 
 
 def _estimate(holds: Holds, poses: Sequence[Pose]) -> tuple[Array, Array]:
-    """``(m, h)`` (4,), and their covariance (4, 4) with the uncertainty of how large noise is: holds are few."""
+    """``(m, h)`` (4,), and their covariance (4, 4), which allows for the uncertain size of the noise of few holds."""
     static = static_estimate(holds, poses)
     numbers = np.concatenate([[static.mass], static.com])
     residual, count = _residual(holds, poses, numbers), len(holds.down)
@@ -141,38 +141,31 @@ def _estimate(holds: Holds, poses: Sequence[Pose]) -> tuple[Array, Array]:
     strength = float(np.linalg.norm(holds.down[0, 0]))
     force = float(np.square(residual[:, :3]).sum()) / of_force / count / strength**2
     covariance = static.covariance.copy()
-    covariance[0, 0] = max(covariance[0, 0], force * _heavy(of_force))
-    covariance[1:, 1:] *= _heavy(of_torque)
+    # Variances of Student's t.
+    covariance[0, 0] = max(covariance[0, 0], force * of_force / (of_force - 2.0))
+    covariance[1:, 1:] *= of_torque / (of_torque - 2.0)
     return numbers, covariance
 
 
-def _heavy(degrees: int) -> float:
-    """Variance of Student's t."""
-    return degrees / (degrees - 2.0)
-
-
 def _by_poses(holds: Holds, team: TeamPoses) -> Array:
-    """What uncertain poses add to the covariance of ``(m, h)``, (4, 4)."""
+    """Covariance (4, 4) of ``(m, h)`` due to uncertain poses."""
     derivative = derivative_by_poses(lambda poses: _estimate(holds, poses)[0], team.poses)
     result: Array = derivative @ team.covariance @ derivative.T
     return result
 
 
 def _residual(holds: Holds, poses: Sequence[Pose], numbers: Array) -> Array:
-    """Total wrench at rest that this mass and centre do not explain, shape (H, 6)."""
+    """Residual of the total wrench at rest for ``(m, h)``, shape (H, 6)."""
     weight = -numbers[0] * holds.down[:, 0]
-    result: Array = _total(holds, poses) - np.hstack([weight, np.cross(numbers[1:], weight)])
-    return result
-
-
-def _total(holds: Holds, poses: Sequence[Pose]) -> Array:
-    result: Array = np.sum([holds.wrench[:, i] @ pose.adjoint().T for i, pose in enumerate(poses)], axis=0)
+    result: Array = total_wrench(holds.wrench.swapaxes(0, 1), poses) - np.hstack(
+        [weight, np.cross(numbers[1:], weight)]
+    )
     return result
 
 
 def _not_along(holds: Holds, poses: Sequence[Pose]) -> tuple[str, ...]:
-    """That forces at rest do not add up to something that gravity holds, in words."""
-    force, down = _total(holds, poses)[:, :3], holds.down[:, 0]
+    """Say if the forces at rest do not add up to a weight."""
+    force, down = total_wrench(holds.wrench.swapaxes(0, 1), poses)[:, :3], holds.down[:, 0]
     direction = down / np.linalg.norm(down, axis=1, keepdims=True)
     along = np.einsum("ha,ha->h", force, direction)
     aside = float(np.sqrt(np.mean(np.square(force - along[:, None] * direction).sum(axis=1))))
@@ -190,7 +183,7 @@ def _held(holds: Holds) -> str:
 
 
 def _positive(matrix: Array) -> Array:
-    """The nearest matrix without negative variances."""
+    """The nearest positive semidefinite matrix."""
     values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T))
     result: Array = (vectors * np.maximum(values, 0.0)) @ vectors.T
     return result

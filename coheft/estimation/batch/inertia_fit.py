@@ -1,9 +1,9 @@
-"""Inertia from motion: least squares, and the same with other robots as instruments.
+"""Inertia from motion: by least squares, and with other robots as instruments.
 
-What differentiated encoders say of accelerations is noisy, and least squares takes noise in the regressor for motion
-that needed no torque: all moments of inertia come out too small by the share of noise in the acceleration's square.
-The other robots feel the same motion with noise of their own. Products of **different** robots' signals hold no noise
-squared, and nothing has to be known about it (instrumental variables: Durbin 1954; Söderström and Stoica 1983).
+Accelerations from encoders are noisy. Noise in the regressor biases least squares: all moments of inertia become too
+small, by the share of noise in the square of the acceleration. Other robots measure the same motion with independent
+noise, so that products of **different** robots' signals have no such bias, whatever the noise is (instrumental
+variables: Durbin 1954; Söderström and Stoica 1983).
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from coheft.estimation.rigid_body.mass_properties import euler_regressor
 
 _REWEIGHTINGS = 3
 _FINEST = 1e-4
-"""Share of the wrench: residuals that are smaller are weighted as if they were not, so that no weight is infinite."""
+"""Least residual as a share of the wrench, so that weights are finite."""
 _ROUNDING = 1e-12
-"""Share of the largest information below which there is none, only rounding."""
+"""Share of the largest information below which it is rounding."""
 _STILL = 1e-6
-"""No acceleration is known better than this [rad/s², m/s²]: what is smaller is rounding, and no motion."""
+"""Accelerations below this are rounding [rad/s², m/s²]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,11 +33,11 @@ class LinearFit:
     """Solution of a linear model.
 
     Attributes:
-        solution: Shape (u,); zero along hidden directions.
-        covariance: Shape (u, u), without what hidden directions add.
-        residual: What the model leaves, shape (n, rows).
-        hidden: Unit directions of which the data say nothing at all, as columns, shape (u, k).
-        weight: Of each row, shape (rows,).
+        solution: The unknowns, shape (u,); zero along hidden directions.
+        covariance: Their covariance without hidden directions, shape (u, u).
+        residual: Residuals of the model, shape (n, rows).
+        hidden: Unit directions on which the data have no information, as columns, shape (u, k).
+        weight: Weight of each row, shape (rows,).
     """
 
     solution: Array
@@ -51,13 +51,13 @@ def fit_tensor(motion: Array, wrench: Array, com: Array, rate: float) -> LinearF
     """Inertia at the known centre of mass: ``J alpha + w x J w = T - h x F`` (Zhang et al., eqs 18 to 33).
 
     Args:
-        motion: Of the body frame, shape (n, 12).
-        wrench: Total, about its origin, shape (n, 6).
+        motion: Motion of the body frame, shape (n, 12).
+        wrench: Total wrench about its origin, shape (n, 6).
         com: ``h`` in the body frame, shape (3,).
         rate: Samples per second.
 
     Returns:
-        Of ``J`` packed, u = 6.
+        The fit of ``J`` packed, u = 6.
     """
     matrix = euler_regressor(motion[:, BODY_W], motion[:, BODY_ALPHA])
     moment = wrench[:, 3:] - np.cross(com, wrench[:, :3])
@@ -65,16 +65,16 @@ def fit_tensor(motion: Array, wrench: Array, com: Array, rate: float) -> LinearF
 
 
 def fit_parameters(motions: Array, wrench: Array, rate: float, weight: Array | None = None) -> LinearFit:
-    """``theta = (m, m h, I_o)`` from motion and gravity, every robot with all others as instruments.
+    """Fit ``theta = (m, m h, I_o)`` to motion and gravity, each robot with the others as instruments.
 
     Args:
-        motions: Of the body frame as each robot sees it, shape (N, n, 12), N at least 2.
-        wrench: Total, about its origin, shape (n, 6).
+        motions: Motion of the body frame as each robot predicts it, shape (N, n, 12), N at least 2.
+        wrench: Total wrench about its origin, shape (n, 6).
         rate: Samples per second.
-        weight: Of the wrench's components, shape (6,); None: what their residuals deserve.
+        weight: Weights of the wrench's components, shape (6,); None: inverse variances of their residuals.
 
     Returns:
-        u = 10.
+        The fit of ``theta``, u = 10.
 
     Raises:
         ValueError: There is one robot only, or the wrench is zero all the time.
@@ -91,7 +91,7 @@ def fit_parameters(motions: Array, wrench: Array, rate: float, weight: Array | N
 
 
 def residual_variance(residual: Array, output: Array) -> Array:
-    """Mean square of each component of residuals (n, rows), shape (rows,); of exact ones a small share of the output's.
+    """Mean square of each component of residuals (n, rows), shape (rows,); at least a small share of the output's.
 
     Raises:
         ValueError: The output is zero all the time.
@@ -105,7 +105,7 @@ def residual_variance(residual: Array, output: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """What is known of the unknowns beforehand: ``mean`` (u,), and independent information on each of them (u,)."""
+    """Prior of the unknowns: ``mean`` (u,), and independent ``information`` on each of them (u,)."""
 
     mean: Array
     information: Array
@@ -122,7 +122,7 @@ def instrumental_fit(
         instruments: ``Z`` for each of them, same shape as the regressors.
         weight: ``W``'s diagonal, shape (rows,).
         rate: Samples per second.
-        prior: Of the unknowns; then ``W`` has to be what the residuals deserve, and not only in proportion.
+        prior: Prior of the unknowns; then ``W`` has to be the inverse variance, not only proportional to it.
     """
     prior = prior or Prior(np.zeros(regressors.shape[-1]), np.zeros(regressors.shape[-1]))
     weighted = instruments * weight[:, None]
@@ -143,9 +143,9 @@ def _inverse_and_hidden(matrix: Array, is_held: npt.NDArray[np.bool_], least: fl
     Products of different robots' signals may make it indefinite, but sums over all pairs of robots keep it symmetric.
 
     Args:
-        matrix: The data's and the prior's.
-        is_held: Which unknowns have a prior, shape (u,). Their units may be anything; the others compare as they are.
-        least: Information of those others below which there is none.
+        matrix: Information of the data and of the prior.
+        is_held: Which unknowns have a prior, shape (u,): these are scaled individually, the others together.
+        least: Information on the others below which it is rounding.
     """
     sizes = np.abs(np.diag(matrix))
     largest = max(float(sizes[~is_held].max()), least)
@@ -159,10 +159,10 @@ def _inverse_and_hidden(matrix: Array, is_held: npt.NDArray[np.bool_], least: fl
 
 
 def others(views: Array) -> Array:
-    """For each of N views (N, ...) of the same thing, the mean of all the others.
+    """For each of N estimates (N, ...) of the same quantity, the mean of the others.
 
     Raises:
-        ValueError: There are no others.
+        ValueError: There is only one.
     """
     if len(views) < 2:
         raise ValueError(f"found {len(views)} view, expected at least 2: there are no others")

@@ -1,9 +1,10 @@
-"""What a judge says of a recording whose poses were fitted, and what each number may be off although all fits."""
+"""Identification with a verdict on the recording, and with the effects of faults that it would not show."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from operator import attrgetter
 
 import numpy as np
 
@@ -12,20 +13,19 @@ from coheft.estimation.batch.body import centre_of
 from coheft.estimation.batch.doubts import solid_density
 from coheft.estimation.batch.identification import HiddenError, Identification
 from coheft.estimation.batch.identify import at_first_grasp
-from coheft.estimation.batch.judge.cause import Cause
 from coheft.estimation.batch.judge.evidence import Evidence
 from coheft.estimation.batch.judge.forces import judge_forces
 from coheft.estimation.batch.judge.mend import MENDABLE, mend
 from coheft.estimation.batch.judge.motions import judge_motions
 from coheft.estimation.batch.judge.poses import judge_poses
 from coheft.estimation.batch.judge.sensors import stuck_motion, stuck_sensor
-from coheft.estimation.batch.judge.verdict import Verdict
+from coheft.estimation.batch.judge.verdict import Cause, Verdict
 from coheft.estimation.batch.payload import Payload
 from coheft.estimation.batch.pose_conventions import inverse_poses
 from coheft.estimation.batch.recording import Recording
 
 _MENDINGS = 2
-"""A clock that poses show is finished by forces: it may be that of the poses alone, or of all that is recorded."""
+"""Number of corrections: a late clock of the poses is corrected first, then by forces that of the wrenches."""
 _SURELY = 3.0
 """Standard deviations."""
 _UNSEEN = "motion and gravity do not show where all robots hold the load, or that it has a weight"
@@ -37,14 +37,13 @@ def judged(
     """Identify with any method, and judge the recording.
 
     Args:
-        recording: With wrenches.
+        recording: The recording, with wrenches.
         fit: The method.
-        cutoff: Of the judge's filter [Hz].
-        assume: What is wrong with the recording, as verdicts name it: that is taken out of it, and what is left is
-            identified.
+        cutoff: Cutoff of the judge's filter [Hz].
+        assume: A fault, named as in verdicts, for which the recording is corrected first.
 
     Raises:
-        RecordingError: The method cannot identify it, or what is assumed does not explain the recording.
+        RecordingError: The method cannot identify the load, or the assumed fault does not explain the recording.
     """
     found, evidence = _judged(recording, fit, cutoff, assume)
     if assume is None:
@@ -52,8 +51,8 @@ def judged(
     words: list[str] = []
     verdict = _checked(found.verdict, assume)
     for _ in range(_MENDINGS):
-        assert evidence is not None  # by which the verdict is
-        words.append(f"Taken out, as assumed ({assume}): {verdict.words}")
+        assert evidence is not None  # there is a verdict
+        words.append(f"Corrected, as assumed ({assume}): {verdict.words}")
         recording = mend(recording, verdict, evidence.poses)
         found, evidence = _judged(recording, fit, cutoff, assume)
         if found.verdict is None or not found.verdict.is_refuted or found.verdict.cause != assume:
@@ -86,8 +85,8 @@ def judge(evidence: Evidence, assumed: str | None = None) -> Verdict:
     """Judge poses, motions and, if poses are those of one load, forces.
 
     Args:
-        evidence: Whose motion shows all grasps.
-        assumed: The cause that the user names; None: the one that explains most.
+        evidence: The recording and its grasp poses, which are observable.
+        assumed: The fault that the user names; None: the likeliest.
 
     Raises:
         ValueError: There are too few samples, or too few per second, to tell noise from motion.
@@ -96,35 +95,30 @@ def judge(evidence: Evidence, assumed: str | None = None) -> Verdict:
     if by_motion is not None:
         return by_motion
     if evidence.suspicions:
-        return Verdict(is_refuted=True, cause=Cause.UNKNOWN, words=evidence.suspicions[0])
+        return Verdict(cause=Cause.UNKNOWN, words=evidence.suspicions[0])
     return judge_forces(evidence, assumed)
 
 
 def _inverse(recording: Recording, cutoff: float) -> Verdict | None:
-    """That all poses are inverse, if they are: then they fit each other, but not the forces."""
-    robots = {
-        name: replace(robot, pose=None if robot.pose is None else inverse_poses(robot.pose))
-        for name, robot in recording.robots.items()
-    }
+    """Find out whether all poses are inverse: then they fit each other, but not the forces."""
     try:
-        verdict = judge(Evidence.of(replace(recording, robots=robots), cutoff))
+        verdict = judge(Evidence.of(recording.changed("pose", inverse_poses), cutoff))
     except RecordingError:
         return None
     if verdict.is_refuted:
         return None
     return Verdict(
-        is_refuted=True,
         cause=Cause.INVERSE,
-        words="forces are not those of a load that moves like this, but they are if all poses are those of the home "
+        words="forces do not fit these poses, but they fit their inverses: all poses seem to be those of the home "
         "frame in the grasp frame, and not the other way round: invert them",
     )
 
 
 def _checked(verdict: Verdict | None, cause: str) -> Verdict:
-    """The verdict, if its cause is the one that the user names.
+    """Return the verdict if its fault is the one that the user names.
 
     Raises:
-        RecordingError: It is not; says what it is.
+        RecordingError: It is not; the message says what it is.
     """
     if verdict is None:
         raise RecordingError(f"--assume {cause}: the motion shows too little to judge what is wrong with the recording")
@@ -139,7 +133,7 @@ def _checked(verdict: Verdict | None, cause: str) -> Verdict:
 
 
 def with_hidden(found: Identification, verdict: Verdict) -> Identification:
-    """With what each of the ten numbers may be off by the worst of causes that the recording would not have shown."""
+    """Add, for each of the ten numbers, the effect of the worst fault that the recording would not show."""
     centre = centre_of(found.team.poses)
     _, derivative = at_first_grasp(found.payload.inertia.carried(centre.inverse()), centre)
     worst = [HiddenError("", 0.0)] * len(derivative)
@@ -155,24 +149,21 @@ def with_hidden(found: Identification, verdict: Verdict) -> Identification:
 
 
 def _what_is_hidden(hidden: Sequence[HiddenError]) -> str:
-    """The worst of them, in words."""
-    mass, com, tensor = hidden[0], max(hidden[1:4], key=_std), max(hidden[4:], key=_std)
+    """Describe the worst ones."""
+    std = attrgetter("std")
+    mass, com, tensor = hidden[0], max(hidden[1:4], key=std), max(hidden[4:], key=std)
     return (
-        f"This recording would not show sensors that are off by little, which may add standard deviations of "
-        f"{mass.std:.2g} kg ({mass.cause}) to the mass, {1e3 * com.std:.2g} mm ({com.cause}) to the centre of mass and "
+        f"Small faults of sensors that this recording would not show may add standard deviations of {mass.std:.2g} kg "
+        f"({mass.cause}) to the mass, {1e3 * com.std:.2g} mm ({com.cause}) to the centre of mass and "
         f"{tensor.std:.2g} kg·m² ({tensor.cause}) to moments of inertia."
     )
 
 
 def _common_scale(payload: Payload) -> tuple[str, ...]:
-    """What no recording shows, and what a reader may judge it by, in words."""
+    """Remind of a common scale, which no recording shows, with a density by which to judge it."""
     if not (payload.is_seen("mass") and payload.is_seen("inertia")):
         return ()
     return (
-        f"Nor does any show a factor of all forces and moments, as of another unit: a solid ellipsoid with these mass "
-        f"properties would have at least {solid_density(payload, _SURELY):,.0f} kg/m³.",
+        f"No recording shows a common factor of all forces and moments, such as another unit. Check the density: a "
+        f"solid ellipsoid with these mass properties would have at least {solid_density(payload, _SURELY):,.0f} kg/m³.",
     )
-
-
-def _std(error: HiddenError) -> float:
-    return error.std

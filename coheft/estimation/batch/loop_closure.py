@@ -1,20 +1,19 @@
-"""Poses of a whole team from the poses of its pairs, which do not agree around a loop.
+"""Poses of a whole team from the poses of its pairs, which do not agree around loops.
 
-Each pair's estimate stands for the data it came from: the data's cost is, near the estimate, the square of the
-distance from it in the metric of its covariance. So the sum over all pairs is minimised over one pose per robot, which
+The sum of the squared errors of all pairs, weighted by their covariances, is minimised over one pose per robot, which
 closes all loops (a pose graph: Lu and Milios 1997; Zhang et al., sec. III-B).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from itertools import combinations
 
+import msgspec
 import numpy as np
 
 from coheft.estimation.batch.team_poses import TeamPoses
 from coheft.estimation.geometry.body_motion import perturbation_between, perturbed, relative_pose_derivative
-from coheft.estimation.geometry.observability import Visibility
 from coheft.estimation.geometry.spatial import Array, Pose, skew
 from coheft.estimation.geometry.uncertain_pose import UncertainPose
 
@@ -22,20 +21,7 @@ _STEPS = 20
 _CLOSE = 1e-9
 
 
-@dataclass(frozen=True, eq=False)
-class ClosedLoops:
-    """One pose per robot.
-
-    Attributes:
-        team: All poses.
-        is_settled: Whether steps had become small when no more were taken.
-    """
-
-    team: TeamPoses
-    is_settled: bool
-
-
-def close_loops(count: int, pairs: Mapping[tuple[int, int], UncertainPose]) -> ClosedLoops:
+def close_loops(count: int, pairs: Mapping[tuple[int, int], UncertainPose]) -> TeamPoses:
     """Poses of all robots in the first one's frame.
 
     Args:
@@ -59,8 +45,7 @@ def close_loops(count: int, pairs: Mapping[tuple[int, int], UncertainPose]) -> C
         if is_settled:
             break
     # The pairs share their robots' noise: N (N - 1) / 2 of them know no more than N - 1 independent ones.
-    team = TeamPoses(tuple(poses), covariance * (len(pairs) / (count - 1)), Visibility())
-    return ClosedLoops(team, is_settled)
+    return TeamPoses(tuple(poses), covariance * (len(pairs) / (count - 1)), is_settled)
 
 
 def _rows(poses: list[Pose], i: int, j: int) -> Array:
@@ -71,33 +56,32 @@ def _rows(poses: list[Pose], i: int, j: int) -> Array:
     return rows
 
 
-@dataclass(frozen=True, eq=False)
-class LoopError:
-    """By how much a loop of three robots fails to close.
+class LoopError(msgspec.Struct, frozen=True):
+    """By how much a loop of three robots fails to close: the third one's pose by way of the second.
 
     Attributes:
-        error: Of the third one's pose by way of the second, ``(rotation, translation)``, shape (6,) [rad, m].
-        deviations: Root mean square of it, in units of the standard deviations of the three pairs together.
+        rotation_deg: Angle of the error [degrees].
+        position_mm: Distance [mm].
+        deviations: Root mean square of both, in standard deviations of the three pairs together.
     """
 
-    error: Array
+    rotation_deg: float
+    position_mm: float
     deviations: float
 
 
 def loop_errors(pairs: Mapping[tuple[int, int], UncertainPose]) -> list[LoopError]:
-    """By how much each loop of three robots fails to close."""
+    """Errors of all loops of three robots whose pairs ``(i, j)``, ``i < j``, are all there."""
     robots = sorted({robot for pair in pairs for robot in pair})
-    errors = []
-    for a, i in enumerate(robots):
-        for b, j in enumerate(robots[a + 1 :], a + 1):
-            for k in robots[b + 1 :]:
-                if {(i, j), (j, k), (i, k)} <= set(pairs):
-                    errors.append(_loop_error(pairs[i, j], pairs[j, k], pairs[i, k]))
-    return errors
+    return [
+        _loop_error(pairs[i, j], pairs[j, k], pairs[i, k])
+        for i, j, k in combinations(robots, 3)
+        if {(i, j), (j, k), (i, k)} <= set(pairs)
+    ]
 
 
 def _loop_error(first: UncertainPose, second: UncertainPose, both: UncertainPose) -> LoopError:
-    """Of ``pose_j_in_i`` and ``pose_k_in_j`` together, compared with ``pose_k_in_i``."""
+    """Compare ``pose_j_in_i pose_k_in_j`` with ``pose_k_in_i``."""
     turn = first.pose.rotation
     error = perturbation_between(both.pose, first.pose @ second.pose)
     by_first, by_second = np.eye(6), np.kron(np.eye(2), turn)
@@ -105,4 +89,8 @@ def _loop_error(first: UncertainPose, second: UncertainPose, both: UncertainPose
     covariance = (
         by_first @ first.covariance @ by_first.T + by_second @ second.covariance @ by_second.T + both.covariance
     )
-    return LoopError(error, float(np.sqrt(error @ np.linalg.solve(covariance, error) / len(error))))
+    return LoopError(
+        rotation_deg=float(np.degrees(np.linalg.norm(error[:3]))),
+        position_mm=float(1e3 * np.linalg.norm(error[3:])),
+        deviations=float(np.sqrt(error @ np.linalg.solve(covariance, error) / len(error))),
+    )

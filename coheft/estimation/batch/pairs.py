@@ -1,17 +1,20 @@
-"""Pose of one grasp frame in another from the twists of both: two linear problems (Zhang et al., sec. III-B)."""
+"""Grasp poses from twists, pair by pair (two linear problems each), then of the team (Zhang et al., sec. III-B)."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from coheft.estimation.batch.loop_closure import LoopError, close_loops, loop_errors
+from coheft.estimation.batch.signals import Signals
 from coheft.estimation.batch.statistics import sandwich_information
+from coheft.estimation.batch.team_poses import TeamPoses
 from coheft.estimation.geometry.observability import PoseEstimate, Visibility, seen_information
 from coheft.estimation.geometry.spatial import Array, Pose, skew
 
 _SINGULAR = 1e-12
-"""Share of the largest singular value below which a direction of positions is not seen, and left zero."""
+"""Share of the largest singular value below which a direction of positions is not observable, and left zero."""
 _FINEST = 1e-6
-"""No twist is known better than this [rad/s, m/s]: what is smaller is rounding, and no motion."""
+"""Twists below this are rounding [rad/s, m/s]."""
 
 
 def kabsch(w_i: Array, w_j: Array) -> Array:
@@ -19,7 +22,7 @@ def kabsch(w_i: Array, w_j: Array) -> Array:
 
     Args:
         w_i: Vectors in ``F_i``, shape (n, 3).
-        w_j: The same in ``F_j``, shape (n, 3).
+        w_j: The same vectors in ``F_j``, shape (n, 3).
     """
     left, _, right = np.linalg.svd(w_i.T @ w_j)
     turn = np.array([1.0, 1.0, np.linalg.det(left) * np.linalg.det(right)])
@@ -30,15 +33,15 @@ def kabsch(w_i: Array, w_j: Array) -> Array:
 def position_between(rotation: Array, w_i: Array, v_i: Array, v_j: Array, instrument: Array) -> Array:
     """Position ``p_ij`` (3,) of ``v_i - R v_j = p x w_i`` (Zhang et al., eqs 7, 8).
 
-    With ``w_i`` itself as instrument this is least squares, and too short by the share of noise in ``w_i``'s square.
-    With what another sensor says of the same angular velocity it is not (instrumental variables).
+    With ``w_i`` itself as instrument this is least squares, which is too short by the share of noise in the square of
+    ``w_i``; another sensor's measurement of the same angular velocity as instrument has no such bias.
 
     Args:
         rotation: ``R_ij``.
         w_i: Angular velocity in ``F_i``, shape (n, 3).
         v_i: Velocity of the origin of ``F_i``, shape (n, 3).
         v_j: Velocity of the origin of ``F_j``, in ``F_j``, shape (n, 3).
-        instrument: The same as ``w_i``, perhaps from elsewhere, shape (n, 3).
+        instrument: ``w_i``, or another measurement of it, shape (n, 3).
     """
     # p x w = -[w]x p, and [z]x^T = -[z]x.
     matrix = np.trace(products := instrument.T @ w_i) * np.eye(3) - products.T
@@ -56,9 +59,9 @@ def pair_pose(twist_i: Array, twist_j: Array, rate: float, instrument: Array | N
 
     Args:
         twist_i: ``(w, v)`` of robot i, shape (n, 6).
-        twist_j: Likewise of robot j.
+        twist_j: ``(w, v)`` of robot j, shape (n, 6).
         rate: Samples per second.
-        instrument: What others say of ``w_i``, in ``F_i``, shape (n, 3); None: plain least squares.
+        instrument: ``w_i`` as other robots measure it, shape (n, 3); None: plain least squares.
     """
     w_i, v_i, w_j, v_j = twist_i[:, :3], twist_i[:, 3:], twist_j[:, :3], twist_j[:, 3:]
     z = w_i if instrument is None else instrument
@@ -77,3 +80,23 @@ def pair_pose(twist_i: Array, twist_j: Array, rate: float, instrument: Array | N
         least[rows, rows] = _FINEST**2 * np.einsum("kab,kcb->ac", across, across)
     seen = seen_information(sandwich_information(derivative, scores, rate, least), Visibility())
     return PoseEstimate(Pose(rotation, position), seen.inverse(), seen.unseen())
+
+
+def grasps_from_twists(signals: Signals, with_instruments: bool) -> tuple[TeamPoses, list[LoopError]]:
+    """Poses of the team from its twists, and by how much loops of observable pairs failed to close."""
+    twists = np.concatenate([signals.w, signals.v], axis=-1)
+    count = len(twists)
+    pairs: dict[tuple[int, int], PoseEstimate] = {}
+    for i in range(count):
+        for j in range(i + 1, count):
+            instrument = _instrument(signals.w, i, j) if with_instruments else None
+            pairs[i, j] = pair_pose(twists[i], twists[j], signals.rate, instrument)
+    seen = {pair: estimate for pair, estimate in pairs.items() if not estimate.unseen}
+    return close_loops(count, pairs), loop_errors(seen)
+
+
+def _instrument(w: Array, i: int, j: int) -> Array:
+    """Mean ``w_i`` as measured by the robots outside the pair; in a team of two, by robot j."""
+    third = [k for k in range(len(w)) if k not in (i, j)] or [j]
+    result: Array = np.mean([w[k] @ kabsch(w[i], w[k]).T for k in third], axis=0)
+    return result

@@ -1,4 +1,4 @@
-"""Mass properties as a batch method states them: possible, and with their covariance."""
+"""Mass properties with their covariance, physically possible."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from coheft.estimation.rigid_body.mass_properties import Inertia, unpack_symmetr
 from coheft.estimation.rigid_body.unseen import Quantity, Unseen, middle_and_size, unseen_quantities
 
 _HIDDEN = 100.0
-"""Deviation of what the data do not show at all, in units of the mass, times metres or their squares: for infinite."""
+"""Stands for an infinite deviation of what is not observable, times the mass, and metres or their squares."""
 _FINEST = 1e-6
-"""No load is known better than to this share of its mass, its size, its inertia, whatever exact numbers say."""
+"""Least relative deviation of mass, size and inertia: no data are exact."""
 _ROUNDING = 1e-13
-"""Share of the largest variance below which it is rounding."""
+"""Share of the largest variance that is rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,10 +26,10 @@ class Payload:
     """Mass properties in the first robot's grasp frame.
 
     Attributes:
-        inertia: Physically possible.
-        measured: As it was solved for, perhaps impossible.
-        covariance: Of ``(m, h, J)``, ``J`` packed, shape (10, 10).
-        unseen: What no number should be claimed for, and what would show it.
+        inertia: The most likely physically possible estimate.
+        measured: The solution of the fit, perhaps impossible.
+        covariance: Covariance of ``(m, h, J)``, ``J`` packed, shape (10, 10).
+        unseen: Quantities that are not observable, and what would show them.
     """
 
     inertia: Inertia
@@ -39,19 +39,19 @@ class Payload:
 
     @property
     def was_possible(self) -> bool:
-        """Whether it was so without being made so."""
+        """Whether the solution of the fit is physically possible."""
         return is_possible(self.measured.barycentric())
 
     @property
     def deviations_off(self) -> float:
-        """How far what was solved for is from the possible body, in its own standard deviations; 0 if it was one."""
+        """Distance of the solution from the possible estimate, in its own standard deviations."""
         change = self.measured.barycentric() - self.inertia.barycentric()
         units = np.repeat([self.inertia.mass, 1.0, self.inertia.mass], [1, 3, 6])
         information = _inverse(barycentric_derivative(self.inertia), self.covariance, units)
         return float(np.sqrt(max(float(change @ information @ change), 0.0)))
 
     def is_seen(self, quantity: Quantity) -> bool:
-        """Whether all of it was seen."""
+        """Whether all components of a quantity are observable."""
         return all(part.quantity != quantity for part in self.unseen)
 
     @property
@@ -67,12 +67,12 @@ def of_central_numbers(numbers: Array) -> Inertia:
 
 
 def make_payload(measured: Inertia, covariance: Array, poses: Sequence[Pose]) -> Payload:
-    """State an estimate: the possible body of the highest likelihood, and what is not seen.
+    """Find the most likely possible body, and what is not observable.
 
     Args:
-        measured: As it was solved for.
-        covariance: Of ``(m, h, J)``, shape (10, 10).
-        poses: Of the grasps, for the size of the load.
+        measured: The solution of a fit.
+        covariance: Covariance of ``(m, h, J)``, shape (10, 10).
+        poses: Poses of the grasps, which show the size of the load.
     """
     _, length = middle_and_size(poses)
     units = np.repeat([abs(measured.mass), length, abs(measured.mass) * length**2], [1, 3, 6])
@@ -84,13 +84,13 @@ def make_payload(measured: Inertia, covariance: Array, poses: Sequence[Pose]) ->
 
 
 def hidden_covariance(hidden: Array, mass: float) -> Array:
-    """What to add to the covariance (u, u) of a fit for directions of which it shows nothing, columns of (u, k)."""
+    """Covariance (u, u) of directions that a fit does not show, the columns of ``hidden`` (u, k)."""
     result: Array = (_HIDDEN * mass) ** 2 * hidden @ hidden.T
     return result
 
 
 def _inverse(derivative: Array, covariance: Array, units: Array) -> Array:
-    """Inverse of the covariance (10, 10) of what has this derivative, (10, 10), by unknowns with these units (10,)."""
+    """Inverse covariance (10, 10) of numbers with this derivative by unknowns of this covariance and units (10,)."""
     values, vectors = np.linalg.eigh(covariance / np.outer(units, units))
     values = np.maximum(values, max(_ROUNDING * float(values[-1]), _FINEST**2))
     backwards = np.linalg.inv(derivative).T @ (vectors / units[:, None])

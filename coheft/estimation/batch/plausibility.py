@@ -1,4 +1,4 @@
-"""What no load and no robots can have done: recordings in other units or orders than the ones that are expected."""
+"""Checks for recordings in other units, orders or signs than expected, by what robots and loads can do."""
 
 from __future__ import annotations
 
@@ -7,32 +7,35 @@ from dataclasses import dataclass
 import numpy as np
 
 from coheft.errors import RecordingError
-from coheft.estimation.batch.jumps import check_jumps
 from coheft.estimation.batch.pose_conventions import check_conventions
 from coheft.estimation.batch.recording import Recording, check_recording
 from coheft.estimation.batch.signals import Signals, signals_of
 from coheft.estimation.geometry.spatial import Array
 
 _FASTEST = 5.0
-"""No one carries a load faster than this for a tenth of the time [m/s]."""
+"""No load moves faster than this for a tenth of the time [m/s]."""
 _FASTEST_TURN = 10.0
-"""Nor turns it faster [rad/s]."""
+"""No load turns faster than this for a tenth of the time [rad/s]."""
+_JUMP_SPAN = 0.02
+"""Time over which jumps are measured, at least one sample [s]: noise of 2° or 3 cm is no jump."""
+_JUMP_TURN, _JUMP_SPEED = 20.0, 10.0
+"""Poses that change faster jump [rad/s, m/s]: no filter across a jump tells how the load moved."""
 _SHARE = 0.9
 _STEP = 0.1
-"""Speeds are taken over so long [s]."""
+"""Time over which speeds are measured [s]."""
 _LEAST_GRAVITY, _MOST_GRAVITY = 0.5, 2.0
-"""Accelerations are about that of gravity: between these shares of it, half of the time."""
+"""Range of the median acceleration, in multiples of gravity."""
 _OPPOSITE = 0.05
-"""Share of all forces by which their sum may point the wrong way: scales of sensors differ by less."""
+"""Share of all forces by which their sum may point downwards: scales of sensors differ by less."""
 _STEADY = 0.3
-"""Share by which forces upwards vary, while a load is carried about."""
+"""Largest relative variation of the upward force while a load is moved."""
 
 
 def plausible_signals(recording: Recording, cutoff: float) -> Signals:
-    """Smooth signals of a recording that was checked: shapes, units, order and signs.
+    """Check shapes, units, order and signs of a recording, and return its smooth signals.
 
     Raises:
-        RecordingError: Something cannot be, or is missing; says what it may be instead.
+        RecordingError: Something is impossible, or missing; the message says what may be wrong.
     """
     check_recording(recording)
     check_units(recording)
@@ -49,7 +52,7 @@ def check_units(recording: Recording) -> None:
     """Check that nothing moves faster than loads are carried, and that accelerations are about that of gravity.
 
     Raises:
-        RecordingError: It does, or they are not.
+        RecordingError: A value is out of range; the message says which unit it may have.
     """
     steps = max(1, round(_STEP * recording.rate))
     expected = float(np.linalg.norm(recording.gravity))
@@ -83,18 +86,44 @@ def _check_speed(channel: str, name: str, velocities: Array) -> None:
         )
 
 
-def check_weight(recording: Recording, wrench: Array, acceleration: Array) -> None:
-    """Check that the forces on the load carry it: along what accelerometers read they add up to a mass.
-
-    Forces by which robots push against each other cancel, as upwards is the same for all.
-
-    Args:
-        recording: For words.
-        wrench: ``(f, t)`` of each robot in its own grasp frame, shape (N, n, 6).
-        acceleration: Proper acceleration of its origin, likewise, shape (N, n, 3).
+def check_jumps(recording: Recording) -> None:
+    """Check that no robot's pose jumps: trackers lose sight, and logs have gaps or are joined.
 
     Raises:
-        RecordingError: They do not, but pull it down, or are none.
+        RecordingError: One does; the message says when, and by how much.
+    """
+    steps = max(1, round(_JUMP_SPAN * recording.rate))
+    seconds = steps / recording.rate
+    for name, robot in recording.robots.items():
+        if robot.pose is None:
+            continue
+        before, after = robot.pose[:-steps], robot.pose[steps:]
+        along = np.abs(np.einsum("ki,ki->k", before[:, 3:], after[:, 3:]))
+        turn = 2.0 * np.arccos(np.minimum(along, 1.0))
+        shift = np.linalg.norm(after[:, :3] - before[:, :3], axis=1)
+        is_jump = (turn > _JUMP_TURN * seconds) | (shift > _JUMP_SPEED * seconds)
+        if is_jump.any():
+            first = int(np.argmax(is_jump))
+            raise RecordingError(
+                f"'pose' of {name} jumps at {robot.time[first + steps]:g} s, by {np.degrees(turn[first]):.3g}° and "
+                f"{shift[first]:.3g} m within {seconds:g} s: choose a part without jumps with --from and --to. If it "
+                f"jumps all the time, are times in seconds, positions in metres, and quaternions in the order "
+                f"qx qy qz qw?"
+            )
+
+
+def check_weight(recording: Recording, wrench: Array, acceleration: Array) -> None:
+    """Check that the forces carry the load: along the accelerations they add up to a positive mass.
+
+    Internal forces, by which robots push against each other, cancel.
+
+    Args:
+        recording: The recording, for the message.
+        wrench: ``(f, t)`` of each robot in its own grasp frame, shape (N, n, 6).
+        acceleration: Proper accelerations of the frames' origins, shape (N, n, 3).
+
+    Raises:
+        RecordingError: The forces pull the load down, or are zero.
     """
     strength = float(np.sqrt(np.mean(np.square(acceleration).sum(axis=-1))))
     if strength == 0.0:
@@ -122,7 +151,13 @@ def check_weight(recording: Recording, wrench: Array, acceleration: Array) -> No
 
 @dataclass(frozen=True)
 class _Lift:
-    """Sum of all robots' vectors along what accelerometers read, upwards: its mean, its spread, the sum of sizes."""
+    """Component of the sum of all robots' vectors along their proper accelerations.
+
+    Attributes:
+        mean: Its mean over time.
+        spread: Its standard deviation over time.
+        size: Sum of the root mean square sizes of the robots' vectors.
+    """
 
     mean: float
     spread: float
@@ -130,12 +165,12 @@ class _Lift:
 
     @staticmethod
     def of(vectors: Array, acceleration: Array, strength: float) -> _Lift:
-        """From vectors and accelerations (N, n, 3), the latter of this root mean square."""
+        """From vectors and accelerations (N, n, 3); ``strength`` is the root mean square acceleration [m/s²]."""
         along = np.einsum("ikx,ikx->k", vectors, acceleration) / strength
         size = np.sqrt(np.square(vectors).sum(axis=-1).mean(axis=1)).sum()
         return _Lift(float(along.mean()), float(along.std()), float(size))
 
     @property
     def is_steady(self) -> bool:
-        """Whether it carries always about the same, as forces on a load do."""
+        """Whether it is positive and nearly constant, as the weight of a load is."""
         return self.mean > 0.0 and self.spread < _STEADY * self.mean

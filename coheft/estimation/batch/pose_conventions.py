@@ -1,9 +1,8 @@
-"""Poses that are given otherwise than expected: another order of the quaternions, or the inverse of each.
+"""Checks for poses in another convention: another order of the quaternions, or inverse poses.
 
-Quaternions with their real part first, taken for the other order, are the inverses of the right ones, but for constant
-rotations before and after: all of them still turn together, as those of one load, but positions do not move as these
-turn. Nor do they where one robot's poses, or only its quaternions, are inverse. If all robots' poses are inverse, they
-are those of another load, and only forces tell (``identify_poses``).
+Quaternions with the real part first, read in the other order, are the inverses of the right ones up to constant
+rotations: the robots still turn together, but positions do not move accordingly. The same holds if one robot's poses,
+or only its quaternions, are inverse. If all robots' poses are inverse, only forces tell (``judged``).
 """
 
 from __future__ import annotations
@@ -21,11 +20,11 @@ from coheft.estimation.batch.signals import Signals, signals_of
 from coheft.estimation.geometry.spatial import Array
 
 _MISFIT = 0.3
-"""Share of the velocities that may be unexplained without a doubt about the poses."""
+"""Share of the velocities that may remain unexplained."""
 _BETTER = 3.0
-"""So many times less must be unexplained with other poses to call them the right ones."""
+"""Factor by which another convention has to reduce the unexplained share."""
 _GOOD = 0.05
-"""Choices that leave less are alike: of two robots, either may be the one whose poses are inverse."""
+"""Choices that leave less are equivalent: either of two robots may have inverse poses."""
 
 
 def inverse_poses(poses: Array) -> Array:
@@ -35,7 +34,7 @@ def inverse_poses(poses: Array) -> Array:
 
 
 def _real_part_last(poses: Array) -> Array:
-    """What was taken for ``qx qy qz qw`` is ``qw qx qy qz``."""
+    """Poses that were given as ``x y z qw qx qy qz``."""
     return poses[:, [0, 1, 2, 4, 5, 6, 3]]
 
 
@@ -48,19 +47,19 @@ _CONVENTIONS: tuple[tuple[Callable[[Array], Array], str, str], ...] = (
     (inverse_poses, "as inverses, poses of the home frame in the grasp frame,", "Invert them"),
     (_inverse_quaternions, "with inverse quaternions", "Change the signs of qx qy qz"),
 )
-"""How poses may have been given: what makes the expected ones of them, and words."""
+"""Conversions from other conventions, with words for the convention and the remedy."""
 
 
 def check_conventions(recording: Recording, cutoff: float, signals: Signals) -> None:
     """Check that no other convention explains the robots' motions far better.
 
     Args:
-        recording: With poses.
-        cutoff: Of the filter [Hz].
-        signals: Of it.
+        recording: The recording, with poses.
+        cutoff: Cutoff of the filter [Hz].
+        signals: Signals of the recording.
 
     Raises:
-        RecordingError: One does; says which, and whose poses are given like that.
+        RecordingError: Another convention does; the message says which, and whose poses have it.
     """
     given = _twists(recording, cutoff) if recording.has("twist") else _twists_of(signals)
     found = _misfit(given)
@@ -70,7 +69,7 @@ def check_conventions(recording: Recording, cutoff: float, signals: Signals) -> 
     choices = [np.ones(count, dtype=np.bool_), *np.eye(count, dtype=np.bool_)]
     tried = []
     for convert, how, what_to_do in _CONVENTIONS:
-        other = _twists(_converted(recording, convert), cutoff)
+        other = _twists(recording.changed("pose", convert), cutoff)
         tried += [
             (_misfit(np.where(choice[:, None, None], other, given)), choice, how, what_to_do) for choice in choices
         ]
@@ -87,17 +86,8 @@ def check_conventions(recording: Recording, cutoff: float, signals: Signals) -> 
     )
 
 
-def _converted(recording: Recording, convert: Callable[[Array], Array]) -> Recording:
-    robots = {}
-    for name, robot in recording.robots.items():
-        if robot.pose is None:
-            raise ValueError(f"expected poses of {name}")
-        robots[name] = replace(robot, pose=convert(robot.pose))
-    return replace(recording, robots=robots)
-
-
 def _twists(recording: Recording, cutoff: float) -> Array:
-    """Twists that follow from poses alone, shape (N, n, 6)."""
+    """Twists from poses only, shape (N, n, 6)."""
     robots = {name: replace(robot, twist=None, dtwist=None) for name, robot in recording.robots.items()}
     return _twists_of(signals_of(replace(recording, robots=robots), cutoff))
 
@@ -107,7 +97,7 @@ def _twists_of(signals: Signals) -> Array:
 
 
 def _misfit(twists: Array) -> float:
-    """Share of the velocities that no fixed grasps explain, of the worst robot beside the first."""
+    """Share of the velocities that no fixed grasps explain, largest over the robots after the first."""
     w, v = twists[0, :, :3], twists[0, :, 3:]
     shares = []
     for other in twists[1:]:

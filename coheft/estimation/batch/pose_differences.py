@@ -1,4 +1,4 @@
-"""How a result changes with the poses that it was found with: a little, and by turns that were not seen."""
+"""Effect of grasp poses on a result: its derivative, and the effect of rotations that are not observable."""
 
 from __future__ import annotations
 
@@ -12,15 +12,16 @@ from coheft.estimation.geometry.spatial import Array, Pose
 
 _ROTATION_STEP, _TRANSLATION_STEP = 1e-4, 1e-4
 _TURNS = (2.0 * np.pi / 3.0, -2.0 * np.pi / 3.0)
-"""What a grasp may be turned by about an axis about which it was not seen [rad]: anything, and these show it."""
+"""Rotations that represent an arbitrary one about an axis that is not observable [rad]."""
 _TURNING = 0.1
-"""Directions with less of a turn in them are translations."""
+"""Directions with a smaller rotational part are translations."""
 
 
 def turned_covariance(solve: Callable[[Sequence[Pose]], Array], team: TeamPoses) -> Array:
-    """What a result (u,) gains in covariance (u, u) by turns of grasps that were not seen: they are not small.
+    """Covariance (u, u) of a result (u,) due to rotations of grasps that are not observable.
 
-    A derivative would not do: at a maximum it is zero, as that of the sum of two forces which were taken for parallel.
+    These rotations are large, so that a derivative would not do: it is zero at a maximum, such as that of the sum of
+    two forces that seem to be parallel.
     """
     result = solve(team.poses)
     covariance = np.zeros((len(result), len(result)))
@@ -40,7 +41,7 @@ def turned_covariance(solve: Callable[[Sequence[Pose]], Array], team: TeamPoses)
 def derivative_by_poses(solve: Callable[[Sequence[Pose]], Array], poses: Sequence[Pose]) -> Array:
     """Derivative (u, 6 N) of a result (u,) by the perturbations of all poses, by central differences.
 
-    Those of the first pose, which defines the frame, are left zero.
+    The columns of the first pose, which defines the frame, are zero.
     """
     columns = []
     steps = np.repeat([_ROTATION_STEP, _TRANSLATION_STEP], 3)

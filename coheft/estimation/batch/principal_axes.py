@@ -1,4 +1,4 @@
-"""Moments of inertia along principal axes, and how certain they are."""
+"""Principal moments of inertia with standard deviations."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ class PrincipalInertia:
     """Moments along principal axes, ascending (Zhang et al., eq. 34).
 
     Attributes:
-        moments: Shape (3,) [kg·m²].
-        axes: As columns, right-handed, shape (3, 3).
-        std: Of the moments, shape (3,).
+        moments: Moments, shape (3,) [kg·m²].
+        axes: Right-handed axes as columns, shape (3, 3).
+        std: Standard deviations of the moments, shape (3,).
     """
 
     moments: Array
@@ -25,14 +25,11 @@ class PrincipalInertia:
     std: Array
 
     @staticmethod
-    def of(tensor: Array, covariance: Array | None = None) -> PrincipalInertia:
-        """Of an inertia (3, 3), the covariance of which, packed, is (6, 6): ``d moment = u^T dJ u`` to first order."""
+    def of(tensor: Array, covariance: Array) -> PrincipalInertia:
+        """Of an inertia (3, 3) with this covariance, packed (6, 6): to first order ``d moment = u^T dJ u``."""
         moments, axes = np.linalg.eigh(tensor)
-        # Their signs mean nothing: let the largest components of the first two be positive.
+        # Signs are arbitrary: the largest components of the first two axes shall be positive.
         axes *= np.sign(axes[np.argmax(np.abs(axes), axis=0), range(3)])
         axes[:, 2] *= np.sign(np.linalg.det(axes))
-        std = np.zeros(3)
-        if covariance is not None:
-            gradients = pack_symmetric(np.einsum("ik,jk->kij", axes, axes)) * TIMES_IN_MATRIX
-            std = np.sqrt(np.einsum("ki,ij,kj->k", gradients, covariance, gradients))
-        return PrincipalInertia(moments, axes, std)
+        gradients = pack_symmetric(np.einsum("ik,jk->kij", axes, axes)) * TIMES_IN_MATRIX
+        return PrincipalInertia(moments, axes, np.sqrt(np.einsum("ki,ij,kj->k", gradients, covariance, gradients)))

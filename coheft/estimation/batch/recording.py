@@ -1,8 +1,8 @@
-"""What robots recorded while they held a load together."""
+"""Recordings of robots that hold a load together."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -13,22 +13,23 @@ from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.rigid_body.mass_properties import Inertia
 
 GRAVITY = (0.0, 0.0, -9.81)
-_WIDTHS = {"pose": 7, "twist": 6, "dtwist": 6, "acceleration": 3, "wrench": 6}
+CHANNELS = {"pose": 7, "twist": 6, "dtwist": 6, "acceleration": 3, "wrench": 6}
+"""Attributes of ``RobotRecord`` that robots may record, and their numbers of columns."""
 _TIME_TOLERANCE = 1e-3
-"""Of the sampling period: by how much the times of samples may differ from a regular grid."""
+"""Largest deviation of times from a regular grid, as a share of the sampling period."""
 
 
 @dataclass(frozen=True, eq=False)
 class RobotRecord:
-    """One robot's samples, all but the pose in its grasp frame ``F_i``. None: not recorded.
+    """One robot's samples, all but the pose in its grasp frame ``F_i``; None if not recorded.
 
     Attributes:
-        time: Shape (n,) [s].
-        pose: Of ``F_i`` in the robot's home frame, ``x y z qx qy qz qw``, shape (n, 7).
+        time: Times of the samples, shape (n,) [s].
+        pose: Pose of ``F_i`` in the robot's home frame, ``x y z qx qy qz qw``, shape (n, 7).
         twist: ``(w, v)``, shape (n, 6).
         dtwist: Derivative of the twist's components ``(dw/dt, dv/dt)``, shape (n, 6).
         acceleration: Proper acceleration of the origin of ``F_i``, as accelerometers read it, shape (n, 3).
-        wrench: On the payload, ``(f, t)``, shape (n, 6).
+        wrench: ``(f, t)`` on the payload, shape (n, 6).
     """
 
     time: Array
@@ -41,18 +42,18 @@ class RobotRecord:
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """What a simulation knows of the load, for comparison.
+    """The truth of a simulation, for comparison.
 
     Attributes:
-        poses: Of all grasp frames in the first one.
-        loads: From when on what was held [s], in the first grasp frame.
+        poses: Poses of all grasp frames in the first one.
+        loads: The time from which on each load was held [s], and its inertia in the first grasp frame.
     """
 
     poses: tuple[Pose, ...]
     loads: tuple[tuple[float, Inertia], ...]
 
     def load_between(self, start: float, end: float) -> Inertia | None:
-        """What was held all the time from start to end; None if it changed meanwhile."""
+        """The load from start to end [s]; None if it changed meanwhile."""
         before = [inertia for since, inertia in self.loads if since <= start]
         return None if any(start < since < end for since, _ in self.loads) or not before else before[-1]
 
@@ -62,11 +63,11 @@ class Recording:
     """Simultaneous samples of a team.
 
     Attributes:
-        robots: By name; the first is the reference robot.
-        gravity: In the home frames, which must be level with each other, shape (3,) [m/s²].
-        noise: Of the sensors, white; None if unknown.
-        holds: Times from which to which the load was still [s]; None: to be found.
-        truth: If known.
+        robots: Records by robot; the first is the reference robot.
+        gravity: Gravity in the home frames, whose z axes must be parallel, shape (3,) [m/s²].
+        noise: White noise of the sensors; None if unknown.
+        holds: Begin and end of each hold [s]; None if they have to be found.
+        truth: The truth; None if unknown.
     """
 
     robots: Mapping[str, RobotRecord]
@@ -82,7 +83,7 @@ class Recording:
 
     @property
     def time(self) -> Array:
-        """Of all samples, shape (n,) [s]."""
+        """Times of all samples, shape (n,) [s]."""
         return self.robots[self.names[0]].time
 
     @property
@@ -91,7 +92,7 @@ class Recording:
         return float((len(self.time) - 1) / (self.time[-1] - self.time[0]))
 
     def has(self, channel: str) -> bool:
-        """Whether all robots recorded it."""
+        """Whether all robots recorded a channel."""
         return all(getattr(robot, channel) is not None for robot in self.robots.values())
 
     def stacked(self, channel: str) -> Array:
@@ -105,8 +106,20 @@ class Recording:
             raise RecordingError(f"'{channel}' of {', '.join(missing)} is missing, but needed")
         return np.array([getattr(robot, channel) for robot in self.robots.values()])
 
+    def changed(self, channel: str, change: Callable[[Array], Array], name: str | None = None) -> Recording:
+        """Change a channel, of shape (n, width), of one robot; None: of all robots.
+
+        Raises:
+            RecordingError: A robot did not record it.
+        """
+        robots = {
+            own: replace(robot, **{channel: change(samples)}) if name in (None, own) else robot
+            for (own, robot), samples in zip(self.robots.items(), self.stacked(channel), strict=True)
+        }
+        return replace(self, robots=robots)
+
     def between(self, start: float, end: float) -> Recording:
-        """Only the samples of some time [s].
+        """Only the samples between two times [s].
 
         Raises:
             RecordingError: There are fewer than two.
@@ -118,7 +131,7 @@ class Recording:
             )
         robots = {
             name: RobotRecord(
-                robot.time[kept], **{c: None if (x := getattr(robot, c)) is None else x[kept] for c in _WIDTHS}
+                robot.time[kept], **{c: None if (x := getattr(robot, c)) is None else x[kept] for c in CHANNELS}
             )
             for name, robot in self.robots.items()
         }
@@ -126,15 +139,15 @@ class Recording:
 
     @property
     def span(self) -> str:
-        """From when to when, in words."""
+        """Begin and end, in words."""
         return f"{self.time[0]:g} s to {self.time[-1]:g} s"
 
 
 def check_recording(recording: Recording) -> None:
-    """Check that all can be computed on.
+    """Check that all robots have valid samples at the same regular times.
 
     Raises:
-        RecordingError: Something cannot; says which robot's what, and why.
+        RecordingError: One has not; the message says which robot, which channel, and why.
     """
     if len(recording.robots) < 2:
         raise RecordingError(f"found {len(recording.robots)} robot, expected at least 2")
@@ -162,12 +175,12 @@ def check_recording(recording: Recording) -> None:
 
 
 def check_samples(name: str, robot: RobotRecord) -> None:
-    """Check that what a robot measured can be computed on, whenever that was.
+    """Check shapes and values of a robot's samples, but not their times.
 
     Raises:
-        RecordingError: Something cannot; says what, and why.
+        RecordingError: They are not valid; the message says which channel, and why.
     """
-    for channel, width in _WIDTHS.items():
+    for channel, width in CHANNELS.items():
         samples = getattr(robot, channel)
         if samples is None:
             continue

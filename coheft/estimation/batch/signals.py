@@ -1,7 +1,7 @@
-"""From recorded samples to smooth motions: low-pass filters, differences, and what follows from poses.
+"""Smooth motions from recorded samples, by low-pass filters and differences.
 
-All signals go through the same filter, so that none comes later than another. It runs forwards and backwards: no
-delay. Its first and last seconds are of no use and dropped (Zhang et al., sec. IV-B).
+All signals go through the same filter, forwards and backwards, which causes no delay. The first and the last seconds
+are dropped (Zhang et al., sec. IV-B).
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from coheft.estimation.geometry.spatial import Array
 
 ORDER = 3
 PAPER_CUTOFF = 5.0
-"""Of the filter for plain least squares, which is biased the more, the higher it is [Hz]."""
+"""Cutoff for plain least squares, whose bias grows with it [Hz]."""
 CUTOFF = 3.0
-"""Of the filter for unbiased methods: above, there is hardly any motion [Hz]."""
+"""Cutoff for unbiased methods: above, there is hardly any motion [Hz]."""
 EDGE = 2.0
-"""Dropped at both ends [s]."""
+"""Time that is dropped at both ends [s]."""
 OVERSAMPLING = 6.0
-"""Samples that are kept per period of the cutoff."""
+"""Samples that are kept per period of the cutoff frequency."""
 _FEWEST = 50
 
 
@@ -61,13 +61,13 @@ def low_pass(samples: Array, rate: float, cutoff: float = PAPER_CUTOFF, axis: in
     """Butterworth filter of third order, forwards and backwards.
 
     Args:
-        samples: Consecutive along ``axis``.
+        samples: Samples, consecutive along ``axis``.
         rate: Samples per second.
-        cutoff: [Hz].
-        axis: Of time.
+        cutoff: Cutoff [Hz].
+        axis: The axis of time.
 
     Raises:
-        RecordingError: There are too few samples for it, or they are too slow.
+        RecordingError: There are too few samples, or too few per second.
     """
     if cutoff >= 0.5 * rate:
         raise RecordingError(f"{rate:g} samples per second cannot be filtered at {cutoff:g} Hz: choose less than half")
@@ -83,14 +83,13 @@ def low_pass(samples: Array, rate: float, cutoff: float = PAPER_CUTOFF, axis: in
 
 
 def derivative(difference: Callable[[int], Array], rate: float) -> Array:
-    """Central difference of fourth order, (N, n - 4, ...): two samples are lost at both ends.
+    """Central difference of fourth order (Richardson), (N, n - 4, ...): two samples are lost at both ends.
 
-    The plain one takes an oscillation of angular frequency ``w`` for slower by ``(w / rate)^2 / 6``. Accelerations
-    suffer twice and forces not at all, so inertias would come out too large: by 0.2 % with motions at 2 Hz and 100
-    samples per second. The differences over two and over four samples together do without (Richardson).
+    The one of second order reduces an oscillation of angular frequency ``w`` by ``(w / rate)^2 / 6``, accelerations
+    twice as much, so that inertias would be too large: by 0.2 % for motions of 2 Hz at 100 samples per second.
 
     Args:
-        difference: From ``k`` to what is between the samples ``k`` before and ``k`` after, shape (N, n - 2 k, ...).
+        difference: Function of ``k``: differences between the samples ``k`` later and ``k`` earlier, (N, n - 2 k, ...).
         rate: Samples per second.
     """
     result: Array = rate * (2.0 * difference(1)[:, 1:-1] / 3.0 - difference(2) / 12.0)
@@ -111,7 +110,7 @@ def smooth_poses(poses: Array, rate: float, cutoff: float = PAPER_CUTOFF) -> tup
 
 
 def without_jumps(quaternions: Array) -> Array:
-    """The same rotations (N, n, 4), with signs such that none jumps: both signs are the same rotation."""
+    """The same rotations (N, n, 4), with signs of the quaternions such that none jumps."""
     signs = np.sign(np.einsum("nki,nki->nk", quaternions[:, 1:], quaternions[:, :-1]))
     continuous = quaternions.copy()
     continuous[:, 1:] *= np.cumprod(np.where(signs == 0.0, 1.0, signs), axis=1)[..., None]
@@ -119,10 +118,7 @@ def without_jumps(quaternions: Array) -> Array:
 
 
 def body_rates(rotations: Array, rate: float) -> Array:
-    """Angular velocity in the turning frame, shape (N, n - 4, 3), of its rotations (N, n, 3, 3).
-
-    What is between two rotations is the rotation vector of ``R_before^T R_after``.
-    """
+    """Angular velocity (N, n - 4, 3) in axes with rotations (N, n, 3, 3), by ``log(R_before^T R_after)``."""
 
     def turn(k: int) -> Array:
         turns = rotations[:, : -2 * k].swapaxes(-1, -2) @ rotations[:, 2 * k :]
@@ -133,17 +129,17 @@ def body_rates(rotations: Array, rate: float) -> Array:
 
 
 def signals_of(recording: Recording, cutoff: float = PAPER_CUTOFF) -> Signals:
-    """Smooth signals of a recording; what it does not hold is derived.
+    """Smooth signals of a recording.
 
-    Twists come from poses, their derivatives from twists, proper accelerations from these and gravity in the home
-    frame.
+    Channels that were not recorded are derived: twists from poses, their derivatives from twists, proper accelerations
+    from these and gravity in the home frame.
 
     Args:
-        recording: Checked.
-        cutoff: Of the filter [Hz].
+        recording: A checked recording.
+        cutoff: Cutoff of the filter [Hz].
 
     Raises:
-        RecordingError: Too little was recorded, or for too short a time.
+        RecordingError: A channel is missing, or the recording is too short.
     """
     rate, time = recording.rate, recording.time
     rotation = None
@@ -174,7 +170,7 @@ def signals_of(recording: Recording, cutoff: float = PAPER_CUTOFF) -> Signals:
         raise RecordingError("found neither 'pose' nor 'acceleration' of all robots: nothing tells where down is")
     wrench = low_pass(recording.stacked("wrench"), rate, cutoff, axis=1)[:, inner] if recording.has("wrench") else None
     inner_time = (time >= recording.time[0] + EDGE) & (time <= recording.time[-1] - EDGE)
-    # What is left has nothing above the cutoff: fewer samples say the same.
+    # There is nothing above the cutoff: fewer samples suffice.
     every = max(1, int(rate / (OVERSAMPLING * cutoff)))
     kept = np.flatnonzero(inner_time)[::every]
     if len(kept) < _FEWEST:

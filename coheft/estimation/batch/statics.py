@@ -1,4 +1,4 @@
-"""A load that is held still in some places, recorded apart from its motion, or without any."""
+"""A load that is held still in several orientations, recorded separately from its motion."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from coheft.estimation.batch.recording import Recording, RobotRecord
 from coheft.estimation.geometry.spatial import Array
 
 _STILL = np.radians(2.0)
-"""What turns by more is not held still [rad]."""
+"""A load that rotates by more is not held still [rad]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Statics:
-    """Means over H holds, by N robots.
+    """Mean measurements of N robots in H holds.
 
     Attributes:
-        names: Of the robots.
-        pose: Of grasp frames in home frames, as in ``RobotRecord``, shape (N, H, 7).
+        names: Names of the robots.
+        pose: Poses of grasp frames in home frames, as in ``RobotRecord``, shape (N, H, 7).
         wrench: ``(f, t)`` on the load, shape (N, H, 6).
-        gravity: In the home frames, which are level with each other, shape (3,) [m/s²].
+        gravity: Gravity in the home frames, whose z axes are parallel, shape (3,) [m/s²].
     """
 
     names: tuple[str, ...]
@@ -35,10 +35,10 @@ class Statics:
 
     @staticmethod
     def of_samples(recording: Recording, spans: Sequence[tuple[int, int]]) -> Statics:
-        """Means of a recording's samples, from the first to one past the last of each hold.
+        """Means of a recording's samples over holds, from first to one past last sample each.
 
         Raises:
-            RecordingError: The load turns within one; or poses or wrenches are missing.
+            RecordingError: The load rotates within a hold, or poses or wrenches are missing.
         """
         pose, wrench = recording.stacked("pose"), recording.stacked("wrench")
         poses, wrenches = [], []
@@ -66,10 +66,10 @@ class Statics:
 
     @staticmethod
     def of_recording(recording: Recording) -> Statics:
-        """The holds within a recording, those that it names or those that are found.
+        """The holds of a recording: those that it names, or else those that are found.
 
         Raises:
-            RecordingError: There are none; or poses or wrenches are missing.
+            RecordingError: There are none, or poses or wrenches are missing.
         """
         spans = held_spans(recording)
         if not spans:
@@ -80,10 +80,10 @@ class Statics:
         return Statics.of_samples(recording, spans)
 
     def of(self, names: Sequence[str]) -> Statics:
-        """The same in another order of robots.
+        """The same holds with the robots in this order.
 
         Raises:
-            RecordingError: They are of other robots.
+            RecordingError: The robots are others.
         """
         if sorted(names) != sorted(self.names):
             raise RecordingError(f"found holds of {', '.join(self.names)}, expected those of {', '.join(names)}")
@@ -91,14 +91,14 @@ class Statics:
         return replace(self, names=tuple(names), pose=self.pose[order], wrench=self.wrench[order])
 
     def as_holds(self) -> Holds:
-        """What they say of forces at rest."""
+        """The same measurements with gravity in the grasp frames."""
         flat = Rotation.from_quat(self.pose[..., 3:].reshape(-1, 4))
         down = flat.inv().apply(self.gravity).reshape(*self.pose.shape[:2], 3)
         wrench = self.wrench.swapaxes(0, 1)
         return Holds(spans=(), down=down.swapaxes(0, 1), wrench=wrench, scatter=np.zeros_like(wrench))
 
     def as_recording(self) -> Recording:
-        """A recording of nothing but holds, a sample each; its times count them."""
+        """A recording with one sample per hold; its times are the numbers of the holds."""
         time = np.arange(self.pose.shape[1], dtype=np.float64)
         samples = zip(self.names, self.pose, self.wrench, strict=True)
         robots = {name: RobotRecord(time, pose=pose, wrench=wrench) for name, pose, wrench in samples}

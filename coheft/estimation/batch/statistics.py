@@ -1,4 +1,4 @@
-"""How certain an estimate is whose residuals are neither white nor of known size."""
+"""Covariances of estimates whose residuals are correlated and of unknown size."""
 
 from __future__ import annotations
 
@@ -7,29 +7,25 @@ import numpy as np
 from coheft.estimation.geometry.spatial import Array
 
 SPAN = 1.0
-"""Scores are summed over so long [s]: much longer than filtered noise is correlated."""
+"""Time over which scores are summed [s]: much longer than the correlation of filtered noise."""
 _FEWEST_SUMS = 4
-"""Per unknown; of short recordings the sums are over less."""
+"""Least number of sums per unknown; in short recordings, sums are shorter."""
 EXACT = 1e-5
-"""No pose is known better than this [rad, m], whatever exact numbers say: 10 µm, beyond any robot's calibration."""
+"""Least deviation of a pose [rad, m]: no robot is calibrated better."""
 _SINGULAR = 1e-12
 
 
 def sandwich_information(derivative: Array, scores: Array, rate: float, least: Array) -> Array:
-    """Information on the solution of ``sum of scores = 0``: inverse of its covariance (Huber 1967).
+    """Information (u, u) on the solution of ``sum of scores = 0``, the inverse of its covariance (Huber 1967).
 
-    The scatter of the scores is taken from their sums over ``SPAN``, which hardly depend on each other (batch means).
-    What the data do not show at all has no information, which is no error.
+    The scatter of the scores follows from their sums over ``SPAN``, which are nearly independent (batch means).
+    Directions that are not observable have no information.
 
     Args:
-        derivative: Of the summed scores by the unknowns, shape (u, u).
-        scores: At the solution, shape (n, u), consecutive in time.
+        derivative: Derivative of the summed scores by the unknowns, shape (u, u).
+        scores: Scores at the solution, consecutive in time, shape (n, u).
         rate: Samples per second.
-        least: Covariance that the sum of scores has at least, whatever its scatter, shape (u, u): what was computed
-            without noise is still rounded.
-
-    Returns:
-        Shape (u, u).
+        least: Covariance of the summed scores due to rounding, shape (u, u).
     """
     scatter = batch_scatter(scores, rate) + least + EXACT**2 * derivative @ derivative.T
     balance = 1.0 / np.sqrt(np.maximum(np.diag(scatter), np.finfo(np.float64).tiny))
@@ -40,7 +36,7 @@ def sandwich_information(derivative: Array, scores: Array, rate: float, least: A
 
 
 def span_length(count: int, rate: float, unknowns: int = 1) -> int:
-    """Over how many of ``count`` consecutive samples to sum, that sums hardly depend on each other and are enough."""
+    """Number of consecutive samples, of ``count``, to sum, so that sums are nearly independent and not too few."""
     return max(1, min(round(SPAN * rate), count // (_FEWEST_SUMS * unknowns)))
 
 
@@ -48,7 +44,7 @@ def batch_scatter(scores: Array, rate: float) -> Array:
     """Covariance of the sum of consecutive scores (n, u), shape (u, u)."""
     count, unknowns = scores.shape
     sums = np.add.reduceat(scores, np.arange(0, count, span_length(count, rate, unknowns)), axis=0)
-    # The solution takes up some of the scatter.
+    # The solution absorbs some of the scatter.
     degrees = max(len(sums) - unknowns / 2.0, 1.0)
     scatter: Array = sums.T @ sums * (len(sums) / degrees)
     return scatter

@@ -1,4 +1,4 @@
-"""What wrists with encoders say of where they are: a gimbal's three angles and a position, sample by sample."""
+"""Encoder measurements of the robots' wrists: three angles of a gimbal and a position per sample."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from coheft.estimation.batch.calibration import gimbal_angles, gimbal_rotations
 from coheft.estimation.geometry.spatial import Array
 
 _LARGEST_TILT = 70.0
-"""Of the gimbal's second angle [degrees]; at 90 the two others turn about the same axis."""
+"""Largest second angle of the gimbal [degrees]; at 90 degrees it is singular."""
 
 
 @dataclass(frozen=True, eq=False)
 class WristPoses:
-    """What encoders measured.
+    """Measurements of N robots' encoders.
 
     Attributes:
-        angles: Of the gimbals, shape (N, n, 3) [rad].
-        positions: In the home frames, shape (N, n, 3) [m].
-        zeros: Orientations in the home frames where the angles are zero, shape (N, 3, 3), or (N, n, 3, 3) if that is
-            elsewhere for each sample.
+        angles: Angles of the gimbals, shape (N, n, 3) [rad].
+        positions: Positions in the home frames, shape (N, n, 3) [m].
+        zeros: Orientations in the home frames at which the angles are zero, shape (N, 3, 3), or (N, n, 3, 3) if they
+            differ by sample.
         rate: Samples per second.
     """
 
@@ -34,13 +34,13 @@ class WristPoses:
 
     @staticmethod
     def of(poses: Array, rate: float, *, at_home: bool) -> WristPoses:
-        """From poses ``x y z qx qy qz qw`` in the home frames, shape (N, n, 7).
+        """Convert poses ``x y z qx qy qz qw`` in the home frames, shape (N, n, 7).
 
         Args:
-            poses: As recorded.
+            poses: The recorded poses.
             rate: Samples per second.
-            at_home: Whether the angles shall be those of real gimbals, which are zero at home. Otherwise they count
-                from the middle of the motion: no robot's angles are singular there.
+            at_home: Whether the angles are those of real gimbals, which are zero at home. Otherwise they are relative
+                to the mean orientation, so that they are not singular.
 
         Raises:
             RecordingError: Real gimbals would be near their singularity.
@@ -60,7 +60,7 @@ class WristPoses:
 
     @staticmethod
     def without_gimbals(poses: Array) -> WristPoses:
-        """From poses (N, n, 7) that may be far apart: angles count from each of them, so none is singular."""
+        """Convert poses (N, n, 7) with large rotations between them: angles are relative to each pose."""
         zeros = Rotation.from_quat(poses[..., 3:].reshape(-1, 4)).as_matrix().reshape(*poses.shape[:2], 3, 3)
         return WristPoses(np.zeros((*poses.shape[:2], 3)), poses[..., :3], zeros, rate=1.0)
 
@@ -70,7 +70,7 @@ class WristPoses:
         return replace(self, angles=self.angles[:, rows], positions=self.positions[:, rows], zeros=zeros)
 
     def averaged(self, rate: float) -> WristPoses:
-        """Means of neighbouring samples, about ``rate`` of them a second, slow as things move beside that."""
+        """Means of neighbouring samples, about ``rate`` of them per second."""
         length = max(1, int(self.rate / rate))
         count = self.angles.shape[1] // length
 
@@ -81,6 +81,6 @@ class WristPoses:
         return replace(self, angles=mean(self.angles), positions=mean(self.positions), rate=self.rate / length)
 
     def rotations(self, robot: int) -> Array:
-        """Orientations of a grasp frame in its home frame as measured, shape (n, 3, 3)."""
+        """Measured orientations of a grasp frame in its home frame, shape (n, 3, 3)."""
         result: Array = self.zeros[robot] @ gimbal_rotations(self.angles[robot])
         return result

@@ -1,4 +1,4 @@
-"""Hands on a cart's handle: what their wrenches do to the cart, where they best take hold, and who pushes how much."""
+"""Hands on a cart's handle: their wrenches on the cart, their best contact points, and their shares of a wrench."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ import numpy as np
 from coheft.estimation.geometry.spatial import Array
 
 MOVING = [0, 2]
-"""Components of a ``wrench_b`` that move a cart of one axle: force ahead, torque. The wheels take up the other."""
+"""Components of a ``wrench_b`` that move the cart: forward force and torque. The wheels take up the other."""
 
 
 def grasp_map(contact: Array) -> Array:
-    """``G``, shape (3, 3): carries a hand's planar wrench from its contact point to the origin of ``{b}``.
+    """``G``, shape (3, 3): maps a hand's planar wrench from its contact point to the origin of ``{b}``.
 
     The planar part of ``Ad_g^T B_a`` (Aguilera et al., eqs 22-24), the contact frame having the axes of ``{b}``.
 
@@ -25,8 +25,8 @@ def grasp_map(contact: Array) -> Array:
 def leverage(contact: Array, arm: float) -> Array:
     """``G W^-1 G^T``, shape (3, 3), with ``W`` the weights of a hand's effort ``f^2 + (tau / arm)^2``.
 
-    Those of several hands add up. It is also the covariance that a hand's force sensor gives to the wrench on the cart,
-    if that of its force is 1 and that of its torque ``arm^2``.
+    Those of several hands add up. It is also the covariance of the wrench on the cart if the variance of a hand's
+    measured force is 1 and that of its torque ``arm^2``.
 
     Args:
         contact: Contact point in ``{b}``, shape (2,) [m].
@@ -38,17 +38,17 @@ def leverage(contact: Array, arm: float) -> Array:
 
 
 def share(wrench_b: Array, contact: Array, arm: float, all_leverage: Array) -> Array:
-    """What one of several hands has to do that together they move the cart with the least effort.
+    """One hand's share of a wrench, such that all hands together need the least effort.
 
     Minimises ``sum_i w_i^T W w_i`` subject to ``G_1 w_1 + G_2 w_2 + ... = wrench_b`` (Aguilera et al., eq. 25) in the
     components that move the cart: ``w_i = W^-1 G_i^T E^T (E (sum_j G_j W^-1 G_j^T) E^T)^-1 E wrench_b``. So a hand
-    needs to know of the others only the sum of their ``leverage``.
+    needs only the sum of all hands' ``leverage``.
 
     Args:
-        wrench_b: To be done by all together, shape (3,).
+        wrench_b: Total wrench, shape (3,).
         contact: This hand's contact point in ``{b}``, shape (2,) [m].
         arm: What torque costs a hand [m].
-        all_leverage: Sum over all hands, shape (3, 3).
+        all_leverage: Sum of all hands' leverage, shape (3, 3).
 
     Returns:
         This hand's wrench ``w_i`` about its contact point, shape (3,).
@@ -59,21 +59,20 @@ def share(wrench_b: Array, contact: Array, arm: float, all_leverage: Array) -> A
 
 
 def effort(wrench_b: Array, all_leverage: Array) -> float:
-    """Root of ``sum_i f_i^2 + (tau_i / arm)^2`` of all hands when they share a wrench so [N]."""
+    """Root of ``sum_i f_i^2 + (tau_i / arm)^2`` over all hands that ``share`` a wrench [N]."""
     moving = wrench_b[MOVING]
     return float(np.sqrt(moving @ np.linalg.solve(all_leverage[np.ix_(MOVING, MOVING)], moving)))
 
 
 class BestContact:
-    """Where on a handle, parallel to the y axis of ``{b}``, one hand moves the cart with the least effort.
+    """Contact point of least effort on a handle parallel to the y axis of ``{b}``, for one hand.
 
-    With the contact at ``(x, y)`` the effort is ``f^2 + (tau + y f)^2 / (x^2 + arm^2)``: nothing but the push ahead is
-    left on the line of action. Summed over the last pushes, older ones counting less, it is least at
-    ``y = -sum(f tau) / sum(f^2)``.
+    With the contact at ``(x, y)``, the squared effort is ``f^2 + (tau + y f)^2 / (x^2 + arm^2)``. Summed over the last
+    pushes with exponential forgetting, it is least at ``y = -sum(f tau) / sum(f^2)``.
 
     Args:
-        memory: Over how many pushes [-].
-        floor: Force below which a push says nothing [N].
+        memory: Number of pushes in the forgetting's time constant.
+        floor: Forces below this are ignored [N].
     """
 
     def __init__(self, memory: float, floor: float = 1.0) -> None:
@@ -83,7 +82,7 @@ class BestContact:
         self._squares = 0.0
 
     def after(self, wrench_b: Array) -> float | None:
-        """``y`` of the best place [m], with one more push; None while no one has pushed."""
+        """Add a push, and return ``y`` of the best contact point [m]; None before the first push."""
         force, torque = float(wrench_b[0]), float(wrench_b[2])
         self._products = self._keep * self._products + force * torque
         self._squares = self._keep * self._squares + force * force

@@ -1,9 +1,8 @@
-"""Which wrench makes a cart follow a trajectory: feedback linearisation with a linear quadratic regulator.
+"""Trajectory tracking by feedback linearisation with a linear quadratic regulator.
 
 As in Aguilera et al., eqs (26)-(28), with ``r = ed + alpha e`` and ``u = C r - M K (e, r)``, which makes the error's
-dynamics ``ed = r - alpha e``, ``rd = -K (e, r)``: the same for every cart, so one regulator serves them all. A cart has
-two motions only, ahead and turning, so there are two errors: along the cart's heading, and of the heading. No push can
-correct an error to the side at once; it turns the heading's reference toward the path.
+dynamics ``ed = r - alpha e``, ``rd = -K (e, r)`` independent of the cart. Forward motion and rotation have one error
+each: along the cart's heading, and of the heading. A lateral error turns the reference heading towards the path.
 """
 
 from __future__ import annotations
@@ -19,14 +18,14 @@ from coheft.estimation.geometry.spatial import Array
 
 
 class Tracking(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """How hard errors are fought: ``alpha`` [1/s] and the weights of ``e``, ``r`` and of the effort.
+    """Settings of the regulator.
 
     Attributes:
-        alpha_along: [1/s].
-        weights_along: Of ``(e [m], r [m/s])`` against 1 for [m/s²].
-        alpha_heading: [1/s].
-        weights_heading: Of ``(e [rad], r [rad/s])`` against 1 for [rad/s²].
-        toward_path: Heading toward the path per error to the side [rad/m].
+        alpha_along: ``alpha`` of the error along the heading [1/s].
+        weights_along: Weights of ``(e [m], r [m/s])``, relative to that of the acceleration [m/s²].
+        alpha_heading: ``alpha`` of the heading's error [1/s].
+        weights_heading: Weights of ``(e [rad], r [rad/s])``, relative to that of the acceleration [rad/s²].
+        toward_path: Change of the reference heading per lateral error [rad/m].
     """
 
     alpha_along: float = 0.5
@@ -41,7 +40,7 @@ def regulator(alpha: float, weights: tuple[float, float]) -> Array:
 
     For the dynamics ``ed = r - alpha e``, ``rd = v``.
     """
-    from scipy.linalg import solve_continuous_are  # heavy, and every agent that reads a configuration is here
+    from scipy.linalg import solve_continuous_are  # heavy, and each agent imports this module for its configuration
 
     dynamics, by_input = np.array([[-alpha, 1.0], [0.0, 0.0]]), np.array([[0.0], [1.0]])
     cost = solve_continuous_are(dynamics, by_input, np.diag(weights), np.eye(1))
@@ -50,10 +49,10 @@ def regulator(alpha: float, weights: tuple[float, float]) -> Array:
 
 
 class Tracker:
-    """Computes wrenches for a cart of one axle; has no memory.
+    """Computes wrenches that make a cart follow its targets.
 
     Args:
-        tracking: Its settings.
+        tracking: Settings of the regulator.
     """
 
     def __init__(self, tracking: Tracking) -> None:
@@ -62,12 +61,12 @@ class Tracker:
         self._heading = regulator(tracking.alpha_heading, tracking.weights_heading)
 
     def push(self, target: Target, motion: Array, body: CartBody) -> Array:
-        """What has to move the cart, ``wrench_b``, shape (3,); the force to the side, which moves nothing, is zero.
+        """Total wrench ``wrench_b``, shape (3,); its lateral force, which moves nothing, is zero.
 
         Args:
-            target: Where it shall be.
-            motion: Where it is, ``(q, qd)``, shape (6,).
-            body: What it is.
+            target: Reference motion.
+            motion: Present ``(q, qd)``, shape (6,).
+            body: The cart.
         """
         theta, rates = float(motion[2]), motion[3:]
         forward, turning = self._accelerations(target, motion)
@@ -79,7 +78,7 @@ class Tracker:
         return wrench_b
 
     def _accelerations(self, target: Target, motion: Array) -> tuple[float, float]:
-        """Ahead [m/s²] and turning [rad/s²]: the target's, and what corrects the errors."""
+        """Forward [m/s²] and angular [rad/s²] acceleration: the target's, plus corrections of the errors."""
         tracking = self._tracking
         theta, turn_rate = float(motion[2]), float(motion[5])
         c, s = cos(theta), sin(theta)
@@ -91,7 +90,7 @@ class Tracker:
         forward = target.acceleration * cos(off_heading) + _correction(
             along, along_rate, tracking.alpha_along, self._along
         )
-        # Where the cart heads for: along the path, and toward it, the other way round when it goes backwards.
+        # The reference heading is along the path and towards it; backwards, the correction has the opposite sign.
         gain = tracking.toward_path * max(-1.0, min(1.0, target.speed / _FULL_SPEED))
         flattening = 1.0 / (1.0 + (gain * aside) ** 2)
         heading_error = off_heading + atan(gain * aside)
@@ -103,7 +102,7 @@ class Tracker:
 
 
 _FULL_SPEED = 0.5
-"""Slower, an error to the side turns the heading less [m/s]."""
+"""Speed below which a lateral error turns the heading less [m/s]."""
 
 
 def _correction(error: float, rate: float, alpha: float, gains: Array) -> float:

@@ -1,10 +1,10 @@
-"""The cart's state and parameters from what it does under known pushes: the steps of an extended Kalman filter.
+"""Steps of an extended Kalman filter for a cart's state and parameters under measured pushes.
 
-As in Aguilera et al., eqs (8)-(20): the state is augmented by ``phi``, here by the friction ``sigma`` of moving and
-turning too, because a model with the wrong friction finds the wrong mass. Differences: the transition is of second
-order in the time step, where one of first order loses definiteness; the update has Joseph's form; what the wheels
-forbid is a measurement; noise enters through the wrench. Each step is linearised about a point that may be another than
-the mean, so that a step can be done again about a better one.
+As in Aguilera et al., eqs (8)-(20), the state is augmented by ``phi``, here also by the friction ``sigma``, because a
+model with the wrong friction finds the wrong mass. Other differences: the transition is of second order in the time
+step, because one of first order loses definiteness; the update has Joseph's form; the wheels' constraint is a
+measurement; process noise enters through the wrench. Steps may be linearised about another point than the mean, so that
+they can be repeated about a better one.
 """
 
 from __future__ import annotations
@@ -15,23 +15,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from coheft.estimation.cart.linearisation import FRICTION, PHI, POSE, RATES, STATE_SIZE, linearise
-from coheft.estimation.cart.model import Constraints, axes_derivative, forward_dynamics
+from coheft.estimation.cart.model import forward_dynamics, wheel_row, wheel_row_derivative
 from coheft.estimation.geometry.spatial import Array
 
 MOTION_SIZE = 6
 """A measurement: ``(q, qd)`` (Aguilera et al., eq. 10)."""
+INNOVATION_SIZE = MOTION_SIZE + 1
+"""A measurement, and the wheels' constraint."""
 PARAMETERS = slice(6, 12)
 _THETA = 2
 
 
 @dataclass(frozen=True, eq=False)
 class Belief:
-    """What is known of ``(q, qd, phi, sigma)``.
-
-    Attributes:
-        mean: Shape (12,).
-        covariance: Shape (12, 12).
-    """
+    """Mean (12,) and covariance (12, 12) of ``(q, qd, phi, sigma)``."""
 
     mean: Array
     covariance: Array
@@ -39,14 +36,14 @@ class Belief:
 
 @dataclass(frozen=True, eq=False)
 class Push:
-    """What all hands did during one step.
+    """Total wrench of all hands during one step.
 
     Attributes:
-        wrench_b: As measured, shape (3,).
-        covariance: Of that measurement, shape (3, 3).
-        duration: [s].
-        planned_b: About what it was meant to be, shape (3,). Slopes are taken there: at the measured wrench they would
-            share its noise, and a cart that does not follow the noise would look heavier and heavier.
+        wrench_b: Measured wrench, shape (3,).
+        covariance: Covariance of its noise, shape (3, 3).
+        duration: Duration of the step [s].
+        planned_b: Planned wrench, shape (3,), about which the dynamics are linearised: about the measured one, the
+            derivatives would be correlated with its noise, which biases the mass upwards.
     """
 
     wrench_b: Array
@@ -57,12 +54,7 @@ class Push:
 
 @dataclass(frozen=True, eq=False)
 class Sighting:
-    """One measurement.
-
-    Attributes:
-        motion: ``(q, qd)``, shape (6,).
-        covariance: Of its noise, shape (6, 6).
-    """
+    """A measurement of ``(q, qd)``, shape (6,), and the covariance of its noise, shape (6, 6)."""
 
     motion: Array
     covariance: Array
@@ -70,28 +62,22 @@ class Sighting:
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """One step ahead.
-
-    Attributes:
-        belief: After it.
-        transition: Derivative of the state after it by the one before, shape (12, 12).
-    """
+    """Belief after a step, and derivative of the state after it by the state before, shape (12, 12)."""
 
     belief: Belief
     transition: Array
 
 
-def predict(belief: Belief, push: Push, drift: Array, point: Array, constraints: Constraints) -> Prediction:
-    """On by one step (Aguilera et al., eqs 16 and 17, to second order).
+def predict(belief: Belief, push: Push, drift: Array, point: Array) -> Prediction:
+    """Predict over one step (Aguilera et al., eqs 16 and 17, to second order).
 
     Args:
-        belief: Before.
-        push: What the hands do.
-        drift: How the parameters' covariance (6, 6) grows in a second.
+        belief: Belief before the step.
+        push: Wrench during the step.
+        drift: Growth of the parameters' covariance (6, 6) per second.
         point: State about which the dynamics are linearised, shape (12,).
-        constraints: Of the wheels.
     """
-    model = linearise(point, push.planned_b, constraints)
+    model = linearise(point, push.planned_b)
     step = model.by_state * push.duration
     transition = np.eye(STATE_SIZE) + step + 0.5 * step @ step
     by_wrench = push.duration * (model.by_wrench + 0.5 * step @ model.by_wrench)
@@ -102,11 +88,10 @@ def predict(belief: Belief, push: Push, drift: Array, point: Array, constraints:
     return Prediction(Belief(mean, covariance), transition)
 
 
-def move(state: Array, wrench_b: Array, duration: float, constraints: Constraints) -> Array:
-    """The state (12,) one step later, at constant acceleration, without its covariance: to look a few steps ahead."""
-    accelerations = forward_dynamics(
-        state[PHI], state[FRICTION], float(state[_THETA]), state[RATES], wrench_b, constraints
-    ).accelerations
+def move(state: Array, wrench_b: Array, duration: float) -> Array:
+    """The state (12,) after a step of ``duration`` [s] at constant acceleration, without its covariance."""
+    solution = forward_dynamics(state[PHI], state[FRICTION], float(state[_THETA]), state[RATES], wrench_b)
+    accelerations = solution.accelerations
     result = state.copy()
     result[POSE] += duration * (state[RATES] + 0.5 * duration * accelerations)
     result[RATES] += duration * accelerations
@@ -115,14 +100,13 @@ def move(state: Array, wrench_b: Array, duration: float, constraints: Constraint
 
 @dataclass(frozen=True, eq=False)
 class Update:
-    """What a measurement did.
+    """Result of a measurement.
 
     Attributes:
-        belief: After it.
-        surprise: Its innovation squared, normalised: chi-square distributed, with 6 degrees of freedom and one per
-            row of the wheels.
-        innovation: Of each component of the motion, in its own standard deviations, shape (6,).
-        rest: Derivative of the state after it by the one before, ``I - K H``, shape (12, 12).
+        belief: Belief after it.
+        surprise: Its squared normalised innovation: chi-square distributed with ``INNOVATION_SIZE`` degrees of freedom.
+        innovation: Innovation of the motion, each component in its own standard deviations, shape (6,).
+        rest: ``I - K H``, shape (12, 12).
         pull: ``H^T S^-1`` times the innovation, shape (12,), for ``smooth``.
     """
 
@@ -133,31 +117,26 @@ class Update:
     pull: Array
 
 
-def update(
-    belief: Belief, sighting: Sighting, slip: float, point: Array, constraints: Constraints, *, corrects_cart: bool
-) -> Update:
-    """Take in a measurement (Aguilera et al., eqs 18-20), and that the wheels do not slip sideways.
+def update(belief: Belief, sighting: Sighting, slip: float, point: Array, *, corrects_cart: bool) -> Update:
+    """Update with a measurement (Aguilera et al., eqs 18-20), and with the wheels' constraint.
 
     Args:
-        belief: Before.
+        belief: Belief before the measurement.
         sighting: The measurement.
         slip: Standard deviation of the wheels' sideways velocity [m/s].
-        point: State about which the wheels' equation is linearised, shape (12,).
-        constraints: Of the wheels.
+        point: State about which the wheels' constraint is linearised, shape (12,).
         corrects_cart: Whether parameters are corrected, or only considered.
     """
     theta, rates = float(point[_THETA]), point[RATES]
-    rows = constraints.rows(theta)
-    size = MOTION_SIZE + len(rows)
-    by_state = np.zeros((size, STATE_SIZE))
-    by_state[:MOTION_SIZE, :MOTION_SIZE] = np.eye(MOTION_SIZE)
-    by_state[MOTION_SIZE:, RATES] = rows
-    by_state[MOTION_SIZE:, _THETA] = constraints.rows_b @ (axes_derivative(theta).T @ rates)
-    innovation = np.concatenate([sighting.motion, -rows @ rates]) - by_state @ belief.mean
-    innovation[MOTION_SIZE:] += by_state[MOTION_SIZE:] @ point
-    noise = np.zeros((size, size))
+    row = wheel_row(theta)
+    by_state = np.eye(INNOVATION_SIZE, STATE_SIZE)
+    by_state[MOTION_SIZE] = 0.0
+    by_state[MOTION_SIZE, RATES] = row
+    by_state[MOTION_SIZE, _THETA] = wheel_row_derivative(theta) @ rates
+    innovation = np.append(sighting.motion, by_state[MOTION_SIZE] @ point - row @ rates) - by_state @ belief.mean
+    noise = np.zeros((INNOVATION_SIZE, INNOVATION_SIZE))
     noise[:MOTION_SIZE, :MOTION_SIZE] = sighting.covariance
-    noise[MOTION_SIZE:, MOTION_SIZE:] = slip**2 * np.eye(len(rows))
+    noise[MOTION_SIZE, MOTION_SIZE] = slip**2
     spread = by_state @ belief.covariance @ by_state.T + noise
     certainty = np.linalg.inv(spread)
     pull = by_state.T @ (certainty @ innovation)
@@ -178,10 +157,9 @@ def update(
 
 
 def smooth(steps: Sequence[tuple[Update, Prediction]]) -> list[Array]:
-    """States (12,) after each update, from all measurements, also the later ones (Bryson and Frazier's form).
+    """Smoothed states (12,) after each update, given all measurements (modified Bryson-Frazier form).
 
-    Unlike going back from the end, it is stable: a rolling cart forgets how it turned, so its past does not follow from
-    its present.
+    Unlike backward filtering, it is stable: the past of a rolling cart does not follow from its present.
     """
     states = []
     costate = np.zeros(STATE_SIZE)

@@ -1,56 +1,52 @@
-"""The other side of the comparison: a pusher who never doubts its first guess of the cart."""
+"""The comparison without an estimator: a pusher that keeps its first guess of the cart."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from coheft.estimation.cart.filter import MOTION_SIZE, Push, Sighting, move
-from coheft.estimation.cart.model import UNICYCLE, CartBody, Constraints
+from coheft.estimation.cart.model import CartBody
 from coheft.estimation.geometry.spatial import Array
 
 
 class FixedCart:
-    """Takes the cart to be what was guessed, and its motion to be what was measured last.
-
-    A filter with a wrong model that it believes in would only spoil what is measured.
+    """Has the methods of ``CartLearner``, but keeps the guess; the motion is the last measured one, not filtered.
 
     Args:
         guess: The cart.
-        constraints: Of the wheels.
 
     Attributes:
         body: The guess.
-        jumps: 0: it notices nothing.
-        is_judged: Never: it does not look.
+        jumps: Always 0.
+        is_judged: Always false.
     """
 
-    def __init__(self, guess: CartBody, constraints: Constraints = UNICYCLE) -> None:
+    def __init__(self, guess: CartBody) -> None:
         self.body = guess
         self.jumps = 0
         self.is_judged = False
-        self._constraints = constraints
         self._state = np.zeros(MOTION_SIZE)
 
     def body_covariance(self) -> Array:
-        """Of ``(m, d_x, d_y, I, sigma)``, shape (6, 6): it claims to know."""
+        """Covariance of ``(m, d_x, d_y, I, sigma)``, shape (6, 6): zero."""
         return np.zeros((6, 6))
 
     def doubts(self) -> list[str]:
-        """None."""
+        """Always empty."""
         return []
 
     def step(self, sighting: Sighting, push: Push) -> None:
-        """Take in a measurement, and what the hands did from then on."""
+        """Process a measurement, and the push after it."""
         self._state = sighting.motion
         self.coast(push)
 
     def coast(self, push: Push) -> None:
-        """A push without a measurement before it."""
+        """Process a push without a measurement."""
         self._state = self.ahead([push.wrench_b], push.duration)
 
     def ahead(self, wrenches_b: list[Array], duration: float) -> Array:
-        """``(q, qd)`` after further steps with these wrenches, each of ``duration`` [s]."""
+        """Predict ``(q, qd)`` after steps with these wrenches, of ``duration`` [s] each."""
         state = np.concatenate([self._state, self.body.parameters])
         for wrench_b in wrenches_b:
-            state = move(state, wrench_b, duration, self._constraints)
+            state = move(state, wrench_b, duration)
         return state[:MOTION_SIZE]

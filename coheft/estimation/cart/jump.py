@@ -1,4 +1,4 @@
-"""Has the cart suddenly become another one? A test on the newest innovations of its filter."""
+"""A test for sudden changes of the cart, on the newest innovations of its filter."""
 
 from __future__ import annotations
 
@@ -9,32 +9,32 @@ import numpy as np
 from coheft.estimation.chi_square import chi_square_threshold
 
 WINDOWS = (1, 4, 16, 64)
-"""Lengths over which innovations are summed, in samples: a jolt shows at once, a change of mass while accelerating."""
+"""Window lengths [samples]: a jolt shows at once, a change of the mass only while accelerating."""
 FALSE_ALARMS = 1e-9
-"""Probability per sample and window that an unchanged cart is taken for another one."""
+"""Probability of a false alarm per sample and window."""
 USUAL_OF = 128
-"""What is usual is seen in so many samples before a window."""
+"""Number of samples before a window that show the usual size of innovations,"""
 _LEAST = 32
-"""And not in fewer."""
+"""and the least number."""
 
 
 class JumpTest:
-    """Compares the newest innovations with what a right model would give, or with what is usual if that is more.
+    """Compares the newest innovations with those of a right model, or with the usual ones if these are larger.
 
     Args:
-        freedom: Degrees of freedom of each surprise.
+        freedom: Degrees of freedom of each squared innovation.
     """
 
     def __init__(self, freedom: int) -> None:
         self._freedom = freedom
-        self._median = freedom * (1.0 - 2.0 / (9.0 * freedom)) ** 3  # Wilson and Hilferty's
+        self._median = chi_square_threshold(freedom, 0.5)
         self._usual = dict.fromkeys(WINDOWS, 0.0)
 
     def changed_since(self, surprises: Sequence[float]) -> int:
-        """Number of newest samples that cannot be of the same cart, 0 if all can.
+        """Number of newest samples that contradict an unchanged cart; 0 if there is no alarm.
 
         Args:
-            surprises: See ``Update.surprise``, of steps from which something can be learned, the newest first.
+            surprises: Squared innovations (``Update.surprise``), the newest first; 0 for steps that are ignored.
         """
         for window in WINDOWS:
             before = surprises[window : window + USUAL_OF]

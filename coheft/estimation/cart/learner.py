@@ -1,9 +1,9 @@
-"""Finds out what a cart is while it is pushed: an extended Kalman filter that goes back when it has learned better.
+"""Identifies a cart while it is pushed: an extended Kalman filter that repeats its last steps about better estimates.
 
-The dynamics are linear in the parameters' inverse, not in the parameters. A filter that begins with a cart of half the
-mass follows wrong slopes until it knows better, and is then surer than it may be, also of what nothing has shown yet.
-So the last seconds are kept, and when the parameters have moved, done again, linearised about where they are now:
-within them, all slopes belong to one and the same cart.
+Accelerations are linear in the inverse of the parameters, not in the parameters. A filter that starts with half the
+mass is linearised about wrong parameters at first, and becomes overconfident, also of what is not observable yet. So
+the steps of the last seconds are kept; when the parameters have changed, these steps are repeated, all of them
+linearised about the present parameters.
 """
 
 from __future__ import annotations
@@ -15,7 +15,9 @@ from math import cos, hypot, inf, sin, sqrt
 
 import numpy as np
 
+from coheft.estimation.cart.contact import MOVING
 from coheft.estimation.cart.filter import (
+    INNOVATION_SIZE,
     MOTION_SIZE,
     PARAMETERS,
     Belief,
@@ -29,66 +31,64 @@ from coheft.estimation.cart.filter import (
 from coheft.estimation.cart.jump import USUAL_OF, WINDOWS, JumpTest
 from coheft.estimation.cart.linearisation import FRICTION, PHI, POSE, RATES, STATE_SIZE
 from coheft.estimation.cart.load import UnknownLoad
-from coheft.estimation.cart.model import UNICYCLE, CartBody, Constraints, axes
+from coheft.estimation.cart.model import CartBody, axes
 from coheft.estimation.cart.noise import WhiteNoise, doubts, misfit
 from coheft.estimation.cart.prior import CartPrior, nearest_possible
-from coheft.estimation.cart.steps import Change, Step, surprise
+from coheft.estimation.cart.steps import Change, Step
 from coheft.estimation.geometry.spatial import Array
 
 _MASS = 6
-"""This component of the filter's state is the mass."""
+"""Index of the mass in the filter's state."""
 _KEPT = 600
-"""So many of the newest steps are kept, to be done again."""
+"""Number of newest steps that are kept."""
 _MOVED = 0.01
-"""Parameters have moved when they differ from those of the slopes by more than about this share."""
+"""Relative change of the parameters after which steps are repeated."""
 _SURELY = 2.0
-"""The cart is surely fast if it would still be so when slower by so many standard deviations."""
+"""Standard deviations by which the speed has to exceed a limit."""
 _VAGUE = 1e3
-"""The filter begins with this multiple of the first measurement's covariance of the pose."""
+"""Initial covariance of the pose, in multiples of the first measurement's."""
 _NOTHING = 1e6
-"""A measurement that was none has this variance, [m², rad²] of poses and [m²/s², rad²/s²] of rates."""
+"""Variance of a missing measurement, of poses [m², rad²] and rates [m²/s², rad²/s²]."""
 _LEAST_NEWS = 4
-"""With a known cart, steps are done again only when at least one in so many is new."""
+"""If the cart is known, steps are repeated only when at least one in this number is new."""
 _FIRST = 200
-"""A cart is unknown until there have been so many steps with something to learn from."""
+"""Number of steps with corrections after which a cart counts as known."""
 _JUDGED_EVERY = 25
-"""After so many steps innovations are judged."""
+"""Number of steps between two tests of the innovations,"""
 _TOO_NEW = 16
-"""But not those of the newest steps."""
+"""number of newest steps that are left out of the test, because the cart may just have changed,"""
 _LEAST_JUDGED = 64
-"""And not fewer."""
+"""and least number of steps for a test."""
 _MOST_MISFIT, _LITTLE_MISFIT = 10.0, 3.0
-"""Noise of the motion that had to be so many times as large is rather a wrench; with that it need not be."""
+"""Noise of the motion larger than the first multiple is ascribed to an unknown wrench, if then below the second."""
 _UNKNOWN_WRENCHES = (0.3, 1.0, 3.0, 10.0)
-"""Standard deviations that are tried [N]."""
+"""Standard deviations of the unknown force that are tried [N]."""
 _LEVER = 0.2
-"""Its torque has this multiple [m]."""
+"""Ratio of the unknown torque to the unknown force [m]."""
 _GROWN = 3
-"""With an unknown cart, whose slopes are soon far off, steps are done again when one in so many is new."""
+"""If the cart is unknown, steps are repeated when one in this number is new."""
 
 
 class CartLearner:
-    """What one knows of a cart, from its first measurement on.
+    """Estimate of a cart's state and parameters.
 
-    An iterated extended Kalman smoother over the last steps: after the iterated linear filter-smoother of Jazwinski,
-    "Stochastic Processes and Filtering Theory" (1970), over many steps instead of one. So each time that steps are done
-    again is one step of Gauss and Newton (Bell, "The iterated Kalman smoother as a Gauss-Newton method", 1994).
+    An iterated extended Kalman smoother over the last steps, after the iterated linear filter-smoother of Jazwinski,
+    "Stochastic Processes and Filtering Theory" (1970). Each repetition of the steps is one step of Gauss-Newton (Bell,
+    "The iterated Kalman smoother as a Gauss-Newton method", 1994).
 
     Args:
-        guess: The cart, as far as known.
+        guess: First guess of the cart.
         first: The first measurement.
-        prior: How wrong the guess may be.
-        constraints: Of the wheels.
+        prior: Uncertainty of the guess.
 
     Attributes:
-        belief: Of state and parameters, after the last push.
-        jumps: How many sudden changes have been noticed.
-        is_judged: Whether enough has been measured to see whether it fits the model.
+        belief: Belief about state and parameters after the last push.
+        jumps: Number of sudden changes so far.
+        is_judged: Whether innovations have been compared with the model.
     """
 
-    def __init__(self, guess: CartBody, first: Sighting, prior: CartPrior, constraints: Constraints = UNICYCLE) -> None:
+    def __init__(self, guess: CartBody, first: Sighting, prior: CartPrior) -> None:
         self._prior = prior
-        self._constraints = constraints
         self._least = prior.least * guess.mass, prior.least * guess.inertia
         parameters = prior.covariance(guess)
         self._drift = prior.drift**2 * parameters
@@ -103,12 +103,12 @@ class CartLearner:
         self._direction = 0.0
         self._rolled = inf
         self._steps: deque[Step] = deque(maxlen=_KEPT)
-        self._slopes_of = self._parameters
+        self._linearised_at = self._parameters
         self._news = 0
-        self._lessons = 0
+        self._corrections = 0
         self._change: Change | None = None
         self._white_noise = WhiteNoise()
-        self._jump_test = JumpTest(MOTION_SIZE + len(constraints.rows_b))
+        self._jump_test = JumpTest(INNOVATION_SIZE)
         self._misfit = np.ones(MOTION_SIZE)
         self._unknown_wrench = 0.0
         self._judged = 0
@@ -128,37 +128,37 @@ class CartLearner:
         return result
 
     def doubts(self) -> list[str]:
-        """What is measured worse than is said, in words; empty if nothing is. Covariances count with that already."""
+        """What is measured worse than stated, as sentences; covariances allow for it already."""
         return doubts(self._white_noise.levels * self._misfit, self._unknown_wrench)
 
     def ahead(self, wrenches_b: list[Array], duration: float) -> Array:
-        """``(q, qd)`` after further steps with these wrenches, each of ``duration`` [s]."""
+        """Predict ``(q, qd)`` after steps with these wrenches, of ``duration`` [s] each."""
         state = self.belief.mean.copy()
         state[PARAMETERS] = self._parameters
         for wrench_b in wrenches_b:
-            state = move(state, wrench_b, duration, self._constraints)
+            state = move(state, wrench_b, duration)
         return state[:MOTION_SIZE].copy()
 
     def step(self, sighting: Sighting, push: Push) -> None:
-        """Take in a measurement, and what the hands did from then on."""
+        """Process a measurement, and the push after it."""
         self._take_in(sighting, push, is_louder=self._white_noise.see(sighting))
 
     def coast(self, push: Push) -> None:
-        """A push without a measurement before it."""
+        """Process a push without a measurement."""
         nothing = Sighting(self.belief.mean[:MOTION_SIZE], _NOTHING * np.eye(MOTION_SIZE))
         self._take_in(nothing, push, is_louder=False)
 
     def _take_in(self, sighting: Sighting, push: Push, *, is_louder: bool) -> None:
-        """One step; whether noise has been found to be larger than before."""
+        """Process one step; ``is_louder`` if white noise has risen."""
         is_fast = self._is_fast()
         casters_turn = self._casters_turn(push.duration, is_fast=is_fast)
         if casters_turn:
             push = replace(push, covariance=push.covariance + self._drag)
         step = Step(sighting, push, is_fast and not casters_turn, self._white_noise.levels, self.belief)
         if len(self._steps) == _KEPT:
-            self._change = None  # the steps that are kept begin later
+            self._change = None  # its step is no longer kept
         self._steps.append(step)
-        self._lessons += step.corrects_cart
+        self._corrections += step.corrects_cart
         self._news += step.corrects_cart
         self._do(step)
         self._judged += 1
@@ -177,23 +177,23 @@ class CartLearner:
 
     @property
     def _parameters(self) -> Array:
-        """``(phi, sigma)``, shape (6,), such as a cart can have."""
+        """Estimated ``(phi, sigma)``, shape (6,), limited to possible carts."""
         phi = nearest_possible(self.belief.mean[PHI], *self._least)
         return np.concatenate([phi, np.maximum(self.belief.mean[FRICTION], 0.0)])
 
     def _point(self, state: Array) -> Array:
-        """Where to linearise: at this motion, and at the parameters that all slopes belong to."""
-        return np.concatenate([state[:MOTION_SIZE], self._slopes_of])
+        """Point of linearisation: this motion, and the parameters of all linearisations."""
+        return np.concatenate([state[:MOTION_SIZE], self._linearised_at])
 
     def _is_fast(self) -> bool:
-        """Whether the cart surely rolls faster than what the model does not hold for."""
+        """Whether the cart surely is fast enough for the model to hold."""
         velocity = self.belief.mean[3:5]
         speed = hypot(*velocity.tolist())
-        variance = float(velocity @ self.belief.covariance[3:5, 3:5] @ velocity)  # of the speed, times its square
+        variance = float(velocity @ self.belief.covariance[3:5, 3:5] @ velocity)  # times the squared speed
         return speed * speed >= self._prior.slow * speed + _SURELY * sqrt(max(variance, 0.0))
 
     def _casters_turn(self, duration: float, *, is_fast: bool) -> bool:
-        """Whether the cart goes another way than before, and not far yet; on by one step [s]."""
+        """Whether casters turn around, a short way after the cart has reversed; advances by a step [s]."""
         theta, x_rate, y_rate = self.belief.mean[2:5].tolist()
         speed = cos(theta) * x_rate + sin(theta) * y_rate
         if is_fast and speed * self._direction < 0.0:
@@ -204,27 +204,24 @@ class CartLearner:
         return self._rolled < self._prior.turning
 
     def _do(self, step: Step, smoothed: Array | None = None) -> None:
-        """One step, with slopes at the motion that is believed in, or at one that is known better by now."""
+        """Filter one step, linearised at the present belief, or at a smoothed state."""
         step.before = self.belief
         at = self._point(self.belief.mean if smoothed is None else smoothed)
         levels = step.levels * self._misfit
         sighting = replace(step.sighting, covariance=step.sighting.covariance * np.outer(levels, levels))
-        step.update = update(
-            self.belief, sighting, self._prior.slip, at, self._constraints, corrects_cart=step.corrects_cart
-        )
+        step.update = update(self.belief, sighting, self._prior.slip, at, corrects_cart=step.corrects_cart)
         if smoothed is None:
             at = self._point(step.update.belief.mean)
         force, torque = self._unknown_wrench**2, (_LEVER * self._unknown_wrench) ** 2
         push = replace(step.push, covariance=step.push.covariance + np.diag([force, force, torque]))
-        step.prediction = predict(step.update.belief, push, self._drift, at, self._constraints)
+        step.prediction = predict(step.update.belief, push, self._drift, at)
         self.belief = step.prediction.belief
 
     def _do_again(self) -> None:
-        """All steps that are kept, with slopes at the newest parameters, and at the motion as it looks from here."""
-        self._slopes_of = self._parameters
+        """Repeat all kept steps, linearised at the newest parameters and at the smoothed motion."""
+        self._linearised_at = self._parameters
         self._news = 0
-        done = [(step.update, step.prediction) for step in self._steps]
-        smoothed = smooth([(u, p) for u, p in done if u is not None and p is not None])
+        smoothed = smooth([(step.update, step.prediction) for step in self._steps])
         if self._change is None:
             self.belief = self._steps[0].before
         else:
@@ -234,7 +231,7 @@ class CartLearner:
             self._do(step, state)
 
     def _judge(self) -> None:
-        """Let noise be larger if innovations say so: that of the motion, or if it were far too large, of the wrench."""
+        """Increase the noise of the motion if innovations are too large, or if much too large, that of the wrench."""
         self._judged = 0
         found = self._found_misfit()
         if found is None:
@@ -253,47 +250,47 @@ class CartLearner:
             self._do_again()
 
     def _found_misfit(self) -> Array | None:
-        """From all innovations but the newest, which may be of a cart that has just changed; None if they are few."""
+        """Misfit of all innovations but the newest; None if they are too few."""
         old = islice(self._steps, max(0, len(self._steps) - _TOO_NEW))
-        innovations = [step.update.innovation for step in old if step.corrects_cart and step.update is not None]
+        innovations = [step.update.innovation for step in old if step.corrects_cart]
         return misfit(np.array(innovations), self._misfit) if len(innovations) >= _LEAST_JUDGED else None
 
     def _is_due(self) -> bool:
-        """Whether to do all again: enough is new, and the cart looks different, or little was known the last time."""
-        if self._lessons < _FIRST:
-            return self._news * _GROWN >= self._lessons > 0
+        """Whether to repeat the steps: enough are new, and parameters have changed or were unknown."""
+        if self._corrections < _FIRST:
+            return self._news * _GROWN >= self._corrections > 0
         return self._news * _LEAST_NEWS >= len(self._steps) and self._have_moved()
 
     def _have_moved(self) -> bool:
-        """Whether the slopes in use belong to another cart than the newest."""
-        mass, _, _, turning = self._slopes_of[:4].tolist()
+        """Whether the parameters differ from those of the linearisations."""
+        mass, _, _, turning = self._linearised_at[:4].tolist()
         scale = np.array([mass, np.sqrt(mass * turning), np.sqrt(mass * turning), turning])
-        return bool((np.abs(self._parameters[:4] - self._slopes_of[:4]) > _MOVED * scale).any())
+        return bool((np.abs(self._parameters[:4] - self._linearised_at[:4]) > _MOVED * scale).any())
 
     def _changed_since(self) -> int:
         newest = islice(reversed(self._steps), max(WINDOWS) + USUAL_OF)
-        return self._jump_test.changed_since([surprise(step) for step in newest])
+        return self._jump_test.changed_since([step.surprise for step in newest])
 
     def _expect_another_cart(self, since: int) -> None:
-        """A load came or went so many steps ago: go back, be unsure of parameters and velocity, and come again."""
+        """Widen the belief before a change of the load ``since`` steps ago, and repeat the steps from there."""
         steps = list(self._steps)[-since:]
         self._steps.clear()
         before = steps[0].before
         self._change = self._change_after(before)
         self.belief = before if self._change is None else self._change.start()
-        self._slopes_of = self._parameters
-        self._lessons = 0
+        self._linearised_at = self._parameters
+        self._corrections = 0
         self.jumps += 1
         for step in steps:
             self._steps.append(step)
             self._do(step)
 
     def _change_after(self, before: Belief) -> Change | None:
-        """Of any load; None if that is believed already: the alarm may be one of several for the same change."""
+        """A change by an unknown load; None if the covariance allows for it already, after a previous alarm."""
         missing = 1.0 - float(before.covariance[_MASS, _MASS]) / self._prior.load**2
         if missing <= 0.0:
             return None
-        free = axes(float(before.mean[2])) @ self._constraints.free_b
+        free = axes(float(before.mean[2]))[:, MOVING]
         covariance = before.covariance.copy()
         covariance[RATES, RATES] += missing * self._prior.jolt**2 * free @ free.T
         load = UnknownLoad(before.mean[PHI], covariance[PHI, PHI], self._prior, missing)

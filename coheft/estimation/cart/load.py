@@ -1,10 +1,10 @@
-"""What a load that comes or goes does to a cart's parameters: a change of which only four numbers are unknown.
+"""Change of a cart's parameters by a load that is added or removed, with four unknowns.
 
 A mass ``dm`` at ``r`` with a moment of inertia ``dm k`` of its own changes ``phi`` by ``dm (1, r_x, r_y, |r|^2 + k)``.
-That is not linear, so it is replaced by the linear law that fits best where the load is believed to be (posterior
+This nonlinear function is replaced by the best linear one for the present belief about the load (posterior
 linearisation: García-Fernández, Svensson, Morelande, Särkkä, "Posterior linearization filter: principles and
-implementation using sigma points", 2015). At first that is anywhere, and the law says little; when the cart has shown
-where the load lies, it says what a load there does to the moment of inertia, which shows in curves only.
+implementation using sigma points", 2015). Once the position of the load is known, its effect on the moment of inertia
+follows before a curve shows it.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ _SHARES: Array = np.prod(list(product(_WEIGHTS / _WEIGHTS.sum(), repeat=_SIZE)),
 
 @dataclass(frozen=True, eq=False)
 class Law:
-    """``change = middle + slope (load - mean) + rest``: the change of ``phi`` by a load, linear near a mean.
+    """Linear change of ``phi`` by a load: ``change = middle + slope (load - mean) + rest``.
 
     Attributes:
-        middle: Shape (4,).
-        slope: By ``(dm, r_x, r_y, k)``, shape (4, 4).
-        rest: Covariance of what is not linear, shape (4, 4).
+        middle: Change by the mean load, shape (4,).
+        slope: Derivative by ``(dm, r_x, r_y, k)``, shape (4, 4).
+        rest: Covariance of the nonlinear rest, shape (4, 4).
     """
 
     middle: Array
@@ -41,13 +41,13 @@ class Law:
 
 
 def change_of_phi(load: Array) -> Array:
-    """Of loads ``(dm, r_x, r_y, k)`` (..., 4): ``dm (1, r_x, r_y, |r|^2 + k)``, shape (..., 4)."""
+    """Change ``dm (1, r_x, r_y, |r|^2 + k)`` of ``phi`` by loads ``(dm, r_x, r_y, k)``, shapes (..., 4)."""
     mass, x, y, own = np.moveaxis(load, -1, 0)
     return np.stack([mass, mass * x, mass * y, mass * (x * x + y * y + own)], axis=-1)
 
 
 def linearised(mean: Array, covariance: Array) -> Law:
-    """The linear law that fits best for loads of this mean (4,) and covariance (4, 4), positive definite."""
+    """Best linear law for loads with this mean (4,) and positive definite covariance (4, 4)."""
     root = np.linalg.cholesky(covariance)
     changes = change_of_phi(mean + _POINTS @ root.T)
     middle = _SHARES @ changes
@@ -57,13 +57,13 @@ def linearised(mean: Array, covariance: Array) -> Law:
 
 
 class UnknownLoad:
-    """A load that has come or gone, and what is found out about it.
+    """A load that has been added or removed.
 
     Args:
-        phi: Of the cart before, shape (4,).
-        covariance: Of it, shape (4, 4).
-        prior: What loads there are.
-        share: Of the prior's variance of the mass that counts, above 0.
+        phi: Mean of the cart's ``phi`` before, shape (4,).
+        covariance: Its covariance, shape (4, 4).
+        prior: Prior of the load.
+        share: Share of the prior's variance of the mass to use, above 0.
     """
 
     def __init__(self, phi: Array, covariance: Array, prior: CartPrior, share: float) -> None:
@@ -75,18 +75,18 @@ class UnknownLoad:
         self._mean, self._law = self._prior_mean, linearised(self._prior_mean, self._prior_covariance)
 
     def start(self) -> tuple[Array, Array]:
-        """``phi`` right after the change: mean (4,) and covariance (4, 4), as far as the load is not known by now."""
+        """Mean (4,) and covariance (4, 4) of ``phi`` right after the change, by the present linear law."""
         law = self._law
         middle = self._phi + law.middle + law.slope @ (self._prior_mean - self._mean)
         spread = self._phi_covariance + law.slope @ self._prior_covariance @ law.slope.T + law.rest
         return middle, 0.5 * (spread + spread.T)
 
     def learn(self, phi: Array, covariance: Array) -> None:
-        """Find out about the load from what the cart is now known to be: mean (4,) and covariance (4, 4).
+        """Linearise again, about the load that follows from the present estimate of the cart.
 
         Args:
-            phi: As it follows from the last ``start`` and from all that has been measured since.
-            covariance: Of it.
+            phi: Mean (4,) given the last ``start`` and all measurements since.
+            covariance: Its covariance (4, 4).
         """
         law = self._law
         expected, spread = self.start()

@@ -1,9 +1,9 @@
-"""A cart in the plane: rigid body dynamics in SE(2) with wheels that do not slip sideways (Aguilera et al.).
+"""A cart in the plane: rigid body dynamics in SE(2) with one axle, whose wheels do not slip sideways (Aguilera et al.).
 
 Frames and symbols, used in all files of the cart:
 
-- ``{s}`` is fixed to the floor, ``{b}`` to the cart: its x axis points ahead, its origin is where the fixed wheels'
-  axle crosses the cart's middle. ``q = (x, y, theta)`` is the pose of ``{b}`` in ``{s}`` [m, m, rad].
+- ``{s}`` is fixed to the floor, ``{b}`` to the cart: its x axis points forward, its origin is the middle of the axle of
+  the fixed wheels. ``q = (x, y, theta)`` is the pose of ``{b}`` in ``{s}`` [m, m, rad].
 - A planar wrench is ``(f_x, f_y, tau)`` [N, N, N·m], torque about the frame's origin. ``Gamma`` is a wrench on the cart
   about the origin of ``{b}`` in the axes of ``{s}``: the generalised force of ``q``. ``wrench_b`` is the same wrench in
   the axes of ``{b}``: ``Gamma = T(theta) wrench_b``.
@@ -22,21 +22,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import cos, sin
 
+import msgspec
 import numpy as np
 
-from coheft.errors import CoheftError
 from coheft.estimation.geometry.spatial import Array
 
-_SAME_DIRECTION = 1e-9
 
-
-class CartError(CoheftError):
-    """There can be no such cart."""
-
-
-@dataclass(frozen=True)
-class CartBody:
-    """Mass properties of a cart and its friction.
+class CartBody(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Mass properties and friction of a cart, as they are or as a pusher estimates them.
 
     Attributes:
         mass: [kg].
@@ -73,61 +66,6 @@ class CartBody:
         return np.array([[1, 0, 0, 0], [x, m, 0, 0], [y, 0, m, 0], [x * x + y * y, 2 * m * x, 2 * m * y, 1.0]])
 
 
-@dataclass(frozen=True)
-class Wheel:
-    """A wheel with a fixed axle; casters need none, they follow.
-
-    Attributes:
-        position: Where it touches the floor, in ``{b}`` [m].
-        heading: Angle of its rolling direction from the x axis of ``{b}`` [rad].
-    """
-
-    position: tuple[float, float] = (0.0, 0.0)
-    heading: float = 0.0
-
-
-class Constraints:
-    """``Lambda(q) qd = 0``: no wheel slips sideways (Aguilera et al., eq. 3).
-
-    In the axes of ``{b}`` the rows are constant: ``Lambda(q) = rows_b T(theta)^T``.
-
-    Args:
-        wheels: One gives the paper's ``(-sin theta, cos theta, 0)``. Wheels that hinder the same motion count once.
-
-    Raises:
-        CartError: The cart cannot move at all.
-
-    Attributes:
-        rows_b: Linearly independent, of norm 1, shape (k, 3).
-        free_b: Orthonormal basis of the twists ``T^T qd`` that are left, shape (3, 3 - k).
-    """
-
-    def __init__(self, wheels: Sequence[Wheel] = (Wheel(),)) -> None:
-        rows = np.zeros((len(wheels), 3))
-        for row, wheel in zip(rows, wheels, strict=True):
-            normal_x, normal_y = -sin(wheel.heading), cos(wheel.heading)
-            x, y = wheel.position
-            row[:] = normal_x, normal_y, normal_y * x - normal_x * y
-        _, sizes, directions = np.linalg.svd(rows)
-        rank = int(np.sum(sizes > _SAME_DIRECTION))
-        if rank == 3:
-            raise CartError(f"{len(wheels)} wheels given that hold the cart where it is: no motion is free of slip")
-        self.rows_b: Array = directions[:rank] * np.where(directions[:rank] @ np.ones(3) < 0.0, -1.0, 1.0)[:, None]
-        self.free_b: Array = directions[rank:].T
-
-    def rows(self, theta: float) -> Array:
-        """``Lambda(q)``, shape (k, 3)."""
-        return self.rows_b @ axes(theta).T
-
-    def rows_rate(self, theta: float, theta_rate: float) -> Array:
-        """Its time derivative, shape (k, 3)."""
-        return theta_rate * self.rows_b @ axes_derivative(theta).T
-
-
-UNICYCLE = Constraints()
-"""One axle: the cart rolls ahead and turns about the axle's middle."""
-
-
 def axes(theta: float) -> Array:
     """``T(theta)``, shape (3, 3): carries ``(x, y, turn)`` from the axes of ``{b}`` to those of ``{s}``."""
     c, s = cos(theta), sin(theta)
@@ -138,6 +76,18 @@ def axes_derivative(theta: float) -> Array:
     """``dT / dtheta``, shape (3, 3)."""
     c, s = cos(theta), sin(theta)
     return np.array([[-s, -c, 0.0], [c, -s, 0.0], [0.0, 0.0, 0.0]])
+
+
+def wheel_row(theta: float) -> Array:
+    """``Lambda(q) = (-sin theta, cos theta, 0)``, shape (3,): the wheels do not slip, ``Lambda qd = 0`` (eq. 3)."""
+    result: Array = axes(theta)[:, 1]
+    return result
+
+
+def wheel_row_derivative(theta: float) -> Array:
+    """``dLambda / dtheta``, shape (3,)."""
+    result: Array = axes_derivative(theta)[:, 1]
+    return result
 
 
 def mass_matrix(phi: Array, theta: float) -> Array:
@@ -171,14 +121,6 @@ def regressor(theta: float, rates: Array, accelerations: Array) -> Array:
     )
 
 
-def projection(phi: Array, theta: float, constraints: Constraints = UNICYCLE) -> Array:
-    """``P``, shape (3, 3), of rank ``3 - k``: what of a ``Gamma`` is left to move the cart (Aguilera et al., eq. 5)."""
-    rows = constraints.rows(theta)
-    rows_by_mass = np.linalg.solve(mass_matrix(phi, theta), rows.T).T
-    result: Array = np.eye(3) - rows.T @ np.linalg.solve(rows_by_mass @ rows.T, rows_by_mass)
-    return result
-
-
 def resistance(friction: Sequence[float] | Array, rates: Array) -> Array:
     """``N``, shape (3,), from ``sigma`` (2,) and ``qd`` (3,)."""
     moving, turning = friction
@@ -187,60 +129,53 @@ def resistance(friction: Sequence[float] | Array, rates: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Accelerations:
-    """What a wrench does to a cart.
+    """Solution of the equations of motion.
 
     Attributes:
         accelerations: ``qdd``, shape (3,) [m/s², rad/s²].
-        multipliers: ``lambda``, what the wheels push sideways with, against ``rows``, shape (k,) [N].
-        system: ``[[M, Lambda^T], [Lambda, 0]]``, shape (3 + k, 3 + k).
+        multiplier: ``lambda``, the wheels' sideways force, against ``Lambda`` [N].
+        system: ``[[M, Lambda^T], [Lambda, 0]]``, shape (4, 4).
     """
 
     accelerations: Array
-    multipliers: Array
+    multiplier: float
     system: Array
 
 
 def forward_dynamics(
-    phi: Array,
-    friction: Sequence[float] | Array,
-    theta: float,
-    rates: Array,
-    wrench_b: Array,
-    constraints: Constraints = UNICYCLE,
+    phi: Array, friction: Sequence[float] | Array, theta: float, rates: Array, wrench_b: Array
 ) -> Accelerations:
     """Solve ``M qdd + C qd + N + Lambda^T lambda = Gamma``, ``Lambda qdd + Lambda_rate qd = 0``.
 
-    That is ``qdd = M^-1 P (Gamma - C qd - N) - M^-1 Lambda^T (Lambda M^-1 Lambda^T)^-1 Lambda_rate qd``: what Aguilera
-    et al. write as eq. (9), with the constraint's own rate of change, without which a cart in a curve drifts.
+    The solution is ``qdd = M^-1 P (Gamma - C qd - N) - M^-1 Lambda^T (Lambda M^-1 Lambda^T)^-1 Lambda_rate qd``, with
+    the projection ``P = I - Lambda^T (Lambda M^-1 Lambda^T)^-1 Lambda M^-1`` (Aguilera et al., eqs 5 and 9). Eq. (9)
+    lacks the last term; without it, the cart drifts sideways in curves.
 
     Args:
         phi: Shape (4,).
         friction: ``sigma``, shape (2,).
         theta: Heading [rad].
         rates: ``qd``, shape (3,).
-        wrench_b: Of all hands together, shape (3,).
-        constraints: Of the wheels.
+        wrench_b: Total wrench of all hands, shape (3,).
     """
     turn_rate = float(rates[2])
-    rows = constraints.rows(theta)
-    count = len(rows)
-    system = np.zeros((3 + count, 3 + count))
+    system = np.zeros((4, 4))
     system[:3, :3] = mass_matrix(phi, theta)
-    system[:3, 3:], system[3:, :3] = rows.T, rows
-    right = np.empty(3 + count)
+    system[:3, 3] = system[3, :3] = wheel_row(theta)
+    right = np.empty(4)
     right[:3] = axes(theta) @ wrench_b - resistance(friction, rates)
     right[:3] -= coriolis(phi, theta, turn_rate)[:, 2] * turn_rate
-    right[3:] = -constraints.rows_rate(theta, turn_rate) @ rates
+    right[3] = -turn_rate * wheel_row_derivative(theta) @ rates
     solution = np.asarray(np.linalg.solve(system, right), dtype=np.float64)
-    return Accelerations(solution[:3], solution[3:], system)
+    return Accelerations(solution[:3], float(solution[3]), system)
 
 
 def inverse_dynamics(
     phi: Array, friction: Sequence[float] | Array, theta: float, rates: Array, accelerations: Array
 ) -> Array:
-    """``Gamma = M qdd + C qd + N``, shape (3,): what does it without any help of the wheels.
+    """``Gamma = M qdd + C qd + N``, shape (3,): the wrench that would cause this motion without the wheels' force.
 
-    Adding ``Lambda^T`` times anything changes nothing: only ``free_b^T T^T Gamma`` matters.
+    Multiples of ``Lambda^T`` can be added to it: the wheels take them up.
     """
     result: Array = regressor(theta, rates, accelerations) @ phi + resistance(friction, rates)
     return result

@@ -1,8 +1,8 @@
-"""Is a cart's motion measured as well as it is said? Judged from what the measurements themselves show.
+"""Tests whether the noise of a cart's measurements is larger than stated.
 
-Two ways, because neither sees all. Noise that is new in every sample shows in third differences, in which no motion is
-left: without any model, at once, and whatever happens to the cart. All else that the model does not know, such as noise
-that lasts, or a force that no hand measures, shows in innovations that do not cancel when they are summed.
+White noise shows in third differences, in which no motion is left: at once, without a model, whatever happens to the
+cart. Other errors of the model, such as correlated noise or a force that no hand measures, show in sums of innovations
+that are too large.
 """
 
 from __future__ import annotations
@@ -22,34 +22,34 @@ KINDS = {
     "velocity": np.array([3, 4]),
     "turn rate": np.array([5]),
 }
-"""Components of a motion that one sensor measures."""
+"""Components of a motion, by sensor."""
 RECENT = 200
-"""Noise is looked for in so many of the newest samples."""
+"""Number of newest samples in which white noise is estimated,"""
 _LEAST = 24
-"""And not in fewer; in so many when there is an alarm."""
+"""and the least number, which is used after an alarm."""
 _CLEARLY_NEW = 1.5
-"""So many times as large noise in the newest samples is another than before."""
+"""Ratio of the newest noise to the previous level from which on it is new."""
 _EVERY = 8
-"""Nor more often than after so many."""
+"""Number of samples between two estimates."""
 _CLEAR = 8.0
-"""Of ``n`` measured numbers the noise is larger than is said if it looks larger by a share of this over ``sqrt(n)``."""
+"""The noise of ``n`` numbers is larger than stated if its estimate is, relatively, by more than this / ``sqrt(n)``."""
 _GONE = 1.15
-"""Noise that is less than so many times what is said counts as gone."""
+"""Noise below this multiple of the stated one counts as normal again."""
 _MEDIAN = 0.6745
-"""Of the absolute value of a standard normal variable."""
+"""Median of the absolute value of a standard normal variable."""
 _THIRD = np.sqrt(20.0)
 """Standard deviation of a third difference of white noise of standard deviation 1."""
 _SUMS = (1, 8, 64)
-"""Over so many innovations in a row sums are taken."""
+"""Numbers of consecutive innovations that are summed."""
 _CHANCE = 1e-6
-"""Probability that innovations of a right model are taken for those of a wrong one, by sum and kind."""
+"""Probability of a false alarm per sum and sensor."""
 
 
 class WhiteNoise:
-    """How many times as large as is said the noise is that is new in every sample.
+    """White noise of the measurements.
 
     Attributes:
-        levels: Of each component, at least 1, shape (6,).
+        levels: Noise of each component in multiples of the stated one, at least 1, shape (6,).
     """
 
     def __init__(self) -> None:
@@ -59,11 +59,11 @@ class WhiteNoise:
 
     @property
     def seen(self) -> int:
-        """In how many of the newest measurements noise has been looked for."""
+        """Number of newest measurements in which noise is estimated."""
         return len(self._motions)
 
     def see(self, sighting: Sighting) -> bool:
-        """Take in a measurement; whether any level is higher now."""
+        """Add a measurement; return whether any level has risen."""
         self._motions.append(sighting.motion / np.sqrt(np.diag(sighting.covariance)))
         self._since += 1
         if len(self._motions) < _LEAST or self._since < _EVERY:
@@ -74,7 +74,7 @@ class WhiteNoise:
         return bool((self.levels > before).any())
 
     def is_new(self) -> bool:
-        """Whether the newest few measurements are so noisy as none before; levels then count with it."""
+        """Whether the newest few measurements are noisier than before; levels then rise."""
         if len(self._motions) < _LEAST:
             return False
         newest = _white_levels(np.array(self._motions)[-_LEAST:], np.zeros(MOTION_SIZE, dtype=bool))
@@ -88,9 +88,9 @@ class WhiteNoise:
 
 
 def _white_levels(motions: Array, is_noticed: NDArray[np.bool_]) -> Array:
-    """From motions in units of their noise, shape (samples, 6). Medians: jolts and outliers are no noise.
+    """Levels from motions in units of their noise, shape (samples, 6), by medians: jolts and outliers are no noise.
 
-    What is noticed already (6,) stays so until it is nearly gone.
+    Components (6,) that are noticed already stay so until their noise is nearly normal.
     """
     differences = np.abs(np.diff(motions, 3, axis=0))
     result = np.ones(MOTION_SIZE)
@@ -102,14 +102,14 @@ def _white_levels(motions: Array, is_noticed: NDArray[np.bool_]) -> Array:
 
 
 def misfit(innovations: Array, before: Array) -> Array:
-    """How many times as large noise fits the innovations, whose sums vary too much if they are not independent.
+    """Noise that explains the innovations and their sums, in multiples of the stated one.
 
     Args:
-        innovations: In units of their standard deviations, one after the other, shape (samples, 6).
-        before: The same as found before, with which these standard deviations were computed, shape (6,).
+        innovations: Consecutive innovations in units of their standard deviations, shape (samples, 6).
+        before: The previous result, with which these standard deviations were computed, shape (6,).
 
     Returns:
-        Of each component, at least 1, shape (6,); 1 where it was so before and the difference may be chance.
+        A factor of at least 1 for each component, shape (6,); 1 where it was 1 and the difference may be chance.
     """
     found = np.zeros(MOTION_SIZE)
     for length in _SUMS:
@@ -128,17 +128,17 @@ def misfit(innovations: Array, before: Array) -> Array:
 
 
 def doubts(levels: Array, unknown_wrench: float) -> list[str]:
-    """In words, what does not fit what is said of measurements.
+    """Describe what is worse than stated.
 
     Args:
-        levels: How many times as large as is said the noise of the motion is, shape (6,).
-        unknown_wrench: Standard deviation of a force that the model does not know [N].
+        levels: Noise of the motion in multiples of the stated one, shape (6,).
+        unknown_wrench: Standard deviation of an unknown force on the cart [N].
     """
     found = [
-        f"{kind} is measured {levels[components[0]]:.1f} times as badly as is said"
+        f"the noise of the {kind} is {levels[components[0]]:.1f} times as large as stated"
         for kind, components in KINDS.items()
         if levels[components[0]] > 1.0
     ]
     if unknown_wrench > 0.0:
-        found.append(f"the cart is pushed by about {unknown_wrench:.1f} N more or less than is measured")
+        found.append(f"an unknown force of about {unknown_wrench:.1f} N acts on the cart")
     return found

@@ -1,4 +1,4 @@
-"""How little is known of a cart before it is pushed, and after something has happened to it."""
+"""Prior of a cart before it is pushed, and of its changes."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from coheft.estimation.geometry.spatial import Array
 
 
 class CartPrior(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """How wrong the first guess of a cart may be, and how fast and how suddenly a cart may change.
+    """Uncertainty of the first guess of a cart, and of its gradual and sudden changes.
 
     Attributes:
-        mass: Standard deviation as a share of the guess.
-        com: Standard deviation per axis [m].
-        inertia: Standard deviation as a share of the guess.
-        friction: Standard deviations of moving and of turning friction, as shares of the guess.
-        least: No cart has less mass, or moment of inertia, than this share of the guess.
-        drift: Standard deviation of the change in one second, as a share of the first standard deviation.
-        slip: Of the wheels, sideways [m/s].
-        slow: Unless the cart is surely faster than this, parameters are not corrected: friction is not viscous [m/s].
-        turning: Nor while it rolls so far after it has changed its direction: casters turn round [m].
-        drag: Standard deviation of what casters do meanwhile, force [N] and torque [N·m].
-        start: Standard deviation of the first velocity, from standing still [m/s, rad/s].
-        load: Standard deviation of the mass that may suddenly come or go [kg].
-        place: Standard deviation per axis of where it lies, from the centre of mass [m].
-        size: Its radius of gyration is between none and about so much [m].
-        jolt: Standard deviation of the velocity that the cart may suddenly lose or gain with it [m/s, rad/s].
+        mass: Standard deviation of the mass, relative to the guess.
+        com: Standard deviation of the centre of mass per axis [m].
+        inertia: Standard deviation of the moment of inertia, relative to the guess.
+        friction: Standard deviations of translational and turning friction, relative to the guess.
+        least: Least mass and moment of inertia, relative to the guess.
+        drift: Standard deviation of the change in one second, relative to the first standard deviation.
+        slip: Standard deviation of the wheels' sideways velocity [m/s].
+        slow: Speed below which parameters are not corrected, because friction is not viscous [m/s].
+        turning: Distance after a reversal in which parameters are not corrected, because casters turn around [m].
+        drag: Standard deviation of the casters' force [N] and torque [N·m] meanwhile.
+        start: Standard deviation of the first velocity about standing still [m/s, rad/s].
+        load: Standard deviation of a mass that is suddenly added or removed [kg].
+        place: Standard deviation of its position per axis, about the centre of mass [m].
+        size: Upper limit of its radius of gyration, roughly [m].
+        jolt: Standard deviation of the sudden change of velocity with it [m/s, rad/s].
     """
 
     mass: float = 0.6
@@ -49,7 +49,7 @@ class CartPrior(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     jolt: float = 0.3
 
     def covariance(self, guess: CartBody) -> Array:
-        """Of ``(phi, sigma)`` around a guess, shape (6, 6)."""
+        """Covariance of ``(phi, sigma)`` about a guess, shape (6, 6)."""
         deviations = guess.mass * self.mass, self.com, self.com, guess.inertia * self.inertia
         derivative = guess.phi_derivative()
         result = np.zeros((6, 6))
@@ -59,11 +59,11 @@ class CartPrior(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 _FARTHEST = 2.0
-"""No cart's centre of mass is farther from its axle [m]."""
+"""Largest distance of the centre of mass from the axle [m]."""
 
 
 def nearest_possible(phi: Array, least_mass: float, least_inertia: float) -> Array:
-    """``phi`` (4,) of a cart that can be: its mass and its own moment of inertia at least so much, its centre near."""
+    """Limit ``phi`` (4,) to possible carts: least mass [kg] and central moment of inertia [kg·m²], and centre near."""
     mass = max(float(phi[0]), least_mass)
     _, x, y, turning = phi.tolist()
     far = max(1.0, hypot(x, y) / (mass * _FARTHEST))

@@ -1,8 +1,8 @@
-"""What a learner keeps of each step, and of a load that has come or gone."""
+"""The record of a step of the learner, and that of a change of the load."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from coheft.estimation.cart.filter import Belief, Prediction, Push, Sighting, Update
 from coheft.estimation.cart.linearisation import PHI
@@ -17,11 +17,11 @@ class Step:
     Attributes:
         sighting: The measurement.
         push: The push.
-        corrects_cart: Whether the cart was fast enough to learn from.
-        levels: How many times its noise is as large as is said, so far as that is new in every sample, shape (6,).
-        before: What was believed before it.
-        update: What the measurement did.
-        prediction: What the push did.
+        corrects_cart: Whether the cart was fast enough to correct its parameters.
+        levels: White noise of the measurement in multiples of the stated one, shape (6,).
+        before: Belief before the step.
+        update: Result of the measurement, once the step is done.
+        prediction: Result of the push, once the step is done.
     """
 
     sighting: Sighting
@@ -29,29 +29,29 @@ class Step:
     corrects_cart: bool
     levels: Array
     before: Belief
-    update: Update | None = None
-    prediction: Prediction | None = None
+    update: Update = field(init=False)
+    prediction: Prediction = field(init=False)
+
+    @property
+    def surprise(self) -> float:
+        """Squared innovation; 0 if the step did not correct the cart, as what casters do is no change of it."""
+        return self.update.surprise if self.corrects_cart else 0.0
 
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """A load has come or gone.
+    """A load that has been added or removed.
 
     Attributes:
-        before: What was believed before, but for the jolt.
-        load: What is known of it.
+        before: Belief before the change, with the jolt's covariance.
+        load: The load.
     """
 
     before: Belief
     load: UnknownLoad
 
     def start(self) -> Belief:
-        """What is to be believed after it."""
+        """Belief after the change."""
         mean, covariance = self.before.mean.copy(), self.before.covariance.copy()
         mean[PHI], covariance[PHI, PHI] = self.load.start()
         return Belief(mean, covariance)
-
-
-def surprise(step: Step) -> float:
-    """Of a step from which something can be learned; what casters do is no news."""
-    return step.update.surprise if step.corrects_cart and step.update is not None else 0.0

@@ -1,7 +1,7 @@
-"""Where a cart shall be: speed and turn rate over time, integrated along the path.
+"""Reference trajectories of a cart.
 
-A trajectory is given by its knots: speed and turn rate change linearly between them, so that all trajectories begin and
-end with a step of acceleration (Aguilera et al., fig. 3).
+Speed and turn rate are linear between knots, so that all trajectories begin and end with a step of the acceleration
+(Aguilera et al., fig. 3).
 """
 
 from __future__ import annotations
@@ -15,19 +15,19 @@ import numpy as np
 from coheft.estimation.geometry.spatial import Array
 
 _STEP = 1e-3
-"""Of the integration [s]."""
+"""Step of the integration [s]."""
 
 
 @dataclass(frozen=True)
 class Target:
-    """Where the cart shall be at one time.
+    """Reference motion at one time.
 
     Attributes:
         pose: ``q_d``, shape (3,) [m, m, rad].
-        speed: Ahead [m/s].
-        turn_rate: [rad/s].
-        acceleration: [m/s²].
-        turn_acceleration: [rad/s²].
+        speed: Forward speed [m/s].
+        turn_rate: Turn rate [rad/s].
+        acceleration: Forward acceleration [m/s²].
+        turn_acceleration: Angular acceleration [rad/s²].
     """
 
     pose: Array
@@ -39,7 +39,7 @@ class Target:
 
 @dataclass(frozen=True)
 class Trajectory:
-    """A path with its timing. It ends with the last of all knots.
+    """A trajectory; it ends with the last knot.
 
     Attributes:
         speeds: Knots ``(time, speed)`` [s, m/s].
@@ -50,7 +50,7 @@ class Trajectory:
     turn_rates: tuple[tuple[float, float], ...] = ((0.0, 0.0),)
 
     def at(self, time: float) -> Target:
-        """Where to be at a time [s]; from the end on, at rest where it ends."""
+        """Reference motion at a time [s]; after the end, at rest."""
         if time >= self._end:
             return Target(self._poses[-1], 0.0, 0.0, 0.0, 0.0)
         speed, acceleration = _interpolate(self.speeds, time)
@@ -62,12 +62,12 @@ class Trajectory:
 
     @property
     def _end(self) -> float:
-        """When it ends [s]."""
+        """Time of the end [s]."""
         return max(self.speeds[-1][0], self.turn_rates[-1][0])
 
     @cached_property
     def _poses(self) -> Array:
-        """At every step, by the midpoint rule, shape (steps + 1, 3)."""
+        """Poses at all steps of the integration, by the midpoint rule, shape (steps + 1, 3)."""
         middles = (np.arange(round(self._end / _STEP)) + 0.5) * _STEP
         speeds = np.interp(middles, *np.transpose(self.speeds))
         turn_rates = np.interp(middles, *np.transpose(self.turn_rates))

@@ -1,4 +1,4 @@
-"""What each process of a run with a cart is told when it starts: nothing more than its part needs."""
+"""Configurations of the processes of a run with a cart."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from coheft.wire.config import Neighbour
 
 
 class CartAgentConfig(CartTask, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """All that one pusher knows when it starts: of others only its neighbours.
+    """All that one pusher knows at the start.
 
     Attributes:
-        name: Its own name.
-        neighbours: Those it can talk with.
-        hand: Its contact point in ``{b}`` at first [m].
-        reach: Lowest and highest ``y`` that its hand may slide to [m].
+        name: Its name.
+        neighbours: Names of its neighbours.
+        hand: Its first contact point in ``{b}`` [m].
+        reach: Range of ``y`` of its hand [m].
     """
 
     name: str
@@ -45,7 +45,7 @@ class CartServerConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
 
 
 def agent_config(scenario: CartScenario, name: str, neighbours: tuple[str, ...]) -> CartAgentConfig:
-    """A pusher's share of a scenario."""
+    """Configuration of one pusher."""
     task = {field: getattr(scenario, field) for field in CartTask.__struct_fields__}
     return CartAgentConfig(
         name=name, neighbours=neighbours, hand=scenario.hand(name), reach=scenario.reach(name), **task

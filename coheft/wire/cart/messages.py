@@ -1,4 +1,4 @@
-"""Every message of a run with a cart that crosses a process boundary."""
+"""All messages of a run with a cart."""
 
 from __future__ import annotations
 
@@ -6,23 +6,23 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from coheft.wire.cart.scenario import CartGuess
+from coheft.estimation.cart.model import CartBody
 from coheft.wire.messages.structs import LinkState, Message
 
 # --- robot plane -------------------------------------------------------------------------------------------------
 
 
 class CartMeasurement(Message, frozen=True):
-    """Server to pusher: its own sensors' sample.
+    """Server to pusher: a sample of its sensors.
 
     Attributes:
-        robot: Whose.
-        block: Number of the sample; it was taken ``block / rate`` seconds after the start.
+        robot: Name of the pusher.
+        block: Number of the sample, ``block / rate`` seconds after the start.
         motion: ``(q, qd)`` of the cart at that time: pose of ``{b}`` in ``{s}`` and its rate, shape (6,) [m, m, rad,
             m/s, m/s, rad/s].
-        wrench: What its hand did from then until the next sample, about its contact point, axes of ``{b}``, shape (3,)
+        wrench: Wrench of its hand from then until the next sample, about its contact point, axes of ``{b}``, shape (3,)
             [N, N, N·m].
-        hand: Where in ``{b}`` it did so, shape (2,) [m].
+        hand: Its contact point in ``{b}``, shape (2,) [m].
     """
 
     code: ClassVar[int] = 50
@@ -37,13 +37,13 @@ class CartMeasurement(Message, frozen=True):
 
 
 class CartPush(Message, frozen=True):
-    """Pusher to server: the answer to one sample, and what its hand shall do ``lag`` samples later.
+    """Pusher to server: the answer to a sample, with the wrench of its hand ``lag`` samples later.
 
     Attributes:
-        robot: Whose.
-        block: From this sample to the next it shall hold.
-        answers: The sample that this answers.
-        wrench: About the contact point, axes of ``{b}``, shape (3,) [N, N, N·m].
+        robot: Name of the pusher.
+        block: The sample from which to the next the push holds.
+        answers: The sample that is answered.
+        wrench: Wrench about the contact point, axes of ``{b}``, shape (3,) [N, N, N·m].
         hand: The contact point in ``{b}``, shape (2,) [m].
     """
 
@@ -65,12 +65,11 @@ class CartMessage(Message, frozen=True):
     """Pusher to each neighbour, once per sample.
 
     Attributes:
-        sender: Who speaks.
+        sender: Name of the sender.
         block: The sample after which it was sent.
-        gossip: News about pushers.
-        stages: Values under way in the network's sums, see ``coheft.consensus.pipeline``, shape (K, 1, C);
-            empty before.
-        valid: Which of them are complete so far, 0 or 1, shape (K,).
+        gossip: New records of pushers.
+        stages: Partial sums, see ``coheft.consensus.pipeline``, shape (K, 1, C); empty before the sums begin.
+        valid: Which of them are complete, 0 or 1, shape (K,).
     """
 
     code: ClassVar[int] = 52
@@ -88,19 +87,19 @@ class CartMessage(Message, frozen=True):
 
 
 class CartEstimate(Message, frozen=True):
-    """What one pusher believes.
+    """Estimate of one pusher, to observers.
 
     Attributes:
-        robot: Whose belief.
-        block: The last sample that it had seen.
-        time: When that was taken [s].
-        members: Number of pushers as learned by gossip.
-        cart: What it takes the cart to be.
-        covariance: Of ``(m, d_x, d_y, I, sigma)``, shape (6, 6), in the squares of the units of ``CartGuess``.
+        robot: Name of the pusher.
+        block: The last sample that it has processed.
+        time: Time of that sample [s].
+        members: Number of pushers according to gossip.
+        cart: The estimated cart.
+        covariance: Of ``(m, d_x, d_y, I, sigma)``, shape (6, 6), in the squares of the units of ``CartBody``.
         not_known: Quantities that the motion has not shown, and what would show them.
-        jumps: How many sudden changes it has noticed.
-        doubts: What is measured worse than it was told, in words.
-        problems: Messages refused so far.
+        jumps: Number of sudden changes that were detected.
+        doubts: What is measured worse than stated, as sentences.
+        problems: Number of refused messages.
     """
 
     code: ClassVar[int] = 53
@@ -110,7 +109,7 @@ class CartEstimate(Message, frozen=True):
     block: int
     time: float
     members: int
-    cart: CartGuess
+    cart: CartBody
     covariance: np.ndarray[Any, Any]
     not_known: dict[str, str]
     jumps: int
@@ -119,14 +118,14 @@ class CartEstimate(Message, frozen=True):
 
 
 class CartTruth(Message, frozen=True):
-    """Server to observers; no pusher can read it.
+    """Server to observers: the truth, which pushers cannot read.
 
     Attributes:
         block: Number of the sample.
-        time: When it was taken [s].
-        cart: As it is.
+        time: Time of the sample [s].
+        cart: The true cart.
         motion: ``(q, qd)``: pose of ``{b}`` in ``{s}`` and its rate, shape (6,) [m, m, rad, m/s, m/s, rad/s].
-        wrench: Of all hands together about the origin of ``{b}``, in its axes, from then on, shape (3,) [N, N, N·m].
+        wrench: Total wrench of all hands from then on about the origin of ``{b}``, in its axes, shape (3,) [N, N, N·m].
         effort: Root of the sum over hands of ``f^2 + (tau / arm)^2`` [N].
         slip: Sideways velocity of the wheels [m/s].
     """
@@ -136,7 +135,7 @@ class CartTruth(Message, frozen=True):
 
     block: int
     time: float
-    cart: CartGuess
+    cart: CartBody
     motion: np.ndarray[Any, Any]
     wrench: np.ndarray[Any, Any]
     effort: float

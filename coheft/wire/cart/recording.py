@@ -1,4 +1,4 @@
-"""Recordings of a cart that was pushed: ``.csv`` or ``.npz``. ``docs/cart.md`` describes them."""
+"""Reading of recordings of a cart, ``.csv`` or ``.npz``; ``docs/cart.md`` describes them."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ COLUMNS = {
 _OPTIONAL = "planned"
 _LEAST_SAMPLES = 100
 _SLOWEST = 0.11
-"""Longest time between two samples that a filter of second order follows [s]."""
+"""Longest time between two samples for the filter [s]."""
 _EXPECTED = ".csv with a line of names and then numbers, or .npz; docs/cart.md describes both"
 
 
 @dataclass(frozen=True, eq=False)
 class CartRecording:
-    """What was measured, sample by sample.
+    """Samples of a cart.
 
     Attributes:
-        times: Shape (n,) [s].
+        times: Times, shape (n,) [s].
         poses: ``(x, y, theta)`` of the cart's frame on the floor, shape (n, 3) [m, m, rad].
-        rates: Their derivatives, in the floor's axes, shape (n, 3) [m/s, m/s, rad/s].
+        rates: Derivatives of the poses, in the floor's axes, shape (n, 3) [m/s, m/s, rad/s].
         pushes: ``(f_x, f_y, tau)`` from a sample to the next, in the cart's axes, shape (n, 3) [N, N, N·m].
-        planned: What it was meant to be, shape (n, 3), where that is known.
+        planned: Planned pushes, shape (n, 3); None if unknown.
     """
 
     times: Array
@@ -50,7 +50,7 @@ def read_cart_recording(path: Path) -> CartRecording:
     """Read a recording, and check its form.
 
     Raises:
-        RecordingError: It cannot be read, or not used; says where, and why.
+        RecordingError: It cannot be read or used; the message says where, and why.
     """
     try:
         arrays = _read(path)
@@ -83,10 +83,10 @@ def _read(path: Path) -> dict[str, Array]:
 
 
 def _check_names(kind: str, found: list[str], known: list[str], optional: list[str]) -> None:
-    """Check that all are there that are needed, and no others.
+    """Check that all names but optional ones are there, and no others.
 
     Raises:
-        RecordingError: One is missing or unknown.
+        RecordingError: A name is missing or unknown.
     """
     missing = [name for name in known if name not in found and name not in optional]
     unknown = [name for name in found if name not in known]
@@ -126,5 +126,5 @@ def _check(arrays: dict[str, Array]) -> None:
         )
     if steps[longest] > max(_SLOWEST, 5.0 * usual):
         raise RecordingError(
-            f"nothing was recorded from {times[longest]:g} s to {times[longest + 1]:g} s: make two recordings of it"
+            f"nothing was recorded from {times[longest]:g} s to {times[longest + 1]:g} s: split it into two recordings"
         )

@@ -1,4 +1,4 @@
-"""Scenarios of a cart: what is pushed, by whom, where to, and what happens to it."""
+"""Scenarios of a cart that is pushed."""
 
 from __future__ import annotations
 
@@ -15,40 +15,14 @@ PHYSICS_RATE = 500
 """Steps of the physics per second."""
 
 
-class CartGuess(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A cart, as it is or as somebody takes it to be; see ``CartBody``.
-
-    Attributes:
-        mass: [kg].
-        com: Centre of mass in ``{b}`` [m].
-        inertia: About the centre of mass [kg·m²].
-        friction: Viscous, of moving [N·s/m] and of turning [N·m·s].
-    """
-
-    mass: float
-    com: tuple[float, float]
-    inertia: float
-    friction: tuple[float, float]
-
-    @property
-    def body(self) -> CartBody:
-        """The same to compute with."""
-        return CartBody(self.mass, self.com, self.inertia, self.friction)
-
-    @staticmethod
-    def of(body: CartBody) -> CartGuess:
-        """The same to send."""
-        return CartGuess(mass=body.mass, com=body.com, inertia=body.inertia, friction=body.friction)
-
-
 class CartLoad(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A load that is dropped onto the cart, standing still over the floor before, or that is taken off as it rolls.
+    """A load that is added at rest, or removed while the cart rolls.
 
     Attributes:
-        at: When [s].
-        mass: What comes, or goes where negative [kg].
-        place: Where its middle lies in ``{b}`` [m].
-        size: Length and width of a box, filled evenly, whose sides are along the cart's [m]; a point mass without.
+        at: Time [s].
+        mass: Mass that is added; negative if it is removed [kg].
+        place: Position of its centre in ``{b}`` [m].
+        size: Length and width of a homogeneous box with the cart's axes [m]; zero for a point mass.
     """
 
     at: float
@@ -61,24 +35,24 @@ TrajectoryName = Literal["straight", "curves", "there and back"]
 
 
 class CartTask(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What the pushers of a cart are told of a run: not how many they are, not the cart as it is.
+    """The part of a scenario that the pushers know: neither their number, nor the true cart.
 
     Attributes:
-        guess: What they take the cart to be at first.
-        trajectory: Where it shall go.
+        guess: Their first guess of the cart.
+        trajectory: Reference trajectory.
         noise: Standard deviation of measured positions and velocities, each component [m, rad, m/s, rad/s].
-        force_noise: Standard deviation of measured forces [N]; that of torques is ``arm`` times as much.
-        slides: Whether hands slide along the handle to where they push best.
-        learns: Whether the pushers correct their guess.
+        force_noise: Standard deviation of measured forces [N]; that of torques is ``arm`` times as large.
+        slides: Whether hands slide along the handle to their best contact points.
+        learns: Whether the pushers use the estimator.
         rate: Samples, messages and pushes per second; must divide ``PHYSICS_RATE``.
-        lag: Samples from a measurement to the push that answers it.
-        arm: What torque costs a hand [m], see ``coheft.estimation.cart.contact``.
+        lag: Number of samples from a measurement to the push that answers it.
+        arm: Ratio of a hand's costs of force and torque [m], see ``coheft.estimation.cart.contact``.
         strength: Largest effort of all hands together [N].
-        prior: How wrong the guess may be.
-        tracking: How hard errors are fought.
+        prior: Uncertainty of the guess.
+        tracking: Settings of the regulator.
     """
 
-    guess: CartGuess
+    guess: CartBody
     trajectory: TrajectoryName
     noise: float = 0.005
     force_noise: float = 0.0
@@ -96,22 +70,22 @@ class CartScenario(CartTask, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     """One run with a cart.
 
     Attributes:
-        name: For people.
-        cart: As it is.
-        noise_factor: The noise is so many times what the pushers are told.
-        loads: What is put on and taken off.
-        casters: Whether casters turn round, and drag meanwhile, when the cart goes the other way.
-        seed: Of all noise.
-        pushers: How many.
-        duration: [s].
-        handle: ``x`` of the handle in ``{b}`` and half its length [m].
+        name: Name of the scenario.
+        cart: The true cart.
+        noise_factor: True noise of the motion in multiples of ``noise``.
+        loads: Loads that are added and removed.
+        casters: Whether casters turn around, with drag, when the cart reverses.
+        seed: Seed of all noise.
+        pushers: Number of pushers.
+        duration: Duration [s].
+        handle: ``x`` of the handle in ``{b}``, and half its length [m].
 
     Raises:
         ScenarioError: The physics cannot sample at this rate.
     """
 
     name: str
-    cart: CartGuess
+    cart: CartBody
     noise_factor: float = 1.0
     loads: tuple[CartLoad, ...] = ()
     casters: bool = False
@@ -135,17 +109,17 @@ class CartScenario(CartTask, frozen=True, forbid_unknown_fields=True, kw_only=Tr
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the pushers."""
+        """Names of the pushers."""
         return tuple(f"p{i + 1}" for i in range(self.pushers))
 
     def reach(self, name: str) -> tuple[float, float]:
-        """Between which ``y`` on the handle a pusher's hand may be [m]: they divide it among them."""
+        """Range of ``y`` of a pusher's hand on the handle, which the pushers share equally [m]."""
         _, half = self.handle
         width = 2.0 * half / self.pushers
         low = -half + self.names.index(name) * width
         return low, low + width
 
     def hand(self, name: str) -> tuple[float, float]:
-        """Where a pusher takes hold in ``{b}`` [m]: in the middle of its reach."""
+        """First contact point of a pusher in ``{b}``, the middle of its range [m]."""
         low, high = self.reach(name)
         return self.handle[0], 0.5 * (low + high)

@@ -1,7 +1,6 @@
-"""The band in which a load moves, as coefficients of a cosine transform, which are nearly independent of each other.
+"""The frequency band in which a load moves, as nearly independent coefficients of a cosine transform.
 
-Noise is measured above the band, where there is no motion: what a sensor's own filter takes away at high frequencies
-does not make it look quiet here.
+Noise is measured just above the band, where there is no motion: still higher, a sensor's own filter may suppress it.
 """
 
 from __future__ import annotations
@@ -17,9 +16,9 @@ from coheft.estimation.batch.signals import ORDER, Signals
 from coheft.estimation.geometry.spatial import Array
 
 _USED = 5.0 / 6.0
-"""Of the filter's band: above, too little is left to be divided by its gain."""
+"""Share of the filter's band that is used: above, its gain is too small to divide by."""
 _NOISE = (4.0 / 3.0, 8.0 / 3.0)
-"""Where noise is measured, in multiples of the filter's cutoff."""
+"""Band in which noise is measured, in multiples of the filter's cutoff."""
 _MOTION_POWER = 0.98
 _WIDER = 1.3
 _FEWEST, _MOST_BANDS, _PER_BAND = 3, 12, 8
@@ -27,9 +26,9 @@ _FEW_ABOVE = 60
 
 
 def white_level(samples: Array, rate: float, cutoff: float) -> Array | None:
-    """Standard deviation of the white noise that has the power which samples (n, c) have above the band, shape (c,).
+    """Standard deviation of white noise with the power of samples (n, c) above the band, shape (c,).
 
-    The median of the periodogram is robust against single lines. None if samples are too slow for that.
+    The median of the periodogram is robust against single lines. None if the rate is too low, or samples are too few.
     """
     frequency = np.fft.rfftfreq(len(samples), 1.0 / rate)
     chosen = (frequency >= _NOISE[0] * cutoff) & (frequency <= _NOISE[1] * cutoff)
@@ -43,13 +42,13 @@ def white_level(samples: Array, rate: float, cutoff: float) -> Array | None:
 
 @dataclass(frozen=True, eq=False)
 class Band:
-    """Coefficients of the cosine transform of filtered signals up to some frequency.
+    """Coefficients of the cosine transform of filtered signals, up to a frequency.
 
     Attributes:
-        frequency: Of each coefficient, shape (K,) [Hz].
-        gain: Of the filter that the signals went through, shape (K,).
-        moving: Number of coefficients in which the load moves; they come first.
-        starts: First coefficients of the bands in which spectra are measured, shape (B,).
+        frequency: Frequency of each coefficient, shape (K,) [Hz].
+        gain: Gain of the filter that was applied to the signals, shape (K,).
+        moving: Number of coefficients in the band of the motion; they come first.
+        starts: First coefficient of each interval in which spectra are measured, shape (B,).
     """
 
     frequency: Array
@@ -59,7 +58,7 @@ class Band:
 
     @classmethod
     def of(cls, signals: Signals, cutoff: float, twist: Array) -> Self:
-        """The band of a load that moves with a twist (n, 6), seen through a filter [Hz]."""
+        """Find the band of a load with this twist (n, 6), filtered with a cutoff [Hz]."""
         frequency = np.arange(len(signals.time)) * signals.rate / (2 * len(signals.time))
         frequency = frequency[frequency <= _USED * cutoff]
         count = len(frequency)
@@ -71,36 +70,36 @@ class Band:
         return cls(frequency, 1.0 / (1.0 + (frequency / cutoff) ** (2 * ORDER)), moving, starts)
 
     def coefficients(self, signals: Array) -> Array:
-        """Of signals along the first axis (n, ...), as they were before the filter, shape (K, ...)."""
+        """Coefficients (K, ...) of signals (n, ...) as they were before the filter."""
         kept = dct(signals, axis=0, norm="ortho")[: len(self.frequency)]
         result: Array = kept / self.gain.reshape(-1, *[1] * (signals.ndim - 1))
         return result
 
     def spectrum(self, residual: Array) -> Array:
-        """Mean square of whitened residuals (K, g, c) by band and group, at least that of noise, shape (B, g)."""
+        """Mean square of whitened residuals (K, g, c) by interval and group, at least that of noise, shape (B, g)."""
         sizes = np.diff([*self.starts, len(residual)])
         measured = np.add.reduceat(np.mean(residual**2, axis=-1), self.starts, axis=0) / sizes[:, None]
         result: Array = np.maximum(1.0, measured)
         return result
 
     def spread(self, residual: Array) -> Array:
-        """The spectrum at every coefficient, shape (K, g)."""
+        """The spectrum of residuals (K, g, c) at every coefficient, shape (K, g)."""
         sizes = np.diff([*self.starts, len(residual)])
         return np.repeat(self.spectrum(residual), sizes, axis=0)
 
     def misfit(self, residual: Array) -> float:
-        """-2 log likelihood of whitened residuals (K, g, c) whose spectrum is unknown, but not below the noise's."""
+        """-2 log likelihood of whitened residuals (K, g, c) with an unknown spectrum, at least that of noise."""
         spectrum = self.spread(residual)
         return float(np.sum(residual.shape[-1] * np.log(spectrum) + np.sum(residual**2, axis=-1) / spectrum))
 
-    def excess(self, residual: Array, unknowns: int) -> tuple[float, float, float]:
-        """By how many deviations residuals where the load moves are more than noise, or than elsewhere.
+    def excess(self, residual: Array, unknowns: int) -> tuple[float, float]:
+        """Compare whitened residuals (K, g, c) in the band of the motion with noise, or with those above the band.
 
         Returns:
-            The deviations, and mean squares of whitened residuals (K, g, c) where the load moves, and above.
+            By how many deviations they are larger, and their mean square.
         """
         count = residual[: self.moving].size
         inside = float(np.sum(residual[: self.moving] ** 2)) / max(count - unknowns, 1)
         rest = residual[min(int(_WIDER * self.moving), len(residual)) :]
         above = float(np.mean(rest**2)) if rest.size > _FEW_ABOVE else 1.0
-        return (inside / max(1.0, above) - 1.0) * np.sqrt(max(count - unknowns, 1) / 2.0), inside, above
+        return (inside / max(1.0, above) - 1.0) * np.sqrt(max(count - unknowns, 1) / 2.0), inside

@@ -1,7 +1,7 @@
-"""Whether all robots' poses are of the same instants, by what each says of the body's angular velocity.
+"""Delays of the robots' clocks, from the body's angular velocity according to each robot.
 
-A clock that is late by ``tau`` makes a robot say ``w(t - tau)``, about ``w - tau alpha``, and turns the grasp that is
-found for it by some ``phi``, which adds ``phi x w``. The others know ``w`` and ``alpha``, with noise of their own.
+A robot whose clock is late by ``tau`` measures ``w(t - tau)``, about ``w - tau alpha``. Its grasp is then estimated
+with a rotation by some ``phi``, which adds ``phi x w``. Both are fitted, with ``w`` and ``alpha`` from the others.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ _STEPS, _STEP, _LONGEST, _FOUND = 12, 0.1, 1.0, 1e-4
 
 
 def clock_delays(signals: Signals, poses: Sequence[Pose]) -> tuple[Array, Array]:
-    """How late each robot's poses are against the mean of all others.
+    """Delay of each robot's poses against the mean of the others.
 
     Args:
-        signals: Of N robots.
-        poses: Of their grasp frames in the body frame.
+        signals: Signals of N robots.
+        poses: Poses of their grasp frames in the body frame.
 
     Returns:
         Delays and their standard deviations, shape (N,) each [s].
@@ -34,8 +34,8 @@ def clock_delays(signals: Signals, poses: Sequence[Pose]) -> tuple[Array, Array]
     motions = body_motions(signals, poses)
     mean = others(motions)
     delays, deviations = np.empty(len(poses)), np.empty(len(poses))
-    for robot, (own, said) in enumerate(zip(motions, mean, strict=True)):
-        at = CubicSpline(signals.time, np.hstack([said[:, BODY_W], said[:, BODY_ALPHA]]))
+    for robot, (own, other) in enumerate(zip(motions, mean, strict=True)):
+        at = CubicSpline(signals.time, np.hstack([other[:, BODY_W], other[:, BODY_ALPHA]]))
         delay = 0.0
         for _ in range(_STEPS):
             w, alpha = np.hsplit(at(np.clip(signals.time - delay, signals.time[0], signals.time[-1])), 2)
@@ -47,7 +47,7 @@ def clock_delays(signals: Signals, poses: Sequence[Pose]) -> tuple[Array, Array]
             if abs(solution[0]) < _FOUND:
                 break
         left = difference - columns @ solution
-        # What went through the filter is independent every half of its period.
+        # Filtered samples are independent at every half period of the cutoff.
         variance = 0.5 * OVERSAMPLING * float(np.mean(left**2)) * np.linalg.pinv(columns.T @ columns)[0, 0]
         delays[robot], deviations[robot] = delay, np.sqrt(variance)
     return delays, deviations

@@ -1,6 +1,6 @@
-"""What a judge looks at: a recording, and where robots hold the load as motion alone has it.
+"""Input of the judge: a recording, and the grasp poses according to motion only.
 
-Forces do not say where that is: what is wrong with them would bend it until they fit.
+Forces are not used for the grasp poses, because their faults would distort these until forces fit.
 """
 
 from __future__ import annotations
@@ -13,33 +13,33 @@ import numpy as np
 from coheft.estimation.batch.body import centre_of
 from coheft.estimation.batch.calibration import Tolerances
 from coheft.estimation.batch.hand_eye import HandEye, fit_hand_eye
+from coheft.estimation.batch.pairs import grasps_from_twists
 from coheft.estimation.batch.plausibility import plausible_signals
 from coheft.estimation.batch.recording import Recording
 from coheft.estimation.batch.signals import Signals, signals_of
 from coheft.estimation.batch.team_poses import TeamPoses
-from coheft.estimation.batch.twist_grasps import grasps_from_twists
 from coheft.estimation.batch.wrist_poses import WristPoses
 from coheft.estimation.geometry.spatial import Pose
 
 POSES_PER_SECOND = 25.0
 _LARGEST_TURN, _LARGEST_SHIFT = 1.0, 0.01
-"""Poses that fit worse than this, averaged over a 25th of a second, are not of one load [degrees, m]."""
+"""Largest residuals of poses of one load, averaged over a 25th of a second [degrees, m]."""
 _PER_SAMPLE = 0.16
-"""The filter's cutoff, at most, by the rate: noise is measured above it."""
+"""Largest cutoff of the filter, relative to the rate: noise is measured above it."""
 
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """Of one recording.
+    """Input of the judge for one recording.
 
     Attributes:
-        recording: With wrenches; what a calibration found is taken out of it.
-        signals: Of it, filtered.
-        cutoff: Of the filter [Hz].
-        team: Grasp frames in the first one.
-        homes: Home frames in the first one; none without poses.
-        suspicions: That poses do not fit together, in words: then forces say nothing.
-        tolerances: What is uncertain about sensors beside their noise; None: nothing.
+        recording: The recording, with wrenches, corrected for calibration errors if these were estimated.
+        signals: Its filtered signals.
+        cutoff: Cutoff of the filter [Hz].
+        team: Poses of the grasp frames in the first one.
+        homes: Poses of the home frames in the first one; none without poses.
+        suspicions: A sentence if poses do not fit together, so that forces cannot be judged.
+        tolerances: Tolerances of calibration errors that were estimated; None if none were.
         tilt: Standard deviation of the direction of gravity in home frames [rad].
     """
 
@@ -54,24 +54,22 @@ class Evidence:
 
     @classmethod
     def of(cls, recording: Recording, cutoff: float) -> Self:
-        """Find where robots hold the load, from poses if there are any, else from twists.
+        """Find the grasp poses from poses, or without these from twists.
 
         Raises:
-            RecordingError: Too little was recorded, or what no robots with one load can have recorded.
+            RecordingError: Too little was recorded, or samples are impossible for robots that hold one load.
         """
-        cutoff = min(cutoff, _PER_SAMPLE * recording.rate)  # noise is measured above it
+        cutoff = min(cutoff, _PER_SAMPLE * recording.rate)
         signals = plausible_signals(recording, cutoff)
         start, _ = grasps_from_twists(signals, with_instruments=True)
         if not recording.has("pose"):
-            return cls(recording, signals, cutoff, start.team)
+            return cls(recording, signals, cutoff, start)
         wrists = WristPoses.of(recording.stacked("pose"), recording.rate, at_home=False)
-        return cls.of_poses(
-            recording, signals, cutoff, fit_hand_eye(wrists.averaged(POSES_PER_SECOND), start.team.poses)
-        )
+        return cls.of_poses(recording, signals, cutoff, fit_hand_eye(wrists.averaged(POSES_PER_SECOND), start.poses))
 
     @classmethod
     def of_poses(cls, recording: Recording, signals: Signals, cutoff: float, grasps: HandEye) -> Self:
-        """With grasps that were fitted to poses."""
+        """Use grasps that were fitted to poses."""
         highest = _PER_SAMPLE * recording.rate
         if cutoff > highest:
             signals, cutoff = signals_of(recording, highest), highest
@@ -79,16 +77,18 @@ class Evidence:
 
     @property
     def is_seen(self) -> bool:
-        """Whether the motion shows where all robots hold the load, and gravity that it has a weight."""
-        team = self.team
-        relative = (team.relative(0, other) for other in range(1, len(team.poses)))
-        return bool(self.recording.gravity.any()) and not any(pose.unseen for pose in relative)
+        """Whether all grasp poses are observable, and there is gravity."""
+        return bool(self.recording.gravity.any()) and self.team.is_observable
 
     @property
     def poses(self) -> tuple[Pose, ...]:
-        """Of grasp frames in the body frame, which is at their middle."""
+        """Poses of the grasp frames in the body frame, which is at their middle."""
         to_centre = centre_of(self.team.poses).inverse()
         return tuple(to_centre @ pose for pose in self.team.poses)
+
+    def culprit(self, robot: int) -> str | None:
+        """Name of a robot whose data do not fit the others'; None if there are only two: either may be wrong."""
+        return self.recording.names[robot] if len(self.recording.names) > 2 else None
 
     @property
     def turns(self) -> float:
@@ -99,17 +99,17 @@ class Evidence:
         return float(np.hypot(np.sqrt(largest), self.tilt))
 
     def but(self, recording: Recording) -> Self:
-        """With another recording of robots that hold the load in the same way."""
+        """The same grasps with another recording."""
         return replace(self, recording=recording, signals=signals_of(recording, self.cutoff))
 
 
 def suspicions_about(grasps: HandEye) -> tuple[str, ...]:
-    """That poses do not fit together, in words."""
+    """Say if poses are not those of one load."""
     turn, shift = float(np.degrees(grasps.noise[0])), grasps.noise[1]
     if turn < _LARGEST_TURN and shift < _LARGEST_SHIFT:
         return ()
     return (
         f"Poses differ by {turn:.2g}° and {1e3 * shift:.2g} mm from those of robots that hold one load. Are all clocks "
         f"alike, quaternions in the order qx qy qz qw, poses those of grasp frames in home frames that stand still? "
-        f"Did no one let go, and are the robots calibrated (--calibrate)?",
+        f"Did all robots hold on all the time, and are they calibrated (--calibrate)?",
     )

@@ -1,62 +1,48 @@
-"""Whether forces are those of one rigid body, and if not, what would mend it."""
+"""Whether one rigid body explains the forces of a recording; if not, which single fault does."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from coheft.estimation.batch.judge.cause import Cause
 from coheft.estimation.batch.judge.evidence import Evidence
 from coheft.estimation.batch.judge.mend import MENDABLE, mend
 from coheft.estimation.batch.judge.sensors import silent_sensor
 from coheft.estimation.batch.judge.suspects import Suspect, Suspects, forces_instead
-from coheft.estimation.batch.judge.verdict import Verdict
+from coheft.estimation.batch.judge.verdict import Cause, Verdict
 from coheft.estimation.batch.judge.words import angle_deg, is_ambiguous, is_unit_of_all, words_of
 from coheft.estimation.batch.judge.wrench_misfit import BODY_NUMBERS, Fit, WrenchMisfit
-from coheft.estimation.batch.recording import Recording
 from coheft.estimation.geometry.spatial import Array
 
-
-@dataclass(frozen=True)
-class Bars:
-    """From when on something is more than chance.
-
-    Attributes:
-        excess: Of residuals, in their own deviations.
-        gain: Of one cause, see ``Suspect.gain``.
-        share: Of what changes in the wrench; a smaller misfit without a cause hardly matters.
-        mended: Share of the excess that a cause may leave if it is the whole story.
-    """
-
-    excess: float = 4.5
-    gain: float = 6.0
-    share: float = 0.02
-    mended: float = 0.02
-
-
-BARS = Bars()
+_EXCESS = 4.5
+"""Deviations of the residuals beyond which they are no chance."""
+_GAIN = 6.0
+"""Gain of a fault beyond which it is no chance, see ``Suspect.gain``."""
+_SHARE = 0.02
+"""Share of the wrench's changes; a smaller misfit without a named fault hardly matters."""
+_MENDED = 0.02
+"""Share of the excess that a fault may leave if it is the only one."""
 _SLACK = 0.5
-"""Of the excess, for what a cause leaves."""
+"""Added to the limit of the excess when a fault has been estimated along, in deviations."""
 _CONFIRMED = 6
-"""So many causes are tried."""
+"""Number of faults that are confirmed by correcting the recording."""
 _CLOSE = 10.0
-"""Causes whose gains differ by less are nearly as likely."""
+"""Faults whose gains differ by less are nearly equally likely."""
 _HIDING = (Cause.OFFSET, Cause.LEVER, Cause.SCALE, Cause.FORCE_SCALE, Cause.CLOCK, Cause.GRAVITY)
-"""What sensors may well have without its being noticed."""
-_LEVEL = 0.5
-"""Home frames that differ by more are not level [degrees], if poses show it by ``_SURE`` of their deviations."""
-_SURE = 6.0
+"""Faults that sensors may well have without being noticed."""
+_LEVEL, _SURE = 0.5, 6.0
+"""Home frames are not level if they differ by more than this angle [degrees] and this multiple of its deviation."""
 
 
 def judge_forces(evidence: Evidence, assumed: str | None) -> Verdict:
     """Judge whether the forces of a recording are those of one rigid body.
 
     Args:
-        evidence: On it.
-        assumed: The cause that the user names; None: the one that explains most.
+        evidence: The recording, and where robots hold the load.
+        assumed: The fault that the user names; None: the likeliest.
 
     Raises:
         ValueError: There are too few samples, or too few per second, to tell noise from motion.
@@ -66,23 +52,33 @@ def judge_forces(evidence: Evidence, assumed: str | None) -> Verdict:
     homes = _homes(misfit)
     plain = misfit.plain
     suspects = Suspects(misfit, homes, recording.gravity)
-    level = _level(homes, recording, evidence.turns, suspects, plain)
+    level = _level(homes, evidence, suspects, plain)
     if level is not None:
         return level
     found = suspects.all()
     if assumed == Cause.FORCE_SCALE:
         found += [forces_instead(one) for one in found if is_unit_of_all(one)]
-    sure = [one for one in found if one.gain > BARS.gain]
-    if not sure and not (plain.excess > BARS.excess and misfit.share() > BARS.share):
+    sure = [one for one in found if one.gain > _GAIN]
+    if not sure and not (plain.excess > _EXCESS and misfit.share() > _SHARE):
         return _accepted(evidence, plain, found, assumed)
-    silent = silent_sensor(recording, evidence.cutoff)  # a factor of thousands would mend its noise as well
+    silent = silent_sensor(recording, evidence.cutoff)  # a factor of thousands would amplify its noise to forces
     if silent is not None:
         return silent
     mending = [one for one in sure if _mends(one, plain.excess)]
     as_assumed = [one for one in mending if one.cause == assumed]
     best = _confirmed(as_assumed or mending, evidence, homes) or next(iter(as_assumed or sure), None)
+    misfits = f"forces differ from any rigid body's by {np.sqrt(plain.inside):.2g} times what noise explains"
     if best not in mending:
-        return _unknown(found, misfit)
+        second = next(one for one in found[1:] if one.cause is not found[0].cause)
+        return Verdict(
+            Cause.UNKNOWN,
+            words=f"{misfits}, most at {_worst(misfit):.1f} s, and no single cause explains it; the likeliest is that "
+            f"{words_of(found[0], recording, misfit)[1]}. Are the robots calibrated (--calibrate)? Did something "
+            f"happen meanwhile (choose a part with --from and --to)?",
+            ratio=float(np.sqrt(plain.inside)),
+            margin=found[0].gain - second.gain,
+            second=second.cause.value,
+        )
     others = (one for one in found if one.cause is not best.cause)
     second = next(one for one in others if one in mending or one.gain < best.gain)  # others leave more than noise
     robot, words = words_of(best, recording, misfit)
@@ -90,65 +86,39 @@ def judge_forces(evidence: Evidence, assumed: str | None) -> Verdict:
     is_open = is_ambiguous(best, recording) or (is_unit_of_all(best) and best.cause != assumed)
     mass = None if is_open else _mass_of(best.fit)
     with_it = "" if mass is None else f". With it estimated along, the mass is {mass[0]:.4g} kg (std {mass[1]:.2g} kg)"
-    rest = f"; the second best cause, {second.cause.value}, is hardly worse" if margin < _CLOSE else ""
+    rest = f"; another fault, {second.cause.value}, explains it nearly as well" if margin < _CLOSE else ""
     return replace(
-        _verdict_of(best, robot, homes, float(np.sqrt(plain.inside))),
-        is_open=is_open,
+        _verdict_of(best, robot, homes),
+        words=f"{misfits}. One fault explains this: {words}{rest}{with_it}",
+        ratio=float(np.sqrt(plain.inside)),
         margin=margin,
         second=second.cause.value,
         mass=mass,
-        words=f"{_differs(misfit)}. One cause mends it: {words}{rest}{with_it}",
+        is_open=is_open,
     )
 
 
-def _verdict_of(suspect: Suspect, robot: str | None, homes: Array, ratio: float) -> Verdict:
-    return Verdict(
-        is_refuted=True,
-        cause=suspect.cause,
-        robot=robot,
-        value=tuple(float(number) for number in (*suspect.value, *(() if suspect.time is None else (suspect.time,)))),
-        ratio=ratio,
-        gravity=suspect.value @ homes if suspect.cause is Cause.GRAVITY else None,
-    )
-
-
-def _unknown(found: Sequence[Suspect], misfit: WrenchMisfit) -> Verdict:
-    """No single cause explains what is seen."""
-    best = found[0]
-    second = next(one for one in found if one.cause is not best.cause)
-    _, words = words_of(best, misfit.evidence.recording, misfit)
-    return Verdict(
-        is_refuted=True,
-        cause=Cause.UNKNOWN,
-        ratio=float(np.sqrt(misfit.plain.inside)),
-        margin=best.gain - second.gain,
-        second=second.cause.value,
-        words=f"{_differs(misfit)}, most at {_worst(misfit):.1f} s, and no single cause explains it; most like it is "
-        f"that {words}. Are the robots calibrated (--calibrate)? Did something happen meanwhile (--from and --to "
-        f"choose a part)?",
-    )
-
-
-def _differs(misfit: WrenchMisfit) -> str:
-    return f"forces differ from any rigid body's by {np.sqrt(misfit.plain.inside):.2g} times what noise explains"
+def _verdict_of(suspect: Suspect, robot: str | None, homes: Array) -> Verdict:
+    """The fault and its parameters, without words."""
+    when = () if suspect.time is None else (suspect.time,)
+    gravity = suspect.value @ homes if suspect.cause is Cause.GRAVITY else None
+    return Verdict(suspect.cause, robot, (*suspect.value.tolist(), *when), gravity=gravity)
 
 
 def _confirmed(suspects: Sequence[Suspect], evidence: Evidence, homes: Array) -> Suspect | None:
-    """The likeliest one without which the recording is right, also by the noise that its sensors then have.
+    """Find the likeliest fault whose correction leaves a right recording, also by the noise that sensors then have.
 
-    A unit that is a thousand times too small makes noise look a thousand times larger, beside which nothing else shows.
-    Of those that are nearly as likely it is the one without which robots' sensors are most alike. None: there is none.
+    A unit that is a thousand times too small makes the noise look a thousand times larger, which hides all else. Among
+    nearly equally likely faults, the one is chosen whose correction makes the robots' sensors most alike.
     """
     confirmed: list[tuple[int, Suspect]] = []
     for suspect in suspects[:_CONFIRMED]:
-        if confirmed and suspect.gain < confirmed[0][1].gain - _CLOSE:
-            break
-        if suspect.cause not in MENDABLE:
+        if (confirmed and suspect.gain < confirmed[0][1].gain - _CLOSE) or suspect.cause not in MENDABLE:
             break
         name = None if suspect.robot is None else evidence.recording.names[suspect.robot]
-        mended = mend(evidence.recording, _verdict_of(suspect, name, homes, 1.0), evidence.poses)
+        mended = mend(evidence.recording, _verdict_of(suspect, name, homes), evidence.poses)
         without = WrenchMisfit(evidence.but(mended))
-        if without.plain.excess < BARS.excess + _SLACK:
+        if without.plain.excess < _EXCESS + _SLACK:
             sizes = [[np.trace(own[:3, :3]), np.trace(own[3:, 3:])] for own in without.noise]
             unlike = np.ptp(0.5 * np.log(np.array(sizes) + 1e-300), axis=0).max()
             confirmed.append((round(float(unlike)), suspect))
@@ -156,10 +126,10 @@ def _confirmed(suspects: Sequence[Suspect], evidence: Evidence, homes: Array) ->
 
 
 def _accepted(evidence: Evidence, plain: Fit, suspects: Sequence[Suspect], assumed: str | None) -> Verdict:
-    """Nothing speaks against the fit: what is not significant biases it by little more than it makes uncertain.
+    """No fault, but what faults that are not significant add to the covariance: they bias the fit by little more.
 
-    So does a cause that was assumed, and taken out with its own uncertainty. What a calibration has estimated along is
-    in the covariance already.
+    A fault that was assumed and corrected adds its uncertainty as well. What a calibration has estimated along is in
+    the covariance already.
     """
     hiding = (Cause.LEVER, Cause.CLOCK) if evidence.tolerances is not None else _HIDING
     known = plain.covariance[:BODY_NUMBERS, :BODY_NUMBERS]
@@ -168,7 +138,7 @@ def _accepted(evidence: Evidence, plain: Fit, suspects: Sequence[Suspect], assum
         for suspect in suspects
         if (suspect.cause in hiding or suspect.cause == assumed) and suspect.gain > -np.inf
     )
-    return Verdict(is_refuted=False, hidden=hidden)
+    return Verdict(hidden=hidden)
 
 
 def _mass_of(fit: Fit) -> tuple[float, float]:
@@ -177,21 +147,21 @@ def _mass_of(fit: Fit) -> tuple[float, float]:
 
 
 def _mends(suspect: Suspect, excess: float) -> bool:
-    """Whether a cause is the whole story."""
-    return suspect.gain > -np.inf and suspect.fit.excess < max(BARS.excess + _SLACK, BARS.mended * excess)
+    """Whether a fault explains the whole excess."""
+    return suspect.gain > -np.inf and suspect.fit.excess < max(_EXCESS + _SLACK, _MENDED * excess)
 
 
 def _worst(misfit: WrenchMisfit) -> float:
-    """Time at which the body explains least of the wrench [s]."""
+    """Time of the largest residual of the wrench [s]."""
     left = misfit.total - misfit.regressor @ misfit.plain.solution[:BODY_NUMBERS]
     sizes = np.linalg.norm(left / np.std(left, axis=0), axis=1)
     return float(misfit.signals.time[int(np.argmax(sizes))])
 
 
 def _homes(misfit: WrenchMisfit) -> Array:
-    """Rotations of all home frames in the first one's, shape (N, 3, 3), by where all robots see the body.
+    """Rotations of all home frames in the first one's, shape (N, 3, 3), from all robots' views of the body.
 
-    None of them, shape (0, 3, 3), without poses.
+    Without poses there are none, shape (0, 3, 3).
     """
     rotations = misfit.signals.rotation
     if rotations is None:
@@ -200,36 +170,34 @@ def _homes(misfit: WrenchMisfit) -> Array:
     return np.array([Rotation.from_matrix(seen[0] @ own.swapaxes(-1, -2)).mean().as_matrix() for own in seen])
 
 
-def _level(homes: Array, recording: Recording, turns: float, suspects: Suspects, plain: Fit) -> Verdict | None:
-    """Home frames whose gravity is not the same, and whose it is, by what forces say."""
+def _level(homes: Array, evidence: Evidence, suspects: Suspects, plain: Fit) -> Verdict | None:
+    """Find home frames whose z axes are not parallel; forces tell which of them are not level."""
+    recording = evidence.recording
     down = homes @ (recording.gravity / np.linalg.norm(recording.gravity))
     apart = max((angle_deg(one, other) for one in down for other in down), default=0.0)
-    if apart < _LEVEL + _SURE * np.degrees(turns):
+    if apart < _LEVEL + _SURE * np.degrees(evidence.turns):
         return None
     ratio = float(np.sqrt(plain.inside))
     by_forces = suspects.direction_of_gravity()
+    not_level = f"home frames are not level with each other, by {apart:.3g} degrees"
     if not _mends(by_forces, plain.excess):
-        return Verdict(
-            is_refuted=True,
-            cause=Cause.UNKNOWN,
-            ratio=ratio,
-            words=f"home frames are not level with each other, by {apart:.3g} degrees, but forces are those of a load "
-            f"in none of them: are poses those of grasp frames in the home frames, and not the other way round? Are "
-            f"wrenches in the axes of the grasp frames?",
+        words = (
+            f"{not_level}, but forces are those of a load in none of them: are poses those of grasp frames in the home "
+            f"frames, and not the other way round? Are wrenches in the axes of the grasp frames?"
         )
+        return Verdict(Cause.UNKNOWN, words=words, ratio=ratio)
     off = [angle_deg(one, by_forces.value) for one in down]
     wrong = [name for name, angle in zip(recording.names, off, strict=True) if angle > 0.2 * max(off)]
     who = ", ".join(wrong)
     mass, std = _mass_of(by_forces.fit)
     return Verdict(
-        is_refuted=True,
-        cause=Cause.NOT_LEVEL,
-        robot=wrong[0] if len(wrong) == 1 else None,
-        value=tuple(off),
+        Cause.NOT_LEVEL,
+        wrong[0] if len(wrong) == 1 else None,
+        tuple(off),
+        f"{not_level}; by what forces say of gravity it is {who}, turned by {max(off):.3g} degrees. With gravity where "
+        f"forces have it, the mass is {mass:.4g} kg (std {std:.2g} kg). Turn the poses of {who} into a frame whose z "
+        f"axis points up",
         ratio=ratio,
         mass=(mass, std),
         gravity=by_forces.value @ homes,
-        words=f"home frames are not level with each other, by {apart:.3g} degrees; by what forces say of gravity it is "
-        f"{who}, turned by {max(off):.3g} degrees. With gravity where forces have it, the mass is {mass:.4g} kg (std "
-        f"{std:.2g} kg). Turn the poses of {who} into a frame whose z axis points up",
     )

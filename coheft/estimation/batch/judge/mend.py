@@ -1,19 +1,18 @@
-"""A recording as it would be without the cause that a judge has named."""
+"""Corrects a recording for the fault that the verdict names."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from coheft.errors import RecordingError
-from coheft.estimation.batch.judge.cause import Cause
-from coheft.estimation.batch.judge.verdict import Verdict
+from coheft.estimation.batch.judge.verdict import Cause, Verdict
 from coheft.estimation.batch.pose_conventions import inverse_poses
-from coheft.estimation.batch.recording import Recording, RobotRecord
-from coheft.estimation.geometry.spatial import Array, Pose
+from coheft.estimation.batch.recording import CHANNELS, Recording
+from coheft.estimation.geometry.spatial import Array, Pose, skew
 
 MENDABLE = (
     Cause.OFFSET,
@@ -30,113 +29,80 @@ MENDABLE = (
     Cause.NOT_LEVEL,
     Cause.INVERSE,
 )
-"""Causes whose numbers say what sensors would have read without them."""
+"""Faults whose parameters determine what sensors would have measured without them."""
 
 
 def mend(recording: Recording, verdict: Verdict, poses: Sequence[Pose]) -> Recording:
-    """Take out of a recording what a verdict says is wrong with it.
+    """Correct a recording for the fault of a verdict.
 
     Args:
-        recording: With poses and wrenches.
-        verdict: Its cause is one of ``MENDABLE``.
-        poses: Of the grasp frames in the body frame, in which the verdict's numbers are.
+        recording: The recording, with wrenches.
+        verdict: The verdict; its cause is one of ``MENDABLE``.
+        poses: Poses of the grasp frames in the body frame, in which the verdict's numbers are.
 
     Raises:
-        RecordingError: Nothing says what the recording would be without the cause.
+        RecordingError: The fault cannot be corrected.
     """
-    value = np.array(verdict.value)
+    value, name = np.array(verdict.value), verdict.robot
     match verdict.cause:
         case Cause.OFFSET | Cause.DRIFT:
-            # The load feels the total alone: it does not matter whose sensor an offset is taken from.
-            index = recording.names.index(verdict.robot) if verdict.robot else 0
+            # Only the total matters: an offset may be subtracted from any robot's wrench.
+            index = recording.names.index(name) if name else 0
             minutes = recording.time[:, None] / 60.0
-            wrench = value[:6] + (minutes * value[6:] if len(value) > 6 else np.zeros((len(minutes), 6)))
-            own = wrench @ np.linalg.inv(poses[index].adjoint()).T
-            return _changed(
-                recording, recording.names[index], lambda robot: replace(robot, wrench=wrench_of(robot) - own)
-            )
+            offset = value[:6] + (minutes * value[6:] if len(value) > 6 else np.zeros((len(minutes), 6)))
+            own = offset @ np.linalg.inv(poses[index].adjoint()).T
+            return recording.changed("wrench", lambda wrench: wrench - own, recording.names[index])
         case Cause.LEVER:
-            return _changed(recording, verdict.robot, lambda robot: _with_moment_about(robot, value))
+            about = np.eye(6)
+            about[3:, :3] = -skew(value)
+            return recording.changed("wrench", lambda wrench: wrench @ about.T, name)
         case Cause.SCALE | Cause.FORCE_SCALE | Cause.MOMENT_SCALE:
             factors = np.ones(6)
             factors[: 6 if verdict.cause == Cause.SCALE else 3] = 1.0 / value[0]
             if verdict.cause == Cause.MOMENT_SCALE:
                 factors = factors[::-1]
-            return _changed(recording, verdict.robot, lambda robot: _scaled(robot, factors))
+            return recording.changed("wrench", lambda wrench: wrench * factors, name)
         case Cause.BASE_AXES:
-            return _changed(recording, verdict.robot, lambda robot: _turned(robot, _rotations(robot).swapaxes(-1, -2)))
+            for own_name, pose in zip(recording.names, recording.stacked("pose"), strict=True):
+                if name in (None, own_name):
+                    turns = Rotation.from_quat(pose[:, 3:]).inv().as_matrix()
+                    recording = recording.changed("wrench", partial(_rotated, rotations=turns), own_name)
+            return recording
         case Cause.TURNED:
-            return _changed(recording, verdict.robot, lambda robot: _turned(robot, value.reshape(1, 3, 3)))
+            return recording.changed("wrench", partial(_rotated, rotations=value.reshape(1, 3, 3)), name)
         case Cause.CLOCK:
-            return _changed(recording, verdict.robot, lambda robot: _earlier(robot, float(value[0]), verdict.channels))
+            for channel in verdict.channels:
+                recording = recording.changed(channel, partial(_earlier, time=recording.time, delay=value[0]), name)
+            return recording
         case Cause.LENGTH_SCALE:
             lengths = np.repeat([1.0 / value[0], 1.0], [3, 4])
-            return _changed(recording, verdict.robot, lambda robot: replace(robot, pose=pose_of(robot) * lengths))
+            return recording.changed("pose", lambda pose: pose * lengths, name)
         case Cause.GRAVITY | Cause.NOT_LEVEL:
             assert verdict.gravity is not None
-            return _in_level_homes(recording, verdict.gravity)
+            for own_name, down in zip(recording.names, verdict.gravity, strict=True):
+                turn, _ = Rotation.align_vectors(recording.gravity[None], down[None])
+                recording = recording.changed("pose", partial(_in_home, turn=turn), own_name)
+            return recording
         case Cause.INVERSE:
-            return _changed(recording, None, lambda robot: replace(robot, pose=inverse_poses(pose_of(robot))))
+            return recording.changed("pose", inverse_poses)
         case cause:
             raise RecordingError(f"nothing says what sensors would have read without '{cause}': {verdict.words}")
 
 
-def _changed(recording: Recording, name: str | None, change: Callable[[RobotRecord], RobotRecord]) -> Recording:
-    """With one robot's record changed; None: with all robots'."""
-    robots = {own: change(robot) if name in (None, own) else robot for own, robot in recording.robots.items()}
-    return replace(recording, robots=robots)
+def _rotated(wrench: Array, rotations: Array) -> Array:
+    """Rotate forces and moments (n, 6) by rotations (n, 3, 3) or one (1, 3, 3)."""
+    result: Array = (wrench.reshape(-1, 2, 3) @ rotations.swapaxes(-1, -2)).reshape(-1, 6)
+    return result
 
 
-def pose_of(robot: RobotRecord) -> Array:
-    """Of a robot whose poses were recorded."""
-    assert robot.pose is not None
-    return robot.pose
+def _earlier(samples: Array, time: Array, delay: float) -> Array:
+    """Shift samples (n, width) to an earlier time by ``delay`` [s]; at the ends, repeat the last one."""
+    moved = np.stack([np.interp(time + delay, time, column) for column in samples.T], axis=-1)
+    if samples.shape[1] == CHANNELS["pose"]:
+        moved[:, 3:] /= np.linalg.norm(moved[:, 3:], axis=1, keepdims=True)
+    return moved
 
 
-def wrench_of(robot: RobotRecord) -> Array:
-    """Of a robot whose wrenches were recorded."""
-    assert robot.wrench is not None
-    return robot.wrench
-
-
-def _rotations(robot: RobotRecord) -> Array:
-    return Rotation.from_quat(pose_of(robot)[:, 3:]).as_matrix()
-
-
-def _with_moment_about(robot: RobotRecord, lever: Array) -> RobotRecord:
-    """Moments about the origin of the grasp frame, which lies at ``lever`` from where they are about."""
-    wrench = wrench_of(robot)
-    return replace(robot, wrench=np.hstack([wrench[:, :3], wrench[:, 3:] - np.cross(lever, wrench[:, :3])]))
-
-
-def _scaled(robot: RobotRecord, factors: Array) -> RobotRecord:
-    return replace(robot, wrench=wrench_of(robot) * factors)
-
-
-def _turned(robot: RobotRecord, rotations: Array) -> RobotRecord:
-    """Forces and moments, turned by rotations (n, 3, 3) or one (1, 3, 3)."""
-    halves = wrench_of(robot).reshape(-1, 2, 3)
-    return replace(robot, wrench=(halves @ rotations.swapaxes(-1, -2)).reshape(-1, 6))
-
-
-def _earlier(robot: RobotRecord, delay: float, channels: Sequence[str]) -> RobotRecord:
-    """What was recorded ``delay`` later [s], at the edges the last that there is."""
-    at = robot.time + delay
-    moved = {}
-    for channel in channels:
-        samples = getattr(robot, channel)
-        moved[channel] = np.stack([np.interp(at, robot.time, column) for column in samples.T], axis=-1)
-    if "pose" in moved:
-        moved["pose"][:, 3:] /= np.linalg.norm(moved["pose"][:, 3:], axis=1, keepdims=True)
-    return replace(robot, **moved)
-
-
-def _in_level_homes(recording: Recording, gravity: Array) -> Recording:
-    """With poses in home frames turned such that gravity (N, 3), as it is in each, is what the recording says."""
-    robots = {}
-    for (name, robot), down in zip(recording.robots.items(), gravity, strict=True):
-        turn, _ = Rotation.align_vectors(recording.gravity[None], down[None])
-        pose = pose_of(robot)
-        turned = (turn * Rotation.from_quat(pose[:, 3:])).as_quat()
-        robots[name] = replace(robot, pose=np.hstack([turn.apply(pose[:, :3]), turned]))
-    return replace(recording, robots=robots)
+def _in_home(pose: Array, turn: Rotation) -> Array:
+    """Poses (n, 7) in a home frame that is rotated."""
+    return np.hstack([turn.apply(pose[:, :3]), (turn * Rotation.from_quat(pose[:, 3:])).as_quat()])

@@ -1,4 +1,4 @@
-"""What sensors' noise does to the motion of the load, by frequency: how it was measured decides how it grows."""
+"""Noise of the load's motion by frequency, which depends on the channels from which the motion was derived."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from coheft.estimation.geometry.spatial import Array, Pose, skew
 
 
 def level_of(recording: Recording, channel: str, robot: int, cutoff: float) -> Array:
-    """Standard deviations of white noise of one robot's samples, shape (c,); of poses (turn, shift), shape (6,).
+    """Standard deviations of the white noise of a robot's samples, shape (c,); of poses (rotation, translation), (6,).
 
     Raises:
         ValueError: There are too few samples, or too few per second, to tell noise from motion.
@@ -32,17 +32,17 @@ def level_of(recording: Recording, channel: str, robot: int, cutoff: float) -> A
 def acceleration_noise(
     recording: Recording, robot: int, pose: Pose, up: Array, frequency: Array, cutoff: float
 ) -> Array:
-    """Covariance of the body frame's ``(alpha, a)`` as one robot has them, at every frequency, shape (K, 6, 6).
+    """Covariance of the noise of the body's ``(alpha, a)`` according to one robot, by frequency, shape (K, 6, 6).
 
-    Poses are differentiated twice, twists once, and what poses say of turns decides where gravity is.
+    Poses are differentiated twice, twists once; orientations also determine the direction of gravity.
 
     Args:
-        recording: Of all robots.
-        robot: Which.
-        pose: Of its grasp frame in the body frame.
-        up: What an accelerometer of its would read on average, in the body frame (3,).
-        frequency: Shape (K,) [Hz].
-        cutoff: Of the filter [Hz].
+        recording: The recording.
+        robot: Index of the robot.
+        pose: Pose of its grasp frame in the body frame.
+        up: Mean proper acceleration in the body frame, shape (3,).
+        frequency: Frequencies, shape (K,) [Hz].
+        cutoff: Cutoff of the filter [Hz].
 
     Raises:
         ValueError: Noise cannot be told from motion.

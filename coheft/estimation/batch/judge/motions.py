@@ -1,28 +1,26 @@
-"""Whether what robots measure of their motion, twists and accelerations, is the motion of one load.
+"""Whether measured twists and accelerations of all robots are those of one load.
 
-Each robot says how the body frame moves. By how much that differs from the mean of all others is noise, and what a
-grasp that was found a little wrong adds; more than that is a sensor's.
+Each robot's motion predicts that of the body frame. Its difference from the mean of all others is noise, and the effect
+of small errors of the grasp poses, which are fitted; a larger difference is the fault of a sensor.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
 from coheft.estimation.batch.body import body_motions
 from coheft.estimation.batch.inertia_fit import others
 from coheft.estimation.batch.judge.band import Band
-from coheft.estimation.batch.judge.cause import Cause
 from coheft.estimation.batch.judge.evidence import Evidence
 from coheft.estimation.batch.judge.motion_noise import acceleration_noise, level_of
-from coheft.estimation.batch.judge.verdict import Verdict
+from coheft.estimation.batch.judge.verdict import Cause, Verdict
 from coheft.estimation.geometry.body_motion import BODY_A, BODY_ALPHA, BODY_V, BODY_W
 from coheft.estimation.geometry.spatial import Array, skew
 
 _EXCESS, _SHARE, _MENDED = 4.5, 0.03, 0.02
-"""As of forces: from when on it is more than chance, from when on it matters, and what a cause may leave."""
+"""As in ``forces``: deviations that are no chance, share of the motion that matters, share that a fault may leave."""
 _CHANNELS = (
     ("angular velocities", "rad/s", slice(0, 3)),
     ("velocities", "m/s", slice(3, 6)),
@@ -30,122 +28,92 @@ _CHANNELS = (
 )
 
 
-@dataclass(frozen=True, eq=False)
-class _Explained:
-    """One robot's difference, with a cause fitted along: how much is left [deviations], and the cause in words."""
-
-    excess: float
-    words: str
-
-
 def judge_motions(evidence: Evidence) -> Verdict | None:
-    """Judge twists, and accelerations if there are any, that were measured.
-
-    Returns:
-        None if nothing speaks against them, or there are none.
+    """Find a robot whose measured twists or accelerations do not fit the others'; None if there is none.
 
     Raises:
         ValueError: There are too few samples, or too few per second, to tell noise from motion.
     """
     if not evidence.recording.has("twist"):
         return None
-    views = [_View.of(evidence, robot) for robot in range(len(evidence.poses))]
-    worst = max(range(len(views)), key=lambda robot: views[robot].plain)
+    views = [_View(evidence, robot) for robot in range(len(evidence.poses))]
+    worst = max(range(len(views)), key=lambda robot: views[robot].excess)
     view, names = views[worst], evidence.recording.names
-    if view.plain <= _EXCESS or view.share <= _SHARE:
+    if view.excess <= _EXCESS or view.share <= _SHARE:
         return None
-    best = min(view.explained(), key=lambda one: one.excess)
-    name = names[worst] if len(names) > 2 else None
+    left, fault = min(view.faults())
+    name = evidence.culprit(worst)
     whose = name or f"{names[worst]} (or the other way round, {names[1 - worst]})"
-    is_mended = best.excess < max(_EXCESS, _MENDED * view.plain)
-    words = f"what {whose} measures of its motion differs from what others measure by {view.ratio:.2g} times what "
-    words += f"noise explains. {'One cause mends it' if is_mended else 'Most like it is'}: its {best.words}"
-    return Verdict(is_refuted=True, cause=Cause.MOTION, robot=name, ratio=view.ratio, words=words)
+    is_mended = left < max(_EXCESS, _MENDED * view.excess)
+    words = (
+        f"what {whose} measures of its motion differs from what others measure by {view.ratio:.2g} times what noise "
+        f"explains. {'One fault explains this' if is_mended else 'The likeliest fault'}: its {fault}"
+    )
+    return Verdict(Cause.MOTION, name, words=words, ratio=view.ratio)
 
 
-@dataclass(frozen=True, eq=False)
 class _View:
-    """One robot's motion against the others', whitened.
+    """One robot's prediction of the body's motion against the others'.
 
     Attributes:
-        band: Of the coefficients.
-        whitening: Shape (K, c, c).
-        difference: Shape (n, c).
-        grasp: What its grasp adds if it is elsewhere, shape (n, c, 6).
-        mean: What the others say, shape (n, c).
-        plain: How much more than noise is left with the grasp fitted, in deviations.
-        ratio: Of its root mean square to that of noise.
-        share: Of its changes, of the channel of which it is most.
+        excess: Excess of the difference over noise, with the grasp fitted, in deviations.
+        ratio: Root mean square of the difference, in multiples of the noise's.
+        share: The difference as a share of the motion's changes, of the channel in which it is largest.
     """
 
-    band: Band
-    whitening: Array
-    difference: Array
-    grasp: Array
-    mean: Array
-    plain: float
-    ratio: float
-    share: float
-
-    @classmethod
-    def of(cls, evidence: Evidence, robot: int) -> _View:
+    def __init__(self, evidence: Evidence, robot: int) -> None:
         recording, signals = evidence.recording, evidence.signals
         motions = body_motions(signals, evidence.poses)
         kept = np.r_[BODY_W, BODY_V, BODY_A] if recording.has("acceleration") else np.r_[BODY_W, BODY_V]
-        own, mean = motions[robot][:, kept], others(motions)[robot]
-        band = Band.of(signals, evidence.cutoff, mean[:, np.r_[BODY_W, BODY_V]])
+        mean = others(motions)[robot]
+        self._mean, self._difference = mean[:, kept], motions[robot][:, kept] - mean[:, kept]
+        self._band = band = Band.of(signals, evidence.cutoff, mean[:, np.r_[BODY_W, BODY_V]])
         noise = [_noise(evidence, k, mean[:, BODY_A].mean(axis=0), band.frequency) for k in range(len(motions))]
         covariance = noise[robot] + (np.sum(noise, axis=0) - noise[robot]) / (len(noise) - 1) ** 2
         covariance = covariance[:, : len(kept), : len(kept)] * signals.rate / recording.rate
-        sizes = np.mean(mean[:, kept] ** 2, axis=0)
-        whitening = np.linalg.inv(np.linalg.cholesky(covariance + 1e-8 * np.diag(sizes + 1e-12)))
-        grasp = _by_grasp(mean)[:, : len(kept)]
-        view = cls(band, whitening, own - mean[:, kept], grasp, mean[:, kept], 0.0, 1.0, 0.0)
-        residual = view.left(grasp)
-        excess, inside, _ = band.excess(residual, 6)
-        changing = view.white((view.mean - view.mean.mean(axis=0))[..., None])[..., 0].reshape(residual.shape)
+        sizes = np.mean(self._mean**2, axis=0)
+        self._whitening = np.linalg.inv(np.linalg.cholesky(covariance + 1e-8 * np.diag(sizes + 1e-12)))
+        self._grasp = _by_grasp(mean)[:, : len(kept)]
+        _, residual = self._fit(self._grasp)
+        self.excess, inside = band.excess(residual, 6)
+        self.ratio = float(np.sqrt(inside))
+        changing = self._white((self._mean - self._mean.mean(axis=0))[..., None]).reshape(residual.shape)
         size, left = (np.sum(one[: band.moving] ** 2, axis=(0, 2)) for one in (changing, residual))
-        share = float(np.sqrt(np.max((left - 3.0 * band.moving) / np.maximum(size, 1e-300), initial=0.0)))
-        return cls(band, whitening, view.difference, grasp, view.mean, excess, float(np.sqrt(inside)), share)
+        self.share = float(np.sqrt(np.max((left - 3.0 * band.moving) / np.maximum(size, 1e-300), initial=0.0)))
 
-    def white(self, columns: Array) -> Array:
-        """Whitened coefficients of columns (n, c, q), shape (K, c, q)."""
-        result: Array = self.whitening @ self.band.coefficients(columns)
-        return result
+    def faults(self) -> Iterator[tuple[float, str]]:
+        """The excess that is left with each fault fitted along, and the fault in words."""
+        for what, unit, part in _CHANNELS[: self._difference.shape[1] // 3]:
+            (x, y, z), left = self._with_fault(part, np.broadcast_to(np.eye(3), (len(self._mean), 3, 3)))
+            yield left, f"{what} are off by ({x:.3g}, {y:.3g}, {z:.3g}) {unit}, in the load's axes"
+            turn, left = self._with_fault(part, -skew(self._mean[:, part]))
+            angle = np.degrees(np.linalg.norm(turn))
+            yield left, f"{what} are in other axes than the rest, turned by about {angle:.2g} degrees"
+            (excess,), left = self._with_fault(part, self._mean[:, part, None])
+            yield left, f"{what} are {1.0 + excess:.4g} times what they should be: another unit, or calibration"
 
-    def left(self, columns: Array) -> Array:
-        """What columns (n, c, q) leave of the difference, whitened, shape (K, c / 3, 3)."""
-        return self._fit(columns)[1]
+    def _with_fault(self, part: slice, columns: Array) -> tuple[Array, float]:
+        """Unknowns (q,) of a fault of one channel with these columns (n, 3, q), and the excess that is left."""
+        fault = np.zeros((*self._difference.shape, columns.shape[-1]))
+        fault[:, part] = columns
+        solution, residual = self._fit(np.concatenate([self._grasp, fault], axis=-1))
+        return solution[6:], self._band.excess(residual, len(solution))[0]
 
     def _fit(self, columns: Array) -> tuple[Array, Array]:
-        design, seen = self.white(columns), self.white(self.difference[..., None])[..., 0]
+        """Fit columns (n, c, q) to the difference: unknowns (q,), and whitened residual (K, c / 3, 3)."""
+        design, seen = self._white(columns), self._white(self._difference[..., None]).ravel()
         flat = design.reshape(seen.size, -1)
-        solution: Array = np.linalg.lstsq(flat, seen.ravel())[0].astype(np.float64)
-        return solution, (seen.ravel() - flat @ solution).reshape(len(seen), -1, 3)
+        solution: Array = np.linalg.lstsq(flat, seen)[0].astype(np.float64)
+        return solution, (seen - flat @ solution).reshape(len(design), -1, 3)
 
-    def explained(self) -> Iterator[_Explained]:
-        """With each cause: a channel that is off, too large, or turned."""
-        for what, unit, part in _CHANNELS[: self.difference.shape[1] // 3]:
-            one = np.zeros((*self.difference.shape, 3))
-            one[:, part] = np.eye(3)
-            solution, residual = self._fit(np.concatenate([self.grasp, one], axis=-1))
-            x, y, z = solution[6:]
-            off = f"{what} are off by ({x:.3g}, {y:.3g}, {z:.3g}) {unit}, in the load's axes"
-            yield _Explained(self.band.excess(residual, 9)[0], off)
-            one[:, part] = np.stack([np.cross(axis, self.mean[:, part]) for axis in np.eye(3)], axis=-1)
-            solution, residual = self._fit(np.concatenate([self.grasp, one], axis=-1))
-            angle = np.degrees(np.linalg.norm(solution[6:]))
-            turned = f"{what} are in other axes than the rest, turned by about {angle:.2g} degrees"
-            yield _Explained(self.band.excess(residual, 9)[0], turned)
-            scaled = np.zeros((*self.difference.shape, 1))
-            scaled[:, part, 0] = self.mean[:, part]
-            solution, residual = self._fit(np.concatenate([self.grasp, scaled], axis=-1))
-            factor = f"{what} are {1.0 + solution[6]:.4g} times what they should be: another unit, or calibration"
-            yield _Explained(self.band.excess(residual, 7)[0], factor)
+    def _white(self, columns: Array) -> Array:
+        """Whitened coefficients of columns (n, c, q), shape (K, c, q)."""
+        result: Array = self._whitening @ self._band.coefficients(columns)
+        return result
 
 
 def _noise(evidence: Evidence, robot: int, up: Array, frequency: Array) -> Array:
-    """Covariance of ``(w, v, a)`` of the body frame as one robot has it, shape (K, 9, 9)."""
+    """Covariance of the noise of ``(w, v, a)`` of the body frame as one robot predicts them, shape (K, 9, 9)."""
     recording, pose, cutoff = evidence.recording, evidence.poses[robot], evidence.cutoff
     to_body = np.kron(np.eye(2), pose.rotation)
     to_body[3:, :3] = skew(pose.translation) @ pose.rotation
@@ -157,12 +125,9 @@ def _noise(evidence: Evidence, robot: int, up: Array, frequency: Array) -> Array
 
 
 def _by_grasp(motion: Array) -> Array:
-    """What a small turn and shift of a grasp adds to ``(w, v, a)`` of the body frame, shape (n, 9, 6)."""
+    """Derivative of ``(w, v, a)`` of the body frame by a small rotation and translation of a grasp, (n, 9, 6)."""
+    w, v, a, alpha = (motion[:, part] for part in (BODY_W, BODY_V, BODY_A, BODY_ALPHA))
     columns = np.zeros((len(motion), 9, 6))
-    w, alpha = motion[:, BODY_W], motion[:, BODY_ALPHA]
-    for k, axis in enumerate(np.eye(3)):
-        columns[:, :3, k], columns[:, 3:6, k] = np.cross(axis, w), np.cross(axis, motion[:, BODY_V])
-        columns[:, 6:, k] = np.cross(axis, motion[:, BODY_A])
-        columns[:, 3:6, 3 + k] = np.cross(w, axis)
-        columns[:, 6:, 3 + k] = np.cross(alpha, axis) + np.cross(w, np.cross(w, axis))
+    columns[:, :3, :3], columns[:, 3:6, :3], columns[:, 6:, :3] = -skew(w), -skew(v), -skew(a)
+    columns[:, 3:6, 3:], columns[:, 6:, 3:] = skew(w), skew(alpha) + skew(w) @ skew(w)
     return columns

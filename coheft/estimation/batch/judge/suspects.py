@@ -1,7 +1,7 @@
-"""What may be wrong with the forces of a recording, one cause at a time, each fitted along with the load.
+"""Possible faults of the forces of a recording, each fitted together with the load.
 
-A cause adds columns to the total wrench, or makes another wrench or another motion of it. What it gains is a likelihood
-ratio; what it costs grows with its unknowns, and with the number of robots that it could have been.
+A fault adds columns to the regressor, or changes the total wrench or the motion. Its gain is a likelihood ratio minus a
+cost, which grows with the number of its unknowns, and with the number of robots that may have it.
 """
 
 from __future__ import annotations
@@ -11,18 +11,19 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline
+from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
 from scipy.special import expit
 
 from coheft.estimation.batch.body import regressor, total_wrench
-from coheft.estimation.batch.judge.cause import Cause
 from coheft.estimation.batch.judge.turned import fit_turned
+from coheft.estimation.batch.judge.verdict import Cause
 from coheft.estimation.batch.judge.wrench_misfit import BODY_NUMBERS, REWEIGHTINGS, Fit, WrenchMisfit
 from coheft.estimation.geometry.body_motion import BODY_A
 from coheft.estimation.geometry.spatial import Array, skew
 
 _STEP = 0.06
-"""A load changes within some of these [s]."""
+"""Duration of a change of the load [s]."""
 _LONGEST_DELAY, _DELAY_STEP, _DELAY_FOUND = 0.5, 0.05, 2e-4
 _TURNS = 8
 _TURNED = 1e-6
@@ -30,16 +31,16 @@ _TURNED = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Suspect:
-    """One cause, fitted.
+    """A possible fault, fitted.
 
     Attributes:
-        cause: Which.
-        robot: Whose; None: of all alike, or of no robot in particular.
-        fit: With it.
-        gain: Twice the log likelihood ratio to no cause, less what the cause's unknowns cost.
-        value: Its unknowns: an offset (6,) in the body frame, a lever (3,) [m], a factor, a delay [s], gravity (3,),
+        cause: The fault.
+        robot: Index of the robot that has it; None if all have it, or no robot in particular.
+        fit: The fit of the load with this fault.
+        gain: Twice the log likelihood ratio to the fit without a fault, minus the cost of the fault's unknowns.
+        value: Its parameters: an offset (6,) in the body frame, a lever (3,) [m], a factor, a delay [s], gravity (3,),
             a sensor's axes (9,), or an offset and its drift per minute (12,).
-        time: When it happened [s]; None if all the time.
+        time: Time from which on the recording has it [s]; None if all the time.
     """
 
     cause: Cause
@@ -51,42 +52,45 @@ class Suspect:
 
 
 class Suspects:
-    """All causes, side by side."""
+    """All possible faults of a recording.
+
+    Args:
+        misfit: The fits of the recording's total wrench.
+        homes: Rotations of all home frames in the first one's according to poses, shape (N, 3, 3); none without poses.
+        gravity: Gravity in each home frame, shape (3,) [m/s²].
+    """
 
     def __init__(self, misfit: WrenchMisfit, homes: Array, gravity: Array) -> None:
-        """Prepare.
-
-        Args:
-            misfit: Of the recording.
-            homes: Rotations of all robots' home frames in the first one's, as poses have them, shape (N, 3, 3); none
-                without poses.
-            gravity: In each home frame (3,) [m/s²].
-        """
         self._misfit, self._homes, self._gravity = misfit, homes, gravity
         self._count = len(misfit.adjoints)
+        indices = list(range(self._count))
+        self._one_or_all: list[tuple[int | None, list[int]]] = [
+            *((robot, [robot]) for robot in indices),
+            (None, indices),
+        ]
         if misfit.signals.rotation is not None:
             rotations = [self._body_rotations(robot) for robot in range(self._count)]
             self._rotations = rotations[0]
-            self._supposed = np.mean([gravity @ own for own in rotations], axis=0)
-            """Gravity in the body frame (n, 3), as the motion has it: the mean of what robots take for it."""
-        self._per_unknown = float(np.log(misfit.plain.residual.size))
-        self._whose = 2.0 * float(np.log(self._count))
+            self._gravity_in_body = np.mean([gravity @ own for own in rotations], axis=0)
+            """Gravity in the body frame, mean over the robots, shape (n, 3)."""
+        self._unknown_cost = float(np.log(misfit.plain.residual.size))
+        self._robot_cost = 2.0 * float(np.log(self._count))
 
     def all(self) -> list[Suspect]:
-        """From the likeliest to the least likely."""
+        """All faults, the likeliest first."""
         found = [*self._offset(), *self._levers(), *self._scales(), *self._clocks(), *self._turned(), *self._changes()]
         if self._misfit.signals.rotation is not None:
             found += [*self._axes(), self._no_weight(), self.direction_of_gravity()]
         return sorted(found, key=lambda suspect: -suspect.gain)
 
     def _suspect(self, cause: Cause, robot: int | None, fit: Fit, unknowns: int, value: Array | None = None) -> Suspect:
-        cost = unknowns * self._per_unknown + (self._whose if robot is not None else 0.0)
-        # No cause is one that needs a load without mass.
+        cost = unknowns * self._unknown_cost + (self._robot_cost if robot is not None else 0.0)
+        # A fault with which the load would have no mass is impossible.
         gain = self._misfit.plain.misfit - fit.misfit - cost if fit.solution[0] > 0.0 else -np.inf
         return Suspect(cause, robot, fit, gain, fit.solution[BODY_NUMBERS:] if value is None else value)
 
     def _offset(self) -> Iterator[Suspect]:
-        """A constant wrench, or one that drifts; in whose sensor it is, the total does not tell."""
+        """A constant or drifting wrench; the total does not tell in which robot's sensor."""
         columns = np.broadcast_to(np.eye(6), (len(self._misfit.total), 6, 6))
         yield self._suspect(Cause.OFFSET, None, self._misfit.fit(columns), 6)
         minutes = (self._misfit.signals.time / 60.0)[:, None, None]
@@ -95,39 +99,28 @@ class Suspects:
         )
 
     def _levers(self) -> Iterator[Suspect]:
-        """Moments that are about another point: ``t + l x f``."""
+        """Moments about another point: ``t + l x f``."""
         maps = [np.block([[np.zeros((3, 6))], [skew(axis), np.zeros((3, 3))]]) for axis in np.eye(3)]
-        columns = [self._read_through(robot, maps) for robot in range(self._count)]
-        for robot, own in enumerate(columns):
-            yield self._suspect(Cause.LEVER, robot, self._misfit.fit(own, [(robot, maps)]), 3)
-        fit = self._misfit.fit(np.sum(columns, axis=0), [(robot, maps) for robot in range(self._count)])
-        yield self._suspect(Cause.LEVER, None, fit, 3)
+        for robot, robots in self._one_or_all:
+            yield self._suspect(Cause.LEVER, robot, self._misfit.fit_readings(robots, maps), 3)
 
     def _scales(self) -> Iterator[Suspect]:
-        """Readings that are too large or too small, by a factor: all six, forces alone, moments alone."""
+        """A wrong scale of forces and moments, of forces only, or of moments only."""
         forces, moments = np.diag([1.0, 1, 1, 0, 0, 0]), np.diag([0.0, 0, 0, 1, 1, 1])
         for cause, scaled in ((Cause.SCALE, np.eye(6)), (Cause.FORCE_SCALE, forces), (Cause.MOMENT_SCALE, moments)):
-            columns = [self._read_through(robot, [scaled]) for robot in range(self._count)]
-            for robot, own in enumerate(columns):
-                yield self._scaled(cause, robot, self._misfit.fit(own, [(robot, [scaled])]))
-        every = [(robot, [moments]) for robot in range(self._count)]
-        yield self._scaled(Cause.MOMENT_SCALE, None, self._misfit.fit(np.sum(columns, axis=0), every))
-
-    def _scaled(self, cause: Cause, robot: int | None, fit: Fit) -> Suspect:
-        """Of a reading ``x`` it is ``(1 - b) x`` that belongs to the load."""
-        right = 1.0 - float(fit.solution[BODY_NUMBERS])
-        return self._suspect(cause, robot, fit, 1, np.array([1.0 / right if abs(right) > 1e-6 else np.inf]))
-
-    def _read_through(self, robot: int, maps: list[Array]) -> Array:
-        """Columns (n, 6, q) of one robot's readings, multiplied by each map, in the body frame."""
-        own, to_body = self._misfit.wrenches[robot], self._misfit.adjoints[robot]
-        return np.stack([own @ (to_body @ one).T for one in maps], axis=-1)
+            for robot, robots in self._one_or_all:
+                if robot is None and cause is not Cause.MOMENT_SCALE:
+                    continue  # a common scale of forces looks like another mass
+                fit = self._misfit.fit_readings(robots, [scaled])
+                right = 1.0 - float(fit.solution[BODY_NUMBERS])  # share of a reading that belongs to the load
+                value = np.array([1.0 / right if abs(right) > 1e-6 else np.inf])
+                yield self._suspect(cause, robot, fit, 1, value)
 
     def _clocks(self) -> Iterator[Suspect]:
-        """Wrenches that come late, of one robot or of all."""
-        for robots in (*([robot] for robot in range(self._count)), list(range(self._count))):
+        """Late wrenches of one robot or of all."""
+        for robot, robots in self._one_or_all:
             delay, fit = self._delay_of(robots)
-            yield self._suspect(Cause.CLOCK, robots[0] if len(robots) == 1 else None, fit, 1, np.array([delay]))
+            yield self._suspect(Cause.CLOCK, robot, fit, 1, np.array([delay]))
 
     def _delay_of(self, robots: list[int]) -> tuple[float, Fit]:
         time = self._misfit.signals.time
@@ -153,39 +146,35 @@ class Suspects:
         assert rotation is not None
         halves = self._misfit.wrenches.reshape(*self._misfit.wrenches.shape[:2], 2, 3)
         turned = np.einsum("knji,knhj->knhi", rotation, halves).reshape(self._misfit.wrenches.shape)
-        for robot in range(self._count):
-            wrenches = self._misfit.wrenches.copy()
-            wrenches[robot] = turned[robot]
-            fit = self._misfit.fit(total=total_wrench(wrenches, self._misfit.poses))
+        for robot, robots in self._one_or_all:
+            fit = self._misfit.fit(total=self._misfit.total_with(robots, turned))
             yield self._suspect(Cause.BASE_AXES, robot, fit, 1)
-        yield self._suspect(Cause.BASE_AXES, None, self._misfit.fit(total=total_wrench(turned, self._misfit.poses)), 1)
 
     def _turned(self) -> Iterator[Suspect]:
-        """Sensors whose axes are turned or exchanged."""
-        for robots in (*([robot] for robot in range(self._count)), list(range(self._count))):
+        """Sensors whose axes are rotated or exchanged."""
+        for robot, robots in self._one_or_all:
             axes, fit = fit_turned(self._misfit, robots)
-            robot = robots[0] if len(robots) == 1 else None
             yield self._suspect(Cause.TURNED, robot, fit, 3, axes.ravel())
 
     def _no_weight(self) -> Suspect:
-        """Forces from which a controller has taken the weight away."""
+        """Forces without the weight: a controller has compensated it."""
         return self._suspect(Cause.COMPENSATED, None, self._misfit.fit(regressor=self._regressor(np.zeros(3))), 1)
 
     def _regressor(self, gravity: Array) -> Array:
-        """Of the body (n, 6, 10), if gravity (3,) were this one in the first robot's home frame."""
+        """The body's regressor (n, 6, 10) with this gravity (3,) in the first robot's home frame."""
         motion = self._misfit.motion.copy()
-        motion[:, BODY_A] += self._supposed - gravity @ self._rotations
+        motion[:, BODY_A] += self._gravity_in_body - gravity @ self._rotations
         return regressor(motion)
 
     def _body_rotations(self, robot: int) -> Array:
-        """Of the body frame in a robot's home frame, (n, 3, 3)."""
+        """Rotations of the body frame in a robot's home frame, shape (n, 3, 3)."""
         rotation = self._misfit.signals.rotation
         assert rotation is not None
         result: Array = rotation[robot] @ self._misfit.poses[robot].rotation.T
         return result
 
     def direction_of_gravity(self) -> Suspect:
-        """Gravity as forces have it, in the first robot's home frame."""
+        """Another direction of gravity in the first robot's home frame, found by forces."""
         size = float(np.linalg.norm(self._gravity))
         mean = np.mean(self._homes @ self._gravity, axis=0)
         mean *= size / max(float(np.linalg.norm(mean)), 1e-9)
@@ -195,7 +184,7 @@ class Suspects:
         return self._suspect(Cause.GRAVITY, None, best[1], 2, best[0])
 
     def _tilted(self, gravity: Array) -> tuple[Array, Fit]:
-        """The direction nearby that fits best, by Gauss-Newton, and the fit with it."""
+        """The best direction near this one, by Gauss-Newton, and the fit with it."""
         for _ in range(_TURNS):
             basis = np.linalg.svd(gravity[None])[2][1:]
             body = self._misfit.fit(regressor=self._regressor(gravity)).solution
@@ -209,23 +198,22 @@ class Suspects:
         return gravity, fit
 
     def _changes(self) -> Iterator[Suspect]:
-        """Another load, or another zero of some sensor, from some time on."""
+        """A change of the load, or of some sensor's offset, at some time."""
         zero = np.broadcast_to(np.eye(6), (len(self._misfit.total), 6, 6))
         for cause, columns in ((Cause.LOAD_CHANGE, self._misfit.regressor), (Cause.OFFSET_JUMP, zero)):
             time = self._misfit.signals.time
             tried = np.arange(time[0] + 1.0, time[-1] - 1.0, 1.0)
             if not len(tried):
                 return
-            least, when = min((self._from(at, columns, passes=1).misfit, at) for at in tried)
-            for step in (0.5, 0.25, 0.12, 0.06, 0.03):
-                for at in np.clip((when - step, when + step), tried[0], tried[-1]):  # not what filters do at the ends
-                    misfit = self._from(at, columns, passes=1).misfit
-                    if misfit < least:
-                        least, when = misfit, at
-            best = self._from(when, columns)
-            found = self._suspect(cause, None, best, columns.shape[-1])
-            gain = found.gain - 2.0 * float(np.log(len(tried)))
-            yield Suspect(cause, None, best, gain, found.value, float(when))
+
+            def misfit(at: float, columns: Array = columns) -> float:
+                return self._from(at, columns, passes=1).misfit
+
+            rough = min(tried, key=misfit)
+            limits = max(tried[0], rough - 1.0), min(tried[-1], rough + 1.0)  # not where filters distort the ends
+            when = float(minimize_scalar(misfit, bounds=limits, method="bounded", options={"xatol": _STEP / 4.0}).x)
+            found = self._suspect(cause, None, self._from(when, columns), columns.shape[-1])
+            yield replace(found, gain=found.gain - 2.0 * float(np.log(len(tried))), time=when)
 
     def _from(self, time: float, columns: Array, passes: int = REWEIGHTINGS) -> Fit:
         later = expit((self._misfit.signals.time - time) / _STEP)
@@ -233,7 +221,7 @@ class Suspects:
 
 
 def forces_instead(moments: Suspect) -> Suspect:
-    """All forces too small, where all moments are too large: the same to any motion, but of another load."""
+    """All forces too small instead of all moments too large: no motion tells these apart, but the load is another."""
     factor = float(moments.value[0])
     body = moments.fit.solution[:BODY_NUMBERS]
     by_factor = np.column_stack([factor * np.eye(BODY_NUMBERS), factor**2 * body])

@@ -1,4 +1,4 @@
-"""What is uncertain about robots beside their sensors' noise, and so is no reason to refute a recording."""
+"""Effects of uncertain grasp poses and calibration errors on the wrench, which must not refute a recording."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ _ROUNDING = 1e-9
 
 
 def unsure_columns(evidence: Evidence, motion: Array, theta: Array) -> Array:
-    """What one standard deviation of each unknown adds to the total wrench that a body leaves, shape (n, 6, q).
+    """Change of the total wrench's residual by one standard deviation of each parameter, shape (n, 6, q).
 
     Args:
-        evidence: On the recording.
-        motion: Of the body frame, shape (n, 12).
-        theta: Of the body, shape (10,).
+        evidence: The recording and its grasp poses.
+        motion: Motion of the body frame, shape (n, 12).
+        theta: Parameters of the body, shape (10,).
     """
     columns = [_by_grasps(evidence, theta)]
     if evidence.tolerances is not None:
@@ -31,7 +31,7 @@ def unsure_columns(evidence: Evidence, motion: Array, theta: Array) -> Array:
 
 
 def _by_grasps(evidence: Evidence, theta: Array) -> Array:
-    """Where robots hold the load."""
+    """Columns of the grasp poses."""
     signals = evidence.signals
     assert signals.wrench is not None
     wrenches = signals.wrench
@@ -49,7 +49,7 @@ def _by_grasps(evidence: Evidence, theta: Array) -> Array:
 
 
 def _by_calibration(evidence: Evidence, tolerances: Tolerances, motion: Array, theta: Array) -> Array:
-    """Scales and offsets of forces, the common scale of lengths, and where down is."""
+    """Columns of scales and offsets of forces, the common scale of lengths, and the direction of gravity."""
     signals, poses = evidence.signals, evidence.poses
     assert signals.wrench is not None
     assert signals.rotation is not None

@@ -1,40 +1,66 @@
-"""What a judge says of a recording."""
+"""The verdict on a recording: whether one rigid body explains it, and if not, which fault does."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import Literal
 
-from coheft.estimation.batch.judge.cause import Cause
 from coheft.estimation.geometry.spatial import Array
+
+
+class Cause(StrEnum):
+    """Faults that a recording may have; reports contain these names, and ``--assume`` takes them."""
+
+    OFFSET = "offset"
+    LEVER = "lever"
+    SCALE = "scale"
+    FORCE_SCALE = "force scale"
+    MOMENT_SCALE = "moment scale"
+    BASE_AXES = "base axes"
+    TURNED = "sensor turned"
+    COMPENSATED = "weight compensated"
+    CLOCK = "clock"
+    GRAVITY = "gravity"
+    LOAD_CHANGE = "load change"
+    OFFSET_JUMP = "offset jump"
+    DRIFT = "drift"
+    NOT_LEVEL = "homes not level"
+    INVERSE = "inverse poses"
+    LENGTH_SCALE = "length scale"
+    SLIP = "slip"
+    DEAD = "sensor dead"
+    MOTION = "motion sensor"
+    UNKNOWN = "unknown"
+    """No single fault explains the recording."""
 
 
 @dataclass(frozen=True, eq=False)
 class Verdict:
-    """What a judge says of a recording.
+    """The verdict on a recording.
 
     Attributes:
-        is_refuted: Whether the numbers are not to be trusted.
-        cause: What is wrong: empty if nothing is.
-        robot: Whose fault it is, if it is one robot's.
-        value: What a cause's unknowns are, see ``Suspect.value``.
-        ratio: By how many times residuals are larger than noise explains.
-        margin: Gain over the second best cause.
-        second: That cause.
-        mass: The load's mass with the cause estimated along, and its standard deviation [kg]; None if it is not mended.
-        is_open: Whether nothing tells which of two it is, so that it is not taken out: of two robots, either may be
-            wrong; either all moments or all forces are in another unit.
-        channels: Of a clock: what of the robot's record is late.
-        gravity: In all home frames (N, 3) [m/s²], as forces have it, if it is that what is wrong.
-        words: All of this in a sentence; empty if nothing is wrong.
-        hidden: What an accepted fit may hide: by cause, the covariance (10, 10) that it would add to ``theta`` in the
-            body frame if nothing but this recording spoke against it.
+        cause: The fault; empty if none was found.
+        robot: The robot that has it; None if all have it, or if it is not known which one.
+        value: The fault's parameters, see ``Suspect.value``.
+        words: The verdict as a sentence; empty if no fault was found.
+        ratio: Size of the residuals, in multiples of what noise explains.
+        margin: How much likelier the fault is than the second likeliest, see ``Suspect.gain``.
+        second: The second likeliest fault.
+        mass: Mass of the load with the fault estimated along, and its standard deviation [kg]; None if the fault
+            cannot be estimated.
+        is_open: Whether two corrections are equally likely, so that none is made: either of two robots may be at fault,
+            or either all forces or all moments are in another unit.
+        channels: Channels of the robot that are late, if the fault is a clock's.
+        gravity: Gravity in all home frames according to the forces, shape (N, 3) [m/s²], if its direction is the fault.
+        hidden: What may be wrong without being noticed, if no fault was found: by fault, the covariance (10, 10) that
+            it would add to ``theta`` in the body frame.
     """
 
-    is_refuted: bool
     cause: Cause | Literal[""] = ""
     robot: str | None = None
     value: tuple[float, ...] = ()
+    words: str = ""
     ratio: float = 1.0
     margin: float = 0.0
     second: str = ""
@@ -42,5 +68,9 @@ class Verdict:
     is_open: bool = False
     channels: tuple[str, ...] = ("wrench",)
     gravity: Array | None = None
-    words: str = ""
     hidden: tuple[tuple[Cause, Array], ...] = ()
+
+    @property
+    def is_refuted(self) -> bool:
+        """Whether a fault was found, so that the estimate is not to be trusted."""
+        return self.cause != ""

@@ -1,37 +1,36 @@
-"""Where each robot's poses have the load, against where the others have it.
+"""Differences between the poses of the load according to each robot.
 
-Each robot's poses say where the load is, ``B_i = H_i T_i X_i^-1``. Where these differ, homes ``H_i`` and grasps ``X_i``
-are off by constants, which are fitted out; what is left is noise, unless something is wrong.
+According to robot i, the load's pose is ``B_i = H_i T_i X_i^-1``. Constant errors of homes ``H_i`` and grasps
+``X_i`` are fitted; the remaining differences are noise, unless something is wrong.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from coheft.estimation.batch.judge.evidence import Evidence
 from coheft.estimation.geometry.spatial import Array, Pose
 
 BATCH = 0.2
-"""Samples are averaged over so long [s]."""
+"""Time over which samples are averaged [s]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Views:
-    """By how much N robots' views of the load differ from the mean of all, by b batches.
+    """Differences of N robots' views of the load from their mean, in b batches.
 
-    Turns and shifts are in the load's axes, in units of what they change by from one batch to the next, which is noise
-    but for a few.
+    Rotations and translations are in the load's axes, in units of their median change between batches, which is noise.
 
     Attributes:
-        time: Of the batches, shape (b,) [s].
-        scale: By which turns and shifts were multiplied, shape (6,).
-        rest: What constant errors of homes and grasps leave, shape (N, b, 6).
-        basis: Orthonormal, of what such errors do, shape (b, 6, q).
-        positions: Of each grasp frame in its home frame less their mean, in the load's axes, shape (N, b, 3) [m].
+        time: Times of the batches, shape (b,) [s].
+        scale: Factors of rotations and translations, shape (6,).
+        rest: Differences without constant errors of homes and grasps, shape (N, b, 6).
+        basis: Orthonormal basis of the effects of such errors, shape (b, 6, q).
+        positions: Positions of each grasp frame in its home frame, minus their mean, in the load's axes, (N, b, 3) [m].
     """
 
     time: Array
@@ -41,15 +40,10 @@ class Views:
     positions: Array
 
     @classmethod
-    def of(cls, poses: Array, times: Array, homes: Sequence[Pose], grasps: Sequence[Pose]) -> Self:
-        """Compare poses.
-
-        Args:
-            poses: ``x y z qx qy qz qw`` of N grasp frames in their home frames, shape (N, n, 7).
-            times: Of the samples, shape (n,) [s].
-            homes: Home frames in the world, as fitted to all of it.
-            grasps: Grasp frames in the load, likewise.
-        """
+    def of(cls, evidence: Evidence) -> Self:
+        """Compare the poses of a recording, with home and grasp frames that were fitted to all of it."""
+        poses, times = evidence.recording.stacked("pose"), evidence.recording.time
+        homes, grasps = evidence.homes, evidence.poses
         length = max(1, round(BATCH * (len(times) - 1) / (times[-1] - times[0])))
         batches = len(times) // length
 
@@ -80,7 +74,7 @@ class Views:
 
 
 def _load(poses: Array, home: Pose, grasp: Pose) -> tuple[Array, Array]:
-    """Orientations (n, 3, 3) and positions (n, 3) of the load as one robot sees it."""
+    """Orientations (n, 3, 3) and positions (n, 3) of the load according to one robot's poses (n, 7)."""
     to_load = grasp.inverse()
     own = home.rotation @ Rotation.from_quat(poses[:, 3:]).as_matrix()
     places = home.translation + poses[:, :3] @ home.rotation.T
@@ -88,7 +82,7 @@ def _load(poses: Array, home: Pose, grasp: Pose) -> tuple[Array, Array]:
 
 
 def _from_home(rotations: Array, positions: Array) -> Array:
-    """How a small turn and shift of the home frame, in the world, move the load as seen in its own axes, (n, 6, 6)."""
+    """Derivative of the load's pose, in its own axes, by a perturbation of the home frame in the world, (n, 6, 6)."""
     turned = rotations.swapaxes(-1, -2)
     result = np.zeros((len(positions), 6, 6))
     result[:, :3, :3] = result[:, 3:, 3:] = turned

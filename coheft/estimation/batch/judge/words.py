@@ -1,23 +1,23 @@
-"""What is said of a cause: whose it is, and what is wrong, in words."""
+"""Sentences about faults, and which robot has them."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from coheft.estimation.batch.judge.cause import Cause
 from coheft.estimation.batch.judge.suspects import Suspect
 from coheft.estimation.batch.judge.turned import turned_words
+from coheft.estimation.batch.judge.verdict import Cause
 from coheft.estimation.batch.judge.wrench_misfit import WrenchMisfit
 from coheft.estimation.batch.recording import Recording
 from coheft.estimation.geometry.spatial import Array
 
 _TARED = 0.2
-"""Sensors that were tared with the load in hand read nothing for so long from the beginning [s]."""
+"""Time from the beginning in which sensors that were tared with the load in hand read zero [s]."""
 _QUIET = 6.0
 
 
 def words_of(suspect: Suspect, recording: Recording, misfit: WrenchMisfit) -> tuple[str | None, str]:
-    """The robot's name, if it is one's, and what is wrong."""
+    """The name of the robot that has the fault, None if it is not a single one, and the fault in words."""
     names, value = recording.names, suspect.value
     name = None if suspect.robot is None else names[suspect.robot]
     whose = "all robots" if name is None else name
@@ -38,7 +38,7 @@ def words_of(suspect: Suspect, recording: Recording, misfit: WrenchMisfit) -> tu
             if is_unit_of_all(suspect):
                 others = "moments" if suspect.cause is Cause.FORCE_SCALE else "forces"
                 return None, (
-                    f"{factor}, or {others} {1.0 / value[0]:.4g} times, which no motion tells, but their units "
+                    f"{factor}, or {others} {1.0 / value[0]:.4g} times: no motion tells which, but their units do "
                     f"(--assume 'moment scale' or 'force scale')"
                 )
             if is_ambiguous(suspect, recording):
@@ -52,7 +52,7 @@ def words_of(suspect: Suspect, recording: Recording, misfit: WrenchMisfit) -> tu
         case Cause.DRIFT:
             return _drift_words(value[6:], recording, misfit)
         case Cause.COMPENSATED:
-            return None, "forces do not hold the weight: a controller has taken it out of them"
+            return None, "forces do not carry the weight: a controller has compensated it"
         case Cause.CLOCK:
             late = "late" if value[0] > 0.0 else "early"
             clocks = f"wrenches of {whose} are {abs(1000.0 * value[0]):.3g} ms {late} against poses"
@@ -69,13 +69,13 @@ def words_of(suspect: Suspect, recording: Recording, misfit: WrenchMisfit) -> tu
 
 
 def _offset_words(offset: Array, recording: Recording, misfit: WrenchMisfit) -> tuple[str | None, str]:
-    """A constant wrench is constant in the load, whoever has it: it is likeliest where it needs little moment."""
+    """Words for an offset, of the robot whose sensor needs the least moment for it."""
     wrenches = recording.stacked("wrench")
     first = wrenches[:, : max(5, int(_TARED * recording.rate))]
     deviations = np.sqrt([np.diag(noise) * recording.rate / misfit.signals.rate for noise in misfit.noise])
     level = _QUIET * deviations / np.sqrt(first.shape[1]) + 0.02 * np.sqrt(np.mean(wrenches**2, axis=1))
     if np.all(np.abs(first.mean(axis=1)) < level):
-        return None, "all sensors read zero in the beginning: they were tared with the load in hand"
+        return None, "all sensors read zero at the beginning: they were tared while the robots held the load"
     name, f, t = _likeliest(offset, recording, misfit)
     return name, (
         f"the wrench of {name} is off by ({f[0]:.2f}, {f[1]:.2f}, {f[2]:.2f}) N and ({t[0]:.3f}, {t[1]:.3f}, "
@@ -92,7 +92,7 @@ def _drift_words(drift: Array, recording: Recording, misfit: WrenchMisfit) -> tu
 
 
 def _likeliest(wrench: Array, recording: Recording, misfit: WrenchMisfit) -> tuple[str, Array, Array]:
-    """The robot whose sensor needs the least moment to explain a wrench (6,) in the body frame: force and moment."""
+    """The robot whose sensor needs the least moment for a wrench (6,) in the body frame, with its force and moment."""
     own = [np.linalg.inv(adjoint) @ wrench for adjoint in misfit.adjoints]
     arms = [float(np.linalg.norm(one[3:])) / max(float(np.linalg.norm(one[:3])), 1e-9) for one in own]
     robot = int(np.argmin(arms))
@@ -100,17 +100,17 @@ def _likeliest(wrench: Array, recording: Recording, misfit: WrenchMisfit) -> tup
 
 
 def is_ambiguous(suspect: Suspect, recording: Recording) -> bool:
-    """Whether a factor might as well be another robot's: of two robots, one reads too much or the other too little."""
+    """Whether either of two robots may have a wrong scale: one too large or the other too small."""
     is_one = suspect.robot is not None and len(recording.names) == 2
     return is_one and suspect.cause in (Cause.SCALE, Cause.FORCE_SCALE) and suspect.value[0] > 0.0
 
 
 def is_unit_of_all(suspect: Suspect) -> bool:
-    """Whether it might be all forces instead of all moments, or the other way round."""
+    """Whether all forces or all moments may be in another unit."""
     is_all = suspect.robot is None and suspect.cause in (Cause.MOMENT_SCALE, Cause.FORCE_SCALE)
     return is_all and suspect.value[0] > 0.0
 
 
 def angle_deg(one: Array, other: Array) -> float:
-    """Between two vectors (3,) [degrees]."""
+    """Angle between two vectors (3,) [degrees]."""
     return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(one, other)), one @ other)))

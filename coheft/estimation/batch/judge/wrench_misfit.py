@@ -1,7 +1,7 @@
-"""What is left of the total wrench when a rigid body has explained what it can, beside what noise leaves.
+"""Fits of a rigid body, with or without a fault, to the total wrench, and how much more than noise they leave.
 
-Noise of forces, and noise of poses that went through the body's dynamics, are known from above the band. Residuals are
-whitened with it, and then fitted once more with whatever a suspect adds.
+The noise of forces, and that of poses through the body's dynamics, are measured above the band of the motion; residuals
+are whitened with both.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ from coheft.estimation.geometry.spatial import Array, skew
 from coheft.estimation.rigid_body.mass_properties import unpack_symmetric
 
 _FINEST = 5e-5
-"""Share of the wrench below which no model of ours is exact: filters and differences."""
+"""Share of the wrench to which filters and differences are exact."""
 REWEIGHTINGS = 3
 _ROUNDING = 1e-11
 _SMALL = 0.1
 """Share of the residuals' mean square up to which noise in columns is corrected for in the likelihood."""
 _LEVEL_UNSURE = 0.3
-"""By how much the power of noise, which is measured in a band, may be off: two standard deviations."""
+"""Relative uncertainty of the noise's power, which is measured in a band: two standard deviations."""
 _NOTICED = 0.2
-"""In its noise's deviations: what is uncertain changes nothing if it does less to the wrench."""
+"""Norm, in deviations of the noise, below which an uncertain parameter does not matter."""
 BODY_NUMBERS = 10
 Maps = Sequence[Array]
-"""By what a sensor's reading is multiplied, (6, 6) each, for every unknown that a suspect has."""
+"""Matrices (6, 6), one for each unknown of a fault, by which a sensor's reading is multiplied."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,12 +41,11 @@ class Fit:
 
     Attributes:
         misfit: -2 log likelihood.
-        solution: ``theta`` (10,), then what a suspect has.
-        covariance: Of all of it.
-        residual: Whitened, shape (K, 2, 3): forces, moments.
-        excess: By how many deviations it is more than noise, see ``Band.excess``.
-        inside: Its mean square where the load moves.
-        above: Its mean square above.
+        solution: ``theta`` (10,), then the fault's unknowns.
+        covariance: Covariance of the solution.
+        residual: Whitened residual, shape (K, 2, 3): forces, moments.
+        excess: Its excess over noise, in deviations, see ``Band.excess``.
+        inside: Its mean square in the band of the motion.
     """
 
     misfit: float
@@ -55,11 +54,10 @@ class Fit:
     residual: Array
     excess: float
     inside: float
-    above: float
 
 
 class WrenchMisfit:
-    """Of one recording, whose poses were found."""
+    """Fits of the total wrench of one recording, whose grasp poses are known."""
 
     def __init__(self, evidence: Evidence) -> None:
         """Prepare what all fits share.
@@ -85,7 +83,7 @@ class WrenchMisfit:
         views = [acceleration_noise(recording, k, poses[k], up, frequency, cutoff) for k in robots]
         self._motion_noise: Array = np.sum(views, axis=0) * per_coefficient / len(poses) ** 2
         self._unsure = np.zeros((6 * len(frequency), 0))
-        """Whitened columns of what is uncertain beside noise, in units of its standard deviations."""
+        """Whitened columns of the uncertain parameters, per standard deviation."""
         self._whitening = np.empty((len(self.band.frequency), 6, 6))
         theta = np.zeros(10)
         for _ in range(2):
@@ -98,7 +96,7 @@ class WrenchMisfit:
         self.plain = self.fit()
 
     def _whiten(self, theta: Array) -> None:
-        """Set the inverse of a factor of the residuals' covariance at each frequency, for a body."""
+        """Set the whitening of residuals at each frequency, for a body ``theta`` (10,)."""
         self._theta = theta
         squares = np.mean(self.total**2, axis=0)
         force = float(squares[:3].mean())
@@ -113,7 +111,7 @@ class WrenchMisfit:
         self._design, self._output = self._white(self.regressor), self._white(self.total)
 
     def _by_motion(self, theta: Array) -> Array:
-        """Covariance of a body's wrench by noise of its motion, shape (K, 6, 6)."""
+        """Covariance of a body's wrench due to noise of its motion, shape (K, 6, 6)."""
         mass, moment, about_origin = theta[0], theta[1:4], unpack_symmetric(theta[4:])
         inertia = np.block([[-skew(moment), mass * np.eye(3)], [about_origin, skew(moment)]])
         result: Array = inertia @ self._motion_noise @ inertia.T
@@ -127,6 +125,25 @@ class WrenchMisfit:
         columns: Array = (self._whitening @ coefficients).reshape(-1, signals.shape[-1])
         return columns
 
+    def total_with(self, robots: Sequence[int], wrenches: Array) -> Array:
+        """The total wrench (n, 6) with other readings (N, n, 6) of these robots."""
+        mixed = self.wrenches.copy()
+        mixed[robots] = wrenches[robots]
+        return total_wrench(mixed, self.poses)
+
+    def fit_readings(self, robots: Sequence[int], maps: Maps) -> Fit:
+        """Fit a body, and how much of these robots' readings, mapped by each of ``maps``, does not belong to it."""
+        return self.fit(self.reading_columns(robots, maps), [(robot, maps) for robot in robots])
+
+    def reading_columns(self, robots: Sequence[int], maps: Maps) -> Array:
+        """What these robots' readings, mapped by each of ``maps``, add to the total wrench, shape (n, 6, q)."""
+        columns = [
+            np.stack([self.wrenches[robot] @ (self.adjoints[robot] @ one).T for one in maps], axis=-1)
+            for robot in robots
+        ]
+        result: Array = np.sum(columns, axis=0)
+        return result
+
     def fit(
         self,
         columns: Array | None = None,
@@ -135,14 +152,14 @@ class WrenchMisfit:
         regressor: Array | None = None,
         passes: int = REWEIGHTINGS,
     ) -> Fit:
-        """Fit a body, and along with it what a suspect adds.
+        """Fit a body together with a fault.
 
         Args:
-            columns: What a unit of each of the suspect's unknowns adds to the total wrench, shape (n, 6, q).
-            maps: If that comes from readings, and so holds their noise: of which robots, multiplied by what.
-            total: Total wrench (n, 6), if it is another one.
-            regressor: Of the body (n, 6, 10), if it is another one.
-            passes: One is enough to find a start.
+            columns: Derivative of the total wrench by the fault's unknowns, shape (n, 6, q).
+            maps: If the columns are readings and so contain their noise: the robots, and the maps of their readings.
+            total: The total wrench without the fault, shape (n, 6), if it differs from the measured one.
+            regressor: The body's regressor with the fault, shape (n, 6, 10), if it differs.
+            passes: Number of estimates of the residuals' spectrum; one is enough to find a start.
         """
         design = self._design if regressor is None else self._white(regressor)
         if columns is not None:
@@ -163,9 +180,9 @@ class WrenchMisfit:
     def _weighted(
         self, design: Array, known: int, output: Array, deviation: Array, maps: Sequence[tuple[int, Maps]]
     ) -> Fit:
-        """Least squares; what the output's own noise does in columns is taken out of the normal equations.
+        """Least squares; the bias from the readings' noise in the columns is taken out of the normal equations.
 
-        Unknowns from ``known`` on have a mean of zero and a standard deviation of one beforehand.
+        Unknowns from ``known`` on have a prior of mean zero and standard deviation one.
         """
         scaled, seen = design / deviation[:, None], output / deviation
         size = np.linalg.norm(scaled, axis=0)
@@ -185,19 +202,19 @@ class WrenchMisfit:
         residual = (output - design @ solution).reshape(-1, 2, 3)
         misfit = self.band.misfit(residual) + float(np.sum(solution[known:] ** 2))
         own = float(solution @ (2.0 * by_output - by_noise @ solution))
-        if maps:  # readings that make the load lighter take noise of the motion away with it
+        if maps:  # a lighter load also has less noise due to motion
             weighted = self._whitening / deviation.reshape(-1, 6, 1)
             taken = self._by_motion(self._theta) - self._by_motion(solution[:BODY_NUMBERS])
             own += float(np.sum((weighted @ taken) * weighted))
-        if own > -_SMALL * residual.size:  # of noise that is made much larger the unknown spectrum takes care
+        if own > -_SMALL * residual.size:  # much larger noise is in the estimated spectrum already
             misfit += own + _LEVEL_UNSURE * abs(own)
         unknowns = round(int(np.count_nonzero(shown)) * self.band.moving / len(self.band.frequency))
-        excess, inside, above = self.band.excess(residual, unknowns)
+        excess, inside = self.band.excess(residual, unknowns)
         covariance = (inverse / np.outer(size, size))[:known, :known]
-        return Fit(misfit, solution[:known], covariance, residual, excess, inside, above)
+        return Fit(misfit, solution[:known], covariance, residual, excess, inside)
 
     def _of_own_noise(self, deviation: Array, maps: Sequence[tuple[int, Maps]], unknowns: int) -> tuple[Array, Array]:
-        """What noise alone adds to columns times columns (u, u), and to columns times output (u,), on average."""
+        """Expected contribution of noise to columns times columns (u, u), and to columns times output (u,)."""
         by_noise, by_output = np.zeros((unknowns, unknowns)), np.zeros(unknowns)
         if not maps:
             return by_noise, by_output
@@ -214,7 +231,7 @@ class WrenchMisfit:
         return by_noise, by_output
 
     def share(self) -> float:
-        """What the body leaves beyond noise where it moves, as a share of what changes in the wrench there."""
+        """The residual beyond noise in the band of the motion, as a share of the wrench's changes there."""
         changing = self._white(self.total - self.total.mean(axis=0)).reshape(-1, 6)[: self.band.moving]
         left = self.plain.residual[: self.band.moving]
         return float(np.sqrt(max(0.0, np.sum(left**2) - left.size) / max(float(np.sum(changing**2)), 1e-300)))
