@@ -20,7 +20,7 @@ from coheft.estimation.moments.rows import KINEMATICS_SIZE, ROW_SIZE, TWIST, WRE
 from coheft.estimation.moments.unknowns import LOAD_SIZE
 
 _MOTION = VIEW_SIZE + WRENCH_SIZE
-_ROWS_BEFORE = 100
+ROWS_BEFORE = 100
 """The mean excess of earlier chapters weighs as much as so many rows."""
 
 
@@ -74,7 +74,7 @@ class Innovations:
         mean = self.evaluate(sums / max(number, 1.0)).motion
         self.excess = np.where(np.arange(len(mean)) % KINEMATICS_SIZE < TWIST.stop, mean, 0.0)
         if before is not None:  # a mean over few rows would be as noisy as the rows that are tested
-            self.excess = (number * self.excess + _ROWS_BEFORE * before.excess) / (number + _ROWS_BEFORE)
+            self.excess = (number * self.excess + ROWS_BEFORE * before.excess) / (number + ROWS_BEFORE)
 
     def evaluate(self, row: Array) -> EvaluatedRow:
         """Evaluate an extended row (X,)."""

@@ -60,6 +60,7 @@ def judge(
     guards: Guards,
     load_before: KnownLoad | None,
     has_offset: bool,
+    drift: Array,
 ) -> Verdict:
     """Judge a fit by its residuals.
 
@@ -70,6 +71,7 @@ def judge(
         guards: Thresholds.
         load_before: The load before the last change, while a faulty sensor may still explain that change; else None.
         has_offset: Whether constant offsets of force and torque are among the unknowns of the fit.
+        drift: Variance by which motion sensors may have drifted, in units of the noise, shape (N, 12) or (1, 12).
     """
     assert estimate.state.load is not None
     assumed = KnownLoad(estimate.state.load) if load_before is None else load_before
@@ -77,8 +79,8 @@ def judge(
     wrench, motion = innovations.residuals(buffer.rows[first : buffer.count])
     wrench, count = wrench[max(0, buffer.start - first) :], estimate.body.count
     freedom = len(motion) * (KINEMATICS_SIZE * count - _MOTION) - _POSE * (count - 1)
-    if not _fits(motion, freedom, guards.largest_motion_misfit, guards):
-        worst = worst_misfit(motion)
+    if not _fits(motion, freedom, guards.largest_motion_misfit, guards, drift):
+        worst = worst_misfit(motion, drift)
         return Verdict(Outcome.NO_BODY, robot=None if worst is None else worst.source)
     if (robot := _robot_beyond_tolerance(estimate, guards)) is not None:
         return Verdict(Outcome.BEYOND_TOLERANCE, robot=robot)
@@ -124,9 +126,10 @@ def _robot_beyond_tolerance(estimate: Estimate, guards: Guards) -> int | None:
     return None
 
 
-def _fits(residuals: Array, freedom: float, largest: float, guards: Guards) -> bool:
+def _fits(residuals: Array, freedom: float, largest: float, guards: Guards, drift: Array | float = 0.0) -> bool:
     """Whether residuals (n, s, d) are no larger than noise explains."""
-    worst = worst_misfit(residuals)
+    worst = worst_misfit(residuals, drift)
     if worst is not None and worst.chi_square > largest:
         return False
-    return excess_energy(residuals, np.maximum(freedom, 1.0), guards.noise_tolerance) <= guards.energy
+    scaled = residuals / np.sqrt(1.0 + drift)
+    return excess_energy(scaled, np.maximum(freedom, 1.0), guards.noise_tolerance) <= guards.energy

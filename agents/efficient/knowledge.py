@@ -10,7 +10,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from coheft.agents.efficient.innovations import Innovations
+from coheft.agents.efficient.innovations import ROWS_BEFORE, Innovations
 from coheft.agents.efficient.row_times import MANY
 from coheft.agents.efficient.settings import Guards
 from coheft.estimation.geometry.spatial import Array, Pose
@@ -79,6 +79,13 @@ class Knowledge:
     def is_exact(self) -> bool:
         """Whether moments are kept exactly, in which case fits are fast enough to look for rare events as well."""
         return self._count <= _EXACT_UP_TO
+
+    @property
+    def drift(self) -> Array:
+        """Variance by which motion sensors have drifted since their offsets, the mean innovations, were found, in units
+        of the noise of rows, shape (N, 12) or (1, 12).
+        """
+        return self._settings.drifted_kinematics((ROWS_BEFORE + self._page) * self._settings.period)
 
     @property
     def is_fit_due(self) -> bool:

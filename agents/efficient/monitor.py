@@ -1,10 +1,11 @@
 """Sensors that contradict the motion of the team: one innovation test per robot and window of rows.
 
-    s_i = sum of whitened residuals r_i of k rows / sqrt(k),    s_i . s_i ~ chi-square(12)
+    s_i = sum of whitened residuals r_i of k rows / sqrt(k),    s_i^T (I + k D)^-1 s_i ~ chi-square(12)
 
 ``r_i`` is the reading of robot i less its prediction from the fused motion of all robots, in standard deviations. Pose
-errors contribute far less, as long as poses are known. A sensor that is frozen, saturated, biased or late, a wrong
-clock, a robot that has let go, and one that lies all show here. Each robot decides alone: there is no vote.
+errors contribute far less, as long as poses are known. ``D`` is the variance by which sensors have drifted since their
+offsets were found, in units of the noise. A sensor that is frozen, saturated, biased or late, a wrong clock, a robot
+that has let go, and one that lies all show here. Each robot decides alone: there is no vote.
 """
 
 from __future__ import annotations
@@ -41,10 +42,12 @@ class Monitor:
     Args:
         count: Number of robots.
         guards: Thresholds.
+        drift: The diagonal of ``D``, shape (N, 12) or (1, 12).
     """
 
-    def __init__(self, count: int, guards: Guards) -> None:
+    def __init__(self, count: int, guards: Guards, drift: Array) -> None:
         self._count, self._guards = count, guards
+        self._spread = 1.0 + WINDOWS[:, None, None] * drift if drift.any() else None
         self._sums = np.zeros((_LONGEST + 1, KINEMATICS_SIZE * count))
         """Running sum after each of the newest rows, the newest last."""
         self._rows = 0
@@ -62,7 +65,10 @@ class Monitor:
         self._rows += 1
         windows = WINDOWS[: np.searchsorted(WINDOWS, self._rows, side="right")]
         means = (sums[-1] - sums[-1 - windows]).reshape(len(windows), self._count, KINEMATICS_SIZE)
-        squares = np.square(means).sum(axis=2) / windows[:, None]
+        squares = np.square(means)
+        if self._spread is not None:
+            squares /= self._spread[: len(windows)]
+        squares = squares.sum(axis=2) / windows[:, None]
         place = int(squares.argmax())
         window, robot = divmod(place, self._count)
         is_one = squares.flat[place] > self._guards.largest_contradiction

@@ -92,7 +92,7 @@ class Session:
     def _begin(self, known: Knowledge) -> None:
         """Continue from ``known`` alone; load changes that were noticed before stay listed."""
         self._known = known
-        self._monitor = Monitor(self._count, self._guards)
+        self._monitor = Monitor(self._count, self._guards, known.drift)
         self.suspect: int | None = None
         self._load_before: KnownLoad | None = None  # before the oldest change that may still be a sensor's fault
         self._surprises, self._look_until, self._pause = 0, -1, -1
@@ -251,7 +251,7 @@ class Session:
         """Fit, then test whether all rows fit and whether a faulty sensor would explain them as well as a load."""
         estimate, has_offset, guards = self._fit(), self._settings.has_offset, self._guards
         innovations, buffer = self._known.innovations, self._known.buffer
-        self.verdict = judge(estimate, innovations, buffer, guards, self._load_before, has_offset)
+        self.verdict = judge(estimate, innovations, buffer, guards, self._load_before, has_offset, self._known.drift)
         first = buffer.count
         is_body = self.verdict.outcome not in (Outcome.NO_BODY, Outcome.BEYOND_TOLERANCE)
         if self.stage is Stage.GATHERING and is_body:

@@ -140,7 +140,7 @@ class Suspicion:
         before = self._now.state.poses[cause.robot]
         if _log_ratio_to_knock(estimate, cause.robot, before, np.array([row for _, row in rows])) < guards.lead:
             return None
-        verdict = judge(estimate, found.innovations, found.buffer, guards, None, has_offset)
+        verdict = judge(estimate, found.innovations, found.buffer, guards, None, has_offset, found.drift)
         return found if verdict.outcome is Outcome.FITS else None
 
 

@@ -33,3 +33,9 @@ def test_what_wanders_is_no_contradiction() -> None:
     assert payload is not None
     assert payload.covariance[0, 0] ** 0.5 < 0.05
     assert abs(payload.mass - 5.0) < 0.1
+
+
+def test_a_gyro_that_wanders_fast_does_not_contradict_the_others() -> None:
+    found = estimates(SensorDrift(gyro=0.024), 603, 9.0)
+    late = [estimate.status == "valid" for estimate in found if estimate.time > 4.0]
+    assert sum(late) / len(late) > 0.9

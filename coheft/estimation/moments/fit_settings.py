@@ -184,6 +184,13 @@ class FitSettings:
             default=math.inf,
         )
 
+    def drifted_kinematics(self, seconds: float) -> Array:
+        """Variances of the drift of ``(w, v, a, slope)`` in a time [s] over those of the noise, shape of the latter."""
+        drift = np.zeros(rows.KINEMATICS_SIZE)
+        drift[rows.W], drift[rows.A] = self.drift.gyro, self.drift.acceleration
+        result: Array = seconds / 60.0 * np.square(drift / self.noise.kinematics)
+        return result
+
     def drifted(self, body: BodyModel, seconds: float) -> tuple[Indices, Array]:
         """Return indices (k,) of the unknowns that drift, and the covariance (k, k) of their drift in a time [s]."""
         unknowns, drift, minutes = body.unknowns, self.drift, seconds / 60.0

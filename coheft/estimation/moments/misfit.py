@@ -1,8 +1,9 @@
 """Tests whether rows fit, and whether another load or a faulty sensor explains wrenches that do not.
 
-    s = sum of whitened residuals of k consecutive rows / sqrt(k),    s . s ~ chi-square        without any fault
+    s = sum of whitened residuals of k consecutive rows / sqrt(k),    s^T (I + k D)^-1 s ~ chi-square  without any fault
 
-Residuals of a fit are smaller than the noise, so the test needs no allowance for the fit's own uncertainty.
+Residuals of a fit are smaller than the noise, so the test needs no allowance for the fit's own uncertainty; ``D`` is
+the variance by which sensors may have drifted, in units of the noise.
 
 A sensor of robot i with an offset ``b`` adds ``Ad(g_i) b`` to the total wrench, constant in the body frame, whereas
 gravity turns in that frame. The two are compared by how much of the squared residuals each of them explains.
@@ -45,18 +46,19 @@ class Misfit:
     chi_square: float
 
 
-def worst_misfit(residuals: Array) -> Misfit | None:
+def worst_misfit(residuals: Array, drift: Array | float = 0.0) -> Misfit | None:
     """Return the stretch of rows that fits worst, None if there are no rows.
 
     Args:
         residuals: In standard deviations, of n rows and s sources with d numbers each, shape (n, s, d).
+        drift: The diagonal of ``D``, shape (s, d) or (1, d).
     """
     worst: Misfit | None = None
     sums = np.concatenate([np.zeros((1, *residuals.shape[1:])), np.cumsum(residuals, axis=0)])
     for rows in WINDOWS:
         if rows > len(residuals):
             break
-        squares = np.square(sums[rows:] - sums[:-rows]).sum(axis=2) / rows
+        squares = (np.square(sums[rows:] - sums[:-rows]) / (rows * (1.0 + rows * drift))).sum(axis=2)
         first, source = np.unravel_index(int(squares.argmax()), squares.shape)
         found = float(squares[first, source])
         if worst is None or found > worst.chi_square:

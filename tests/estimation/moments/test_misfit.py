@@ -45,6 +45,16 @@ def test_a_constant_excess_is_found_where_it_is(rows: int) -> None:
     assert found.chi_square == pytest.approx(900.0, rel=0.3)
 
 
+def test_what_sensors_may_have_drifted_is_allowed_for() -> None:
+    rng = np.random.default_rng(2)
+    drifted = rng.normal(size=(4000, 1, 6)) + np.repeat(0.7 * rng.normal(size=(40, 1, 6)), 100, axis=0)
+    alone, allowed = worst_misfit(drifted), worst_misfit(drifted, np.full((1, 6), 0.7**2))
+    assert alone is not None
+    assert allowed is not None
+    assert alone.chi_square > 100.0
+    assert allowed.chi_square < 45.0
+
+
 def test_stretches_of_noise_are_chi_square() -> None:
     residuals = np.random.default_rng(2).normal(size=(4000, 1, 6))
     found = worst_misfit(residuals)
