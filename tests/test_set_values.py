@@ -78,7 +78,7 @@ def test_teams_drawn_at_random_take_values_too() -> None:
     assert changed.sensors.noise_scale == 3.0
     assert changed.graph.kind == "line"
     assert changed.robots == drawn.robots
-    with pytest.raises(ScenarioError, match=r"random-7: key 'graph.kind': expected one of"):
+    with pytest.raises(ScenarioError, match=r"random-7 with --set graph.kind=none: key 'graph.kind': expected one of"):
         random_team(7, ["graph.kind=none"])
 
 
