@@ -106,8 +106,8 @@ class Exchange:
         window: Number of newest blocks whose rows are accepted.
         disputed: Robots of which two different rows with one number arrived, and the block in which it last happened.
         distrusted: Neighbours and the robots whose rows these sent wrongly, and the block in which it last showed.
-        aside: Copies that are not in the table, because they differ from it or their sender is distrusted; empty if
-            there are no seals.
+        aside: Rows by sender, robot and number that are not in the table, because they differ from it or their sender
+            is distrusted; empty if there are no seals.
     """
 
     def __init__(
@@ -116,7 +116,7 @@ class Exchange:
         self.team, self.changed_at = team, -1
         self.disputed: dict[int, int] = {}
         self.distrusted: dict[tuple[str, int], int] = {}
-        self.aside: list[Copy] = []
+        self.aside: dict[tuple[str, int, int], bytes] = {}
         self._count, self._own, self._times, self._size = count, own, times, size
         self.window = max(WINDOW, 2 * hops, sealing)
         self._heard = deque[tuple[int, RowMessage]]()  # with the block of each, if there are seals
@@ -143,7 +143,7 @@ class Exchange:
         length = self._size * np.dtype(np.float32).itemsize
         while self._heard and self._heard[0][0] < block - self.window:
             self._heard.popleft()
-        self.aside = [copy for copy in self.aside if copy.number >= oldest]
+        self.aside = {key: row for key, row in self.aside.items() if key[2] >= oldest}
         for message in messages:
             if message.team != self.team or message.rows.shape[1] != self._size:
                 continue
@@ -157,7 +157,7 @@ class Exchange:
                     continue
                 row = data[length * place : length * (place + 1)]
                 if self.distrusted and (message.sender, robot) in self.distrusted:
-                    self.aside.append(Copy(message.sender, robot, number, row))
+                    self.aside.setdefault((message.sender, robot, number), row)
                     continue
                 first = self._rows.setdefault(number, {}).setdefault(robot, row)
                 if first is row:
@@ -165,7 +165,7 @@ class Exchange:
                 elif first != row:
                     self.disputed[robot] = block
                     if self._is_sealing:
-                        self.aside.append(Copy(message.sender, robot, number, row))
+                        self.aside.setdefault((message.sender, robot, number), row)
 
     def tell(self, changed_at: int) -> RowMessage:
         """Return the message for all neighbours; ``changed_at`` is the first row of the present load."""

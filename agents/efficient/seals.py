@@ -14,6 +14,7 @@ import math
 import struct
 from collections import deque
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +22,10 @@ import numpy.typing as npt
 
 from coheft.agents.efficient.exchange import Copy, Exchange
 from coheft.agents.efficient.row_times import RowTimes
+from coheft.agents.efficient.settings import Guards
 from coheft.agents.estimator import Channels, RowSigner
+from coheft.wire.config import AgentConfig
+from coheft.wire.messages.size import MOST_SEALED
 
 _CHANNEL = "seals"
 _HASH = 8
@@ -75,6 +79,32 @@ def _hash_of(row: bytes | None) -> bytes:
     return bytes(_HASH) if row is None else hashlib.blake2b(row, digest_size=_HASH).digest()
 
 
+@dataclass(frozen=True)
+class SealTimes:
+    """When seals are made and expected.
+
+    Attributes:
+        span: Number of rows of a seal, ``S``.
+        patience: Number of blocks within which a seal has to arrive after the last of its rows.
+        distrust: Number of blocks for which a neighbour's copies of a robot's rows are not used after a false one.
+    """
+
+    span: int
+    patience: int
+    distrust: int
+
+    @staticmethod
+    def of_team(count: int, hops: int, times: RowTimes, config: AgentConfig, guards: Guards) -> SealTimes:
+        """Choose them for ``count`` robots, the farthest of them ``hops`` away."""
+        every = guards.sealed_every * max(1.0, count / guards.sealed_alike)
+        span = min(max(1, round(every * config.rate / times.row)), MOST_SEALED)
+        return SealTimes(span, config.blocks(guards.sealed_within) + hops, config.blocks(guards.distrusting))
+
+    def window(self, times: RowTimes) -> int:
+        """Number of blocks for which rows are needed to be compared with their seals."""
+        return times.last_block(self.span) + self.patience + 1
+
+
 class Seals:
     """One robot's seals of its team's rows, and the comparison of these rows with them.
 
@@ -84,9 +114,7 @@ class Seals:
         start: Number of the team's first row.
         exchange: Rows in transit.
         times: Times of rows.
-        span: Number of rows of a seal, ``S``.
-        patience: Number of blocks within which a seal has to arrive after the last of its rows.
-        distrust: Number of blocks for which a neighbour's copies of a robot's rows are not used after a false one.
+        seal_times: When seals are made and expected.
         signer: Signs and checks.
     """
 
@@ -97,13 +125,12 @@ class Seals:
         start: int,
         exchange: Exchange,
         times: RowTimes,
-        span: int,
-        patience: int,
-        distrust: int,
+        seal_times: SealTimes,
         signer: RowSigner,
     ) -> None:
         self._names, self._own, self._exchange, self._times = names, own, exchange, times
-        self._span, self._patience, self._distrust, self._signer = span, patience, distrust, signer
+        self._span = span = seal_times.span
+        self._patience, self._distrust, self._signer = seal_times.patience, seal_times.distrust, signer
         self._nothing = Seal(-1, 0, bytes(_HASH * span)).encode()
         self._size = len(self._nothing)
         self._known: dict[tuple[int, int], Seal] = {}  # by robot and number of the first row
@@ -242,12 +269,13 @@ class Seals:
 
     def _check_aside(self, block: int) -> None:
         """Compare the copies that were set aside; those that are right replace missing rows."""
-        aside, self._exchange.aside = self._exchange.aside, []
-        for copy in aside:
+        for key, row in list(self._exchange.aside.items()):
+            copy = Copy(*key, row)
             seal = self._seal_of(copy.robot, copy.number)
             if seal is None:
-                self._exchange.aside.append(copy)
-            elif not seal.confirms(copy.number, copy.row):
+                continue
+            del self._exchange.aside[key]
+            if not seal.confirms(copy.number, copy.row):
                 self._distrust_sender(copy, block)
             elif self._exchange.row(copy.robot, copy.number) is None:
                 self._exchange.restore(copy)

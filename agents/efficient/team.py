@@ -20,7 +20,7 @@ from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.chapter import Prior
 from coheft.estimation.moments.unknowns import Unknowns
 from coheft.wire.config import AgentConfig
-from coheft.wire.messages.size import MOST_SEALED, MOST_TOLD
+from coheft.wire.messages.size import MOST_TOLD
 
 if TYPE_CHECKING:  # not loaded in the open profile
     from coheft.agents.efficient.seals import Seals
@@ -71,20 +71,17 @@ class Team:
         errors, noise = self.settings.errors, config.sensors_of(config.name).noise
         self._own_rows = OwnRows(times, noise.gyro**2, config.rate, errors)
         self._waits = max(2, config.blocks(guards.waiting)) + times.spanned - 1
-        row_rate = config.rate / times.row
-        sealed_every = guards.sealed_every * max(1.0, len(lives) / guards.sealed_alike)
-        span = min(max(1, round(sealed_every * row_rate)), MOST_SEALED)
-        patience = config.blocks(guards.sealed_within) + hops
-        sealing = times.last_block(span) + patience + 1 if signer is not None else 0
-        self.exchange = Exchange(membership, len(lives), self.own, hops, times, errors.width - 1, sealing)
         self._seals: Seals | None = None
-        if signer is not None:
-            from coheft.agents.efficient.seals import Seals
+        if signer is None:
+            self.exchange = Exchange(membership, len(lives), self.own, hops, times, errors.width - 1)
+        else:
+            from coheft.agents.efficient.seals import Seals, SealTimes
 
-            distrust = config.blocks(guards.distrusting)
-            self._seals = Seals(
-                self.names, self.own, times.begun_from(start), self.exchange, times, span, patience, distrust, signer
-            )
+            seal_times = SealTimes.of_team(len(lives), hops, times, config, guards)
+            window = seal_times.window(times)
+            self.exchange = Exchange(membership, len(lives), self.own, hops, times, errors.width - 1, window)
+            first = times.begun_from(start)
+            self._seals = Seals(self.names, self.own, first, self.exchange, times, seal_times, signer)
         self._prior: tuple[Prior, int] | None = None
         self._newcomers = dict[str, int]()
         self.session = Session(len(lives), self.own, self.settings, guards, anchor=self.settings.anchor)

@@ -180,3 +180,18 @@ def test_two_different_rows_of_one_robot_for_one_time_are_seen_by_whoever_hears_
     exchange.hear([replace(message, rows=other)], block=8)
     assert exchange.disputed == {3: 8}
     assert exchange.missing(5) == [0, 1]  # the first one stays
+
+
+def test_however_often_a_neighbour_repeats_a_wrong_row_it_is_set_aside_once() -> None:
+    exchange = Exchange(TEAM, COUNT, 0, HOPS, EACH_BLOCK, sealing=20)
+    exchange.hear([RowMessage(TEAM, -1, *labelled(3, 5, 1.0), "r2")], block=6)
+    labels, rows = labelled(3, 5, 2.0)
+    many = RowMessage(TEAM, -1, np.repeat(labels, 500, axis=0), np.repeat(rows, 500, axis=0), "r2")
+    exchange.hear([many, many], block=6)
+    assert list(exchange.aside) == [("r2", 3, 5)]
+    exchange.hear([], block=6 + exchange.window)
+    assert not exchange.aside
+
+
+def labelled(robot: int, number: int, value: float) -> tuple[np.ndarray, np.ndarray]:
+    return np.array([[robot, number]], dtype=np.int32), np.full((1, ROW_SIZE), value, dtype=np.float32)
