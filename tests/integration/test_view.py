@@ -23,12 +23,12 @@ import pytest
 from coheft.app.run.folder import RUN_FILE, RunFile, find_run
 from coheft.app.run.hosts import free_ports
 from coheft.app.run.observer import ask_server
-from coheft.app.terminal.digits import decimals_for
 from coheft.app.view import words
 from coheft.errors import CoheftError
 from coheft.wire.messages.requests import Status, StatusRequest, StopRequest
 from coheft.wire.scenario.schema import MAX_DURATION
-from tests.waiting import wait_until
+
+from .view_page import PATIENCE, button_appears, centre_rows, choose, click, inputs, looking_at, text_of, wait_for
 
 viser = pytest.importorskip("viser", reason="the view needs viser: install 'coheft[view]'")
 sync_api = pytest.importorskip("playwright.sync_api", reason="browser tests need playwright")
@@ -52,11 +52,6 @@ BUTTONS = (
     "Kill the chosen robot's agent",
 )
 AGAIN = "Run it again"
-PATIENCE = 180.0
-"""Software draws the scene, and slowly [s]."""
-
-
-wait_for = partial(wait_until, limit=PATIENCE)
 
 
 @contextmanager
@@ -91,57 +86,6 @@ def browser() -> Iterator[Any]:
         )
         yield browser
         browser.close()
-
-
-@contextmanager
-def looking_at(browser: Any, url: str) -> Iterator[Any]:
-    """A page with little to draw, and room for all panels."""
-    page = browser.new_page(viewport={"width": 900, "height": 1100}, device_scale_factor=0.3)
-    page.set_default_timeout(1e3 * PATIENCE)
-    failures: list[str] = []
-    page.on("pageerror", lambda error: failures.append(str(error)))
-    try:
-        page.goto(url)
-        yield page
-        assert not failures
-    finally:  # or the browser draws it for all tests that follow
-        page.close()
-
-
-def text_of(page: Any) -> str:
-    return str(page.evaluate("document.body.innerText"))
-
-
-def centre_rows(robot: Any) -> list[str]:
-    """What the page shows of a centre of mass: the truth, the estimate, its deviation; dashes for what is not known."""
-    com, rows = robot["com"], []
-    for row, axis in enumerate("xyz"):
-        decimals = 1 if com["std"] is None else decimals_for(1e3 * com["std"][row], 2, at_least=1)
-        columns = [com["truth"], com["estimate"], com["std"]]
-        numbers = ["–" if values is None else f"{1e3 * values[row]:.{decimals}f}" for values in columns]
-        rows.append("\t".join([f"{axis} mm", *numbers]))
-    return rows
-
-
-def inputs(page: Any) -> list[str]:
-    """What all fields and lists say."""
-    values: list[str] = page.locator("input").evaluate_all("fields => fields.map(field => field.value)")
-    return values
-
-
-def click(page: Any, button: str) -> None:
-    """By script: where software draws the scene, a mouse has to wait for the next picture, and that can take long."""
-    page.get_by_role("button", name=button, exact=True).first.evaluate("button => button.click()")
-
-
-def choose(page: Any, option: str) -> None:
-    """From a list, by script, too: without opening it."""
-    page.locator(f"[role=option][value='{option}']").first.evaluate("option => option.click()")
-
-
-def button_appears(page: Any, label: str) -> None:
-    """The view has heard what was chosen. A browser sends only the last of several messages within 50 ms."""
-    wait_for(lambda: page.get_by_role("button", name=label, exact=True).count(), f"the button '{label}'")
 
 
 def port_of(url: str) -> int:
