@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import statistics
+from collections import deque
 from collections.abc import Sequence
 from pathlib import Path
 
 import msgspec
 
-from benchmarks.stepped_team import SteppedTeam
+from benchmarks.scenarios import SETTLED
 from coheft.agents.agent import Outbox
+from coheft.app.run.inprocess import TeamInProcess, measured
 from coheft.estimation.measurement import MeasurementBlock
 from coheft.wire.config import AgentConfig
 from coheft.wire.messages.codec import decode, encode
@@ -24,18 +26,16 @@ _KEY = "replay"
 
 
 def record(scenario: Scenario, folder: Path) -> dict[str, Path]:
-    """Run a scenario in this process until it has settled, and write each agent's messages to a file."""
-    team = SteppedTeam(scenario)
-    team.settle()
-    said: dict[str, list[tuple[bytes, bytes, bytes]]] = {name: [] for name in team.graph}
-    for _ in range(BLOCKS):
-        team.step()
-        for name, outbox in team.outboxes.items():
+    """Run a scenario in this process until it has settled, and write each agent's next messages to a file."""
+    team = TeamInProcess(scenario)
+    sent: dict[str, deque[tuple[bytes, bytes, bytes]]] = {name: deque(maxlen=BLOCKS) for name in team.graph}
+    for _ in range(round(SETTLED / scenario.block_duration) + BLOCKS):
+        for name, outbox in team.answer(measured(team.measure()), team.heard()).items():
             estimate = b"" if outbox.estimate is None else encode(outbox.estimate, _KEY)
-            said[name].append((encode(outbox.message, _KEY), encode(outbox.reference, _KEY), estimate))
-    files = {name: folder / f"{name}.replay" for name in said}
+            sent[name].append((encode(outbox.message, _KEY), encode(outbox.reference, _KEY), estimate))
+    files = {name: folder / f"{name}.replay" for name in sent}
     for name, path in files.items():
-        path.write_bytes(msgspec.msgpack.encode(said[name]))
+        path.write_bytes(msgspec.msgpack.encode(list(sent[name])))
     return files
 
 

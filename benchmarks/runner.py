@@ -18,9 +18,9 @@ from msgspec.structs import replace
 from benchmarks.figures import Effort, Machine, Section, Skipped
 from coheft.errors import CoheftError
 
-GUARDED = ("startup", "inprocess", "floor")
+GUARDED = ("startup", "floor")
 """Benchmarks with figures that the regression guard compares."""
-BENCHMARKS = (*GUARDED, "secure", "realtime", "wide")
+BENCHMARKS = (*GUARDED, "secure", "realtime")
 
 
 def measure(name: str, effort: Effort) -> Section:

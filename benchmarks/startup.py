@@ -18,7 +18,7 @@ from typing import Self
 import psutil
 
 from benchmarks.figures import Effort, Figure, Section
-from benchmarks.stepped_team import SETTLED
+from benchmarks.scenarios import SETTLED
 from benchmarks.timing import ratio
 from coheft.app.run.folder import RunFile, find_run
 from coheft.app.run.observer import observe

@@ -16,7 +16,7 @@ from coheft.errors import LinkError
 ERRORS: dict[str, BaseException] = {
     "floor": LinkError("no way\n  out"),
     "startup": subprocess.CalledProcessError(3, "python"),
-    "wide": KeyboardInterrupt(),
+    "secure": KeyboardInterrupt(),
 }
 
 
@@ -42,7 +42,7 @@ def run(monkeypatch: pytest.MonkeyPatch, folder: Path, *names: str) -> int | str
 def test_a_benchmark_that_fails_is_told(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert run(monkeypatch, tmp_path, "floor", "startup", "inprocess") == 1
+    assert run(monkeypatch, tmp_path, "floor", "startup", "realtime") == 1
     floor, startup, fine = load_results(tmp_path / "bench.json").sections
     assert not floor.figures
     assert [(each.name, each.reason) for each in floor.skipped] == [("all of it", "no way out")]
@@ -50,14 +50,14 @@ def test_a_benchmark_that_fails_is_told(
     assert fine.figures
     output = capsys.readouterr()
     assert "- not measured: all of it: no way out" in output.out
-    assert "inprocess" in output.err
+    assert "realtime" in output.err
     assert "Traceback" in output.err
 
 
 def test_what_was_left_out_has_not_failed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    assert run(monkeypatch, tmp_path, "inprocess", "realtime") == 0
+    assert run(monkeypatch, tmp_path, "realtime") == 0
 
 
 def test_what_was_measured_before_ctrl_c_is_written(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    assert run(monkeypatch, tmp_path, "inprocess", "wide", "realtime") == 130
-    assert [section.name for section in load_results(tmp_path / "bench.json").sections] == ["inprocess"]
+    assert run(monkeypatch, tmp_path, "realtime", "secure", "floor") == 130
+    assert [section.name for section in load_results(tmp_path / "bench.json").sections] == ["realtime"]
