@@ -16,14 +16,13 @@ from pathlib import Path
 from typing import Literal
 
 import psutil
-from rich.console import Console
 
-from benchmarks.figures import Effort, Figure, Section, Skipped
+from benchmarks.figures import Effort, Figure, Section
 from benchmarks.scenarios import team_scenario
 from coheft.app.run.inprocess import run_in_process
 from coheft.app.run.launch import launch
 from coheft.app.run.plan import make_plan
-from coheft.app.terminal.screen import make_display
+from coheft.app.terminal.screen import Display
 from coheft.errors import CoheftError
 from coheft.wire.scenario.schema import Scenario
 
@@ -70,14 +69,14 @@ def cases(effort: Effort) -> list[Case]:
 def measure(effort: Effort) -> Section:
     """Make all runs."""
     figures: list[Figure] = []
-    skipped: list[Skipped] = []
+    skipped: dict[str, str] = {}
     for case in cases(effort):
         try:
             if (case.robots + 2) * _MEMORY > psutil.virtual_memory().available:
                 raise CoheftError("not enough memory")
             figures.append(_run(case))
         except CoheftError as error:
-            skipped.append(Skipped(str(case), " ".join(str(error).split())))
+            skipped[str(case)] = " ".join(str(error).split())
     return Section(name="realtime", title="Real-time factor", figures=figures, skipped=skipped)
 
 
@@ -105,7 +104,7 @@ def _run(case: Case) -> Figure:
 def _in_processes(scenario: Scenario, clock: Literal["lockstep", "realtime"]) -> tuple[float, int]:
     """Return the real-time factor, and the number of late answers."""
     with tempfile.TemporaryDirectory() as folder:
-        report = launch(make_plan(scenario, clock), Path(folder), make_display(Console(stderr=True), quiet=True))
+        report = launch(make_plan(scenario, clock), Path(folder), Display())
     return report.real_time_factor, report.late_blocks
 
 

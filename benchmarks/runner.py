@@ -15,7 +15,7 @@ from typing import get_args
 import numpy as np
 from msgspec.structs import replace
 
-from benchmarks.figures import Effort, Machine, Section, Skipped
+from benchmarks.figures import Effort, Machine, Section
 from coheft.errors import CoheftError
 
 GUARDED = ("startup", "floor")
@@ -50,7 +50,7 @@ def _failed(name: str, error: Exception) -> Section:
     else:
         reason = f"{type(error).__name__}: {error}"
         traceback.print_exception(error)
-    skipped = [Skipped("all of it", " ".join(reason.split()))]
+    skipped = {"all of it": " ".join(reason.split())}
     return Section(name=name, title=name, figures=[], skipped=skipped, has_failed=True)
 
 

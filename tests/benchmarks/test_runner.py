@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks import __main__ as command
 from benchmarks import runner
-from benchmarks.figures import Effort, Figure, Section, Skipped, load_results
+from benchmarks.figures import Effort, Figure, Section, load_results
 from coheft.errors import LinkError
 
 ERRORS: dict[str, BaseException] = {
@@ -25,7 +25,7 @@ def _measured_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     def measure(name: str, effort: Effort) -> Section:
         if name in ERRORS:
             raise ERRORS[name]
-        skipped = [Skipped("all of it", "it takes too long")] if name == "realtime" else []
+        skipped = {"all of it": "it takes too long"} if name == "realtime" else {}
         return Section(name=name, title=name, figures=[Figure(name="x", value=1.0)], skipped=skipped)
 
     monkeypatch.setattr(runner, "measure", measure)
@@ -45,8 +45,8 @@ def test_a_benchmark_that_fails_is_told(
     assert run(monkeypatch, tmp_path, "floor", "startup", "realtime") == 1
     floor, startup, fine = load_results(tmp_path / "bench.json").sections
     assert not floor.figures
-    assert [(each.name, each.reason) for each in floor.skipped] == [("all of it", "no way out")]
-    assert startup.skipped[0].reason.startswith("CalledProcessError: Command 'python' returned non-zero")
+    assert floor.skipped == {"all of it": "no way out"}
+    assert startup.skipped["all of it"].startswith("CalledProcessError: Command 'python' returned non-zero")
     assert fine.figures
     output = capsys.readouterr()
     assert "- not measured: all of it: no way out" in output.out
