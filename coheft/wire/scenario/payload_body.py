@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 
 from coheft.errors import refuse_scenario
-from coheft.estimation.geometry.spatial import Array, Pose, rotation_from_quaternion, rotation_log
+from coheft.estimation.geometry.spatial import Array, Pose, rotation_log
 from coheft.estimation.rigid_body.mass_properties import Inertia, combined
 from coheft.wire.process.log import LOG
 from coheft.wire.scenario.payload import MassProperties, vector_of
@@ -119,13 +119,11 @@ class HeldBody:
         """Numbers of its shapes that end somewhere, and their poses in its frame."""
         import mujoco
 
-        model, frames = self.model.compiled, self._frames()
+        model, placed = self.model.compiled, self._placed(self.model.compiled)
         unbounded = (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)
         for geom in range(model.ngeom):
-            body = model.geom_bodyid[geom]
-            if body in self.inside and model.geom_type[geom] not in unbounded:
-                on_body = _pose(model.geom_pos[geom], model.geom_quat[geom])
-                yield geom, frames[self.root].inverse() @ frames[body] @ on_body
+            if model.geom_bodyid[geom] in self.inside and model.geom_type[geom] not in unbounded:
+                yield geom, self._on_root(placed, placed.geom_xmat[geom], placed.geom_xpos[geom])
 
     def grasps(self, names: Sequence[str], extent: Extent, place: str) -> tuple[Grasp, ...]:
         """Sites that are fixed to it, as grasps in its frame.
@@ -133,7 +131,7 @@ class HeldBody:
         Raises:
             ScenarioError: There is no such site, it is named twice, or it is far outside of the body.
         """
-        model, frames = self.model.compiled, self._frames()
+        model, placed = self.model.compiled, self._placed(self.model.compiled)
         sites = {model.site(site).name: site for site in range(model.nsite) if model.site_bodyid[site] in self.inside}
         grasps = []
         for count, name in enumerate(names):
@@ -142,10 +140,9 @@ class HeldBody:
             if name not in sites:
                 known = _listed(filter(None, sites))
                 refuse_scenario(place, f"found {name!r}, but body {self._name!r} has no such site; it has: {known}")
-            site = sites[name]
-            on_body = _pose(model.site_pos[site], model.site_quat[site])
-            pose = frames[self.root].inverse() @ frames[model.site_bodyid[site]] @ on_body
-            extent.check_position(place, f"site {name!r}", pose.translation)
+            pose = self._on_root(placed, placed.site_xmat[sites[name]], placed.site_xpos[sites[name]])
+            if complaint := extent.complaint(pose.translation):
+                refuse_scenario(place, f"site {name!r} {complaint}")
             grasps.append(Grasp(vector_of(pose.translation), vector_of(np.degrees(rotation_log(pose.rotation)))))
         return tuple(grasps)
 
@@ -195,23 +192,28 @@ class HeldBody:
         """In the body's frame, by a variant of the model; None if nothing of it has mass."""
         if model is None:
             return None
-        frames = self._frames()
+        placed = self._placed(model)
         parts = [
             Inertia(float(model.body_mass[body]), np.zeros(3), np.diag(model.body_inertia[body])).carried(
-                frames[self.root].inverse() @ frames[body] @ _pose(model.body_ipos[body], model.body_iquat[body])
+                self._on_root(placed, placed.ximat[body], placed.xipos[body])
             )
             for body in self.inside
             if model.body_mass[body] > 0.0
         ]
         return combined(parts) if parts else None
 
-    def _frames(self) -> list[Pose]:
-        """Pose of every body's frame in the world, with all joints at zero."""
-        model = self.model.compiled
-        frames = [Pose.identity()]
-        for body in range(1, model.nbody):
-            frames.append(frames[model.body_parentid[body]] @ _pose(model.body_pos[body], model.body_quat[body]))
-        return frames
+    def _placed(self, model: mujoco.MjModel) -> mujoco.MjData:
+        """The places of all parts of a model in the world, as in its file."""
+        import mujoco
+
+        data = mujoco.MjData(model)
+        mujoco.mj_kinematics(model, data)
+        return data
+
+    def _on_root(self, placed: mujoco.MjData, rotation: Array, position: Array) -> Pose:
+        """The pose in the body's frame of a part with a given rotation matrix (9,) and position (3,) in the world."""
+        root = Pose(placed.xmat[self.root].reshape(3, 3), placed.xpos[self.root])
+        return root.inverse() @ Pose(rotation.reshape(3, 3), position)
 
 
 def _triangles(model: mujoco.MjModel, geom: int) -> Array:
@@ -247,10 +249,6 @@ def _alike(one: Inertia, other: Inertia) -> bool:
         abs(one.mass - other.mass) < _SMALL_DIFFERENCE * one.mass
         and np.allclose(*moments, rtol=_SMALL_DIFFERENCE, atol=0.0)
     )
-
-
-def _pose(position: Array, quaternion: Array) -> Pose:
-    return Pose(rotation_from_quaternion(quaternion), np.array(position))
 
 
 def _listed(names: Iterable[str]) -> str:
