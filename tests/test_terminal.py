@@ -312,7 +312,9 @@ def test_a_machine_that_is_too_slow_for_real_time_gets_advice() -> None:
     [(True, False, LiveDisplay), (False, False, LineDisplay), (True, True, Display), (False, True, Display)],
 )
 def test_the_display_fits(is_terminal: bool, quiet: bool, kind: Callable[..., object]) -> None:
-    assert type(make_display(terminal(is_terminal=is_terminal), quiet=quiet)) is kind
+    console = terminal(is_terminal=is_terminal)
+    console.quiet = quiet
+    assert type(make_display(console)) is kind
 
 
 def test_no_color_is_honoured(record: Record, monkeypatch: pytest.MonkeyPatch) -> None:

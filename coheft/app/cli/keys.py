@@ -7,15 +7,16 @@ from typing import Annotated
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from coheft.app.cli.base import PARTS, GivenPath, NewFolder, app
+from coheft.app.cli import options
+from coheft.app.cli.base import PARTS, app
 
 
 @app.command(group=PARTS)
 def keys(
-    folder: NewFolder,
-    scenario: str = "ring6",
+    folder: options.NewFolder,
+    scenario: options.ScenarioName = "ring6",
     *,
-    hosts: GivenPath | None = None,
+    hosts: options.GivenPath | None = None,
     days: Annotated[float, Parameter(validator=Number(gt=0, lte=36500))] = 365.0,
 ) -> None:
     """Make a certificate authority and one certificate for each robot, the server, observers and the operator.
@@ -24,8 +25,6 @@ def keys(
     ----------
     folder:
         Folder for the files. Each host needs authority.crt, and the .crt and .key files of the parts that run on it.
-    scenario:
-        Name of a shipped scenario (see 'coheft scenarios'), or a path that ends with .toml.
     hosts:
         File that names the host of each part, see docs/deployment.md; by default all run on this machine.
     days:

@@ -8,8 +8,10 @@ import sys
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Annotated
 
 import cyclopts
+from cyclopts import Parameter
 
 from coheft.app.cli import (  # noqa: F401  # each module adds its commands to the application
     cart,
@@ -19,6 +21,7 @@ from coheft.app.cli import (  # noqa: F401  # each module adds its commands to t
     identify,
     keys,
     mocobots,
+    options,
     recover,
     report,
     ros2,
@@ -28,19 +31,14 @@ from coheft.app.cli import (  # noqa: F401  # each module adds its commands to t
     study,
     view,
 )
-from coheft.app.cli.base import (
-    EXIT_ERROR,
-    EXIT_INTERRUPTED,
-    EXIT_USAGE,
-    PARTS,
-    RUN,
-    GivenPath,
-    app,
-)
+from coheft.app.cli.base import EXIT_ERROR, EXIT_INTERRUPTED, EXIT_USAGE, PARTS, RUN, app
 from coheft.app.cli.errors import complain, explain_usage
 from coheft.app.terminal.standard_output import lost_output
 from coheft.errors import CoheftError, ScenarioError, UsageError
 
+Config = Annotated[
+    options.GivenPath, Parameter(help="Its configuration, as 'coheft run --write-configs DIR' writes it.")
+]
 _WIDTH = 80
 """Width of the output in columns."""
 
@@ -99,26 +97,14 @@ def _by_number(name: str) -> list[tuple[int, str]]:
 
 
 @app.command(group=PARTS)
-def server(config: GivenPath) -> int:
-    """Start a physics server by hand.
-
-    Parameters
-    ----------
-    config:
-        Its configuration, as 'coheft run --write-configs DIR' writes it.
-    """
+def server(config: Config) -> int:
+    """Start a physics server by hand."""
     return _start_by_hand("coheft.physics_server.server", config)
 
 
 @app.command(group=PARTS)
-def agent(config: GivenPath) -> int:
-    """Start one robot by hand.
-
-    Parameters
-    ----------
-    config:
-        Its configuration, as 'coheft run --write-configs DIR' writes it.
-    """
+def agent(config: Config) -> int:
+    """Start one robot by hand."""
     return _start_by_hand("coheft.agents.process.main", config)
 
 

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from math import isfinite
 
-from coheft.app.cli.base import EVALUATE, FileTarget, Flag, GivenPath, app
+from coheft.app.cli import options
+from coheft.app.cli.base import EVALUATE, app
 
 
 @app.command(group=EVALUATE)
-def recover(recording: GivenPath, *, output: FileTarget = None, overwrite: Flag = False) -> None:
+def recover(
+    recording: options.GivenPath, *, output: options.FileTarget = None, overwrite: options.Flag = False
+) -> None:
     """Save what is intact of a recording that is damaged, or whose run was killed.
 
     Parameters

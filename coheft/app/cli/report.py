@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from coheft.app.cli.base import EVALUATE, GivenPath, NewFolder, app
+from coheft.app.cli import options
+from coheft.app.cli.base import EVALUATE, app
 
 
 @app.command(group=EVALUATE)
-def report(recording: GivenPath, folder: NewFolder) -> None:
+def report(recording: options.GivenPath, folder: options.NewFolder) -> None:
     """Make an HTML report from the recording of a run, as 'coheft run --report' does.
 
     The page, report.html, needs no other file and no network, so it can be shared and archived. Needs

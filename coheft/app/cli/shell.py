@@ -7,7 +7,8 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from coheft.app.cli.base import SHELL, Flag, app
+from coheft.app.cli import options
+from coheft.app.cli.base import SHELL, app
 from coheft.errors import UsageError
 
 Shell = Literal["bash", "zsh", "fish"]
@@ -28,7 +29,7 @@ def help_(command: Annotated[str | None, Parameter(show_default=False)] = None) 
 
 
 @app.command(group=SHELL)
-def completion(shell: Shell | None = None, *, install: Flag = False) -> None:
+def completion(shell: Shell | None = None, *, install: options.Flag = False) -> None:
     """Print a script that lets the Tab key complete commands and options: source <(coheft completion bash).
 
     Parameters

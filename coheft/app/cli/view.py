@@ -4,11 +4,18 @@ from __future__ import annotations
 
 from contextlib import suppress
 
-from coheft.app.cli.base import RUN, Flag, GivenPath, Port, app
+from coheft.app.cli import options
+from coheft.app.cli.base import RUN, app
 
 
 @app.command(group=RUN)
-def view(what: GivenPath | None = None, *, host: str = "127.0.0.1", port: Port = None, read_only: Flag = False) -> None:
+def view(
+    what: options.GivenPath | None = None,
+    *,
+    host: str = "127.0.0.1",
+    port: options.Port = None,
+    read_only: options.Flag = False,
+) -> None:
     """Show a run, or a recording of one, in the browser. Ctrl-C ends the view.
 
     Parameters
