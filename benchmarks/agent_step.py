@@ -42,9 +42,8 @@ import numpy as np
 
 from benchmarks import agent_step_team
 from benchmarks.agent_step_team import COUNTED, NONE, Took, Turn, ring
-from benchmarks.figures import digits
+from benchmarks.figures import digits, ratio
 from benchmarks.runner import this_machine
-from benchmarks.timing import ratio
 from coheft.app.study.samples import reference_blocks
 from coheft.consensus.graph import build_graph
 from coheft.errors import CoheftError

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import statistics
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Literal, TypeVar
 
@@ -153,6 +154,13 @@ def _row(figure: Figure) -> str:
     if figure.bar is not None:
         bar = f"{'≥' if figure.more_is_better else '≤'} {digits(figure.bar)}"
     return f"| {figure.name} | {value} | {bar} | {figure.note} |"
+
+
+def ratio(times: Sequence[float], others: Sequence[float]) -> float:
+    """Return the median over the rounds of the ratio of two times that were measured side by side, so that other load
+    affects both.
+    """
+    return statistics.median(mine / its for mine, its in zip(times, others, strict=True))
 
 
 def digits(value: float) -> str:

@@ -31,13 +31,12 @@ from pathlib import Path
 import msgspec
 import mujoco
 
-from benchmarks.figures import Effort, Figure, Section, section_lines
+from benchmarks.figures import Effort, Figure, Section, ratio, section_lines
 from benchmarks.paced_team import SIZES, TURN, Turn, paced_team
 from benchmarks.raw_team import Sizes, raw_team
 from benchmarks.replay import record, sizes
 from benchmarks.runner import add_effort
 from benchmarks.scenarios import BLOCK, RATE, SETTLED, team_scenario
-from benchmarks.timing import ratio
 from coheft.app.run.plan import make_plan
 from coheft.errors import CoheftError
 from coheft.physics_server.simulation import Simulation

@@ -75,30 +75,26 @@ class Life:
         return statistics.median(self.memory[k] for k in chosen), max(self.files[k] for k in chosen)
 
 
+@dataclass
 class Troubles:
-    """Changes the load and kills the last robot's agent at regular times."""
+    """Changes the load and kills the last robot's agent at regular times, and counts both."""
 
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
-        self._next_change = CHANGE_EVERY
-        self._next_kill = KILL_EVERY
-        self.changes = 0
-        self.kills = 0
+    folder: Path
+    changes: int = 0
+    kills: int = 0
 
     def make(self, elapsed: float) -> None:
         """Cause what is due."""
-        if elapsed >= self._next_change:
-            self._next_change += CHANGE_EVERY
-            loads = ask_run(StatusRequest(), self._folder).loads
+        if elapsed >= (self.changes + 1) * CHANGE_EVERY:
+            loads = ask_run(StatusRequest(), self.folder).loads
             put = InjectRequest(mass=2.0, position=(0.2, 0.1, 0.08))
-            ask_run(RemoveRequest(load=loads[-1].id) if loads else put, self._folder)
+            ask_run(RemoveRequest(load=loads[-1].id) if loads else put, self.folder)
             self.changes += 1
-        if elapsed >= self._next_kill:
-            self._next_kill += KILL_EVERY
-            run_file = find_run(self._folder)
+        if elapsed >= (self.kills + 1) * KILL_EVERY:
+            run_file = find_run(self.folder)
             with suppress(ProcessLookupError):  # it has just ended
                 os.kill(run_file.pids[list(run_file.agents)[-1]], signal.SIGKILL)
-                self.kills += 1
+            self.kills += 1
 
 
 def follow(run: subprocess.Popen[bytes], folder: Path, seconds: float) -> tuple[list[Life], Troubles]:

@@ -41,8 +41,8 @@ def record(scenario: Scenario, folder: Path) -> dict[str, Path]:
 
 def sizes(path: Path) -> tuple[int, int]:
     """Return the median sizes of an agent's messages to its neighbours and of its references [B]."""
-    said = _load(path)
-    message, reference = (round(statistics.median(len(each[k]) for each in said)) for k in (0, 1))
+    sent = _load(path)
+    message, reference = (round(statistics.median(len(each[k]) for each in sent)) for k in (0, 1))
     return message, reference
 
 
@@ -52,14 +52,14 @@ class BareAgent:
     def __init__(self, config: AgentConfig, incarnation: int, largest_arrays: int, signer: object) -> None:
         self._config = config
         self._incarnation = incarnation
-        self._said = _read(Path(config.estimator_settings[SETTING]))
+        self._recorded = _read(Path(config.estimator_settings[SETTING]))
 
     def set_holding(self, holding: bool, from_block: int) -> None:
         """Ignore the grasp."""
 
     def step(self, index: int, block: MeasurementBlock | None, inbox: Sequence[NeighbourMessage]) -> Outbox:
         """Return the next recorded messages, with this block's number."""
-        message, reference, estimate = self._said[index % len(self._said)]
+        message, reference, estimate = self._recorded[index % len(self._recorded)]
         return Outbox(
             message=msgspec.structs.replace(message, block=index, incarnation=self._incarnation),
             reference=msgspec.structs.replace(reference, block=index + self._config.lag, answers=index),

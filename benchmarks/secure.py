@@ -10,10 +10,9 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
-from benchmarks.figures import Effort, Figure, Section
+from benchmarks.figures import Effort, Figure, Section, ratio
 from benchmarks.paced_team import SIZES, TURN, Turn, paced_team
 from benchmarks.scenarios import SETTLED, team_scenario
-from benchmarks.timing import ratio
 from coheft.app.run.keys import make_keys
 
 BAR = 1.15

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from coheft.wire.scenario.errors import did_you_mean
-from coheft.wire.scenario.rules import Complaint
+from coheft.wire.scenario.rules import Complaint, exactly_one
 from coheft.wire.scenario.schema import Scenario
 
 
@@ -28,12 +28,15 @@ def slip_complaints(scenario: Scenario) -> Iterator[Complaint]:
 
 
 def load_complaints(scenario: Scenario) -> Iterator[Complaint]:
-    """Complain about load changes that need a slot or a load that there will not be."""
+    """Complain about load changes that are ambiguous, or need a slot or a load that there will not be."""
     loads: list[int] = []
     total = 0
     slots = scenario.payload.load_slots
     for number, change in sorted(enumerate(scenario.load_changes), key=lambda numbered: numbered[1].at):
         key = f"load_changes[{number}]"
+        yield from exactly_one(change, ("mass", "remove"), key)
+        if change.leak > 0.0 and change.mass is None:
+            yield f"{key}.leak", f"found {change.leak} without 'mass', expected it for a new load only"
         if change.remove is None:
             total += 1
             loads.append(total)

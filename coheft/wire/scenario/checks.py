@@ -20,7 +20,7 @@ from coheft.wire.scenario.payload_surface import from_text
 from coheft.wire.scenario.plugin_checks import leaves, plugin_complaints
 from coheft.wire.scenario.plugins import estimator_names
 from coheft.wire.scenario.robot_sensors import named_complaints
-from coheft.wire.scenario.rules import Complaint, check
+from coheft.wire.scenario.rules import Complaint, check, exactly_one
 from coheft.wire.scenario.schema import Scenario
 
 _MOST_ROBOTS = 128
@@ -63,10 +63,10 @@ def choice_complaints(scenario: Scenario) -> Iterator[Complaint]:
         if isinstance(value, float) and not math.isfinite(value):
             yield place, f"expected a finite number; found {value!r}"
     payload, robots = scenario.payload, scenario.robots
-    yield from _one_of(payload, ("boxes", "properties", "mjcf", "mesh"), "payload")
-    yield from _one_of(robots, ("grasps", "perimeter", "sites"), "robots")
+    yield from exactly_one(payload, ("boxes", "properties", "mjcf", "mesh"), "payload")
+    yield from exactly_one(robots, ("grasps", "perimeter", "sites"), "robots")
     if payload.mesh is not None:
-        yield from _one_of(payload, ("mass", "density"), "payload")
+        yield from exactly_one(payload, ("mass", "density"), "payload")
     try:
         from_text(payload.surface)
     except ValueError as error:
@@ -81,14 +81,6 @@ def choice_complaints(scenario: Scenario) -> Iterator[Complaint]:
             f"found {', '.join(robots.sites)}, but only a model has sites: expected 'payload.mjcf', or "
             f"'robots.grasps' instead",
         )
-
-
-def _one_of(section: msgspec.Struct, keys: tuple[str, ...], place: str) -> Iterator[Complaint]:
-    """Complain unless exactly one of some keys is given."""
-    given = [f"'{key}'" for key in keys if getattr(section, key) not in (None, ())]
-    if len(given) != 1:
-        found = f"both {' and '.join(given)}" if given else f"neither {' nor '.join(repr(key) for key in keys)}"
-        yield place, f"found {found}, expected exactly one of them"
 
 
 def _body_complaints(scenario: Scenario) -> Iterator[Complaint]:
@@ -119,17 +111,13 @@ def _body_complaints(scenario: Scenario) -> Iterator[Complaint]:
 
 
 def _range_complaints(scenario: Scenario) -> Iterator[Complaint]:
-    """Complain about ranges that begin with the larger number, and load changes that are both or neither."""
+    """Complain about ranges that begin with the larger number."""
     ranges = [("motion.frequency", scenario.motion.frequency, "lower frequency")]
     if (via := scenario.motion.via_points) is not None:
         ranges += [(f"motion.via_points.{name}", getattr(via, name), "shorter one") for name in ("transit", "dwell")]
     for key, (low, high), first in ranges:
         if low > high:
             yield key, f"found {[low, high]}, expected the {first} first"
-    for number, change in enumerate(scenario.load_changes):
-        yield from _one_of(change, ("mass", "remove"), f"load_changes[{number}]")
-        if change.leak > 0.0 and change.mass is None:
-            yield f"load_changes[{number}].leak", f"found {change.leak} without 'mass', expected it for a new load only"
 
 
 def noise_complaints(scenario: Scenario) -> Iterator[Complaint]:

@@ -1,4 +1,4 @@
-"""The body of a model that is held: what it weighs, how far it reaches, and where its sites are.
+"""The body of a model that is held: its mass properties, its extent, and its sites.
 
 The mass properties are those that MuJoCo computes.
 """
@@ -46,7 +46,7 @@ class HeldBody:
 
     @classmethod
     def find(cls, model: PayloadModel, name: str | None, place: str) -> Self:
-        """The body that is named, or else the one that floats, or else the only one.
+        """Return the body that is named, or else the one that floats, or else the only one.
 
         Raises:
             ScenarioError: There is no such body, there are several, or it is not one rigid body.
@@ -76,7 +76,7 @@ class HeldBody:
         return held
 
     def mass_properties(self, place: str) -> MassProperties:
-        """Of all of it, in the body's frame.
+        """Return the mass properties of all of it, in the body's frame.
 
         Raises:
             ScenarioError: It has no mass, or mass without extent.
@@ -91,7 +91,7 @@ class HeldBody:
         return MassProperties.of(whole)
 
     def extent(self, properties: MassProperties) -> Extent:
-        """Of its shapes, or, if it has none, of a box with its mass properties."""
+        """Return the extent of its shapes, or, if it has none, of a box with its mass properties."""
         import mujoco
 
         model = self.model.compiled
@@ -107,7 +107,7 @@ class HeldBody:
         return Extent.around(np.concatenate(points)) if points else Extent.like(properties)
 
     def surface(self) -> Array:
-        """Triangles of its shapes in its frame, shape (n, 3, 3) [m]; of those for looks only, if it has such."""
+        """Return triangles of its shapes in its frame, shape (n, 3, 3) [m]; of its visual shapes, if it has any."""
         model = self.model.compiled
         shapes = list(self._shapes())
         touches = model.geom_contype | model.geom_conaffinity
@@ -116,22 +116,22 @@ class HeldBody:
         return np.concatenate(parts) if parts else np.empty((0, 3, 3))
 
     def _shapes(self) -> Iterator[tuple[int, Pose]]:
-        """Numbers of its shapes that end somewhere, and their poses in its frame."""
+        """Yield the numbers of its bounded shapes, and their poses in its frame."""
         import mujoco
 
-        model, placed = self.model.compiled, self._placed(self.model.compiled)
+        model, placed = self.model.compiled, _placed(self.model.compiled)
         unbounded = (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)
         for geom in range(model.ngeom):
             if model.geom_bodyid[geom] in self.inside and model.geom_type[geom] not in unbounded:
                 yield geom, self._on_root(placed, placed.geom_xmat[geom], placed.geom_xpos[geom])
 
     def grasps(self, names: Sequence[str], extent: Extent, place: str) -> tuple[Grasp, ...]:
-        """Sites that are fixed to it, as grasps in its frame.
+        """Return sites that are fixed to it, as grasps in its frame.
 
         Raises:
             ScenarioError: There is no such site, it is named twice, or it is far outside of the body.
         """
-        model, placed = self.model.compiled, self._placed(self.model.compiled)
+        model, placed = self.model.compiled, _placed(self.model.compiled)
         sites = {model.site(site).name: site for site in range(model.nsite) if model.site_bodyid[site] in self.inside}
         grasps = []
         for count, name in enumerate(names):
@@ -147,7 +147,7 @@ class HeldBody:
         return tuple(grasps)
 
     def remark_doubts(self, place: str) -> None:
-        """Write to the log what weighs something, but may not be meant to."""
+        """Log shapes and fillings that have mass, but may not be meant to."""
         whole = self._inertia(self.model.compiled)
         solid = self._inertia(self.model.without_looks)
         exact = self._inertia(self.model.with_exact_meshes)
@@ -173,7 +173,7 @@ class HeldBody:
         return name
 
     def _check_is_rigid(self, place: str) -> None:
-        """Check that nothing moves against it of all that is below it."""
+        """Check that no body below it moves against it."""
         import mujoco
 
         model = self.model.compiled
@@ -189,10 +189,10 @@ class HeldBody:
                 refuse_scenario(place, f"body {self._name!r} has a free joint, of {other!r} below it: {expected}")
 
     def _inertia(self, model: mujoco.MjModel | None) -> Inertia | None:
-        """In the body's frame, by a variant of the model; None if nothing of it has mass."""
+        """Return the mass properties by a variant of the model, in the body's frame; None without any mass."""
         if model is None:
             return None
-        placed = self._placed(model)
+        placed = _placed(model)
         parts = [
             Inertia(float(model.body_mass[body]), np.zeros(3), np.diag(model.body_inertia[body])).carried(
                 self._on_root(placed, placed.ximat[body], placed.xipos[body])
@@ -202,22 +202,23 @@ class HeldBody:
         ]
         return combined(parts) if parts else None
 
-    def _placed(self, model: mujoco.MjModel) -> mujoco.MjData:
-        """The places of all parts of a model in the world, as in its file."""
-        import mujoco
-
-        data = mujoco.MjData(model)
-        mujoco.mj_kinematics(model, data)
-        return data
-
     def _on_root(self, placed: mujoco.MjData, rotation: Array, position: Array) -> Pose:
-        """The pose in the body's frame of a part with a given rotation matrix (9,) and position (3,) in the world."""
+        """Return a part's pose in the body's frame, from its rotation matrix (9,) and position (3,) in the world."""
         root = Pose(placed.xmat[self.root].reshape(3, 3), placed.xpos[self.root])
         return root.inverse() @ Pose(rotation.reshape(3, 3), position)
 
 
+def _placed(model: mujoco.MjModel) -> mujoco.MjData:
+    """Return the poses of all parts of a model in the world, as in its file."""
+    import mujoco
+
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    return data
+
+
 def _triangles(model: mujoco.MjModel, geom: int) -> Array:
-    """Of one shape, in its own frame, shape (n, 3, 3) [m]."""
+    """Return the triangles of one shape in its own frame, shape (n, 3, 3) [m]."""
     import mujoco
     import trimesh
 
@@ -252,6 +253,6 @@ def _alike(one: Inertia, other: Inertia) -> bool:
 
 
 def _listed(names: Iterable[str]) -> str:
-    """Names for an error."""
+    """Format names for an error."""
     known = list(names)
     return ", ".join(known[:_NAMES_SHOWN] + ["..."] * (len(known) > _NAMES_SHOWN)) or "none"

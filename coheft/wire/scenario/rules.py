@@ -5,7 +5,9 @@ A rule is a function that returns complaints about a scenario: none if it is met
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+
+import msgspec
 
 from coheft.errors import ScenarioError
 from coheft.wire.scenario.schema import Scenario
@@ -24,3 +26,11 @@ def check(scenario: Scenario, origin: str, *rules: Rule) -> None:
     for rule in rules:
         for key, complaint in rule(scenario):
             raise ScenarioError(f"{origin}: key '{key}': {complaint}")
+
+
+def exactly_one(section: msgspec.Struct, keys: tuple[str, ...], place: str) -> Iterator[Complaint]:
+    """Complain unless exactly one of some keys is given."""
+    given = [f"'{key}'" for key in keys if getattr(section, key) not in (None, ())]
+    if len(given) != 1:
+        found = f"both {' and '.join(given)}" if given else f"neither {' nor '.join(repr(key) for key in keys)}"
+        yield place, f"found {found}, expected exactly one of them"
