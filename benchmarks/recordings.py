@@ -72,7 +72,9 @@ def main() -> None:
     parser.add_argument("--method", choices=["pose", "likelihood", "instruments"], help="of those that suit")
     parser.add_argument("--log", type=Path)
     arguments = parser.parse_args()
-    trials = [] if arguments.log is None or not arguments.log.exists() else _read(arguments.log)
+    trials: list[Trial] = []
+    if arguments.log is not None and arguments.log.exists():
+        trials = [msgspec.json.decode(line, type=Trial) for line in arguments.log.read_bytes().splitlines()]
     for seed in range(arguments.first, arguments.first + arguments.count):
         if any(trial.seed == seed for trial in trials):
             continue
@@ -86,10 +88,6 @@ def main() -> None:
         if len(trials) % 20 == 0:
             print(summary(arguments.what, trials), flush=True)
     print(summary(arguments.what, trials))
-
-
-def _read(log: Path) -> list[Trial]:
-    return [msgspec.json.decode(line, type=Trial) for line in log.read_bytes().splitlines()]
 
 
 def try_recording(what: str, seed: int, method: Method | None = None) -> Trial:

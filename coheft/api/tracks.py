@@ -80,17 +80,17 @@ class RobotResult:
     noticed: Array
 
 
-def robot_result(judge: Judge, robot: str, estimates: Sequence[Estimate], truths: Sequence[Inertia]) -> RobotResult:
+def robot_result(judge: Judge, robot: str, kept: Sequence[tuple[Estimate, Inertia]]) -> RobotResult:
     """Collect the estimates of a robot in arrays.
 
     Args:
         judge: Provides the true poses.
         robot: The robot's name.
-        estimates: Its estimates in order of time.
-        truths: The true payload for each of them, in the robot's frame.
+        kept: Its estimates in order of time, each with the true payload in the robot's frame.
     """
-    kept = [(truth.central(), *_central(each.payload)) for each, truth in zip(estimates, truths, strict=True)]
-    true, believed, std = np.array(kept).reshape(-1, 3, 10).transpose(1, 0, 2)
+    estimates = [estimate for estimate, _ in kept]
+    rows = [(truth.central(), *_central(estimate.payload)) for estimate, truth in kept]
+    true, believed, std = np.array(rows).reshape(-1, 3, 10).transpose(1, 0, 2)
     mass, com, packed = (
         [part[:, columns] for part in (true, believed, std)] for columns in (0, slice(1, 4), slice(4, 10))
     )

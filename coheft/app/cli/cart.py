@@ -44,31 +44,20 @@ def cart(
     Systems Using a Mobile Manipulator", Table I, and compares the results. Exit status 3 if a result is worse than it
     should be.
 
-    Parameters
-    ----------
-    test:
-        Number of a test in Table I, 1 to 11; or 12, a test of our own: push and pull, with casters that turn around.
-    all_tests:
-        Run all tests, which is also the default.
-    seeds:
-        Runs of each test; the comparison without the estimator is run once.
-    first_seed:
-        Seed of the first run's noise; the others follow consecutively.
-    pushers:
-        Number of robots that push side by side; each knows only its own wrench.
-    friction_guess:
-        The translational friction that the pushers assume, relative to the true one, for instance 0.5 or 2; by default
-        they know it. They never know the turning friction.
-    turning_friction:
-        Turning friction relative to translational friction; the pushers assume that both are equal.
-    noise_factor:
-        Factor by which the noise of the motion is larger than the pushers assume.
-    processes:
-        One process per pusher and one for the cart, linked by Zenoh, instead of all in this one.
-    jobs:
-        Number of parallel runs; by default one per core. More than one needs coheft[study]. Not with --processes.
-    figures:
-        Folder for the paper's figures 4 to 6, redrawn; needs coheft[study].
+    Args:
+        test: Number of a test in Table I, 1 to 11; or 12, a test of our own: push and pull, with casters that turn
+            around.
+        all_tests: Run all tests, which is also the default.
+        seeds: Runs of each test; the comparison without the estimator is run once.
+        first_seed: Seed of the first run's noise; the others follow consecutively.
+        pushers: Number of robots that push side by side; each knows only its own wrench.
+        friction_guess: The translational friction that the pushers assume, relative to the true one, for instance 0.5
+            or 2; by default they know it. They never know the turning friction.
+        turning_friction: Turning friction relative to translational friction; the pushers assume that both are equal.
+        noise_factor: Factor by which the noise of the motion is larger than the pushers assume.
+        processes: One process per pusher and one for the cart, linked by Zenoh, instead of all in this one.
+        jobs: Number of parallel runs; by default one per core. More than one needs coheft[study]. Not with --processes.
+        figures: Folder for the paper's figures 4 to 6, redrawn; needs coheft[study].
     """
     from rich.console import Console
 
@@ -131,21 +120,14 @@ def identify(
     Exit status 0 if everything is known at the end and the measurements fit; otherwise 3, and the report says what is
     missing.
 
-    Parameters
-    ----------
-    recording:
-        A .csv or .npz file with times, poses, rates and pushes, see docs/cart.md.
-    mass:
-        First guess of the mass, within a factor of four [kg].
-    com:
-        First guess of the centre of mass: ahead of the axle's middle, and to the left of it [m].
-    hand:
-        Point at which the push is measured, in the same coordinates; torques are about it [m].
-    noise:
-        Standard deviation of measured poses and rates, the same number in each of their units; noise that is larger is
-        noticed.
-    force_noise:
-        Standard deviation of measured forces [N]; that of torques is a tenth of it [N·m].
+    Args:
+        recording: A .csv or .npz file with times, poses, rates and pushes, see docs/cart.md.
+        mass: First guess of the mass, within a factor of four [kg].
+        com: First guess of the centre of mass: ahead of the axle's middle, and to the left of it [m].
+        hand: Point at which the push is measured, in the same coordinates; torques are about it [m].
+        noise: Standard deviation of measured poses and rates, the same number in each of their units; noise that is
+            larger is noticed.
+        force_noise: Standard deviation of measured forces [N]; that of torques is a tenth of it [N·m].
     """
     from rich.console import Console
 

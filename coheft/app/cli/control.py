@@ -22,14 +22,10 @@ def inject(
 ) -> None:
     """Drop a load onto the payload of a run in progress.
 
-    Parameters
-    ----------
-    mass:
-        Mass of the load [kg].
-    at:
-        Position of its centre, in the payload's frame [m].
-    size:
-        Its edge lengths [m].
+    Args:
+        mass: Mass of the load [kg].
+        at: Position of its centre, in the payload's frame [m].
+        size: Its edge lengths [m].
     """
     from coheft.app.run.observer import ask_run
     from coheft.wire.messages.requests import InjectRequest
@@ -42,10 +38,8 @@ def inject(
 def remove(load: options.Whole, *, run: options.RunFolder = None) -> None:
     """Take a load off the payload of a run in progress.
 
-    Parameters
-    ----------
-    load:
-        Number of the load, as printed by 'coheft inject'; loads are numbered from 1 in order of arrival.
+    Args:
+        load: Number of the load, as printed by 'coheft inject'; loads are numbered from 1 in order of arrival.
     """
     from coheft.app.run.observer import ask_run
     from coheft.wire.messages.requests import RemoveRequest
@@ -80,10 +74,8 @@ def _set_holding(folder: Path | None, robot: str, *, holding: bool) -> float:
 def use(estimator: str | None = None, *, run: options.RunFolder = None) -> None:
     """Make all robots discard their estimates and start again with another estimator.
 
-    Parameters
-    ----------
-    estimator:
-        efficient, fan2017, or your own if the run started with it. Without one, print the estimator in use.
+    Args:
+        estimator: efficient, fan2017, or your own if the run started with it. Without one, print the estimator in use.
     """
     from coheft.app.run.observer import ask_run
     from coheft.wire.messages.requests import EstimatorRequest, StatusRequest
@@ -171,14 +163,10 @@ def disturb(
 
     An agent that restarts receives everything in time again.
 
-    Parameters
-    ----------
-    loss:
-        Share of messages that are lost, from 0 to 1.
-    delay:
-        Delay of every message [s], at most 1.
-    jitter:
-        Largest additional delay [s], drawn for each message, at most 1.
+    Args:
+        loss: Share of messages that are lost, from 0 to 1.
+        delay: Delay of every message [s], at most 1.
+        jitter: Largest additional delay [s], drawn for each message, at most 1.
     """
     from coheft.app.run.folder import find_run
     from coheft.app.run.observer import ask_server, disturb_link

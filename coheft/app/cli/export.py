@@ -32,26 +32,17 @@ def export(
     The export describes the whole load, for an arm that holds it alone. An estimate that is not valid or not complete
     is refused with the reason. Exit status 3 if the load is not certain to be within the limits.
 
-    Parameters
-    ----------
-    report:
-        Report written by 'coheft run --json' or 'coheft identify --json'; without it, ask a run in progress.
-    as_:
-        urdf, mjcf: the element <inertial>; franka: setLoad of libfranka; ur: set_target_payload of URScript; kuka:
-        LOAD_DATA of KRL; verdict: JSON with the load and its limits.
-    robot:
-        Robot whose estimate is exported; by default the first.
-    flange:
-        Pose of the robot's grasp frame in the frame of the flange, or of the model's body: position x y z [m], then
-        rotation vector x y z [degrees]. Without it, the frames are assumed to coincide.
-    max_mass:
-        With verdict: largest allowed mass [kg].
-    max_offset:
-        With verdict: largest allowed distance of the centre of mass from the flange [m].
-    max_inertia:
-        With verdict: largest allowed moment of inertia at the centre of mass [kg·m²].
-    to:
-        Write to this file instead of standard output.
+    Args:
+        report: Report written by 'coheft run --json' or 'coheft identify --json'; without it, ask a run in progress.
+        as_: urdf, mjcf: the element <inertial>; franka: setLoad of libfranka; ur: set_target_payload of URScript; kuka:
+            LOAD_DATA of KRL; verdict: JSON with the load and its limits.
+        robot: Robot whose estimate is exported; by default the first.
+        flange: Pose of the robot's grasp frame in the frame of the flange, or of the model's body: position x y z [m],
+            then rotation vector x y z [degrees]. Without it, the frames are assumed to coincide.
+        max_mass: With verdict: largest allowed mass [kg].
+        max_offset: With verdict: largest allowed distance of the centre of mass from the flange [m].
+        max_inertia: With verdict: largest allowed moment of inertia at the centre of mass [kg·m²].
+        to: Write to this file instead of standard output.
     """
     from coheft.app.export.handover import hand_over
     from coheft.app.export.sources import hear_load, read_load

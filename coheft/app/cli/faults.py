@@ -54,29 +54,20 @@ def faults(
     the sensors also have small lasting errors, see docs/faults.md. Exit status 4 if a promise was broken; the last
     line is then the command that reproduces it.
 
-    Parameters
-    ----------
-    seeds:
-        Number of runs.
-    first_seed:
-        Seed of the first run, by default drawn from the clock; the others follow consecutively.
-    table:
-        Write a table of the injected faults and their effects to this file, in Markdown.
-    kept:
-        Append every outcome to this file, so that an interrupted campaign can continue. Outcomes of other code or of
-        another mutant are refused.
-    failed:
-        Folder for schedules that break a promise, by default 'faults-failed'; --replay FILE runs them again even if
-        seeds draw something else by then.
-    mutant:
-        Put this deliberate bug into the agents; the campaign has to find it.
-    set:
-        Fix a key of the scenario that is otherwise drawn, in TOML syntax, for instance sensors.rate=200. May be
-        repeated. Robots, graph, duration and seed are always drawn.
-    replay:
-        Instead of a campaign, run the schedule of this seed, or in this .json file, and print everything that happens.
-    shrink:
-        With --replay: find the simplest schedule that still fails, and write it to a file.
+    Args:
+        seeds: Number of runs.
+        first_seed: Seed of the first run, by default drawn from the clock; the others follow consecutively.
+        table: Write a table of the injected faults and their effects to this file, in Markdown.
+        kept: Append every outcome to this file, so that an interrupted campaign can continue. Outcomes of other code or
+            of another mutant are refused.
+        failed: Folder for schedules that break a promise, by default 'faults-failed'; --replay FILE runs them again
+            even if seeds draw something else by then.
+        mutant: Put this deliberate bug into the agents; the campaign has to find it.
+        set: Fix a key of the scenario that is otherwise drawn, in TOML syntax, for instance sensors.rate=200. May be
+            repeated. Robots, graph, duration and seed are always drawn.
+        replay: Instead of a campaign, run the schedule of this seed, or in this .json file, and print everything that
+            happens.
+        shrink: With --replay: find the simplest schedule that still fails, and write it to a file.
     """
     from rich.console import Console
 

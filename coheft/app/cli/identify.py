@@ -35,34 +35,23 @@ def identify(
     observable, if the numbers should not be trusted, or if nothing could check them, and the report says why. A
     recording that cannot be of one load, for instance because forces have the wrong sign, is an error.
 
-    Parameters
-    ----------
-    recording:
-        An .npz file, or a folder with a CSV file per robot, as 'coheft run --save-data' makes; an MCAP file, as 'coheft
-        run --record' makes, or a bag of ROS; see docs/data-format.md.
-    method:
-        batch: the least squares of Fan et al.; instruments: the same without their bias; pose: from poses, without
-        differentiating them; likelihood: maximum likelihood, for sensors of known noise; static: from a load that is
-        held still. By default the best one that the recording allows.
-    calibrate:
-        Estimate calibration errors of the robots as well (method pose).
-    from_:
-        Ignore everything before this time [s].
-    to:
-        Ignore everything after this time [s].
-    cutoff:
-        Cutoff of the low-pass filter [Hz]: by default 5 for batch, otherwise 3; likelihood has none.
-    assume:
-        Correct the recording for this fault before identifying the load; the fault is named as in the report's verdict,
-        for instance 'offset' or 'sensor turned'.
-    topics:
-        Topics of each robot in an MCAP file or a bag, for instance left=/left/wrench left=/left/pose
-        right=/right/wrench right=/right/pose. By default the first part of a topic's name is the robot.
-    holds:
-        Recording of the same load held still in several orientations by the same robots; improves mass and centre of
-        mass.
-    report:
-        Folder for a report with pictures.
+    Args:
+        recording: An .npz file, or a folder with a CSV file per robot, as 'coheft run --save-data' makes; an MCAP file,
+            as 'coheft run --record' makes, or a bag of ROS; see docs/data-format.md.
+        method: batch: the least squares of Fan et al.; instruments: the same without their bias; pose: from poses,
+            without differentiating them; likelihood: maximum likelihood, for sensors of known noise; static: from a
+            load that is held still. By default the best one that the recording allows.
+        calibrate: Estimate calibration errors of the robots as well (method pose).
+        from_: Ignore everything before this time [s].
+        to: Ignore everything after this time [s].
+        cutoff: Cutoff of the low-pass filter [Hz]: by default 5 for batch, otherwise 3; likelihood has none.
+        assume: Correct the recording for this fault before identifying the load; the fault is named as in the report's
+            verdict, for instance 'offset' or 'sensor turned'.
+        topics: Topics of each robot in an MCAP file or a bag, for instance left=/left/wrench left=/left/pose
+            right=/right/wrench right=/right/pose. By default the first part of a topic's name is the robot.
+        holds: Recording of the same load held still in several orientations by the same robots; improves mass and
+            centre of mass.
+        report: Folder for a report with pictures.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # matrices are small, so that more threads only cost time
 

@@ -21,14 +21,11 @@ def keys(
 ) -> None:
     """Make a certificate authority and one certificate for each robot, the server, observers and the operator.
 
-    Parameters
-    ----------
-    folder:
-        Folder for the files. Each host needs authority.crt, and the .crt and .key files of the parts that run on it.
-    hosts:
-        File that names the host of each part, see docs/deployment.md; by default all run on this machine.
-    days:
-        Number of days after which all certificates expire.
+    Args:
+        folder: Folder for the files. Each host needs authority.crt, and the .crt and .key files of the parts that run
+            on it.
+        hosts: File that names the host of each part, see docs/deployment.md; by default all run on this machine.
+        days: Number of days after which all certificates expire.
     """
     from datetime import timedelta
 

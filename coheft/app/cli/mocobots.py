@@ -29,17 +29,12 @@ def mocobots(
 ) -> int:
     """Repeat the experiments of Zhang et al. (2025) in simulation, and compare the results with their tables.
 
-    Parameters
-    ----------
-    experiments:
-        Number of experiments for each configuration, with and without calibration errors; motions alternate between via
-        points and a sphere.
-    first:
-        Number of the first experiment; each number has its own motions, noise and robots.
-    configurations:
-        Which of the paper's configurations to run.
-    markdown:
-        Write the tables to this file.
+    Args:
+        experiments: Number of experiments for each configuration, with and without calibration errors; motions
+            alternate between via points and a sphere.
+        first: Number of the first experiment; each number has its own motions, noise and robots.
+        configurations: Which of the paper's configurations to run.
+        markdown: Write the tables to this file.
     """
     from functools import partial
 

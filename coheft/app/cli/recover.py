@@ -14,14 +14,10 @@ def recover(
 ) -> None:
     """Save what is intact of a recording that is damaged, or whose run was killed.
 
-    Parameters
-    ----------
-    recording:
-        The .mcap file; it is not changed.
-    output:
-        File to write; by default NAME-recovered.mcap beside it.
-    overwrite:
-        Replace the output file if it exists.
+    Args:
+        recording: The .mcap file; it is not changed.
+        output: File to write; by default NAME-recovered.mcap beside it.
+        overwrite: Replace the output file if it exists.
     """
     from coheft.app.recording.recover import recover as recover_file
 

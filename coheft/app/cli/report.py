@@ -13,12 +13,9 @@ def report(recording: options.GivenPath, folder: options.NewFolder) -> None:
     The page, report.html, needs no other file and no network, so it can be shared and archived. Needs
     coheft[record,report].
 
-    Parameters
-    ----------
-    recording:
-        A recording made by 'coheft run --record'.
-    folder:
-        Folder for the page, its pictures and their data.
+    Args:
+        recording: A recording made by 'coheft run --record'.
+        folder: Folder for the page, its pictures and their data.
     """
     from importlib import import_module
 

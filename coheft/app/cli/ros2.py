@@ -24,10 +24,8 @@ def ros2_bridge(
 ) -> None:
     """Publish a run in progress as standard ROS 2 messages, for nodes on rmw_zenoh; see docs/ros2.md.
 
-    Parameters
-    ----------
-    namespace:
-        Prefix of all topics, so that several runs can share a domain.
+    Args:
+        namespace: Prefix of all topics, so that several runs can share a domain.
     """
     from coheft.app.ros2.bridge import bridge_run
     from coheft.app.ros2.names import namespace_of
@@ -46,15 +44,12 @@ def ros2_driver(
 ) -> None:
     """Feed agents with measurements from ROS 2, in place of the physics server; see docs/ros2.md.
 
-    Parameters
-    ----------
-    configs:
-        The agents' configurations, as 'coheft run --write-configs DIR' writes them, such as DIR/r1.json DIR/r2.json.
-    epoch:
-        ROS time at which the run begins [s], the same for the whole team. Needed if other processes drive other robots
-        of the team; otherwise the run begins when most robots send measurements.
-    namespace:
-        Prefix of all topics, so that several teams can share a domain.
+    Args:
+        configs: The agents' configurations, as 'coheft run --write-configs DIR' writes them, such as DIR/r1.json
+            DIR/r2.json.
+        epoch: ROS time at which the run begins [s], the same for the whole team. Needed if other processes drive other
+            robots of the team; otherwise the run begins when most robots send measurements.
+        namespace: Prefix of all topics, so that several teams can share a domain.
     """
     from coheft.app.ros2.drive import drive, read_agents
     from coheft.app.ros2.names import namespace_of

@@ -59,61 +59,39 @@ def run(
 
     Exit status 0 if every robot converged, none is stale, and none is further off than it claims; otherwise 3.
 
-    Parameters
-    ----------
-    change:
-        A change of the load that replaces those of the scenario. For instance, t=20,mass=3,at=0.4,0.3,0.1 drops 3 kg at
-        20 s, at this position in the payload's frame [m]. size=0.2,0.2,0.1 gives its edge lengths [m], and leak=0.1 the
-        mass it loses from then on [kg/s]. t=30,remove=1 takes the first load away. May be repeated.
-    set:
-        Set a key of the scenario, in TOML syntax, for instance sensors.noise_scale=3 or load_changes[0].at=8;
-        docs/scenarios.md lists all keys. May be repeated; other options take precedence.
-    duration:
-        Simulated time [s]. With --view and no duration, the run continues until you stop it.
-    seed:
-        Seed of the sensors' noise and the robots' motions.
-    estimator:
-        Estimator that all robots use: efficient, fan2017, or your own, see docs/own.md. With several, as in
-        efficient,fan2017, each robot runs them side by side on the same samples.
-    sensor_rate:
-        Samples per second: 100, 125, 200, 250, 500 or 1000.
-    realtime:
-        Keep pace with wall-clock time and wait for no robot, instead of running as fast as the slowest robot allows.
-    restarts:
-        How often an agent that dies is restarted before the run ends with an error.
-    history:
-        Add the errors of every second to the report.
-    report:
-        Folder for an HTML page, its pictures and their data; needs coheft[report].
-    quiet:
-        Print only errors, and the address of the view.
-    save_data:
-        Save the measurements of all robots for 'coheft identify': to an .npz file or, without a suffix, a folder of CSV
-        files.
-    record:
-        Record the run to this new .mcap file, for 'coheft view', Foxglove and PlotJuggler, see docs/recording.md.
-    view:
-        Show the run in the browser, no faster than wall-clock time. It continues until you stop it; with --duration,
-        --record or --save-data it ends as usual. The last scene stays until Ctrl-C. See docs/view.md.
-    view_read_only:
-        The same, read-only: without buttons.
-    no_wait:
-        Start at once, without waiting for a browser to open the view.
-    logs:
-        Folder for the processes' logs, which must not contain any yet; by default a new folder among your runs.
-    log_level:
-        Lowest level that is logged: debug, info, warning or error.
-    secure:
-        Encrypt and authenticate all links with certificates made for this run.
-    keys:
-        Folder of certificates made by 'coheft keys', to use instead of new ones for this run.
-    hosts:
-        File that names the host of each part, see docs/deployment.md; needs --write-configs.
-    write_configs:
-        Do not run. Write the configurations of all processes into this folder, to start them by hand.
-    feedforward:
-        In scenarios where robots carry the load along a path: whether they use feed-forward forces from their
-        estimates.
+    Args:
+        change: A change of the load that replaces those of the scenario. For instance, t=20,mass=3,at=0.4,0.3,0.1 drops
+            3 kg at 20 s, at this position in the payload's frame [m]. size=0.2,0.2,0.1 gives its edge lengths [m], and
+            leak=0.1 the mass it loses from then on [kg/s]. t=30,remove=1 takes the first load away. May be repeated.
+        set: Set a key of the scenario, in TOML syntax, for instance sensors.noise_scale=3 or load_changes[0].at=8;
+            docs/scenarios.md lists all keys. May be repeated; other options take precedence.
+        duration: Simulated time [s]. With --view and no duration, the run continues until you stop it.
+        seed: Seed of the sensors' noise and the robots' motions.
+        estimator: Estimator that all robots use: efficient, fan2017, or your own, see docs/own.md. With several, as in
+            efficient,fan2017, each robot runs them side by side on the same samples.
+        sensor_rate: Samples per second: 100, 125, 200, 250, 500 or 1000.
+        realtime: Keep pace with wall-clock time and wait for no robot, instead of running as fast as the slowest robot
+            allows.
+        restarts: How often an agent that dies is restarted before the run ends with an error.
+        history: Add the errors of every second to the report.
+        report: Folder for an HTML page, its pictures and their data; needs coheft[report].
+        quiet: Print only errors, and the address of the view.
+        save_data: Save the measurements of all robots for 'coheft identify': to an .npz file or, without a suffix, a
+            folder of CSV files.
+        record: Record the run to this new .mcap file, for 'coheft view', Foxglove and PlotJuggler, see
+            docs/recording.md.
+        view: Show the run in the browser, no faster than wall-clock time. It continues until you stop it; with
+            --duration, --record or --save-data it ends as usual. The last scene stays until Ctrl-C. See docs/view.md.
+        view_read_only: The same, read-only: without buttons.
+        no_wait: Start at once, without waiting for a browser to open the view.
+        logs: Folder for the processes' logs, which must not contain any yet; by default a new folder among your runs.
+        log_level: Lowest level that is logged: debug, info, warning or error.
+        secure: Encrypt and authenticate all links with certificates made for this run.
+        keys: Folder of certificates made by 'coheft keys', to use instead of new ones for this run.
+        hosts: File that names the host of each part, see docs/deployment.md; needs --write-configs.
+        write_configs: Do not run. Write the configurations of all processes into this folder, to start them by hand.
+        feedforward: In scenarios where robots carry the load along a path: whether they use feed-forward forces from
+            their estimates.
     """
     from coheft.app.run.processes import make_fork_server
 

@@ -18,10 +18,8 @@ Shell = Literal["bash", "zsh", "fish"]
 def help_(command: Annotated[str | None, Parameter(show_default=False)] = None) -> None:
     """Show what a command does and its options; without a name, list all commands.
 
-    Parameters
-    ----------
-    command:
-        Name of the command.
+    Args:
+        command: Name of the command.
     """
     if command is not None and command not in list(app):
         raise UsageError(f"there is no command {command!r}; 'coheft help' lists all")
@@ -32,13 +30,10 @@ def help_(command: Annotated[str | None, Parameter(show_default=False)] = None) 
 def completion(shell: Shell | None = None, *, install: options.Flag = False) -> None:
     """Print a script that lets the Tab key complete commands and options: source <(coheft completion bash).
 
-    Parameters
-    ----------
-    shell:
-        bash, zsh or fish; without it, the one that is running.
-    install:
-        Instead of printing the script, install it where the shell looks for such scripts, and load it from the shell's
-        startup file.
+    Args:
+        shell: bash, zsh or fish; without it, the one that is running.
+        install: Instead of printing the script, install it where the shell looks for such scripts, and load it from the
+            shell's startup file.
     """
     if install:
         path: Path = app.install_completion(shell=shell)

@@ -81,34 +81,22 @@ def study(
 
     Each run has its own seed for the sensors' noise and the robots' motions; all estimators get the same runs.
 
-    Parameters
-    ----------
-    scenario:
-        Name of a shipped scenario (see 'coheft scenarios'), a path that ends with .toml, or 'random' for a new random
-        team in every run.
-    set:
-        Set a key of the scenario, in TOML syntax, for instance sensors.noise_scale=3. May be repeated.
-    vary:
-        Run a study for each of several values of a key, for instance sensors.rate=100,500, and compare them in a table.
-        The JSON then holds all studies.
-    runs:
-        Number of runs for each noise scale.
-    estimators:
-        Estimators to compare, separated by commas.
-    noise:
-        Factors applied to the scenario's noise, for instance 1,3.
-    at:
-        Times at which accuracy is judged [s], for instance 2,5,10; they must be before the first change of the load.
-    after:
-        Time after the first change of the load at which the recovery is judged [s].
-    first_seed:
-        Seed of the first run; the others follow consecutively.
-    sensor_rate:
-        Samples per second, instead of the scenario's; the duration of a block stays the same.
-    dask:
-        Address of a Dask scheduler whose workers do all runs.
-    report:
-        Folder for a report with pictures.
+    Args:
+        scenario: Name of a shipped scenario (see 'coheft scenarios'), a path that ends with .toml, or 'random' for a
+            new random team in every run.
+        set: Set a key of the scenario, in TOML syntax, for instance sensors.noise_scale=3. May be repeated.
+        vary: Run a study for each of several values of a key, for instance sensors.rate=100,500, and compare them in a
+            table. The JSON then holds all studies.
+        runs: Number of runs for each noise scale.
+        estimators: Estimators to compare, separated by commas.
+        noise: Factors applied to the scenario's noise, for instance 1,3.
+        at: Times at which accuracy is judged [s], for instance 2,5,10; they must be before the first change of the
+            load.
+        after: Time after the first change of the load at which the recovery is judged [s].
+        first_seed: Seed of the first run; the others follow consecutively.
+        sensor_rate: Samples per second, instead of the scenario's; the duration of a block stays the same.
+        dask: Address of a Dask scheduler whose workers do all runs.
+        report: Folder for a report with pictures.
     """
     from functools import partial
 

@@ -18,17 +18,12 @@ def view(
 ) -> None:
     """Show a run, or a recording of one, in the browser. Ctrl-C ends the view.
 
-    Parameters
-    ----------
-    what:
-        A recording that ends with .mcap, or the folder of a run in progress; by default your newest run.
-    host:
-        Address to listen on; by default only this machine can connect. Anyone who has the printed address, secret
-        included, can watch and control the run.
-    port:
-        Port to listen on; by default 8010 or the next free one.
-    read_only:
-        Read-only: without buttons.
+    Args:
+        what: A recording that ends with .mcap, or the folder of a run in progress; by default your newest run.
+        host: Address to listen on; by default only this machine can connect. Anyone who has the printed address, secret
+            included, can watch and control the run.
+        port: Port to listen on; by default 8010 or the next free one.
+        read_only: Read-only: without buttons.
     """
     from coheft.app.view.door import Door
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
+from msgspec import structs
 
 from coheft.app.results.judge import Verdict
 from coheft.app.results.report import Report
@@ -66,6 +67,7 @@ def render_page(
     robots: dict[Verdict, list[str]] = {verdict: [] for verdict in Verdict}
     for name, robot in report.robots.items():
         robots[robot.verdict].append(name)
+    payload = structs.replace(scenario.payload, surface="")  # which is no setting
     unobservable = list(unobservable_rows(series))
     return environment.get_template("page.html.jinja").render(
         scenario=scenario,
@@ -91,7 +93,7 @@ def render_page(
         is_endless=scenario.duration >= MAX_DURATION,
         most_robots=MOST_ROBOTS,
         versions=versions(),
-        scenario_text=msgspec.json.format(msgspec.json.encode(_without_surface(scenario))).decode(),
+        scenario_text=msgspec.json.format(msgspec.json.encode(structs.replace(scenario, payload=payload))).decode(),
         data=[(path.name, TABLES[path.stem]) for path in data],
         thinned=max(robot.points.every for robot in series.robots.values()),
     )
@@ -125,9 +127,3 @@ def _kind(text: str) -> tuple[str, str]:
     """Return what a sentence is about, without its numbers, and the advice at its end."""
     what, _, why = text.rpartition(": ")
     return (what.partition(",")[0], why) if what else (text, "")
-
-
-def _without_surface(scenario: Scenario) -> Scenario:
-    """Return the scenario without the surface of a payload from a file, which is no setting."""
-    payload = msgspec.structs.replace(scenario.payload, surface="")
-    return msgspec.structs.replace(scenario, payload=payload)

@@ -11,7 +11,6 @@ from rich.table import Table
 
 from coheft.app.results.errors import MOST_STDS
 from coheft.app.results.judge import RobotReport, Verdict, why_stale
-from coheft.app.results.record import EstimatorUse
 from coheft.app.results.report import LoadChangeReport, Report
 from coheft.app.results.slips import SlipReport
 from coheft.app.results.states import LACKS, State
@@ -118,7 +117,12 @@ def sentences(report: Report) -> list[str]:
     return [
         *_most([_load_change_sentence(change, is_last=change is changes[-1]) for change in changes]),
         *_most([_slip_sentence(slip) for slip in report.slips]),
-        *_most([_estimator_sentence(change) for change in report.estimator_changes]),
+        *_most(
+            [
+                f"At {change.since_s:g} s all robots restarted with the estimator {change.estimator}."
+                for change in report.estimator_changes
+            ]
+        ),
         *_pose_sentence(report),
         *_not_observable_sentences(report),
         *_most([f"Stale at {', '.join(names)}: {reason}." for reason, names in why_stale(report.robots).items()]),
@@ -167,10 +171,6 @@ def _slip_sentence(slip: SlipReport) -> str:
         f"At {slip.at_s:g} s the grasp of {slip.robot} slipped by {slip.translation_mm:.1f} mm and "
         f"{slip.rotation_deg:.1f}°. {named}."
     )
-
-
-def _estimator_sentence(change: EstimatorUse) -> str:
-    return f"At {change.since_s:g} s all robots restarted with the estimator {change.estimator}."
 
 
 def _pose_sentence(report: Report) -> list[str]:
