@@ -1,7 +1,5 @@
 """Regression guard: measures some ratios, and fails if one is more than 1.3 times worse than the committed one.
 
-    python -m benchmarks.check [--commit TABLE]
-
 The ratios are of quantities that were measured side by side. Those that are worse are measured once more, and the
 better result counts. With --commit nothing is measured: the ratios of a table of 'python -m benchmarks',
 build/bench/bench.json, are committed for later comparisons.
@@ -9,14 +7,13 @@ build/bench/bench.json, are committed for later comparisons.
 
 from __future__ import annotations
 
-import argparse
 import sys
 from pathlib import Path
 
+from benchmarks.command import run_command
 from benchmarks.compare import LIMIT, compare, load_committed, write_committed
 from benchmarks.figures import guarded, load_results
 from benchmarks.runner import GUARDED, measure_all
-from coheft.errors import CoheftError
 
 
 def check() -> int:
@@ -42,22 +39,17 @@ def check() -> int:
     return 1 if count else 0
 
 
-def main() -> None:
-    """Check, or commit ratios."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.check", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--commit", metavar="TABLE", type=Path, help="commit the ratios of this table")
-    table = parser.parse_args().commit
-    try:
-        if table is None:
-            sys.exit(check())
-        write_committed(guarded(load_results(table).sections))
-    except (CoheftError, OSError) as error:
-        sys.exit(str(error))
-    except KeyboardInterrupt:
-        sys.exit(130)
+def main(*, commit: Path | None = None) -> int:
+    """Check, or commit ratios.
+
+    Args:
+        commit: Commit the ratios of this table.
+    """
+    if commit is None:
+        return check()
+    write_committed(guarded(load_results(commit).sections))
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    run_command(main, __doc__)

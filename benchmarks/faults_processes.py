@@ -1,14 +1,11 @@
 """Faults of a team of real processes in real time: times until they are noticed, and until all robots are valid again.
 
-    python -m benchmarks.faults_processes [--robots N] [--repeat N]
-
 All times are measured by an observer's clock: *noticed* from the fault until all affected robots have reported it,
 *valid again* from the repair until every robot's estimate is valid.
 """
 
 from __future__ import annotations
 
-import argparse
 import signal
 import statistics
 import tempfile
@@ -18,6 +15,7 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from benchmarks.command import run_command
 from coheft.app.run.plan import Plan
 from coheft.wire.messages.requests import StatusRequest
 from tests.integration.relay import Relay
@@ -154,18 +152,19 @@ def bench(robots: int, folder: Path) -> Iterator[Bench]:
         yield Bench(team, watcher, relays, victim=list(team.plan.agents)[1])
 
 
-def main() -> None:
-    """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--robots", type=int, default=6)
-    parser.add_argument("--repeat", type=int, default=5)
-    arguments = parser.parse_args()
-    print(f"{arguments.robots} robots in a ring, in real time; median and worst of {arguments.repeat}\n")
+def main(*, robots: int = 6, repeat: int = 5) -> None:
+    """Print the table.
+
+    Args:
+        robots: Number of robots.
+        repeat: How often each fault is repeated.
+    """
+    print(f"{robots} robots in a ring, in real time; median and worst of {repeat}\n")
     print(f"{'fault':32}{'noticed, ms':>20}{'valid again, s':>20}")
-    with tempfile.TemporaryDirectory() as folder, bench(arguments.robots, Path(folder)) as under_test:
+    with tempfile.TemporaryDirectory() as folder, bench(robots, Path(folder)) as under_test:
         for name, fault in FAULTS.items():
             results = []
-            for _ in range(arguments.repeat):
+            for _ in range(repeat):
                 under_test.let_pass(time.monotonic() + SETTLES)
                 under_test.watcher.wait_until_valid(limit=GIVE_UP)
                 under_test.watcher.heard.clear()
@@ -180,4 +179,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_command(main, __doc__)

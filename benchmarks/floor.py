@@ -1,7 +1,5 @@
 """The whole system and its bare floor, both against Zenoh alone: what everything but the mathematics costs.
 
-    python -m benchmarks.floor [--effort short|usual|full] [--json FILE]
-
 Three teams take turns of a second or two, while the others stand still:
 
 - the *whole* system, as users run it;
@@ -19,9 +17,7 @@ these are guarded.
 
 from __future__ import annotations
 
-import argparse
 import statistics
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
@@ -31,14 +27,13 @@ from pathlib import Path
 import msgspec
 import mujoco
 
+from benchmarks.command import run_command
 from benchmarks.figures import Effort, Figure, Section, ratio, section_lines
 from benchmarks.paced_team import SIZES, TURN, Turn, paced_team
 from benchmarks.raw_team import Sizes, raw_team
 from benchmarks.replay import record, sizes
-from benchmarks.runner import add_effort
 from benchmarks.scenarios import BLOCK, RATE, SETTLED, team_scenario
 from coheft.app.run.plan import make_plan
-from coheft.errors import CoheftError
 from coheft.physics_server.simulation import Simulation
 from coheft.wire.scenario.schema import PHYSICS_RATE, Scenario
 
@@ -196,27 +191,19 @@ def _medians(times: Sequence[float], others: Sequence[float]) -> str:
     return f"{1e3 * statistics.median(times):.2f} against {1e3 * statistics.median(others):.2f} ms"
 
 
-def main() -> None:
-    """Measure, print the table, and write the ratios by number of robots if requested."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.floor",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    add_effort(parser)
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the ratios there, by number of robots")
-    chosen = parser.parse_args()
+def main(*, effort: Effort = "usual", json: Path | None = None) -> None:
+    """Measure, and print the table.
+
+    Args:
+        effort: How much to measure.
+        json: File for the ratios by number of robots.
+    """
     began = time.monotonic()
-    try:
-        section, ratios = _section(chosen.effort)
-    except CoheftError as error:
-        sys.exit(f"floor: {error}")
-    except KeyboardInterrupt:
-        sys.exit(130)
+    section, ratios = _section(effort)
     print("\n".join(section_lines(msgspec.structs.replace(section, seconds=time.monotonic() - began))))
-    if chosen.json is not None:
-        chosen.json.write_bytes(msgspec.json.format(msgspec.json.encode(ratios)) + b"\n")
+    if json is not None:
+        json.write_bytes(msgspec.json.format(msgspec.json.encode(ratios)) + b"\n")
 
 
 if __name__ == "__main__":
-    main()
+    run_command(main, __doc__)

@@ -1,14 +1,11 @@
 """A long run in real time with load changes and an agent that is killed repeatedly: does the need of memory grow?
 
-    python -m benchmarks.long_run [--minutes M] [--scenario NAME] [--sensor-rate R]
-
 Prints the resident memory and open files of every process that ran for at least ten minutes: five minutes after its
 start, at its end, and three times in between. The exit status is that of the run.
 """
 
 from __future__ import annotations
 
-import argparse
 import os
 import signal
 import statistics
@@ -22,6 +19,7 @@ from pathlib import Path
 
 import psutil
 
+from benchmarks.command import run_command
 from coheft.app.run.folder import find_run
 from coheft.app.run.observer import ask_run
 from coheft.errors import CoheftError
@@ -137,20 +135,21 @@ def print_table(lives: list[Life]) -> None:
         )
 
 
-def main() -> None:
-    """Run, and print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--minutes", type=float, default=60.0)
-    parser.add_argument("--scenario", default="ring3")
-    parser.add_argument("--sensor-rate", type=int, default=200)
-    arguments = parser.parse_args()
-    seconds = 60.0 * arguments.minutes
+def main(*, minutes: float = 60.0, scenario: str = "ring3", sensor_rate: int = 200) -> int:
+    """Run, and print the table.
+
+    Args:
+        minutes: Duration of the run.
+        scenario: Its scenario.
+        sensor_rate: Samples per second.
+    """
+    seconds = 60.0 * minutes
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that the run also ends
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         run = subprocess.Popen(
-            [sys.executable, "-m", "coheft", "run", arguments.scenario, "--realtime", "--duration", str(seconds)]
-            + ["--sensor-rate", str(arguments.sensor_rate), "--restarts", "1000", "--logs", name],
+            [sys.executable, "-m", "coheft", "run", scenario, "--realtime", "--duration", str(seconds)]
+            + ["--sensor-rate", str(sensor_rate), "--restarts", "1000", "--logs", name],
         )
         try:
             lives, troubles = follow(run, folder, seconds)
@@ -160,8 +159,8 @@ def main() -> None:
             run.wait()
     print(f"\nexit status {run.returncode}; {troubles.changes} changes of the load, {troubles.kills} agents killed\n")
     print_table(lives)
-    sys.exit(run.returncode)
+    return run.returncode
 
 
 if __name__ == "__main__":
-    main()
+    run_command(main, __doc__)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -31,18 +30,8 @@ def _measured_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(runner, "measure", measure)
 
 
-def run(monkeypatch: pytest.MonkeyPatch, folder: Path, *names: str) -> int | str | None:
-    """The exit status of the command."""
-    monkeypatch.setattr(sys, "argv", ["benchmarks", *names, "--to", str(folder)])
-    with pytest.raises(SystemExit) as ended:
-        command.main()
-    return ended.value.code
-
-
-def test_a_benchmark_that_fails_is_told(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(monkeypatch, tmp_path, "floor", "startup", "realtime") == 1
+def test_a_benchmark_that_fails_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert command.main("floor", "startup", "realtime", to=tmp_path) == 1
     floor, startup, fine = load_results(tmp_path / "bench.json").sections
     assert not floor.figures
     assert floor.skipped == {"all of it": "no way out"}
@@ -54,10 +43,11 @@ def test_a_benchmark_that_fails_is_told(
     assert "Traceback" in output.err
 
 
-def test_what_was_left_out_has_not_failed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    assert run(monkeypatch, tmp_path, "realtime") == 0
+def test_what_was_left_out_has_not_failed(tmp_path: Path) -> None:
+    assert command.main("realtime", to=tmp_path) == 0
 
 
-def test_what_was_measured_before_ctrl_c_is_written(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    assert run(monkeypatch, tmp_path, "realtime", "secure", "floor") == 130
+def test_what_was_measured_before_ctrl_c_is_written(tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        command.main("realtime", "secure", "floor", to=tmp_path)
     assert [section.name for section in load_results(tmp_path / "bench.json").sections] == ["realtime"]

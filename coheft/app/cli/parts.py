@@ -1,7 +1,8 @@
-"""The command that makes certificates."""
+"""Commands that start parts by hand, and make their certificates."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
@@ -9,6 +10,10 @@ from cyclopts.validators import Number
 
 from coheft.app.cli import options
 from coheft.app.cli.base import PARTS, app
+
+Config = Annotated[
+    options.GivenPath, Parameter(help="Its configuration, as 'coheft run --write-configs DIR' writes it.")
+]
 
 
 @app.command(group=PARTS)
@@ -38,3 +43,21 @@ def keys(
     names = make_keys(folder, chosen, places, timedelta(days=days))
     print(f"made {folder}: an authority, and certificates of {', '.join(names)}; they expire in {days:g} days")
     print("With authority.key, anyone can make more certificates: keep it on a host where no part runs.")
+
+
+@app.command(group=PARTS)
+def server(config: Config) -> int:
+    """Start a physics server by hand."""
+    return _start_by_hand("coheft.physics_server.server", config)
+
+
+@app.command(group=PARTS)
+def agent(config: Config) -> int:
+    """Start one robot by hand."""
+    return _start_by_hand("coheft.agents.process.main", config)
+
+
+def _start_by_hand(module: str, config: Path) -> int:
+    from coheft.app.run.processes import run_in_foreground
+
+    return run_in_foreground(module, config)
