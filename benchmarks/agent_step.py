@@ -169,12 +169,6 @@ class Pair:
 def measure(robots: int, estimators: Sequence[str], seconds: float, against: Path | None) -> dict[str, Any]:
     """Measure one team with each estimator, and return its part of the JSON.
 
-    Args:
-        robots: Number of robots.
-        estimators: Names of estimators.
-        seconds: Simulated time [s].
-        against: Another checkout.
-
     Raises:
         CoheftError: An estimator cannot be used, or there is no such team.
     """

@@ -18,11 +18,7 @@ _ENDLESS = 1e6
 def team_scenario(robots: int, rate: int = RATE, block: int = BLOCK, duration: float = _ENDLESS) -> Scenario:
     """Return a ring with the payload of the smallest shipped ring that has as many robots, or of the largest one.
 
-    Args:
-        robots: Number of robots.
-        rate: Samples per second.
-        block: Samples per block.
-        duration: Simulated time [s].
+    ``rate`` is in samples per second, ``block`` in samples, ``duration`` in simulated seconds.
     """
     base = load_scenario(next((f"ring{count}" for count in (3, 6, 12, 24) if robots <= count), "ring24"))
     assert base.robots.perimeter is not None

@@ -99,7 +99,9 @@ def draw_convergence(figure: Any, theme: Theme, series: Series, report: Report, 
     for axes, name in zip(grid, names, strict=False):
         use_logarithm(axes)
         axes.set_title(name, loc="left", fontweight="bold")
-        _shade_stale(axes, theme, series, name)
+        for span in series.robots[name].states.spans:
+            if span.state is State.STALE:
+                axes.axvspan(span.start, span.end, color=theme.warning, alpha=0.18, linewidth=0)
         mark_changes(axes, theme, report)
         for k, curve in enumerate(drawn[name]):
             label = "error" if curve.neighbour is None else f"of {curve.neighbour}"
@@ -108,10 +110,12 @@ def draw_convergence(figure: Any, theme: Theme, series: Series, report: Report, 
                 axes.fill_between(curve.time, 1e-12, 3.0 * curve.std, color=colour, alpha=0.10, linewidth=0)
             axes.plot(curve.time, 3.0 * curve.std, color=colour, linewidth=0.9, linestyle=(0, (4, 2)))
             axes.plot(curve.time, curve.error, color=colour, label=label)
-        if drawn[name] and drawn[name][0].neighbour is not None:
+        first = drawn[name][0]
+        if first.neighbour is not None:
             axes.legend(loc="upper right", ncols=2, handlelength=1.0, borderaxespad=0.0)
-        else:
-            _tell_end(axes, theme, drawn[name][0], shown.unit)
+        elif len(first.error) and np.isfinite(first.error[-1]):
+            text = f"at the end {first.error[-1]:.2g} {shown.unit}, own std {first.std[-1]:.2g}"
+            axes.set_title(text, loc="right", fontsize=8, color=theme.muted)
     for axes in grid[len(names) :]:
         axes.set_visible(False)
     grid[0].set_xlim(0.0, report.duration_s)
@@ -132,15 +136,3 @@ def _limits(drawn: Iterable[Curve]) -> tuple[float, float]:
     if not len(error) or not len(band):
         return 0.1, 1.0
     return float(0.02 * band.min()), float(2.0 * max(error.max(), band.max()))
-
-
-def _tell_end(axes: Any, theme: Theme, curve: Curve, unit: str) -> None:
-    if len(curve.error) and np.isfinite(curve.error[-1]):
-        text = f"at the end {curve.error[-1]:.2g} {unit}, own std {curve.std[-1]:.2g}"
-        axes.set_title(text, loc="right", fontsize=8, color=theme.muted)
-
-
-def _shade_stale(axes: Any, theme: Theme, series: Series, name: str) -> None:
-    for span in series.robots[name].states.spans:
-        if span.state is State.STALE:
-            axes.axvspan(span.start, span.end, color=theme.warning, alpha=0.18, linewidth=0)

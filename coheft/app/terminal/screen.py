@@ -235,20 +235,14 @@ def _picture(console: Console, record: Record, truth: Truth) -> RenderableType:
     stale = [_stale_line(reason, names) for reason, names in _why_stale(record).items()]
     reasons = [Text(line, "yellow", no_wrap=True, overflow="ellipsis") for line in stale]
     room = lines - 2  # for progress and headings
-    reasons = _at_most(reasons, max(room - len(reports), room // 3))
+    most = max(room - len(reports), room // 3)
+    if len(reasons) > most:
+        reasons[most - 1 :] = [Text(f"and {len(reasons) - most + 1} more reasons", "yellow")]
     shown, others = _worst(reports, room - len(reasons))
     table = _live_table(shown)
     if lines >= console.height or needed_width(console, table) > console.width:
         return Text(_summary_line(record))
     return Group(_progress(record, truth), table, *others, *reasons)
-
-
-def _at_most(reasons: list[Text], count: int) -> list[Text]:
-    """Return the reasons that fit into ``count`` lines; the last line tells how many more there are."""
-    if len(reasons) <= count:
-        return reasons
-    shown = reasons[: count - 1]
-    return [*shown, Text(f"and {len(reasons) - len(shown)} more reasons", "yellow")]
 
 
 def _worst(reports: dict[str, RobotReport], count: int) -> tuple[dict[str, RobotReport], list[Text]]:
