@@ -159,7 +159,7 @@ def test_what_is_not_there_or_no_recording_is_refused(tmp_path: Path) -> None:
         ("empty.npz", b"", "not an .npz file; expected"),
     ],
 )
-def test_nobody_is_told_to_trust_files_of_other_kinds(tmp_path: Path, name: str, content: bytes, message: str) -> None:
+def test_no_one_is_told_to_trust_files_of_other_kinds(tmp_path: Path, name: str, content: bytes, message: str) -> None:
     (tmp_path / name).write_bytes(content)
     with pytest.raises(RecordingError, match=message) as error:
         read_recording(tmp_path / name)

@@ -64,7 +64,7 @@ BAD_CERTIFICATES = [without_certificate, of_another_authority, self_signed_autho
 
 
 @pytest.mark.parametrize("certificate", BAD_CERTIFICATES)
-def test_nobody_dials_in_without_a_valid_certificate(secure, tmp_path, certificate):
+def test_without_a_valid_certificate_no_one_dials_in(secure, tmp_path, certificate):
     good = secure.credentials("r2")
     bad = certificate(tmp_path / "bad", good)
     with victim(secure, "neighbour plane of r1") as (endpoint, _):
@@ -74,7 +74,7 @@ def test_nobody_dials_in_without_a_valid_certificate(secure, tmp_path, certifica
             pass
 
 
-def test_nobody_dials_in_over_plain_tcp(secure):
+def test_no_one_dials_in_over_plain_tcp(secure):
     with victim(OPEN, "neighbour plane of r1") as (endpoint, _), raw_session([endpoint]) as session:
         assert len(session.info.links()) == 1
     with (
@@ -86,7 +86,7 @@ def test_nobody_dials_in_over_plain_tcp(secure):
 
 
 @pytest.mark.parametrize("certificate", [*BAD_CERTIFICATES[1:], None])
-def test_nobody_is_dialled_without_a_valid_certificate(secure, tmp_path, certificate):
+def test_without_a_valid_certificate_no_one_is_dialled(secure, tmp_path, certificate):
     """Whoever takes the port of a neighbour that is down needs more than the port."""
     good = secure.credentials("r2")
     endpoint = secure.endpoint(free_ports(1)[0])

@@ -144,7 +144,7 @@ def flood(team: Team, session: zenoh.Session, size: int) -> dict[str, float]:
 
 
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="the system does not tell a process's memory")
-def test_a_neighbour_that_floods_fills_no_memory_and_no_disk_and_spoils_nobody_elses_run(secure, tmp_path):
+def test_a_neighbour_that_floods_fills_no_memory_and_no_disk_and_disturbs_no_other_robot(secure, tmp_path):
     with running_team(small_scenario(COUNT, "line"), tmp_path, "realtime", keys_folder=secure.keys) as team:
         team.wait_for_block(50)
         began = time.monotonic()
