@@ -139,13 +139,14 @@ class EfficientEstimator:
             self._team = None
             return
         names, prior, anchor, newcomers = sorted(graph), None, 0, list[str]()
-        known = None if last is None else last.session.prior()
+        start = max(index, self._gossip.changed_at)
+        missing = 0.0 if last is None else self._config.start_of(start) - self._config.start_of(last.newest + 1)
+        known = None if last is None else last.session.prior(max(0.0, missing))
         if last is not None and known is not None:
             places = [last.places.get(each) for each in self._lives(names)]
             newcomers = [each for each, then in zip(names, places, strict=True) if then is None]
             prior = known.for_team(places, last.settings, fit_settings(self._config, names))
             anchor = next(now for now, then in enumerate(places) if then is not None)
-        start = max(index, self._gossip.changed_at)
         self._team = Team(self._lives(names), membership, graph, start, self._config, self._guards, self._signer)
         if prior is not None:
             self._team.begin(prior, anchor, newcomers)

@@ -21,7 +21,19 @@ from coheft.estimation.moments.unknowns import LOAD_SIZE
 
 _MOTION = VIEW_SIZE + WRENCH_SIZE
 ROWS_BEFORE = 100
-"""The mean excess of earlier chapters weighs as much as so many rows."""
+"""The mean row of earlier chapters weighs at most as much as so many rows."""
+
+
+class Past(NamedTuple):
+    """Rows of earlier chapters.
+
+    Attributes:
+        rows: As how many rows their mean weighs.
+        mean: Their mean, an extended row (X,).
+    """
+
+    rows: float
+    mean: Array
 
 
 class EvaluatedRow(NamedTuple):
@@ -44,13 +56,13 @@ class Innovations:
     Args:
         estimate: The estimate.
         chapter: Its rows and prior; the views in its buffer are replaced by those at this estimate.
-        before: The same from earlier chapters, None if there were none.
+        past: Rows of earlier chapters, None if there were none.
 
     Attributes:
         excess: Mean residuals of all gyros and velocity sensors, in standard deviations, shape (12 N,).
     """
 
-    def __init__(self, estimate: Estimate, chapter: Chapter, before: Innovations | None = None) -> None:
+    def __init__(self, estimate: Estimate, chapter: Chapter, past: Past | None = None) -> None:
         body, buffer, load = estimate.body, chapter.buffer, estimate.state.load
         if load is None:  # residuals of wrenches are not used then
             load = np.zeros(LOAD_SIZE)
@@ -70,11 +82,26 @@ class Innovations:
         self._body, self._matrix = body, np.vstack([see, whitened, body.motion_map[:MOTION_SIZE]])
         one = ROW_SIZE * body.count
         sums, self.excess = of_all.sums(one), np.zeros(KINEMATICS_SIZE * body.count)
-        number = float(sums[one])
-        mean = self.evaluate(sums / max(number, 1.0)).motion
+        rows = float(sums[one])
+        if past is not None:  # a mean over few rows would be as noisy as the rows that are tested
+            sums, rows = sums + past.rows * past.mean, rows + past.rows
+        self._rows, self._mean = rows, sums / max(rows, 1.0)
+        mean = self.evaluate(self._mean).motion
         self.excess = np.where(np.arange(len(mean)) % KINEMATICS_SIZE < TWIST.stop, mean, 0.0)
-        if before is not None:  # a mean over few rows would be as noisy as the rows that are tested
-            self.excess = (number * self.excess + ROWS_BEFORE * before.excess) / (number + ROWS_BEFORE)
+
+    @property
+    def past(self) -> Past:
+        """All rows up to now, for the next chapter. Their excess is evaluated at its estimates, which are better."""
+        return Past(min(self._rows, ROWS_BEFORE), self._mean)
+
+    @property
+    def past_before_slip(self) -> Past:
+        """The same with another mean, which has the present excess whatever the poses are."""
+        mean = np.zeros_like(self._mean)
+        mean[ROW_SIZE * self._body.count] = 1.0
+        by_robot = mean[: ROW_SIZE * self._body.count].reshape(-1, ROW_SIZE)
+        by_robot[:, :KINEMATICS_SIZE] = self.excess.reshape(-1, KINEMATICS_SIZE) / np.sqrt(self._body.weight)
+        return Past(min(self._rows, ROWS_BEFORE), mean)
 
     def evaluate(self, row: Array) -> EvaluatedRow:
         """Evaluate an extended row (X,)."""

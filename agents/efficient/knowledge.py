@@ -10,7 +10,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from coheft.agents.efficient.innovations import ROWS_BEFORE, Innovations
+from coheft.agents.efficient.innovations import ROWS_BEFORE, Innovations, Past
 from coheft.agents.efficient.row_times import MANY
 from coheft.agents.efficient.settings import Guards
 from coheft.estimation.geometry.spatial import Array, Pose
@@ -25,6 +25,8 @@ from coheft.estimation.moments.unknowns import Flags, State, Unknowns
 
 _PAGES_IN_MEMORY, _KEPT_ON_PAGE = 8, 2
 """A fading memory forgets in so many steps per time constant; each step keeps so many of the newest rows."""
+_LONGEST_FADING = 20.0
+"""After so many time constants without rows nothing is left of a load."""
 _LONGEST_PAGE_OF_DRIFT, _LONGEST_OF_DRIFT = 2.0, 10.0
 """Longest step of sensor drift [s]; fits are as frequent as if rows were kept only for the second time [s]."""
 _EXACT_UP_TO = 12
@@ -63,7 +65,7 @@ class Knowledge:
         self.buffer = RowBuffer(size, not self.is_exact)
         self._chapter = Chapter(self.buffer, settings, prior)
         self.estimate: Estimate | None = None
-        self._innovations_before: Innovations | None = None  # when the last chapter ended
+        self._past: Past | None = None  # when the last chapter ended
         self._next_fit, self._rows_before = 2 * self.least, 0
         if prior is not None:
             self._guess = prior.guess
@@ -162,7 +164,7 @@ class Knowledge:
                     state, chapter.evaluation(), chapter.prior_evidence, self._guess, self._settings, self._anchor
                 )
             )
-        self._next_fit = least
+        self._next_fit, self._rows_before = least, 0  # a load that is known from few rows is fitted often
 
     def before(self, place: int) -> tuple[Estimate, Prior]:
         """Return the estimate from the rows before a place, and the same as a prior; changes nothing here."""
@@ -173,22 +175,20 @@ class Knowledge:
         )
         return found, chapter.posterior(found, self._guess, evaluate)
 
-    def slipped(
-        self, prior: Prior, robot: int, rows: Iterable[tuple[int, Array]], innovations: Innovations
-    ) -> Knowledge:
+    def slipped(self, prior: Prior, robot: int, rows: Iterable[tuple[int, Array]], past: Past) -> Knowledge:
         """Return the knowledge from a prior and the rows since, if a grasp has slipped in between.
 
         Args:
             prior: What was known before the slip.
             robot: Index of the robot whose grasp has slipped; everything else stays the same.
             rows: Numbers and rows after the slip.
-            innovations: From before the slip.
+            past: Rows before the slip.
         """
         own = Unknowns(self._count, self._settings.errors).poses[robot]
         loosened = prior.with_process_noise(own, np.diag(np.square(SLIP)))
         anchor = (robot + 1) % self._count if robot == self._anchor else self._anchor
         found = Knowledge(self._count, anchor, self._settings, self._guards, loosened)
-        found._innovations_before = innovations
+        found._past = past
         for number, row in rows:
             found.buffer.add(number, row)
         found.fit()
@@ -205,16 +205,26 @@ class Knowledge:
 
     def fade(self) -> None:
         """End the chapter after a while and inflate its prior, for sensor drift and for a fading memory of the load."""
+        if self._page and not self.misses_poses and self.buffer.load_rows >= self._page:
+            self._end_page()
+
+    def bridge(self, seconds: float) -> None:
+        """Do the same for a time [s] without rows."""
+        estimate = self.estimate
+        if self._page and estimate is not None and not estimate.misses_poses and estimate.state.load is not None:
+            self._end_page(seconds)
+
+    def _end_page(self, missing: float = 0.0) -> None:
+        """End the chapter; inflate its prior for the time of its rows, and for one without rows [s]."""
         estimate, settings, buffer, chapter = self.estimate, self._settings, self.buffer, self._chapter
-        if not self._page or estimate is None or estimate.misses_poses or buffer.load_rows < self._page:
-            return
+        assert estimate is not None
         place = max(0, buffer.count - _KEPT_ON_PAGE)
-        seconds, theta = place * settings.period, estimate.body.unknowns.theta
-        self._innovations_before = self.innovations
+        seconds, theta = place * settings.period + missing, estimate.body.unknowns.theta
+        self._past = self.innovations.past
         chapter.end(estimate, self._guess, place)
         assert chapter.prior is not None  # ``end`` has set it
         if settings.memory is not None:
-            faded = math.expm1(seconds / settings.memory)
+            faded = math.expm1(min(seconds / settings.memory, _LONGEST_FADING))
             chapter.prior = chapter.prior.with_process_noise(theta, faded * estimate.covariance[theta, theta])
         if settings.drift.is_any:
             chapter.prior = chapter.prior.with_process_noise(*settings.drifted(estimate.body, seconds))
@@ -233,4 +243,4 @@ class Knowledge:
     def _set_estimate(self, estimate: Estimate) -> None:
         """Adopt an estimate and evaluate rows at it from now on."""
         self.estimate = estimate
-        self.innovations = Innovations(estimate, self._chapter, self._innovations_before)
+        self.innovations = Innovations(estimate, self._chapter, self._past)

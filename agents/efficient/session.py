@@ -82,7 +82,7 @@ class Session:
         self.total_wrench: Array | None = None
         self._undeclared = UndeclaredWatch(guards.undeclared_growth, rows(guards.undeclared_lasts))
         self._most_suspected = rows(guards.telling_apart)
-        self._small_steps = SmallSteps(rows(guards.shortest), guards.least_small_step)
+        self._shortest = rows(guards.shortest)
         self._before = list[Array]()  # theta before each change
         self._told_of = self._newest = -1  # the newest change that another robot has told of; the newest row
         self._begin(Knowledge(count, anchor, settings, guards, prior))
@@ -107,12 +107,19 @@ class Session:
         """Estimate of poses and load, None at first."""
         return self._known.estimate
 
-    def prior(self) -> Prior | None:
-        """Everything that is known, as the prior for another team of this robot; None if it cannot be relied upon."""
+    def prior(self, missing: float) -> Prior | None:
+        """Everything that is known, as the prior for another team of this robot; None if it cannot be relied upon.
+
+        Args:
+            missing: Time without rows until that team's first one [s].
+        """
         if self.stage is Stage.ESTIMATING and self._known.buffer.count and not self._look_for_change(self._newest):
             self._fit_and_judge()  # the newest rows have to be judged as well
         is_relied_upon = self.stage is Stage.ESTIMATING and self.undeclared is None and not self.is_suspected
-        return self._known.prior() if is_relied_upon else None
+        if not is_relied_upon:
+            return None
+        self._known.bridge(missing)
+        return self._known.prior()
 
     def claimable(self, estimate: Estimate) -> Estimate:
         """Return the estimate to publish: its covariance covers changes of the load that are not noticed yet."""
@@ -185,6 +192,7 @@ class Session:
         known, buffer, guards = self._known, self._known.buffer, self._guards
         if number > self._newest + 1 + self._waits:
             self._unconfirmed = self._confirming
+            known.bridge((number - self._newest - 1) * self._settings.period)
         self._newest = max(self._newest, number)
         if known.estimate is None:
             buffer.add(number, row)
@@ -310,13 +318,21 @@ class Session:
             if buffer.count < known.least:  # too few rows to find them
                 return False
             self._fit(before=buffer.start, keeps_motion=True)  # wrenches may be of another load
-        since, size, self.unnoticed = known.innovations.look_for_change(buffer, small=self._small_steps)
+        assert known.estimate is not None
+        load = known.estimate.state.load
+        small = None if load is None else SmallSteps(self._shortest, self._guards.least_small_step, load[THETA.start])
+        since, size, step = known.innovations.look_for_change(buffer, small=small)
+        if step is not None:
+            self.unnoticed = max(step, self._guards.small_step_fades * self.unnoticed)
         if size <= 1.0:
             self._unconfirmed = max(0, self._unconfirmed - 1)
             return False
         now = known.estimate
         if now is None or self._surprise(buffer.start + since, now) < self._guards.worth_a_fit:
-            return False  # uncertain poses may explain it, so it is neither a change nor a confirmation
+            if not self.is_confirmed:  # with better poses, new rows may fit what is known
+                self._fit()
+                self._pause = number + self._confirming
+            return False  # uncertain poses may explain it
         now = self._fit(before=buffer.start + since)
         place = buffer.start + known.innovations.look_for_change(buffer).place
         if now.state.load is None or self._surprise(place, now) <= 1.0:
@@ -363,4 +379,3 @@ class Session:
         self.stage = TRANSITIONS[self.stage, event]
         self._surprises, self._look_until = 0, -1
         self._forgot_at, self._unconfirmed = self._newest, 0
-        self.unnoticed = 0.0

@@ -80,6 +80,8 @@ class Guards:
         shortest: Shortest time over which small steps of the mass are searched [s]: larger ones are noticed by then.
         small_step: Probability that one stretch of rows shows a small step of the mass by chance; a look tests some ten
             stretches that overlap.
+        small_step_fades: Share of a small step that is still covered after another look without a significant one: a
+            step that is hardly visible is not significant in every look.
         drifting: A load that changes again so soon drifts [s].
         mistaken: Probability of taking a load change or a faulty sensor for a slip, or the other way round, if all are
             equally likely a priori: one cause has to be likelier than all others by this factor.
@@ -118,6 +120,7 @@ class Guards:
     mass: float = 1e-6
     shortest: float = 0.3
     small_step: float = 0.012
+    small_step_fades: float = 0.5
     drifting: float = 3.0
     mistaken: float = 6e-6
     telling_apart: float = 1.2

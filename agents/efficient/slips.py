@@ -78,7 +78,7 @@ class Suspicion:
         begin = max(place - _BEFORE, (buffer.start + place) // 2)
         self._now, self._prior = known.before(begin)
         self._covariance = known.covariance_now(self._now)
-        self._innovations = known.innovations
+        self._past = known.innovations.past_before_slip
         numbers = buffer.numbers[begin : buffer.count].tolist()
         self._rows = dict(zip(numbers, buffer.window(begin).copy(), strict=True))
         self._first = numbers[place - begin] if place < buffer.count else noticed
@@ -134,7 +134,7 @@ class Suspicion:
         assert cause.robot is not None
         numbers = [number for number in sorted(self._rows) if number >= cause.first]
         rows = [(number, self._rows[number]) for number in numbers]
-        found = known.slipped(self._prior, cause.robot, rows, self._innovations)
+        found = known.slipped(self._prior, cause.robot, rows, self._past)
         estimate = found.estimate
         assert estimate is not None
         before = self._now.state.poses[cause.robot]

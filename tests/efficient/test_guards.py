@@ -18,6 +18,7 @@ from coheft.estimation.moments.claims import claim_of
 from coheft.estimation.moments.fit_settings import FitSettings
 from coheft.estimation.moments.rows import FORCE, ROW_SIZE, TORQUE, A, RowNoise
 from coheft.estimation.rigid_body.mass_properties import point_mass
+from coheft.estimation.tolerance import SensorDrift
 from tests.efficient.rows import LOAD, PERIOD, POSES, made_up_rows
 
 SURE = 6.0
@@ -35,6 +36,7 @@ class Case:
         told: The noise that robots are told, in units of the true one.
         own: Which robot.
         missing: Rows that never come.
+        drift: Drift of torque sensors that robots are told [N·m per square root of a minute].
     """
 
     rows: Array
@@ -43,10 +45,12 @@ class Case:
     told: float = 1.0
     own: int = 0
     missing: range = range(0)
+    drift: float = 0.0
 
     def run(self, guards: Guards) -> tuple[Session, History]:
         noise = RowNoise.of_samples(SensorNoise().scaled(self.told), 20, 1000.0)
-        session = Session(len(POSES), self.own, FitSettings(noise, PERIOD), guards)
+        settings = FitSettings(noise, PERIOD, torque_offset=self.drift, drift=SensorDrift(torque=self.drift))
+        session = Session(len(POSES), self.own, settings, guards)
         history = History()
         for number, row in enumerate(self.rows):
             if number in self.missing:
@@ -100,6 +104,13 @@ def changed(share: float, before: int = 200, after: int = 100) -> tuple[Array, l
     return rows, [LOAD] * before + [load] * after
 
 
+def leaking(rate: float, before: int = 150, after: int = 250) -> tuple[Array, list[Array]]:
+    """Rows over a load that leaks [kg/s], and the true loads."""
+    loads = [LOAD] * before + [with_more(-rate * PERIOD * number / LOAD[0]) for number in range(after)]
+    parts = [made_up_rows(1, load=load, first=number) for number, load in enumerate(loads)]
+    return np.concatenate(parts), loads
+
+
 def slipped() -> Array:
     """Rows over grasps of two robots that slip by 5 cm at once."""
     aside = np.array([0.05, 0.0, 0.0])
@@ -122,6 +133,7 @@ CASES = {
     "mass": Case(off(200, 400, 400, 2, TORQUE.start, 0.125), lambda _, then: then.is_sure),
     "small_step": Case(changed(0.002)[0], lambda _, then: is_sure_after(then, 216), changed(0.002)[1]),
     "shortest": Case(changed(0.002)[0], lambda _, then: is_sure_after(then, 216), changed(0.002)[1]),
+    "small_step_fades": Case(leaking(0.004)[0], lambda _, then: max(then.errors) < 8.0, leaking(0.004)[1], drift=0.02),
     "waiting": Case(
         changed(0.01, after=60)[0], lambda _, then: then.is_sure, changed(0.01)[1], missing=range(180, 210)
     ),

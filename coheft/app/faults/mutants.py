@@ -114,6 +114,7 @@ SWITCHED_OFF = {
     "mass": 0.999,
     "small_step": 1e-300,
     "shortest": 1e9,
+    "small_step_fades": 0.0,
     "waiting": 1e9,
     "first_rows": 0.0,
 }

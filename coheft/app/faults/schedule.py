@@ -11,6 +11,7 @@ from msgspec import Meta
 from coheft.errors import ScenarioError
 from coheft.estimation.measurement import Positive
 from coheft.wire.scenario.file import complete_scenario
+from coheft.wire.scenario.former import as_present
 from coheft.wire.scenario.schema import Scenario
 from coheft.wire.scenario.section import NotNegative, Seed
 
@@ -258,13 +259,16 @@ def write_schedule(schedule: FaultSchedule, path: Path) -> None:
 
 
 def read_schedule(path: Path) -> FaultSchedule:
-    """Read a schedule.
+    """Read a schedule, also one that version 345a219 wrote.
 
     Raises:
         ScenarioError: The file cannot be read, or its schedule is invalid.
     """
     try:
-        schedule = msgspec.json.decode(path.read_bytes(), type=FaultSchedule)
+        table = msgspec.json.decode(path.read_bytes())
+        if isinstance(table, dict) and isinstance(table.get("scenario"), dict):
+            table["scenario"] = as_present(table["scenario"], f"{path}: scenario")
+        schedule = msgspec.convert(table, FaultSchedule)
     except OSError as error:
         raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from error
     except msgspec.DecodeError as error:

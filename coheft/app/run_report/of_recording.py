@@ -12,7 +12,7 @@ from coheft.app.results.report import RunInfo, build_report
 from coheft.app.run_report.folder import prepare_folder, write_folder
 from coheft.app.run_report.series import SeriesFollower
 from coheft.errors import RecordingError
-from coheft.wire.former_names import rename_sections
+from coheft.wire.scenario.former import as_present
 from coheft.wire.scenario.plugins import estimator_names
 from coheft.wire.scenario.schema import Scenario
 
@@ -55,9 +55,7 @@ def report_recording(path: Path, folder: Path) -> Path:
 
 def _scenario(path: Path, text: str) -> Scenario:
     try:
-        table = msgspec.json.decode(text)
-        rename_sections(table, str(path))
-        return msgspec.convert(table, Scenario)
+        return msgspec.convert(as_present(msgspec.json.decode(text), str(path)), Scenario)
     except (msgspec.MsgspecError, AttributeError, TypeError) as error:
         raise RecordingError(
             f"{path}: it does not say what was run, or not in the words of this release: {error}"

@@ -91,10 +91,12 @@ class SmallSteps(NamedTuple):
     Attributes:
         shortest: Least number of rows since the step.
         significant: Least square of its significance.
+        mass: The estimate of the mass, of all rows or only of older ones [kg].
     """
 
     shortest: int
     significant: float
+    mass: float
 
 
 class Look(NamedTuple):
@@ -103,13 +105,13 @@ class Look(NamedTuple):
     Attributes:
         place: Place of the first row after the likeliest change.
         size: Its statistic over the threshold for the probability ``FALSE_ALARM``.
-        step: By how much the mean of all rows is off if the mass has made the largest small step that is significant
-            [kg]; 0 if none is.
+        step: By how much the estimate of the mass is off if the mass has made the small step, among those that are
+            significant, that makes this largest [kg]; 0 if none is, None if there are too few rows.
     """
 
     place: int
     size: float
-    step: float
+    step: float | None
 
 
 def look_for_change(
@@ -129,7 +131,7 @@ def look_for_change(
     if is_known and count:
         windows = np.append(windows, count)
     if len(windows) == 0:
-        return Look(0, 0.0, 0.0)
+        return Look(0, 0.0, None)
     scores = _Scores.of(count - windows, views, before, weights)
     place, size = scores.likeliest(count - windows, weights)
     if size > 1.0:  # now exactly which row
@@ -137,8 +139,8 @@ def look_for_change(
         near = np.arange(max(1, int(newest / _RATIO)), min(count + is_known, int(newest * _RATIO) + 2))
         scores = _Scores.of(count - near, views, before, weights)
         place, size = scores.likeliest(count - near, weights)
-        return Look(place, size, 0.0)
-    return Look(place, size, 0.0 if small is None else scores.small_step(small, weights))
+        return Look(place, size, None)
+    return Look(place, size, None if small is None else scores.small_step(small, weights))
 
 
 def surprise(newest: Evidence, covariance: Array, theta: slice) -> float:
@@ -218,22 +220,25 @@ class _Scores(NamedTuple):
         best = int(statistics.argmax())
         return int(places[best]), float(statistics[best]) / chi_square_threshold(len(tested), FALSE_ALARM)
 
-    def small_step(self, small: SmallSteps, weights: Weights) -> float:
+    def small_step(self, small: SmallSteps, weights: Weights) -> float | None:
         """Return ``Look.step``.
 
         With ``x`` another kilogram at the centre of mass, the step at a row and its significance are
 
             step = x^T S_k / (x^T V_k x),    z^2 = (x^T S_k)^2 / (x^T V_k x) ~ chi-square with 1 degree of freedom
+
+        The newest rows show the mass of all rows and the share ``1 - x^T H_k x / x^T H x`` of the step.
         """
         is_long = self.counts[:-1] >= small.shortest
         if not is_long.any() or not self.load[THETA.start] > 0.0:
-            return 0.0
+            return None
         kilogram = _kilogram(self.load)
         score, spread = (each.ravel() for each in self.along(kilogram[None], weights))
         is_significant = is_long & (score**2 >= small.significant * spread)
         informations = kilogram @ self.matrices[:, THETA, THETA] @ kilogram
-        steps = np.abs(score) / spread * (1.0 - informations[:-1] / informations[-1])
-        return float(np.max(steps, where=is_significant, initial=0.0))
+        steps = score / spread * (1.0 - informations[:-1] / informations[-1])
+        off = np.abs(self.load[THETA.start] + steps - small.mass)
+        return float(np.max(off, where=is_significant, initial=0.0))
 
 
 def spread_mass(theta: Array, size: float) -> Array:
