@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from coheft.errors import MessageError
 from coheft.wire.messages import codec
 from coheft.wire.messages.codec import decode, encode
-from coheft.wire.messages.frame import PROTOCOL_VERSION, Seal
+from coheft.wire.messages.frame import PROTOCOL_VERSION, Seal, Start
 from coheft.wire.messages.requests import Request
 from coheft.wire.messages.structs import Hello, Measurements, Message, Reference, Stop
 from tests.fuzz.any_message import KEY, KINDS, SEAL, fields_of, name_of, of_version, plain, values, with_fields
@@ -130,7 +130,7 @@ def test_fields_may_name_arrays_in_any_order() -> None:
     frame = SEAL.unwrapped(sound, "message")
     fields = msgspec.msgpack.encode(dict(reversed(fields_of(sound).items())))
     shapes = frame.shapes[-12:] + frame.shapes[:-12]
-    swapped = SEAL.wrapped(frame.code, 7, 3, fields, shapes, [reference.wrench, reference.motion])
+    swapped = SEAL.wrapped(frame.code, 7, 3, Start.of(fields, shapes), [reference.wrench, reference.motion])
     for _ in range(2):
         assert plain(decode(swapped, Reference, KEY)) == plain(reference)
 
@@ -157,15 +157,15 @@ def test_a_list_that_changes_after_it_was_sent_is_sent_as_it_is() -> None:
 def test_what_is_in_a_header_has_to_be_for_its_kind() -> None:
     frame = SEAL.unwrapped(encode(Stop(reason="over"), KEY), "message")
     with pytest.raises(MessageError, match="not a Stop: its header has 3 for a field that this kind does not have"):
-        decode(SEAL.wrapped(frame.code, 3, 0, frame.fields, b"", []), Stop, KEY)
+        decode(SEAL.wrapped(frame.code, 3, 0, Start.of(frame.fields, b""), []), Stop, KEY)
     with pytest.raises(MessageError, match="not a Hello: it is a Stop"):
         decode(encode(Stop(reason="over"), KEY), Hello, KEY)
     with pytest.raises(MessageError, match="not a Stop: it is a message of kind 99"):
-        decode(SEAL.wrapped(99, 0, 0, frame.fields, b"", []), Stop, KEY)
+        decode(SEAL.wrapped(99, 0, 0, Start.of(frame.fields, b""), []), Stop, KEY)
     other = Seal("run-2/agent/r1/block")
     other.seed = SEAL.seed
     with pytest.raises(MessageError, match="its header has run"):
-        decode(other.wrapped(frame.code, 0, 0, frame.fields, b"", []), Stop, KEY)
+        decode(other.wrapped(frame.code, 0, 0, Start.of(frame.fields, b""), []), Stop, KEY)
 
 
 def test_no_two_kinds_have_the_same_code() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import struct
-from functools import lru_cache
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -36,12 +36,11 @@ class Places(NamedTuple):
     size: int
 
 
-@lru_cache(maxsize=1024)
-def described(shapes: tuple[tuple[np.dtype[Any], tuple[int, ...]], ...]) -> bytes:
-    """Encode types and shapes as words: for each array its type's code, its number of dimensions, its dimensions."""
+def described(arrays: Iterable[AnyArray]) -> bytes:
+    """Encode types and shapes as words: for each array its type, its number of dimensions, and its dimensions."""
     words: list[int] = []
-    for dtype, shape in shapes:
-        words += CODES[dtype], len(shape), *shape
+    for array in arrays:
+        words += CODES[array.dtype], array.ndim, *array.shape
     return struct.pack(f"<{len(words)}I", *words)
 
 
@@ -63,12 +62,3 @@ def places_of(shapes: bytes) -> Places:
         end += padded(DTYPES[code].itemsize * math.prod(shape))
         at += 2 + dimensions
     return Places(tuple(places), end)
-
-
-_known = lru_cache(maxsize=256)(places_of)
-_SHORT = 256
-
-
-def known_places(shapes: bytes) -> Places:
-    """Return the same as ``places_of``, faster for shapes that are repeated."""
-    return _known(shapes) if len(shapes) <= _SHORT else places_of(shapes)
