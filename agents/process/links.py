@@ -128,14 +128,15 @@ class AgentLinks:
         Raises:
             Stopped: The server has ended the run.
         """
-        match event:
-            case Received(_, Stop()):
+        if isinstance(event, Received):  # by far the most events
+            if isinstance(event.message, Stop):
                 raise Stopped
-            case Received(source, message):
-                try:
-                    take(source, message)
-                except MessageError as error:
-                    self.problems.tell(f"refused from {source}: {error}")
+            try:
+                take(event.source, event.message)
+            except MessageError as error:
+                self.problems.tell(f"refused from {event.source}: {error}")
+            return None
+        match event:
             case Refused(source, error):
                 self.problems.tell(f"refused from {source}: {error}")
             case LinkChange() if event.session == self._server.session:
