@@ -203,7 +203,9 @@ class AgentProcess:
         Raises:
             Stopped: The server has ended the run.
         """
-        event = self._outside.receive(max(0.0, min(wait, self._next_check - time.monotonic())))
+        if wait > 0.0:
+            wait = max(0.0, min(wait, self._next_check - time.monotonic()))
+        event = self._outside.receive(wait)
         if event is None:
             if time.monotonic() >= self._next_check:
                 self._check_links()

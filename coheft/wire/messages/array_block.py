@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Iterable
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -62,3 +63,12 @@ def places_of(shapes: bytes) -> Places:
         end += padded(DTYPES[code].itemsize * math.prod(shape))
         at += 2 + dimensions
     return Places(tuple(places), end)
+
+
+_known = lru_cache(maxsize=256)(places_of)
+_SHORT = 512
+
+
+def known_places(shapes: bytes) -> Places:
+    """Return the same as ``places_of``, faster for shapes that are repeated."""
+    return _known(shapes) if len(shapes) <= _SHORT else places_of(shapes)

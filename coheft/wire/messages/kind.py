@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, cast
 import msgspec
 import numpy as np
 
-from coheft.wire.messages.array_block import CODES, DOUBLE, AnyArray, Places, described, places_of
+from coheft.wire.messages.array_block import CODES, DOUBLE, AnyArray, Places, described, known_places
 from coheft.wire.messages.frame import HEADER, Frame, Seal, Start, padded
 from coheft.wire.messages.structs import Message
 
@@ -173,7 +173,7 @@ class Kind:
         Raises:
             ValueError, msgspec.DecodeError, struct.error, RecursionError: The frame is invalid.
         """
-        places = places_of(frame.shapes)
+        places = known_places(frame.shapes)
         if places.size != len(frame.arrays):
             raise ValueError(f"its arrays take {places.size} bytes but there are {len(frame.arrays)}")
         # A copy of all arrays, so that none keeps the message alive and all are aligned like other arrays: sums over
