@@ -275,7 +275,8 @@ class AgentProcess:
         """
         check_field("robot", message.robot, self._name)
         check_field("samples.shape", message.samples.shape, (self._config.agent.block, SAMPLE_SIZE))
-        if (estimator := self._estimator_for(message)) not in (usable := usable_in_run(self._config.agent.estimator)):
+        estimator = self._estimator_for(message)
+        if estimator != self._estimator and estimator not in (usable := usable_in_run(self._config.agent.estimator)):
             raise MessageError(f"estimator is {estimator!r} but expected one of {', '.join(usable)}")
         if message.world != self._world:
             if self._world is not None:
