@@ -154,6 +154,26 @@ def test_a_list_that_changes_after_it_was_sent_is_sent_as_it_is() -> None:
     assert decode(encode(hello, KEY), Hello, KEY).heard == ["r2", "r3"]
 
 
+def test_arrays_of_other_types_are_sent_in_double_precision_every_time() -> None:
+    measurements = Measurements(robot="r1", block=7, samples=np.ones((2, 15)))
+    for dtype in (np.float16, np.bool_, np.dtype(">f8"), np.float16, np.float64):
+        sent = msgspec.structs.replace(measurements, samples=measurements.samples.astype(dtype))
+        assert plain(decode(encode(sent, KEY), Measurements, KEY)) == plain(measurements)
+
+
+def test_known_bytes_with_another_border_between_fields_and_shapes_are_refused() -> None:
+    sound = encode(Measurements(robot="r1", block=7, samples=np.ones((2, 15))), KEY)
+    decode(sound, Measurements, KEY)
+    frame = SEAL.unwrapped(sound, "message")
+    start = Start.of(frame.fields, frame.shapes)
+    moved = start._replace(size=start.size - 4, words=start.words + 1)
+    arrays = [np.frombuffer(frame.arrays, np.uint8)]
+    with pytest.raises(MessageError, match="not a Measurements"):
+        decode(SEAL.wrapped(frame.code, 7, 0, moved, arrays), Measurements, KEY)
+    with pytest.raises(MessageError, match="its arrays take 240 bytes but there are 224"):
+        decode(SEAL.wrapped(frame.code, 7, 0, start, [arrays[0][16:]]), Measurements, KEY)
+
+
 def test_what_is_in_a_header_has_to_be_for_its_kind() -> None:
     frame = SEAL.unwrapped(encode(Stop(reason="over"), KEY), "message")
     with pytest.raises(MessageError, match="not a Stop: its header has 3 for a field that this kind does not have"):
@@ -162,6 +182,11 @@ def test_what_is_in_a_header_has_to_be_for_its_kind() -> None:
         decode(encode(Stop(reason="over"), KEY), Hello, KEY)
     with pytest.raises(MessageError, match="not a Stop: it is a message of kind 99"):
         decode(SEAL.wrapped(99, 0, 0, Start.of(frame.fields, b""), []), Stop, KEY)
+    hello = encode(Hello(sender="r1", heard=[]), KEY)
+    decode(hello, Hello, KEY)
+    known = SEAL.unwrapped(hello, "message")
+    with pytest.raises(MessageError, match="not a Hello: its header has 3 for a field that this kind does not have"):
+        decode(SEAL.wrapped(known.code, 3, 0, Start.of(known.fields, b""), []), Hello, KEY)
     other = Seal("run-2/agent/r1/block")
     other.seed = SEAL.seed
     with pytest.raises(MessageError, match="its header has run"):
