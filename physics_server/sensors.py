@@ -53,7 +53,9 @@ class Sensors:
         for stream in self._streams:
             stream.random(SAMPLE_SIZE)  # earlier releases drew errors here; this keeps the noise of a seed the same
         self._errors = errors
-        self._missing = [np.repeat([s in own.missing for s in SENSORS], 3) for own in scenario.robot_sensors()]
+        self._is_exact = bool((errors.matrices == np.eye(3)).all())
+        missing = (np.repeat([s in own.missing for s in SENSORS], 3) for own in scenario.robot_sensors())
+        self._missing = {robot: columns for robot, columns in enumerate(missing) if columns.any()}
         self._deviations = np.array([own.noise.per_column() for own in scenario.robot_sensors()])[:, None]
         self._wander = scenario.sensor_drift.per_column() / np.sqrt(60.0 * scenario.sensors.rate)
         self._wanders = [np.random.default_rng(seed.spawn(2)[1]) for seed in seeds] if self._wander.any() else []
@@ -89,10 +91,12 @@ class Sensors:
             wandered[:] = walk[-1]
         exact = self._grasps.displaced(np.concatenate([kinematics, wrenches], axis=2).swapaxes(0, 1))
         exact = self._delayed(exact)
-        exact = exact.reshape(count, samples, -1, 3, 1)
-        measured += (self._errors.matrices[:, None] @ exact).reshape(measured.shape)
-        for rows, columns in zip(measured, self._missing, strict=True):
-            rows[:, columns] = 0.0
+        if not self._is_exact:
+            vectors = exact.reshape(count, samples, -1, 3, 1)
+            exact = (self._errors.matrices[:, None] @ vectors).reshape(measured.shape)
+        measured += exact
+        for robot, columns in self._missing.items():
+            measured[robot][:, columns] = 0.0
         return measured
 
     def begin_anew(self, robot: int) -> None:

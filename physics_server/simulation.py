@@ -22,6 +22,7 @@ from coheft.physics_server.loads import Loads
 from coheft.physics_server.scene import PAYLOAD, PAYLOAD_HOME, build_model, home_name
 from coheft.physics_server.sensor_errors import SensorErrors
 from coheft.physics_server.sensors import READINGS, Sensors
+from coheft.physics_server.stepping import step
 from coheft.wire.messages.scene import BoxShape, Scene
 from coheft.wire.messages.structs import Measurements, Reference
 from coheft.wire.messages.truth import LoadState, PayloadTruth, Truth
@@ -36,9 +37,6 @@ from coheft.wire.scenario.strength import SETTLING_TIME, Strength
 
 if TYPE_CHECKING:
     from coheft.physics_server.arms.encoders import Encoders, WristSamples
-
-_FREE_JOINT = 7
-"""Length of a free body's position; the payload's comes first."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,23 +54,6 @@ class BlockResult:
     truth: Truth
     problems: tuple[str, ...] = ()
     wrists: WristSamples | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class _Readings:
-    """Exact readings of the engine at the B samples of a block.
-
-    Attributes:
-        positions: Position and quaternion of the payload, shape (B, 7).
-        kinematics: ``(w, v, a)`` of each grasp frame, shape (B, N, 9).
-        forces: Forces that the arms exert, see ``Arms.readings``, shape (B, read_size).
-        rotations: Rotations of the grasp frames in the world, shape (B, N, 3, 3).
-    """
-
-    positions: Array
-    kinematics: Array
-    forces: Array
-    rotations: Array
 
 
 class Simulation:
@@ -238,10 +219,11 @@ class Simulation:
         self._let_grasps_slip()
         controls = self._arms.controls(references)
         check_controls(controls, self._arms.pushed, self._names, self._now)
-        readings = self._step(controls)
+        readings = step(self.model, self.data, self._arms, controls, self._scenario.sensors.block)
         ends = (self.block + 1) * self._scenario.block_duration
         check_held(readings.positions[-1], (readings.kinematics, readings.forces), ends)
-        wrenches = self._arms.wrenches(readings.forces, readings.rotations, self._home_rotations)
+        rotations = readings.rotations[:, None] @ self._grasps.rotations
+        wrenches = self._arms.wrenches(readings.forces, rotations, self._home_rotations)
         kinematics = readings.kinematics
         if not self._is_holding.all():
             kinematics = np.where(self._is_holding[:, None], kinematics, self._at_rest)
@@ -253,19 +235,19 @@ class Simulation:
         truth = self._truth(readings.positions[-1], samples[:, -1])
         self._loads.leak(self._scenario.block_duration)
         self.block += 1
-        return BlockResult(measurements, truth, problems, self._measure_wrists(readings, wrenches))
+        return BlockResult(measurements, truth, problems, self._measure_wrists(readings.positions, rotations, wrenches))
 
-    def _measure_wrists(self, readings: _Readings, wrenches: Array) -> WristSamples | None:
+    def _measure_wrists(self, payload: Array, rotations: Array, wrenches: Array) -> WristSamples | None:
         if self._encoders is None:
             return None
-        rotations = self._home_rotations.swapaxes(-1, -2) @ readings.rotations
         from_body = np.array([-pose.inverse().translation for pose in self._grasps.poses])
         from_body = from_body + self._compliances[:, None] * wrenches[..., :3]
-        positions = readings.positions[:, None, :3] + np.einsum("bnij,bnj->bni", readings.rotations, from_body)
+        positions = payload[:, None, :3] + np.einsum("bnij,bnj->bni", rotations, from_body)
+        from_home = self._home_rotations.swapaxes(-1, -2) @ rotations
         return self._encoders.measure(
             positions=np.einsum("nji,bnj->bni", self._home_rotations, positions - self._home_positions),
-            rotations=rotations,
-            forces=np.einsum("bnij,bnj->bni", rotations, wrenches[..., :3]),
+            rotations=from_home,
+            forces=np.einsum("bnij,bnj->bni", from_home, wrenches[..., :3]),
         )
 
     def _change_loads(self) -> tuple[str, ...]:
@@ -287,36 +269,6 @@ class Simulation:
             self._grasps.slip(slip.robot, slip.pose())
             self._arms.move_grasp(slip.robot, self._grasps.poses[number])
             self._sensors.begin_anew(number)
-
-    def _step(self, controls: Array) -> _Readings:
-        """Step the engine through one block, with controls of shape (steps, 6 N)."""
-        model, data, drive, step = self.model, self.data, self._arms.drive, mujoco.mj_step
-        data.qfrc_applied[:] = 0.0
-        count, samples = len(self._names), self._scenario.sensors.block
-        positions = np.empty((samples, _FREE_JOINT))
-        rotations = np.empty((samples, 9))
-        kinematics = np.empty((samples, count * READINGS))
-        forces = np.empty((samples, self._arms.read_size))
-        # Views, made once: the engine makes a new one at every access.
-        position, quaternion = data.qpos[:_FREE_JOINT], data.qpos[3:_FREE_JOINT]
-        readings, exerted = data.sensordata[: count * READINGS], self._arms.readings()
-        for sample, (first, *others) in enumerate(controls.reshape(samples, -1, controls.shape[-1])):
-            drive(first)
-            positions[sample] = position
-            mujoco.mju_quat2Mat(rotations[sample], quaternion)
-            step(model, data)
-            # Sensor readings, and with Euler's method all derived quantities, are of the state before the step.
-            kinematics[sample] = readings
-            forces[sample] = exerted
-            for control in others:
-                drive(control)
-                step(model, data)
-        return _Readings(
-            positions,
-            kinematics.reshape(samples, count, READINGS),
-            forces,
-            rotations.reshape(samples, 1, 3, 3) @ self._grasps.rotations,
-        )
 
     def _truth(self, position: Array, samples: Array) -> Truth:
         """Return the truth at the block's last sample, from the payload's position (7,) and the measurements (N,

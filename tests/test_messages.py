@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from coheft.errors import MessageError
 from coheft.wire.messages import codec
 from coheft.wire.messages.codec import decode, encode
-from coheft.wire.messages.frame import PROTOCOL_VERSION, Seal
+from coheft.wire.messages.frame import PROTOCOL_VERSION, Seal, Start
 from coheft.wire.messages.requests import Request
 from coheft.wire.messages.structs import Hello, Measurements, Message, Reference, Stop
 from tests.fuzz.any_message import KEY, KINDS, SEAL, fields_of, name_of, of_version, plain, values, with_fields
@@ -130,7 +130,7 @@ def test_fields_may_name_arrays_in_any_order() -> None:
     frame = SEAL.unwrapped(sound, "message")
     fields = msgspec.msgpack.encode(dict(reversed(fields_of(sound).items())))
     shapes = frame.shapes[-12:] + frame.shapes[:-12]
-    swapped = SEAL.wrapped(frame.code, 7, 3, fields, shapes, [reference.wrench, reference.motion])
+    swapped = SEAL.wrapped(frame.code, 7, 3, Start.of(fields, shapes), [reference.wrench, reference.motion])
     for _ in range(2):
         assert plain(decode(swapped, Reference, KEY)) == plain(reference)
 
@@ -154,18 +154,43 @@ def test_a_list_that_changes_after_it_was_sent_is_sent_as_it_is() -> None:
     assert decode(encode(hello, KEY), Hello, KEY).heard == ["r2", "r3"]
 
 
+def test_arrays_of_other_types_are_sent_in_double_precision_every_time() -> None:
+    measurements = Measurements(robot="r1", block=7, samples=np.ones((2, 15)))
+    for dtype in (np.float16, np.bool_, np.dtype(">f8"), np.float16, np.float64):
+        sent = msgspec.structs.replace(measurements, samples=measurements.samples.astype(dtype))
+        assert plain(decode(encode(sent, KEY), Measurements, KEY)) == plain(measurements)
+
+
+def test_known_bytes_with_another_border_between_fields_and_shapes_are_refused() -> None:
+    sound = encode(Measurements(robot="r1", block=7, samples=np.ones((2, 15))), KEY)
+    decode(sound, Measurements, KEY)
+    frame = SEAL.unwrapped(sound, "message")
+    start = Start.of(frame.fields, frame.shapes)
+    moved = start._replace(size=start.size - 4, words=start.words + 1)
+    arrays = [np.frombuffer(frame.arrays, np.uint8)]
+    with pytest.raises(MessageError, match="not a Measurements"):
+        decode(SEAL.wrapped(frame.code, 7, 0, moved, arrays), Measurements, KEY)
+    with pytest.raises(MessageError, match="its arrays take 240 bytes but there are 224"):
+        decode(SEAL.wrapped(frame.code, 7, 0, start, [arrays[0][16:]]), Measurements, KEY)
+
+
 def test_what_is_in_a_header_has_to_be_for_its_kind() -> None:
     frame = SEAL.unwrapped(encode(Stop(reason="over"), KEY), "message")
     with pytest.raises(MessageError, match="not a Stop: its header has 3 for a field that this kind does not have"):
-        decode(SEAL.wrapped(frame.code, 3, 0, frame.fields, b"", []), Stop, KEY)
+        decode(SEAL.wrapped(frame.code, 3, 0, Start.of(frame.fields, b""), []), Stop, KEY)
     with pytest.raises(MessageError, match="not a Hello: it is a Stop"):
         decode(encode(Stop(reason="over"), KEY), Hello, KEY)
     with pytest.raises(MessageError, match="not a Stop: it is a message of kind 99"):
-        decode(SEAL.wrapped(99, 0, 0, frame.fields, b"", []), Stop, KEY)
+        decode(SEAL.wrapped(99, 0, 0, Start.of(frame.fields, b""), []), Stop, KEY)
+    hello = encode(Hello(sender="r1", heard=[]), KEY)
+    decode(hello, Hello, KEY)
+    known = SEAL.unwrapped(hello, "message")
+    with pytest.raises(MessageError, match="not a Hello: its header has 3 for a field that this kind does not have"):
+        decode(SEAL.wrapped(known.code, 3, 0, Start.of(known.fields, b""), []), Hello, KEY)
     other = Seal("run-2/agent/r1/block")
     other.seed = SEAL.seed
     with pytest.raises(MessageError, match="its header has run"):
-        decode(other.wrapped(frame.code, 0, 0, frame.fields, b"", []), Stop, KEY)
+        decode(other.wrapped(frame.code, 0, 0, Start.of(frame.fields, b""), []), Stop, KEY)
 
 
 def test_no_two_kinds_have_the_same_code() -> None:

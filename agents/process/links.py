@@ -37,6 +37,7 @@ class AgentLinks:
     """An agent's links: one session for each party that it dials, and one per plane for incoming connections.
 
     Attributes:
+        receive: Returns the next event, see ``Inbox.receive``.
         ready: Sends to the server.
         reference: Sends to the server.
         hello: Sends to all neighbours.
@@ -55,7 +56,8 @@ class AgentLinks:
         largest: int,
     ) -> None:
         name, others, keys = config.agent.name, config.agent.neighbours, Keys(config.run)
-        self._inbox = inbox = Inbox()
+        inbox = Inbox()
+        self.receive = inbox.receive
         self.ready = Sender(None, keys.robot(name, "ready"), may_drop=False)
         self.reference = Sender(None, keys.robot(name, "reference"), may_drop=False)
         self.hello = Sender(None, keys.agent(name, "hello"), may_drop=False)
@@ -112,10 +114,6 @@ class AgentLinks:
         self.estimate = Sender(observers, keys.observe_agent(name, "estimate"), may_drop=True)
         self.problems = ProblemLog(name, Sender(observers, keys.observe_agent(name, "problem"), may_drop=True))
 
-    def receive(self, timeout: float | None = None) -> Event | None:
-        """Return the next event, or None if there is none within ``timeout`` [s] (None: wait without limit)."""
-        return self._inbox.receive(timeout)
-
     def sort(
         self, event: Event | None, take: Callable[[str, Message], None]
     ) -> LinkChange | Presence | DisturbRequest | None:
@@ -128,16 +126,17 @@ class AgentLinks:
         Raises:
             Stopped: The server has ended the run.
         """
-        match event:
-            case Received(_, Stop()):
+        if isinstance(event, Received):  # by far the most events
+            if isinstance(event.message, Stop):
                 raise Stopped
-            case Received(source, message):
-                try:
-                    take(source, message)
-                except MessageError as error:
-                    self.problems.tell(f"refused from {source}: {error}")
-            case Refused(source, error):
-                self.problems.tell(f"refused from {source}: {error}")
+            try:
+                take(event.source, event.message)
+            except MessageError as error:
+                self.problems.tell(f"refused from {event.source}: {error}")
+            return None
+        match event:
+            case Refused(source, reason):
+                self.problems.tell(f"refused from {source}: {reason}")
             case LinkChange() if event.session == self._server.session:
                 return event
             case Presence() if event.session == self._session_with(event.source):

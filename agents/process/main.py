@@ -166,8 +166,10 @@ class AgentProcess:
             self._agent.set_holding(self._is_holding, self._block)
         messages = [message for link in self._links.values() for message in link.take_messages(self._block)]
         outbox = self._agent.step(self._block, MeasurementBlock(self._block, measurements.samples), messages)
-        gossip = self._records.signed(outbox.message.gossip)
-        self._outside.message.send(structs.replace(outbox.message, gossip=gossip))
+        message = outbox.message
+        if message.gossip:
+            message = structs.replace(message, gossip=self._records.signed(message.gossip))
+        self._outside.message.send(message)
         if outbox.estimate is not None:
             said = outbox.estimate.status, tuple(outbox.estimate.reasons)
             if self._last_estimate is None or said != (self._last_estimate.status, tuple(self._last_estimate.reasons)):
@@ -201,7 +203,9 @@ class AgentProcess:
         Raises:
             Stopped: The server has ended the run.
         """
-        event = self._outside.receive(max(0.0, min(wait, self._next_check - time.monotonic())))
+        if wait > 0.0:
+            wait = max(0.0, min(wait, self._next_check - time.monotonic()))
+        event = self._outside.receive(wait)
         if event is None:
             if time.monotonic() >= self._next_check:
                 self._check_links()
@@ -215,7 +219,10 @@ class AgentProcess:
         Raises:
             Stopped: The server has ended the run.
         """
-        match self._outside.sort(event, self._take):
+        change = self._outside.sort(event, self._take)
+        if change is None:
+            return
+        match change:
             case LinkChange(links=count):
                 self._handle_server_links(count)
             case Presence(source, is_here):
@@ -247,8 +254,9 @@ class AgentProcess:
                     self._take_measurements(message)
             case NeighbourMessage():
                 check_field("sender", message.sender, source)
-                gossip = self._records.believed(message.gossip, lambda text: self._refuse(source, text))
-                message = structs.replace(message, gossip=gossip)
+                if message.gossip:
+                    gossip = self._records.believed(message.gossip, lambda text: self._refuse(source, text))
+                    message = structs.replace(message, gossip=gossip)
                 self._links[source].take_message(message, self._next_block, time.monotonic())
             case Hello():
                 check_field("sender", message.sender, source)
@@ -267,7 +275,8 @@ class AgentProcess:
         """
         check_field("robot", message.robot, self._name)
         check_field("samples.shape", message.samples.shape, (self._config.agent.block, SAMPLE_SIZE))
-        if (estimator := self._estimator_for(message)) not in (usable := usable_in_run(self._config.agent.estimator)):
+        estimator = self._estimator_for(message)
+        if estimator != self._estimator and estimator not in (usable := usable_in_run(self._config.agent.estimator)):
             raise MessageError(f"estimator is {estimator!r} but expected one of {', '.join(usable)}")
         if message.world != self._world:
             if self._world is not None:

@@ -5,6 +5,7 @@ Structs with the name of an estimator call ``keep_present`` on creation, so that
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 import msgspec
@@ -17,6 +18,7 @@ SECTIONS = {"seed_method": "fan2017"}
 """Present names of sections of a scenario, by earlier name."""
 
 
+@lru_cache(maxsize=64)
 def present(estimator: str) -> str:
     """Return the present name of an estimator, or of several with commas between."""
     return ",".join(PRESENT.get(name, name) for name in map(str.strip, estimator.split(",")))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import struct
+from collections.abc import Iterable
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -36,12 +37,11 @@ class Places(NamedTuple):
     size: int
 
 
-@lru_cache(maxsize=1024)
-def described(shapes: tuple[tuple[np.dtype[Any], tuple[int, ...]], ...]) -> bytes:
-    """Encode types and shapes as words: for each array its type's code, its number of dimensions, its dimensions."""
+def described(arrays: Iterable[AnyArray]) -> bytes:
+    """Encode types and shapes as words: for each array its type, its number of dimensions, and its dimensions."""
     words: list[int] = []
-    for dtype, shape in shapes:
-        words += CODES[dtype], len(shape), *shape
+    for array in arrays:
+        words += CODES[array.dtype], array.ndim, *array.shape
     return struct.pack(f"<{len(words)}I", *words)
 
 
@@ -66,7 +66,7 @@ def places_of(shapes: bytes) -> Places:
 
 
 _known = lru_cache(maxsize=256)(places_of)
-_SHORT = 256
+_SHORT = 512
 
 
 def known_places(shapes: bytes) -> Places:

@@ -63,12 +63,12 @@ class Reader(Generic[M]):
             MessageError: The bytes are damaged, were sent under another key (for instance in another run), are another
                 message, or have another protocol version.
         """
-        message = self._of_known_fields(data)
+        message = self._of_known_start(data)
         return cast(M, self._in_words(data) if message is None else message)
 
-    def _of_known_fields(self, data: bytes) -> Message | None:
-        """Decode a message whose fields are known from an earlier one; return None otherwise, also for invalid
-        bytes.
+    def _of_known_start(self, data: bytes) -> Message | None:
+        """Decode a message whose fields and shapes are known from an earlier one; return None otherwise, also for
+        invalid bytes.
         """
         if len(data) < HEADER.size:
             return None
@@ -79,10 +79,7 @@ class Reader(Generic[M]):
         if zlib.crc32(memoryview(data)[CHECKSUM.size :], self._seal.seed) != checksum:
             return None
         first = HEADER.size + size
-        try:
-            return kind.of_known_fields(data, first, first + words * WORD, block, number)
-        except MALFORMED:
-            return None
+        return kind.of_known_start(data, first, first + words * WORD, block, number)
 
     def _in_words(self, data: bytes) -> Message:
         """Decode a message step by step, with an error that names the problem."""

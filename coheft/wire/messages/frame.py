@@ -12,7 +12,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Iterable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy.typing as npt
 
@@ -50,6 +50,26 @@ class Frame(NamedTuple):
     arrays: memoryview
 
 
+class Start(NamedTuple):
+    """All of a message between its header and its arrays.
+
+    Attributes:
+        size: Size of the fields [B].
+        words: Number of words of the shapes.
+        data: Fields, shapes and the zeros after them.
+    """
+
+    size: int
+    words: int
+    data: bytes
+
+    @classmethod
+    def of(cls, fields: bytes, shapes: bytes) -> Self:
+        """Join fields and shapes."""
+        size = len(fields) + len(shapes)
+        return cls(len(fields), len(shapes) // WORD, b"".join((fields, shapes, _ZEROS[-size % ALIGNMENT])))
+
+
 class Seal:
     """Checksums that belong to one key.
 
@@ -61,13 +81,10 @@ class Seal:
     def __init__(self, key: str) -> None:
         self.run, self.seed = zlib.crc32(key.partition("/")[0].encode()), zlib.crc32(key.encode())
 
-    def wrapped(
-        self, code: int, block: int, number: int, fields: bytes, shapes: bytes, arrays: Iterable[npt.NDArray[Any]]
-    ) -> bytes:
+    def wrapped(self, code: int, block: int, number: int, start: Start, arrays: Iterable[npt.NDArray[Any]]) -> bytes:
         """Return a message as bytes, see ``Frame``; arrays have to be little-endian."""
-        words, size = len(shapes) // WORD, len(fields)
-        header = HEADER.pack(0, PROTOCOL_VERSION, code, words, self.run, size, block, number)
-        parts = [header[CHECKSUM.size :], fields, shapes, _ZEROS[-(size + len(shapes)) % ALIGNMENT]]
+        header = HEADER.pack(0, PROTOCOL_VERSION, code, start.words, self.run, start.size, block, number)
+        parts = [header[CHECKSUM.size :], start.data]
         for array in arrays:
             data = array.tobytes()
             parts.append(data)

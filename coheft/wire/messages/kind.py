@@ -1,7 +1,7 @@
 """Encoding and decoding of the messages of one kind, without the header.
 
-In kinds that are sent in every block, the fields other than arrays hardly ever change: they are encoded, decoded and
-validated once, and then looked up.
+In kinds that are sent in every block, the fields other than arrays and the arrays' shapes hardly ever change: they are
+encoded, decoded and validated once, and then looked up.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from typing import Any, NamedTuple, cast
 import msgspec
 import numpy as np
 
-from coheft.wire.messages.array_block import CODES, DOUBLE, AnyArray, described, known_places, places_of
-from coheft.wire.messages.frame import HEADER, Frame, Seal, padded
+from coheft.wire.messages.array_block import CODES, DOUBLE, AnyArray, Places, described, known_places
+from coheft.wire.messages.frame import HEADER, Frame, Seal, Start, padded
 from coheft.wire.messages.structs import Message
 
 MALFORMED = (msgspec.DecodeError, ValueError, struct.error, RecursionError)
@@ -22,21 +22,28 @@ MALFORMED = (msgspec.DecodeError, ValueError, struct.error, RecursionError)
 _NEXT_ARRAY = msgspec.msgpack.Ext(1, b"")
 """Placeholder of an array among the fields: the first one stands for the first array, and so on."""
 _KNOWN = 256
-"""Largest number of fields of a kind that are kept: enough for the records of all robots that neighbours forward."""
+"""Largest number of starts of a kind that are kept: enough for the records of all robots that neighbours forward."""
 _LONGEST_KNOWN = 2**13
-"""Longer fields are not kept [B]."""
+"""Longer starts are not kept [B]."""
 
 
 class _Known(NamedTuple):
-    """Fields that were decoded before.
+    """The start of messages that was decoded before.
 
     Attributes:
+        first: End of the fields [B].
+        begin: Offset of the first array [B].
+        end: Size of the message [B].
         constants: The fields that are not arrays.
-        names: For each array the field, and if the field is a dictionary of arrays, the key.
+        arrays: For each array the field, the key if the field is a dictionary of arrays, type, shape, and offset from
+            the first one [B].
     """
 
+    first: int
+    begin: int
+    end: int
     constants: dict[str, Any]
-    names: list[tuple[str, str | None]]
+    arrays: list[tuple[str, str | None, np.dtype[Any], tuple[int, ...], int]]
 
 
 class Kind:
@@ -65,7 +72,7 @@ class Kind:
             kw_only=True,
         )
         self._known: dict[bytes, _Known] = {}
-        self._written: dict[object, bytes] = {}
+        self._written: dict[object, Start] = {}
 
     # --- to bytes ---
 
@@ -75,17 +82,15 @@ class Kind:
         number = getattr(message, self._number) if self._number else 0
         arrays: list[AnyArray] = []
         if self.kind.is_steady:
-            fields = self._known_fields(message, arrays)
+            start = self._known_start(message, arrays)
         else:
-            fields = self._encoded(message, arrays)
-        for place, array in enumerate(arrays):
-            if array.dtype not in CODES:
-                arrays[place] = array.astype(DOUBLE)
-        shapes = described(tuple([(array.dtype, array.shape) for array in arrays])) if arrays else b""
-        return seal.wrapped(self.kind.code, block, number, fields, shapes, arrays)
+            start = self._start(self._encoded(message, arrays), arrays)
+        return seal.wrapped(self.kind.code, block, number, start, arrays)
 
-    def _known_fields(self, message: Message, arrays: list[AnyArray]) -> bytes:
-        """Return the same as ``_encoded``, for a kind whose arrays are fields, or values of dictionaries."""
+    def _known_start(self, message: Message, arrays: list[AnyArray]) -> Start:
+        """Append a message's arrays to ``arrays`` and return its start, for a kind whose arrays are fields, or values
+        of dictionaries.
+        """
         key: list[object] = []
         for name in self._constants:
             value = getattr(message, name)
@@ -96,17 +101,29 @@ class Kind:
             table = getattr(message, name)
             key += table
             arrays += table.values()
+        for array in arrays:
+            key.append(array.dtype)
+            key.append(array.shape)
+        known = tuple(key)
         try:
-            fields = self._written.get(tuple(key))
+            start = self._written.get(known)
         except TypeError:  # not hashable, for instance a list within a list
-            return self._encoded(message, [])
-        if fields is None:
-            fields = self._encoded(message, [])
-            if len(fields) <= _LONGEST_KNOWN:
+            return self._start(self._encoded(message, []), arrays)
+        if start is None:
+            is_sent_as_is = all(array.dtype in CODES for array in arrays)
+            start = self._start(self._encoded(message, []), arrays)
+            if is_sent_as_is and len(start.data) <= _LONGEST_KNOWN:
                 if len(self._written) >= _KNOWN:
                     self._written.clear()
-                self._written[tuple(key)] = fields
-        return fields
+                self._written[known] = start
+        return start
+
+    def _start(self, fields: bytes, arrays: list[AnyArray]) -> Start:
+        """Convert arrays of other types to double precision, in place, and return the start of their message."""
+        for place, array in enumerate(arrays):
+            if array.dtype not in CODES:
+                arrays[place] = array.astype(DOUBLE)
+        return Start.of(fields, described(arrays))
 
     def _encoded(self, message: Message, arrays: list[AnyArray]) -> bytes:
         """Return the encoded fields of a message, and append its arrays to ``arrays``."""
@@ -117,14 +134,14 @@ class Kind:
             arrays.append(value)
             return _NEXT_ARRAY
 
-        # Arrays come last: first those that are fields, then dictionaries, in the order of ``_known_fields``.
+        # Arrays come last: first those that are fields, then dictionaries, in the order of ``_known_start``.
         names = (*self._constants, *self._arrays, *self._tables)
         return msgspec.msgpack.Encoder(enc_hook=next_array).encode({name: getattr(message, name) for name in names})
 
     # --- from bytes ---
 
-    def of_known_fields(self, data: bytes, first: int, end: int, block: int, number: int) -> Message | None:
-        """Return the message if its fields, which end at ``first``, were decoded before, else None.
+    def of_known_start(self, data: bytes, first: int, end: int, block: int, number: int) -> Message | None:
+        """Return the message if a message with the same start was decoded before, else None.
 
         Args:
             data: Bytes with a valid checksum.
@@ -133,22 +150,21 @@ class Kind:
             block: ``block`` in the header.
             number: ``number`` in the header.
         """
-        known = self._known.get(data[HEADER.size : first])
-        if known is None:
+        known = self._known.get(data[HEADER.size : end])
+        if known is None or known.first != first or known.end != len(data):
             return None
-        places = known_places(data[first:end])
-        arrays = bytearray(memoryview(data)[padded(end) :])
-        if len(places.each) != len(known.names) or places.size != len(arrays):
-            return None
+        arrays = bytearray(memoryview(data)[known.begin :])
         values = known.constants.copy()
         for name in self._tables:
             values[name] = {}
-        for (name, inner), (dtype, shape, begin) in zip(known.names, places.each, strict=True):
+        for name, inner, dtype, shape, begin in known.arrays:
             array: AnyArray = np.ndarray(shape, dtype, arrays, begin)
             if inner is None:
                 values[name] = array
             else:
                 values[name][inner] = array
+        if (block and self._block is None) or (number and self._number is None):
+            return None
         return self._with_header(values, block, number)
 
     def decode(self, frame: Frame) -> Message:
@@ -157,7 +173,7 @@ class Kind:
         Raises:
             ValueError, msgspec.DecodeError, struct.error, RecursionError: The frame is invalid.
         """
-        places = places_of(frame.shapes)
+        places = known_places(frame.shapes)
         if places.size != len(frame.arrays):
             raise ValueError(f"its arrays take {places.size} bytes but there are {len(frame.arrays)}")
         # A copy of all arrays, so that none keeps the message alive and all are aligned like other arrays: sums over
@@ -179,14 +195,14 @@ class Kind:
         if next(left, None) is not None:
             raise ValueError(f"it names fewer than its {len(arrays)} arrays")
         values = {name: getattr(fields, name) for name in self._names}
-        if self.kind.is_steady and len(frame.fields) <= _LONGEST_KNOWN:
+        if self.kind.is_steady and len(frame.fields) + len(frame.shapes) <= _LONGEST_KNOWN:
             if len(self._known) >= _KNOWN:
                 self._known.clear()
-            self._known[frame.fields] = self._to_known(values, arrays)
+            self._known[frame.fields + frame.shapes] = self._to_known(frame, values, arrays, places)
         return self._with_header(values, frame.block, frame.number)
 
-    def _to_known(self, values: dict[str, Any], arrays: list[AnyArray]) -> _Known:
-        """Return the fields in the form that is kept, with the order in which they name arrays.
+    def _to_known(self, frame: Frame, values: dict[str, Any], arrays: list[AnyArray], places: Places) -> _Known:
+        """Return the start in the form that is kept, with the order in which it names arrays.
 
         Raises:
             ValueError: Two arrays have the same name.
@@ -196,8 +212,15 @@ class Kind:
             names |= {id(array): (table, name) for name, array in values[table].items()}
         if len(names) != len(arrays):
             raise ValueError(f"it has {len(arrays)} arrays but {len(names)} names for them")
-        constants = {name: values[name] for name in self._constants}
-        return _Known(constants, [names[id(array)] for array in arrays])
+        first = HEADER.size + len(frame.fields)
+        begin = padded(first + len(frame.shapes))
+        return _Known(
+            first=first,
+            begin=begin,
+            end=begin + places.size,
+            constants={name: values[name] for name in self._constants},
+            arrays=[(*names[id(array)], *place) for array, place in zip(arrays, places.each, strict=True)],
+        )
 
     def _with_header(self, values: dict[str, Any], block: int, number: int) -> Message:
         """Return the message with these fields and those from the header.

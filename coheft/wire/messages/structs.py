@@ -53,8 +53,7 @@ class Measurements(Message, frozen=True):
         robot: The robot whose sensors they are from.
         block: Index of the block; grows, with gaps if blocks were missed.
         samples: Shape (B, 15).
-        world: Number of the simulated world. A new number means that the server has restarted: everything learned in
-            the old world is invalid.
+        world: Number of the simulated world; a new one means that the server has restarted, and all learned is void.
         attempt: ``attempt`` of the robot's ``Ready``; measurements of an earlier attempt are not used.
         holding: Whether its hand held the payload during the block.
         estimator: Estimator to use from this block on, the same for all robots; empty for that of its configuration.
@@ -318,11 +317,7 @@ class Estimate(Message, frozen=True):
 
 
 class EstimateBeside(Message, frozen=True):
-    """Agent to observers: an estimate of an estimator that runs beside the robot's own, on the same samples.
-
-    Attributes:
-        estimate: The estimate, which names its estimator.
-    """
+    """Agent to observers: an estimate made beside the robot's own, on the same samples, by the estimator it names."""
 
     code: ClassVar[int] = 22
 

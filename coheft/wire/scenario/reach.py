@@ -6,6 +6,8 @@ held by N springs, the payload moves by an N-th of the displacement, and at most
 
 from __future__ import annotations
 
+import operator
+
 import numpy as np
 
 from coheft.wire.messages.structs import Reference
@@ -40,14 +42,15 @@ class Reach:
         self.position_delay = max(d_t / k_t, _LONGEST_SAMPLE)
         self._delay = np.repeat([self.rotation_delay, self.position_delay], 3)
         self._displacement = np.repeat([MAX_ROTATION, MAX_POSITION], 3)
-        self._wrench = np.repeat([k_t * MAX_POSITION, k_r * MAX_ROTATION], 3)  # wrenches name the force first
+        self._wrench = [k_t * MAX_POSITION] * 3 + [k_r * MAX_ROTATION] * 3  # wrenches name the force first
+        self._surely = float((self._displacement / (1.0 + self._delay)).min())  # of displacement and rate alike
 
     def excess(self, reference: Reference) -> str | None:
-        """Describe why the arm cannot follow a reference of the right shapes; None if it can."""
-        motion, wrench = np.abs(reference.motion), np.abs(reference.wrench)
+        """Describe why the arm cannot follow a reference of the right shapes, finite or not; None if it can."""
+        motion, wrench = np.abs(reference.motion), [abs(each) for each in reference.wrench.tolist()]
+        if motion.max() <= self._surely and all(map(operator.le, wrench, self._wrench)):
+            return None  # nearly always, and faster than what follows
         asked = motion[:, :6] + self._delay * motion[:, 6:]
-        if (asked <= self._displacement).all() and (wrench <= self._wrench).all():
-            return None
         parts = (
             ("motion", asked.max(axis=0), self._displacement, ("rad", "m")),
             ("wrench", wrench, self._wrench, ("N", "N·m")),

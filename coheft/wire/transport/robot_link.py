@@ -13,7 +13,13 @@ from coheft.wire.messages.structs import Measurements, Message, Ready, Reference
 from coheft.wire.transport.inbox import Inbox
 from coheft.wire.transport.sessions import Keys, Sender
 
-_MOTION_SIZE = 12
+_MOTION_SIZE, _WRENCH_SHAPE = 12, (6,)
+
+
+def _not_finite(reference: Reference) -> str | None:
+    if is_finite(reference.motion) and is_finite(reference.wrench):
+        return None
+    return f"the reference of block {reference.block} is not finite"
 
 
 class RobotLink:
@@ -27,7 +33,7 @@ class RobotLink:
         world: Number of the simulated world; a new number makes agents restart.
         lag: Number of blocks from a measurement to the reference that answers it.
         block: Samples per block.
-        excess: Describes why an arm cannot follow a finite reference; returns None if it can.
+        excess: Describes why an arm cannot follow a reference, finite or not; returns None if it can.
 
     Attributes:
         name: The robot's name.
@@ -49,7 +55,7 @@ class RobotLink:
         world: int,
         lag: int,
         block: int,
-        excess: Callable[[Reference], str | None] = lambda _: None,
+        excess: Callable[[Reference], str | None] = _not_finite,
     ) -> None:
         self.name = name
         self.is_ready = False
@@ -116,6 +122,15 @@ class RobotLink:
             self.answered = self._sent
 
     def _check(self, reference: Reference) -> None:
+        is_right = (
+            reference.robot == self.name
+            and self.answered < reference.answers <= self._sent
+            and reference.block == reference.answers + self._lag
+            and reference.motion.shape == self._motion_shape
+            and reference.wrench.shape == _WRENCH_SHAPE
+        )
+        if is_right:
+            return
         check_field("robot", reference.robot, self.name)
         if not self.owes_answer:
             raise MessageError(f"answers is {reference.answers} but block {self._sent} has already been answered")
@@ -125,7 +140,7 @@ class RobotLink:
             )
         check_field("block", reference.block, reference.answers + self._lag)
         check_field("motion.shape", reference.motion.shape, self._motion_shape)
-        check_field("wrench.shape", reference.wrench.shape, (6,))
+        check_field("wrench.shape", reference.wrench.shape, _WRENCH_SHAPE)
 
     def _keep(self, reference: Reference) -> None:
         """Keep a reference for its block. One that no arm can follow counts as an answer, but is not used.
@@ -133,9 +148,9 @@ class RobotLink:
         Raises:
             MessageError: It is the first of a series that no arm can follow.
         """
-        excess: str | None = f"the reference of block {reference.block} is not finite"
-        if is_finite(reference.motion) and is_finite(reference.wrench):
-            excess = self._excess(reference)
+        excess = self._excess(reference)
+        if excess is not None:
+            excess = _not_finite(reference) or excess
         self._references[reference.block] = reference if excess is None else None
         was_refused, self.is_refused = self.is_refused, excess is not None
         if excess is not None and not was_refused:
@@ -146,8 +161,9 @@ class RobotLink:
         return self.is_ready and block >= self.joined + self._lag and block not in self._references
 
     def take_reference(self, block: int) -> Reference | None:
-        """Return the robot's reference of a block, None if there is no usable one; earlier blocks' are deleted."""
-        self._references = {index: other for index, other in self._references.items() if index >= block}
+        """Return the robot's reference of a block, None if there is no usable one; earlier ones may be deleted."""
+        if len(self._references) > 2 * self._lag:
+            self._references = {index: other for index, other in self._references.items() if index >= block}
         return self._references.get(block)
 
     def send_measurements(self, measurements: Measurements, estimator: str = "") -> None:
