@@ -14,9 +14,13 @@ from coheft.agents.efficient.innovations import ROWS_BEFORE, Innovations, Past
 from coheft.agents.efficient.row_times import MANY
 from coheft.agents.efficient.settings import Guards
 from coheft.estimation.geometry.spatial import Array, Pose
+from coheft.estimation.moments.change import surprise
 from coheft.estimation.moments.chapter import Chapter, Prior
+from coheft.estimation.moments.derivatives import MotionDerivatives
 from coheft.estimation.moments.fit import Estimate, EvaluateMoments, fit_state
 from coheft.estimation.moments.fit_settings import FitSettings, Guess
+from coheft.estimation.moments.likelihood import wrench_evidence
+from coheft.estimation.moments.moments import RowMoments, wrench_moments
 from coheft.estimation.moments.row_buffer import RowBuffer
 from coheft.estimation.moments.start import first_load, first_poses, poses_by_motion
 from coheft.estimation.moments.suspects import SLIP
@@ -202,6 +206,33 @@ class Knowledge:
         result = now.covariance.copy()
         result[np.ix_(places, places)] += drifted
         return result
+
+    def surprise(self, place: int, now: Estimate) -> float:
+        """Return the statistic of a load change at this row over its threshold; allows for all uncertainty.
+
+        Args:
+            place: Of the first row of the other load.
+            now: The fit to the rows before.
+        """
+        load = now.state.load
+        assert load is not None
+        moments = wrench_moments(now.body, RowMoments.of(self.buffer.window(place)))
+        newest = wrench_evidence(now.body, MotionDerivatives.at(now.body), moments, load)
+        return surprise(newest, self.covariance_now(now), now.body.unknowns.theta)
+
+    def first_change(self, place: int, now: Estimate) -> tuple[int, Estimate]:
+        """Return where the load changed first, if it changed before this place as well, and the fit to the rows before.
+
+        Args:
+            place: Of the first row after a change.
+            now: The fit to the rows before.
+        """
+        found = self.innovations.look_for_change(self.buffer, place)
+        while found.size > 1.0 and 0 < found.place < place - self.buffer.start:
+            place = self.buffer.start + found.place
+            now = self.fit(before=place)
+            found = self.innovations.look_for_change(self.buffer, place)
+        return place, now
 
     def fade(self) -> None:
         """End the chapter after a while and inflate its prior, for sensor drift and for a fading memory of the load."""

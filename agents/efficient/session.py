@@ -15,20 +15,15 @@ from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.monitor import Monitor
 from coheft.agents.efficient.settings import Guards
 from coheft.agents.efficient.slips import Slip, Suspicion
-from coheft.agents.efficient.small_steps import cover_drift, cover_step
+from coheft.agents.efficient.small_steps import UnnoticedStep, cover_drift
 from coheft.agents.efficient.stages import TRANSITIONS, Event, Stage
 from coheft.agents.efficient.undeclared_watch import UndeclaredWatch
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.body import FORCING_SIZE
-from coheft.estimation.moments.change import SmallSteps, surprise
 from coheft.estimation.moments.chapter import Prior
-from coheft.estimation.moments.derivatives import MotionDerivatives
-from coheft.estimation.moments.evidence import Evidence
 from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.fit_settings import FitSettings
-from coheft.estimation.moments.likelihood import wrench_evidence
 from coheft.estimation.moments.misfit import KnownLoad
-from coheft.estimation.moments.moments import RowMoments, wrench_moments
 from coheft.estimation.moments.undeclared import UndeclaredError
 from coheft.estimation.moments.unknowns import THETA
 
@@ -51,7 +46,6 @@ class Session:
         slips: Slips of grasps, oldest first.
         suspect: Index of a robot whose motion sensors contradict the others at present, or None.
         verdict: Verdict on the last fit.
-        unnoticed: Mass by which the load may have changed without being noticed yet [kg].
         total_wrench: Total wrench about the origin of the body frame [N, N·m], mean over the newest row, shape (6,);
             None before the first row.
     """
@@ -82,7 +76,7 @@ class Session:
         self.total_wrench: Array | None = None
         self._undeclared = UndeclaredWatch(guards.undeclared_growth, rows(guards.undeclared_lasts))
         self._most_suspected = rows(guards.telling_apart)
-        self._shortest = rows(guards.shortest)
+        self._steps = UnnoticedStep(rows(guards.shortest), guards)
         self._before = list[Array]()  # theta before each change
         self._told_of = self._newest = -1  # the newest change that another robot has told of; the newest row
         self._begin(Knowledge(count, anchor, settings, guards, prior))
@@ -96,7 +90,7 @@ class Session:
         self.suspect: int | None = None
         self._load_before: KnownLoad | None = None  # before the oldest change that may still be a sensor's fault
         self._surprises, self._look_until, self._pause = 0, -1, -1
-        self.unnoticed = 0.0
+        self._steps.size = 0.0
         self._unconfirmed = 0  # so many rows must still fit what was known
         self._doubted_at, self._contradicted_at = -1, -self._confirming
         self._forgot_at = -self._calm
@@ -124,7 +118,12 @@ class Session:
     def claimable(self, estimate: Estimate) -> Estimate:
         """Return the estimate to publish: its covariance covers changes of the load that are not noticed yet."""
         rows = self._known.buffer.load_rows
-        return cover_drift(cover_step(estimate, self.unnoticed), self._before, self.changes, rows, self._drifting)
+        return cover_drift(self._steps.cover(estimate), self._before, self.changes, rows, self._drifting)
+
+    @property
+    def unnoticed(self) -> float:
+        """Mass by which the load may have changed without being noticed yet [kg]."""
+        return self._steps.size
 
     @property
     def undeclared(self) -> UndeclaredError | None:
@@ -318,28 +317,25 @@ class Session:
             if buffer.count < known.least:  # too few rows to find them
                 return False
             self._fit(before=buffer.start, keeps_motion=True)  # wrenches may be of another load
-        assert known.estimate is not None
-        load = known.estimate.state.load
-        small = None if load is None else SmallSteps(self._shortest, self._guards.least_small_step, load[THETA.start])
-        since, size, step = known.innovations.look_for_change(buffer, small=small)
-        if step is not None:
-            self.unnoticed = max(step, self._guards.small_step_fades * self.unnoticed)
+        now = known.estimate
+        assert now is not None
+        since, size, step = known.innovations.look_for_change(buffer, small=self._steps.sought(now))
+        self._steps.take(step)
         if size <= 1.0:
             self._unconfirmed = max(0, self._unconfirmed - 1)
             return False
-        now = known.estimate
-        if now is None or self._surprise(buffer.start + since, now) < self._guards.worth_a_fit:
+        if known.surprise(buffer.start + since, now) < self._guards.worth_a_fit:
             if not self.is_confirmed:  # with better poses, new rows may fit what is known
                 self._fit()
                 self._pause = number + self._confirming
             return False  # uncertain poses may explain it
         now = self._fit(before=buffer.start + since)
         place = buffer.start + known.innovations.look_for_change(buffer).place
-        if now.state.load is None or self._surprise(place, now) <= 1.0:
+        if now.state.load is None or known.surprise(place, now) <= 1.0:
             self._pause = number + buffer.count - place  # until there are twice as many rows
             self._fit()
             return False
-        place, now = self._with_changes_before(place, now)
+        place, now = known.first_change(place, now)
         load, theta = now.state.load, now.body.unknowns.theta
         assert load is not None
         self._suspect(place, is_load=True)
@@ -349,26 +345,6 @@ class Session:
             self._load_before = KnownLoad(load, now.covariance[theta, theta])
         self._forget_load(place, Event.LOAD_CHANGED, now)
         return True
-
-    def _with_changes_before(self, place: int, now: Estimate) -> tuple[int, Estimate]:
-        """Return where the load changed first, if it has changed several times, and the fit to the rows before."""
-        known, buffer = self._known, self._known.buffer
-        found = known.innovations.look_for_change(buffer, place)
-        while found.size > 1.0 and 0 < found.place < place - buffer.start:
-            place = buffer.start + found.place
-            now = self._fit(before=place)
-            found = known.innovations.look_for_change(buffer, place)
-        return place, now
-
-    def _surprise(self, place: int, now: Estimate) -> float:
-        """Return the statistic of a load change at this row over its threshold; allows for all uncertainty."""
-        return surprise(self._evidence(place, now), self._known.covariance_now(now), now.body.unknowns.theta)
-
-    def _evidence(self, place: int, now: Estimate) -> Evidence:
-        """Evidence of the wrenches of all rows from a place on."""
-        moments = wrench_moments(now.body, RowMoments.of(self._known.buffer.window(place)))
-        assert now.state.load is not None
-        return wrench_evidence(now.body, MotionDerivatives.at(now.body), moments, now.state.load)
 
     def _forget_load(self, place: int, event: Event, now: Estimate) -> None:
         """Estimate the load anew from the row at this place on."""

@@ -10,8 +10,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from coheft.agents.efficient.settings import Guards
 from coheft.estimation.geometry.spatial import Array
-from coheft.estimation.moments.change import spread_mass
+from coheft.estimation.moments.change import SmallSteps, spread_mass
 from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.unknowns import THETA
 
@@ -23,14 +24,39 @@ _NOT_YET, _SINCE = 0.25, 0.5
 """Standard deviation of a drift, as shares of its last step: at once, and after the time from one step to the next."""
 
 
-def cover_step(estimate: Estimate, step: float) -> Estimate:
-    """Return an estimate whose covariance covers a step of the mass [kg] that may have occurred."""
-    load, theta = estimate.state.load, estimate.body.unknowns.theta
-    if load is None or step == 0.0:
-        return estimate
-    seen = estimate.seen.copy()
-    seen[theta, theta] += (_COVER * step) ** 2 * spread_mass(load[THETA], estimate.size)
-    return replace(estimate, seen=seen)
+class UnnoticedStep:
+    """The step of the mass that may have occurred without having been noticed yet.
+
+    Args:
+        shortest: Least number of rows since the step.
+        guards: Thresholds.
+
+    Attributes:
+        size: By how much the estimate of the mass may be off [kg].
+    """
+
+    def __init__(self, shortest: int, guards: Guards) -> None:
+        self._shortest, self._significant, self._fades = shortest, guards.least_small_step, guards.small_step_fades
+        self.size = 0.0
+
+    def sought(self, estimate: Estimate) -> SmallSteps | None:
+        """Which steps a test for a change has to look for; None without a load."""
+        load = estimate.state.load
+        return None if load is None else SmallSteps(self._shortest, self._significant, load[THETA.start])
+
+    def take(self, found: float | None) -> None:
+        """Process what such a test has found, see ``Look.step``."""
+        if found is not None:
+            self.size = max(found, self._fades * self.size)
+
+    def cover(self, estimate: Estimate) -> Estimate:
+        """Return an estimate whose covariance covers the step."""
+        load, theta = estimate.state.load, estimate.body.unknowns.theta
+        if load is None or self.size == 0.0:
+            return estimate
+        seen = estimate.seen.copy()
+        seen[theta, theta] += (_COVER * self.size) ** 2 * spread_mass(load[THETA], estimate.size)
+        return replace(estimate, seen=seen)
 
 
 def cover_drift(
