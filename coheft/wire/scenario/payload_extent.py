@@ -98,11 +98,12 @@ class Extent:
         """Check that mass properties from a file can be those of something with the shapes in it.
 
         Raises:
-            ScenarioError: The centre of mass is too far outside, or moments of inertia are of something far larger.
+            ScenarioError: The centre of mass is too far outside, or moments of inertia are of something far larger or
+                smaller.
         """
         self.check_position(place, "the centre of mass", properties.com)
         length = Extent.like(properties).length
-        if length > _UNSEEN * self.length:
+        if not self.length / _UNSEEN**2 < length < _UNSEEN * self.length:
             raise ScenarioError(
                 f"{place}: its moments of inertia are those of a box {length:.3g} m long, but its shapes are "
                 f"{self.length:.3g} m long: moments of inertia are in kg·m²"
