@@ -17,7 +17,7 @@ from coheft.estimation.batch.recording import Recording, RobotRecord, Truth
 from coheft.estimation.geometry.spatial import Pose
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.rigid_body.mass_properties import Inertia
-from coheft.wire.data.checks import COLUMNS
+from coheft.wire.data.checks import COLUMNS, gravity_of
 from coheft.wire.data.file import read_recording, write_recording
 
 CHANNELS = tuple(COLUMNS)
@@ -152,7 +152,10 @@ def test_npz_files_that_cannot_be_used_are_refused(tmp_path: Path, changes: dict
     [
         ("t,wx,wy\n0,1,2\n", "'twist' lacks columns wz, vx, vy, vz"),
         ("t,speed\n0,1\n", "column 'speed' is unknown"),
-        ("t,ax,ay,az\n0,1,2\n", "line 2: found 3 values, expected 4"),
+        ("t,ax,ay,az\n0,1,2\n", "line 2: found 3 values, expected 4: one for each name in the first line"),
+        ("t,ax,ay,az\n0,1,2,3\n0.1,1,nan,3\n", "line 3, column 'ay': found 'nan' .in all, 1 values are not finite"),
+        ("t,ax,ay,az\n0,1,2,3\n\n0.1,1,2,3\n0.1,1,2,3\n", "line 5 is of 0.1, the one before of 0.1 .in all, 1 "),
+        ("t,ax,ay,az,T\n0,1,2,3,20\n", "columns t, T all are t"),
         ("t,ax,ay,az\n0,1,2,three\n", "line 2, column 'az': found 'three'; expected a number such as 1.5"),
         ("t,ax,ay,az\n", "expected a line with the names of columns, then numbers"),
         ("ax,ay,az\n1,2,3\n", "'t' of r1 is missing"),
@@ -191,17 +194,29 @@ def test_csv_files_of_other_programs_are_refused_with_advice(tmp_path: Path, tex
         "t,ax,ay,az,\n0,1,2,3,\n0.1,1,2,4,\n",
         " t , ax, ay ,az\n 0 , 1,2, 3\n0.1,1,2,4 \n , , ,\n",
         "t,ax,ay,az\n0,1,2,3,\n0.1,1,2,4\n",
+        "Time,AX,AY,AZ\n0,1,2,3\n0.1,1,2,4\n",
         "# taken on Monday\n# t,ax,ay,az\n0,1,2,3\n0.1,1,2,4\n# the end\n",
     ],
-    ids=["blank lines", "commas at the end", "spaces", "some commas at the end", "comments"],
+    ids=["blank lines", "commas at the end", "spaces", "some commas at the end", "capitals", "comments"],
 )
 @pytest.mark.parametrize("name", ["r1.csv", "r1.CSV"])
 def test_csv_files_as_people_write_them(tmp_path: Path, name: str, text: str) -> None:
     (tmp_path / name).write_text(text)
+    (tmp_path / "._r1.csv").write_bytes(b"\x00\x05\x16\x07")  # of another system's archives
     (tmp_path / "r2.csv").write_text(text)
     robot = read_recording(tmp_path).robots["r1"]
     np.testing.assert_array_equal(robot.time, [0.0, 0.1])
     np.testing.assert_array_equal(robot.acceleration, [[1.0, 2.0, 3.0], [1.0, 2.0, 4.0]])
+
+
+@pytest.mark.parametrize(("size", "is_refused"), [(1.0, True), (9810.0, True), (1.62, False), (0.0, False)])
+def test_gravity_is_that_of_planets(size: float, is_refused: bool) -> None:
+    gravity = np.array([0.0, 0.0, -size])
+    if is_refused:
+        with pytest.raises(RecordingError, match=r"'gravity' is .* m/s², expected about 9.81"):
+            gravity_of(gravity)
+    else:
+        assert gravity_of(gravity) is gravity
 
 
 def test_two_files_of_one_robot_are_refused(tmp_path: Path) -> None:
