@@ -36,6 +36,8 @@ _CLOSE = 10.0
 """Faults whose gains differ by less are nearly equally likely."""
 _HIDING = (Cause.OFFSET, Cause.LEVER, Cause.SCALE, Cause.FORCE_SCALE, Cause.CLOCK, Cause.GRAVITY)
 """Faults that sensors may well have without being noticed."""
+_OF_CALIBRATION = (Cause.COMPENSATED, Cause.TIME)
+"""Faults that small calibration errors look like: no misfit, no fault."""
 _LEVEL, _SURE = 0.5, 6.0
 """Home frames are not level if they differ by more than this angle [degrees] and this multiple of its deviation."""
 
@@ -61,8 +63,9 @@ def judge_forces(evidence: Evidence, assumed: str | None) -> Verdict:
     found = suspects.all()
     if assumed == Cause.FORCE_SCALE:
         found += [forces_instead(one) for one in found if is_unit_of_all(one)]
-    sure = [one for one in found if one.gain > _GAIN]
-    if not sure and not (plain.excess > _EXCESS and misfit.share() > _SHARE):
+    is_misfit = plain.excess > _EXCESS
+    sure = [one for one in found if one.gain > _GAIN and (is_misfit or one.cause not in _OF_CALIBRATION)]
+    if not sure and not (is_misfit and misfit.share() > _SHARE):
         return _accepted(evidence, plain, found, assumed)
     silent = missing_axis(recording, FORCES) or silent_sensor(recording, evidence.cutoff)
     if silent is not None:
@@ -125,7 +128,7 @@ def _confirmed(suspects: Sequence[Suspect], evidence: Evidence, homes: Array) ->
     nearly equally likely faults, those are chosen whose correction makes the robots' sensors most alike.
     """
     confirmed: list[tuple[tuple[int, bool], Suspect]] = []
-    for suspect in suspects[:_CONFIRMED]:
+    for suspect in sorted(suspects, key=_is_odd)[:_CONFIRMED]:
         if (confirmed and suspect.gain < confirmed[0][1].gain - _CLOSE) or suspect.cause not in MENDABLE:
             break
         name = None if suspect.robot is None else evidence.recording.names[suspect.robot]
