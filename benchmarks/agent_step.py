@@ -1,12 +1,10 @@
 """Costs of a step of a whole agent: CPU time, calls and bytes, per estimator, also against another checkout.
 
-    python -m benchmarks.agent_step [--json FILE] [--teams 6,24] [--seconds S] [--estimators NAME,...] [--against PATH]
-
 Rings at 1 kHz with 20 samples a block run from their start, without a load change. The physics is computed once; every
 estimator gets the same samples, in a separate process, in turns of ten blocks. A whole agent decodes its measurements
 and its neighbours' messages, steps, and encodes its reference, its message, and its report if one is due. 'none' is an
-agent whose estimator does nothing. PATH is another checkout of coheft, for instance a git worktree of an older version:
-its agents alternate with ours on the same samples.
+agent whose estimator does nothing. With --against PATH, agents of another checkout of coheft, for instance a git
+worktree of an older version, alternate with ours on the same samples.
 
 The JSON has a table for each number of robots, which has one for each estimator:
 
@@ -25,7 +23,6 @@ The JSON has a table for each number of robots, which has one for each estimator
 
 from __future__ import annotations
 
-import argparse
 import math
 import os
 import subprocess
@@ -42,12 +39,12 @@ import numpy as np
 
 from benchmarks import agent_step_team
 from benchmarks.agent_step_team import COUNTED, NONE, Took, Turn, ring
-from benchmarks.figures import digits
+from benchmarks.command import run_command
+from benchmarks.figures import digits, ratio
 from benchmarks.runner import this_machine
-from benchmarks.timing import ratio
 from coheft.app.study.samples import reference_blocks
 from coheft.consensus.graph import build_graph
-from coheft.errors import CoheftError
+from coheft.errors import CoheftError, UsageError
 from coheft.estimation.geometry.spatial import Array
 from coheft.physics_server.simulation import Simulation
 from coheft.wire.scenario.schema import Scenario
@@ -172,12 +169,6 @@ class Pair:
 def measure(robots: int, estimators: Sequence[str], seconds: float, against: Path | None) -> dict[str, Any]:
     """Measure one team with each estimator, and return its part of the JSON.
 
-    Args:
-        robots: Number of robots.
-        estimators: Names of estimators.
-        seconds: Simulated time [s].
-        against: Another checkout.
-
     Raises:
         CoheftError: An estimator cannot be used, or there is no such team.
     """
@@ -233,47 +224,43 @@ def _print_table(results: dict[str, Any]) -> None:
                     print(f"{robots:>7}  {name:22}" + "".join(f"{cell:>10}" for cell in cells))
 
 
-def main() -> None:
-    """Measure all teams, write the JSON after each, and print the table."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.agent_step",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument("--json", metavar="FILE", type=Path, help="file for the figures")
-    parser.add_argument("--teams", metavar="N,...", default="6,24", help="numbers of robots")
-    parser.add_argument("--seconds", metavar="S", type=float, default=30.0, help="simulated time")
-    parser.add_argument(
-        "--estimators", metavar="NAME,...", default=ring(6).estimator, help=f"estimators to measure, besides '{NONE}'"
-    )
-    parser.add_argument("--against", metavar="PATH", type=Path, help="another checkout, measured in the same turns")
-    chosen = parser.parse_args()
-    against = None if chosen.against is None else chosen.against.resolve()
+def main(
+    *,
+    json: Path | None = None,
+    teams: str = "6,24",
+    seconds: float = 30.0,
+    estimators: str = "efficient",
+    against: Path | None = None,
+) -> None:
+    """Measure all teams, write the JSON after each, and print the table.
+
+    Args:
+        json: File for the figures.
+        teams: Numbers of robots, separated by commas.
+        seconds: Simulated time.
+        estimators: Estimators to measure besides 'none', separated by commas.
+        against: Another checkout, measured in the same turns.
+
+    Raises:
+        CoheftError: There is no such team, estimator or checkout.
+    """
+    against = None if against is None else against.resolve()
     if against is not None and not (against / "coheft" / "agents" / "process" / "main.py").is_file():
-        parser.error(f"{against} is no checkout of coheft, or one of a version whose modules were elsewhere")
-    try:
-        teams = [int(team) for team in chosen.teams.split(",")]
-    except ValueError:
-        parser.error(f"--teams expects numbers with commas between them, not {chosen.teams!r}")
-    if min(teams) < 2 or not 0.0 < chosen.seconds < math.inf:
-        parser.error("a team has two robots or more, and runs for some time")
-    estimators = [*dict.fromkeys([*filter(None, chosen.estimators.split(",")), NONE])]
+        raise UsageError(f"{against} is no checkout of coheft, or one of a version whose modules were elsewhere")
+    sizes = [int(team) if team.isdecimal() else 0 for team in teams.split(",")]
+    if min(sizes) < 2 or not 0.0 < seconds < math.inf:
+        raise UsageError(f"a team has two robots or more, and runs for some time: found {teams!r} and {seconds:g} s")
+    names = [*dict.fromkeys([*filter(None, estimators.split(",")), NONE])]
     load_before = os.getloadavg()[0]
     results: dict[str, Any] = {}
-    try:
-        for robots in teams:
-            results[str(robots)] = measure(robots, estimators, chosen.seconds, against)
-            about = {"seconds": chosen.seconds, "against": against and str(against)}
-            about["machine"] = msgspec.structs.asdict(this_machine(load_before))
-            if chosen.json is not None:  # after each team, so that no measurement is lost
-                data = msgspec.json.format(msgspec.json.encode({"about": about} | results))
-                chosen.json.write_bytes(data + b"\n")
-    except (CoheftError, OSError) as error:
-        sys.exit(f"agent_step: {error}")
-    except KeyboardInterrupt:
-        sys.exit(130)
+    for robots in sizes:
+        results[str(robots)] = measure(robots, names, seconds, against)
+        about: dict[str, Any] = {"seconds": seconds, "against": against and str(against)}
+        about["machine"] = msgspec.structs.asdict(this_machine(load_before))
+        if json is not None:  # after each team, so that no measurement is lost
+            json.write_bytes(msgspec.json.format(msgspec.json.encode({"about": about} | results)) + b"\n")
     _print_table(results)
 
 
 if __name__ == "__main__":
-    main()
+    run_command(main, __doc__)

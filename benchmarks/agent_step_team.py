@@ -143,15 +143,15 @@ class WholeAgent:
         self._own = _key(config.name)
         self._others = {name: _key(name) for name in config.neighbours}
 
-    def step(self, measured: bytes, said: Mapping[str, bytes]) -> tuple[bytes, Estimate | None]:
+    def step(self, measured: bytes, sent: Mapping[str, bytes]) -> tuple[bytes, Estimate | None]:
         """Decode, step and encode; return the agent's message, and its report if one is due.
 
         Args:
             measured: The robot's encoded measurements.
-            said: All robots' encoded messages of the previous block, by name.
+            sent: All robots' encoded messages of the previous block, by name.
         """
         own = decode(measured, Measurements, self._own)
-        messages = [decode(said[name], NeighbourMessage, key) for name, key in self._others.items() if name in said]
+        messages = [decode(sent[name], NeighbourMessage, key) for name, key in self._others.items() if name in sent]
         outbox = self._agent.step(own.block, MeasurementBlock(own.block, own.samples), messages)
         encode(outbox.reference, self._own)
         if outbox.estimate is not None:
@@ -175,7 +175,7 @@ class WholeTeam:
     def __init__(self, scenario: Scenario, is_counting: bool) -> None:
         graph = build_graph(scenario.graph, scenario.robot_names)
         self._agents = {name: WholeAgent(agent_config(scenario, name, others)) for name, others in graph.items()}
-        self._said: dict[str, bytes] = {}
+        self._sent: dict[str, bytes] = {}
         self._knows_poses: set[str] = set()
         self._profile = cProfile.Profile()
         names = list(graph)
@@ -189,7 +189,7 @@ class WholeTeam:
             times = self._step(block, samples)
             seconds.append(sum(times))
             worst = max(worst, *times)
-            sizes += sum(map(len, self._said.values()))
+            sizes += sum(map(len, self._sent.values()))
             knows_poses.append(len(self._knows_poses) == len(self._agents))
         calls, c_calls = self._calls()
         return Took(seconds, worst, sizes, knows_poses, calls, c_calls)
@@ -200,19 +200,19 @@ class WholeTeam:
             encode(Measurements(robot=name, block=block, samples=each), _key(name))
             for name, each in zip(self._agents, samples, strict=True)
         ]
-        said: dict[str, bytes] = {}
+        sent: dict[str, bytes] = {}
         times = []
         for (name, agent), mine in zip(self._agents.items(), measured, strict=True):
             if is_counted := name in self._counted:
                 self._profile.enable()
             began = time.process_time()
-            said[name], estimate = agent.step(mine, self._said)
+            sent[name], estimate = agent.step(mine, self._sent)
             times.append(time.process_time() - began)
             if is_counted:
                 self._profile.disable()
             if estimate is not None and estimate.phase != "poses":
                 self._knows_poses.add(name)
-        self._said = said
+        self._sent = sent
         return times
 
     def _calls(self) -> tuple[int, int]:

@@ -6,13 +6,14 @@ the reports of known quantities with errors within five of their own standard de
 
 from __future__ import annotations
 
-import argparse
 from collections import Counter
-from collections.abc import Sequence
+from typing import Annotated
 
 import numpy as np
+from cyclopts import Parameter
 from msgspec import structs
 
+from benchmarks.command import run_command
 from coheft.app.cart.inprocess import CartRun, run_in_process
 from coheft.app.cart.judge import MASS_AT, judge
 from coheft.app.cart.table_one import TESTS, table_one
@@ -57,21 +58,28 @@ def _judged(test: int, seed: int, friction_guess: float | None) -> tuple[int, in
     return test, seed, run, errors(run)
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Run, and print a line for each wrong run, and a summary."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--tests", type=int, nargs="+", default=TESTS)
-    parser.add_argument("--seeds", type=int, default=20)
-    parser.add_argument("--first-seed", type=int, default=1)
-    parser.add_argument("--friction-guess", type=float, help="as in coheft cart; known without")
-    parser.add_argument("--jobs", type=int, default=2)
-    options = parser.parse_args(arguments)
-    seeds = range(options.first_seed, options.first_seed + options.seeds)
-    cases = [(test, seed, options.friction_guess) for test in options.tests for seed in seeds]
+def main(
+    *,
+    tests: Annotated[tuple[int, ...], Parameter(consume_multiple=True)] = TESTS,
+    seeds: int = 20,
+    first_seed: int = 1,
+    friction_guess: float | None = None,
+    jobs: int = 2,
+) -> None:
+    """Run, and print a line for each wrong run, and a summary.
+
+    Args:
+        tests: Numbers of tests in Table I.
+        seeds: Number of seeds of each test.
+        first_seed: The first of them.
+        friction_guess: As in 'coheft cart'; by default the friction is known.
+        jobs: Number of processes.
+    """
+    cases = [(test, seed, friction_guess) for test in tests for seed in range(first_seed, first_seed + seeds)]
     claimed: Counter[str] = Counter()
     wrong: Counter[str] = Counter()
-    masses: dict[int, list[float]] = {test: [] for test in options.tests}
-    with workers(options.jobs):
+    masses: dict[int, list[float]] = {test: [] for test in tests}
+    with workers(jobs):
         for test, seed, run, found in side_by_side(_judged, cases):
             report = judge(run, test)
             masses[test].append(abs(report.mass_error_kg))
@@ -97,4 +105,4 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_command(main, __doc__)

@@ -1,23 +1,21 @@
 """Faults of a team of real processes in real time: times until they are noticed, and until all robots are valid again.
 
-    python -m benchmarks.faults_processes [--robots N] [--repeat N]
-
 All times are measured by an observer's clock: *noticed* from the fault until all affected robots have reported it,
 *valid again* from the repair until every robot's estimate is valid.
 """
 
 from __future__ import annotations
 
-import argparse
 import signal
 import statistics
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from benchmarks.command import run_command
 from coheft.app.run.plan import Plan
 from coheft.wire.messages.requests import StatusRequest
 from tests.integration.relay import Relay
@@ -32,23 +30,18 @@ SETTLES = 2.0
 GIVE_UP = 60.0
 
 
+Notice = tuple[str, str]
+"""A robot, and the words with which it reports a fault."""
+
+
 @dataclass(frozen=True)
 class Bench:
-    """A team under test, with relays on some of its links."""
+    """A team under test, with relays on some of its links; the agent of ``victim`` fails."""
 
     team: Team
     watcher: Watcher
     relays: dict[Edge, Relay]
-
-    @property
-    def names(self) -> list[str]:
-        """Names of the robots."""
-        return list(self.team.plan.agents)
-
-    @property
-    def victim(self) -> str:
-        """The robot whose agent fails."""
-        return self.names[1]
+    victim: str
 
     def let_pass(self, until: float) -> None:
         """Listen until a time."""
@@ -66,86 +59,76 @@ class Bench:
     def try_fault(self, fault: Fault) -> tuple[float, float]:
         """Apply a fault and repair it; return the times until it was noticed and until all were valid again [s]."""
         began = time.monotonic()
-        fault.begin(self)
-        expected = fault.noticed(self)
+        with fault(self) as expected:
 
-        def times() -> list[float | None]:
-            return [self.watcher.is_told(name, words, began) for name, words in expected]
+            def times() -> list[float | None]:
+                return [self.watcher.is_told(name, words, began) for name, words in expected]
 
-        self.watcher.wait_until(lambda: None not in times(), f"notice: {expected}", GIVE_UP)
-        noticed = max(at for at in times() if at is not None) - began
-        self.let_pass(began + LASTS)
-        ended = time.monotonic()
-        fault.end(self)
-        after = -1 if fault.is_new_world else self.team.ask(StatusRequest()).block
+            self.watcher.wait_until(lambda: None not in times(), f"notice: {expected}", GIVE_UP)
+            noticed = max(at for at in times() if at is not None) - began
+            self.let_pass(began + LASTS)
+            ended = time.monotonic()
+        after = -1 if fault is server_killed else self.team.ask(StatusRequest()).block
         return noticed, self.watcher.wait_until_valid(after, GIVE_UP) - ended
 
 
-Notice = tuple[str, str]
-"""A robot, and the words with which it reports a fault."""
+Fault = Callable[[Bench], AbstractContextManager[list[Notice]]]
+"""Causes a fault, yields what robots have to report, and repairs it."""
 
 
-@dataclass(frozen=True)
-class Fault:
-    """A fault of a running team.
-
-    Attributes:
-        begin: Causes the fault.
-        noticed: Returns what robots have to report.
-        end: Repairs the fault.
-        is_new_world: Whether the repaired team begins with a new world.
-    """
-
-    begin: Callable[[Bench], object]
-    noticed: Callable[[Bench], list[Notice]]
-    end: Callable[[Bench], object]
-    is_new_world: bool = False
-
-
-def _signal_victim(number: signal.Signals) -> Callable[[Bench], object]:
-    return lambda bench: bench.team.processes[bench.victim].send_signal(number)
-
-
-def _restart_victim(bench: Bench) -> None:
+@contextmanager
+def agent_killed(bench: Bench) -> Iterator[list[Notice]]:
+    """Kill an agent, and start it again."""
+    bench.team.kill(bench.victim)
+    yield bench.silent_victim()
     bench.watcher.latest.pop(bench.victim)
     bench.team.restart(bench.victim)
     bench.watcher.wait_until(lambda: bench.victim in bench.watcher.latest, "its first estimate", GIVE_UP)
 
 
-def _restart_server(bench: Bench) -> None:
-    bench.team.restart("server")
-    bench.watcher.wait_until(lambda: not bench.watcher.all_are_valid(), "a new beginning", GIVE_UP)
+@contextmanager
+def agent_frozen(bench: Bench) -> Iterator[list[Notice]]:
+    """Stop an agent for a while."""
+    process = bench.team.processes[bench.victim]
+    process.send_signal(signal.SIGSTOP)
+    yield bench.silent_victim()
+    process.send_signal(signal.SIGCONT)
 
 
-def _cut_links(bench: Bench) -> None:
+@contextmanager
+def link_frozen(bench: Bench) -> Iterator[list[Notice]]:
+    """Forward nothing on a link for a while."""
+    edge, relay = next(iter(bench.relays.items()))
+    relay.freeze()
+    yield bench.silence(edge)
+    relay.thaw()
+
+
+@contextmanager
+def partition(bench: Bench) -> Iterator[list[Notice]]:
+    """Cut both links between the halves of the ring for a while."""
     for relay in bench.relays.values():
         relay.cut()
-
-
-def _heal_links(bench: Bench) -> None:
+    yield bench.silence(*bench.relays)
     for relay in bench.relays.values():
         relay.heal()
 
 
-FAULTS = {
-    "agent killed, started again": Fault(
-        lambda bench: bench.team.kill(bench.victim), Bench.silent_victim, _restart_victim
-    ),
-    "agent frozen (SIGSTOP)": Fault(
-        _signal_victim(signal.SIGSTOP), Bench.silent_victim, _signal_victim(signal.SIGCONT)
-    ),
-    "link frozen": Fault(
-        lambda bench: next(iter(bench.relays.values())).freeze(),
-        lambda bench: bench.silence(next(iter(bench.relays))),
-        lambda bench: next(iter(bench.relays.values())).thaw(),
-    ),
-    "partition (two links cut)": Fault(_cut_links, lambda bench: bench.silence(*bench.relays), _heal_links),
-    "server killed, started again": Fault(
-        lambda bench: bench.team.kill("server"),
-        lambda bench: [(name, "lost the link with the server") for name in bench.names],
-        _restart_server,
-        is_new_world=True,
-    ),
+@contextmanager
+def server_killed(bench: Bench) -> Iterator[list[Notice]]:
+    """Kill the server, and start it again with a new world."""
+    bench.team.kill("server")
+    yield [(name, "lost the link with the server") for name in bench.team.plan.agents]
+    bench.team.restart("server")
+    bench.watcher.wait_until(lambda: not bench.watcher.all_are_valid(), "a new beginning", GIVE_UP)
+
+
+FAULTS: dict[str, Fault] = {
+    "agent killed, started again": agent_killed,
+    "agent frozen (SIGSTOP)": agent_frozen,
+    "link frozen": link_frozen,
+    "partition (two links cut)": partition,
+    "server killed, started again": server_killed,
 }
 
 
@@ -166,21 +149,22 @@ def bench(robots: int, folder: Path) -> Iterator[Bench]:
         team = stack.enter_context(running_team(small_scenario(robots), folder, "realtime", change=relayed))
         watcher = stack.enter_context(watching(team))
         watcher.wait_until_valid(limit=GIVE_UP)
-        yield Bench(team, watcher, relays)
+        yield Bench(team, watcher, relays, victim=list(team.plan.agents)[1])
 
 
-def main() -> None:
-    """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--robots", type=int, default=6)
-    parser.add_argument("--repeat", type=int, default=5)
-    arguments = parser.parse_args()
-    print(f"{arguments.robots} robots in a ring, in real time; median and worst of {arguments.repeat}\n")
+def main(*, robots: int = 6, repeat: int = 5) -> None:
+    """Print the table.
+
+    Args:
+        robots: Number of robots.
+        repeat: How often each fault is repeated.
+    """
+    print(f"{robots} robots in a ring, in real time; median and worst of {repeat}\n")
     print(f"{'fault':32}{'noticed, ms':>20}{'valid again, s':>20}")
-    with tempfile.TemporaryDirectory() as folder, bench(arguments.robots, Path(folder)) as under_test:
+    with tempfile.TemporaryDirectory() as folder, bench(robots, Path(folder)) as under_test:
         for name, fault in FAULTS.items():
             results = []
-            for _ in range(arguments.repeat):
+            for _ in range(repeat):
                 under_test.let_pass(time.monotonic() + SETTLES)
                 under_test.watcher.wait_until_valid(limit=GIVE_UP)
                 under_test.watcher.heard.clear()
@@ -195,4 +179,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_command(main, __doc__)

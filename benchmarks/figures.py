@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import statistics
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Literal
+from typing import Literal, TypeVar
 
 import msgspec
 
 from coheft.errors import CoheftError
 
+T = TypeVar("T")
 Effort = Literal["short", "usual", "full"]
 """Amount of measurements: for the regression guard, for some minutes, or all."""
 
@@ -23,7 +25,7 @@ class Figure(msgspec.Struct, frozen=True, kw_only=True):
         unit: Unit; "times" for a ratio.
         bar: Target; None if there is none.
         more_is_better: Whether larger figures are better.
-        is_guarded: Whether the regression guard compares it: a ratio of two quantities that were measured side by side.
+        is_guarded: Whether the regression guard compares it: a ratio of two costs that were measured side by side.
         note: Remark.
     """
 
@@ -43,13 +45,6 @@ class Figure(msgspec.Struct, frozen=True, kw_only=True):
         return self.value < self.bar if self.more_is_better else self.value > self.bar
 
 
-class Skipped(msgspec.Struct, frozen=True):
-    """A measurement that was not made, with the reason."""
-
-    name: str
-    reason: str
-
-
 class Section(msgspec.Struct, frozen=True, kw_only=True):
     """All figures of one benchmark.
 
@@ -57,7 +52,7 @@ class Section(msgspec.Struct, frozen=True, kw_only=True):
         name: Name of its module.
         title: Title.
         figures: The figures.
-        skipped: Measurements that were not made.
+        skipped: Reasons why measurements were not made, by name.
         seconds: Duration of the measurement [s].
         has_failed: Whether an error ended it; it then has no figures.
     """
@@ -65,7 +60,7 @@ class Section(msgspec.Struct, frozen=True, kw_only=True):
     name: str
     title: str
     figures: list[Figure]
-    skipped: list[Skipped] = []
+    skipped: dict[str, str] = {}
     seconds: float = 0.0
     has_failed: bool = False
 
@@ -124,12 +119,21 @@ def load_results(path: Path) -> Results:
     Raises:
         CoheftError: It cannot be read.
     """
+    return read_json(path, Results, "a bench.json of 'python -m benchmarks'", "python -m benchmarks")
+
+
+def read_json(path: Path, kind: type[T], what: str, command: str) -> T:
+    """Read a JSON file that a command writes.
+
+    Raises:
+        CoheftError: It cannot be read.
+    """
     try:
-        return msgspec.json.decode(path.read_bytes(), type=Results)
+        return msgspec.json.decode(path.read_bytes(), type=kind)
     except OSError as error:
-        raise CoheftError(f"{path}: cannot be read: {error.strerror}; 'python -m benchmarks' makes it") from error
+        raise CoheftError(f"{path}: cannot be read: {error.strerror}; '{command}' makes it") from error
     except msgspec.DecodeError as error:
-        raise CoheftError(f"{path}: not a bench.json of 'python -m benchmarks': {error}") from error
+        raise CoheftError(f"{path}: not {what}: {error}") from error
 
 
 def section_lines(section: Section) -> list[str]:
@@ -138,7 +142,7 @@ def section_lines(section: Section) -> list[str]:
     if section.figures:
         lines += ["| what | figure | should be | |", "|---|---:|---:|---|"]
         lines += [_row(figure) for figure in section.figures]
-    lines += [f"- not measured: {each.name}: {each.reason}" for each in section.skipped]
+    lines += [f"- not measured: {name}: {reason}" for name, reason in section.skipped.items()]
     return [*lines, "", f"Took {section.seconds:.0f} s."]
 
 
@@ -152,6 +156,13 @@ def _row(figure: Figure) -> str:
     return f"| {figure.name} | {value} | {bar} | {figure.note} |"
 
 
+def ratio(times: Sequence[float], others: Sequence[float]) -> float:
+    """Return the median over the rounds of the ratio of two times that were measured side by side, so that other load
+    affects both.
+    """
+    return statistics.median(mine / its for mine, its in zip(times, others, strict=True))
+
+
 def digits(value: float) -> str:
     """Format with three significant digits, with an exponent only for very small and large numbers."""
     if value != 0.0 and not 1e-3 <= abs(value) < 1e6:
@@ -161,10 +172,10 @@ def digits(value: float) -> str:
     return f"{value:.3g}"
 
 
-def guarded(sections: Iterable[Section]) -> dict[str, Figure]:
-    """Return the figures that the regression guard compares, by section and name."""
+def guarded(sections: Iterable[Section]) -> dict[str, float]:
+    """Return the ratios that the regression guard compares, by section and name."""
     return {
-        f"{section.name}: {figure.name}": figure
+        f"{section.name}: {figure.name}": figure.value
         for section in sections
         for figure in section.figures
         if figure.is_guarded

@@ -1,7 +1,5 @@
 """The whole system and its bare floor, both against Zenoh alone: what everything but the mathematics costs.
 
-    python -m benchmarks.floor [--effort short|usual|full] [--json FILE]
-
 Three teams take turns of a second or two, while the others stand still:
 
 - the *whole* system, as users run it;
@@ -19,9 +17,7 @@ these are guarded.
 
 from __future__ import annotations
 
-import argparse
 import statistics
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
@@ -30,36 +26,25 @@ from pathlib import Path
 
 import msgspec
 import mujoco
-import numpy as np
 
-from benchmarks.bench_server import latencies
-from benchmarks.figures import Effort, Figure, Section, section_lines
-from benchmarks.paced_team import Turn, paced_team
+from benchmarks.command import run_command
+from benchmarks.figures import Effort, Figure, Section, ratio, section_lines
+from benchmarks.paced_team import SIZES, TURN, Turn, paced_team
 from benchmarks.raw_team import Sizes, raw_team
 from benchmarks.replay import record, sizes
-from benchmarks.runner import add_effort
-from benchmarks.scenarios import BLOCK, RATE, team_scenario
-from benchmarks.stepped_team import SETTLED
-from benchmarks.timing import ratio
+from benchmarks.scenarios import BLOCK, RATE, SETTLED, team_scenario
 from coheft.app.run.plan import make_plan
-from coheft.errors import CoheftError
-from coheft.estimation.geometry.spatial import Array
 from coheft.physics_server.simulation import Simulation
 from coheft.wire.scenario.schema import PHYSICS_RATE, Scenario
 
-SIZES = (6, 24)
 WHOLE_BAR, SERVER_BAR, STEPS_BAR = 3.5, 1.6, 9.0
 BARE_BAR = {6: 2.0, 24: 1.5}
 """By number of robots."""
 _TURNS: dict[Effort, int] = {"short": 6, "usual": 15, "full": 30}
-_TURN = {6: 1.0, 24: 2.0}
-"""By number of robots [s]."""
 _MEASUREMENTS = BLOCK * 15 * 8 + 100
 """Size of a message of measurements [B]."""
 _STEPPED = 50
 """Number of blocks that MuJoCo steps through at a turn."""
-_EDGE = 5
-"""Number of blocks at either end of a turn whose latency does not count, because the team starts or stops."""
 
 
 class Ratios(msgspec.Struct, frozen=True, kw_only=True):
@@ -124,14 +109,13 @@ def _section(effort: Effort) -> tuple[Section, dict[str, Ratios]]:
     figures: list[Figure] = []
     ratios: dict[str, Ratios] = {}
     for robots in SIZES:
-        found, latency = _of_size(robots, _TURNS[effort])
+        found = _of_size(robots, _TURNS[effort])
         ratios[str(robots)] = found.ratios()
-        figures += _figures(robots, found, ratios[str(robots)], latency)
+        figures += _figures(robots, found, ratios[str(robots)])
     return Section(name="floor", title="Whole system and bare floor against Zenoh alone", figures=figures), ratios
 
 
-def _of_size(robots: int, turns: int) -> tuple[Turns, tuple[Array, Array]]:
-    """Return the turns, and the latencies [s] of blocks of the whole system and of the floor."""
+def _of_size(robots: int, turns: int) -> Turns:
     scenario = team_scenario(robots)
     found = Turns([], [], [], [])
     with tempfile.TemporaryDirectory() as name:
@@ -146,18 +130,11 @@ def _of_size(robots: int, turns: int) -> tuple[Turns, tuple[Array, Array]]:
                 with raw_team(make_plan(scenario), Sizes(_MEASUREMENTS, message, answer)) as zenoh_alone:
                     zenoh_alone.turn(0.1)  # its links stand when it has answered
                     for _ in range(turns):
-                        found.whole.append(real.turn(_TURN[robots]))
-                        found.bare.append(bare.turn(_TURN[robots]))
-                        found.zenoh.append(zenoh_alone.turn(_TURN[robots]))
+                        found.whole.append(real.turn(TURN[robots]))
+                        found.bare.append(bare.turn(TURN[robots]))
+                        found.zenoh.append(zenoh_alone.turn(TURN[robots]))
                         found.steps.append(steps())
-                bare.stop()
-            real.stop()
-        names = scenario.robot_names
-        whole, floor = (
-            _within(latencies(folder / kind, names), done)
-            for kind, done in (("whole", found.whole), ("bare", found.bare))
-        )
-    return found, (whole, floor)
+    return found
 
 
 def _stepper(scenario: Scenario) -> Callable[[], float]:
@@ -173,31 +150,22 @@ def _stepper(scenario: Scenario) -> Callable[[], float]:
     return timed
 
 
-def _within(rows: Array, turns: Sequence[Turn]) -> Array:
-    """Return the latencies of the blocks within turns [s]."""
-    chosen = [(rows[:, 0] >= turn.first + _EDGE) & (rows[:, 0] < turn.first + turn.blocks - _EDGE) for turn in turns]
-    found: Array = rows[np.any(chosen, axis=0), 1]
-    return found[np.isfinite(found)]
-
-
-def _figures(robots: int, found: Turns, ratios: Ratios, latency: tuple[Array, Array]) -> list[Figure]:
+def _figures(robots: int, found: Turns, ratios: Ratios) -> list[Figure]:
     team, is_small = f"N = {robots}", robots == SIZES[0]
     figures = []
     for name, turns, bar, wall, cpu in (
         ("the whole system", found.whole, WHOLE_BAR, ratios.whole_over_zenoh, ratios.whole_over_zenoh_cpu),
         ("the bare floor", found.bare, BARE_BAR[robots], ratios.bare_over_zenoh, ratios.bare_over_zenoh_cpu),
     ):
-        what, wall_note = (
-            f"per block of {name}, against Zenoh alone, {team}",
-            _medians(_wall(turns), _wall(found.zenoh)),
-        )
+        what = f"per block of {name}, against Zenoh alone, {team}"
         cpu_note = f"{_medians(_cpu(turns), _cpu(found.zenoh))}, all processes"
         figures += [
-            Figure(name=f"time {what}", value=wall, bar=bar, note=wall_note),
+            Figure(name=f"time {what}", value=wall, bar=bar, note=_medians(_wall(turns), _wall(found.zenoh))),
             Figure(name=f"CPU time {what}", value=cpu, is_guarded=True, note=cpu_note),
         ]
     agents, bare_agents = ([turn.agent_time for turn in turns] for turns in (found.whole, found.bare))
-    figures += [
+    return [
+        *figures,
         Figure(
             name=f"CPU time of the server per block, against the floor's, {team}",
             value=ratios.server_over_bare_server,
@@ -217,40 +185,25 @@ def _figures(robots: int, found: Turns, ratios: Ratios, latency: tuple[Array, Ar
             note=_medians(agents, bare_agents),
         ),
     ]
-    for share in (50, 99):
-        whole, bare = (float(np.percentile(each, share)) for each in latency)
-        note = f"{1e3 * whole:.1f} against {1e3 * bare:.1f} ms, up to four blocks under way"
-        figures.append(
-            Figure(name=f"latency of a block, p{share}, against the floor's, {team}", value=whole / bare, note=note)
-        )
-    return figures
 
 
 def _medians(times: Sequence[float], others: Sequence[float]) -> str:
     return f"{1e3 * statistics.median(times):.2f} against {1e3 * statistics.median(others):.2f} ms"
 
 
-def main() -> None:
-    """Measure, print the table, and write the ratios by number of robots if requested."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.floor",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    add_effort(parser)
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the ratios there, by number of robots")
-    chosen = parser.parse_args()
+def main(*, effort: Effort = "usual", json: Path | None = None) -> None:
+    """Measure, and print the table.
+
+    Args:
+        effort: How much to measure.
+        json: File for the ratios by number of robots.
+    """
     began = time.monotonic()
-    try:
-        section, ratios = _section(chosen.effort)
-    except CoheftError as error:
-        sys.exit(f"floor: {error}")
-    except KeyboardInterrupt:
-        sys.exit(130)
+    section, ratios = _section(effort)
     print("\n".join(section_lines(msgspec.structs.replace(section, seconds=time.monotonic() - began))))
-    if chosen.json is not None:
-        chosen.json.write_bytes(msgspec.json.format(msgspec.json.encode(ratios)) + b"\n")
+    if json is not None:
+        json.write_bytes(msgspec.json.format(msgspec.json.encode(ratios)) + b"\n")
 
 
 if __name__ == "__main__":
-    main()
+    run_command(main, __doc__)

@@ -1,14 +1,11 @@
 """A long run in real time with load changes and an agent that is killed repeatedly: does the need of memory grow?
 
-    python -m benchmarks.long_run [--minutes M] [--scenario NAME] [--sensor-rate R]
-
 Prints the resident memory and open files of every process that ran for at least ten minutes: five minutes after its
 start, at its end, and three times in between. The exit status is that of the run.
 """
 
 from __future__ import annotations
 
-import argparse
 import os
 import signal
 import statistics
@@ -22,6 +19,7 @@ from pathlib import Path
 
 import psutil
 
+from benchmarks.command import run_command
 from coheft.app.run.folder import find_run
 from coheft.app.run.observer import ask_run
 from coheft.errors import CoheftError
@@ -75,30 +73,26 @@ class Life:
         return statistics.median(self.memory[k] for k in chosen), max(self.files[k] for k in chosen)
 
 
+@dataclass
 class Troubles:
-    """Changes the load and kills the last robot's agent at regular times."""
+    """Changes the load and kills the last robot's agent at regular times, and counts both."""
 
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
-        self._next_change = CHANGE_EVERY
-        self._next_kill = KILL_EVERY
-        self.changes = 0
-        self.kills = 0
+    folder: Path
+    changes: int = 0
+    kills: int = 0
 
     def make(self, elapsed: float) -> None:
         """Cause what is due."""
-        if elapsed >= self._next_change:
-            self._next_change += CHANGE_EVERY
-            loads = ask_run(StatusRequest(), self._folder).loads
+        if elapsed >= (self.changes + 1) * CHANGE_EVERY:
+            loads = ask_run(StatusRequest(), self.folder).loads
             put = InjectRequest(mass=2.0, position=(0.2, 0.1, 0.08))
-            ask_run(RemoveRequest(load=loads[-1].id) if loads else put, self._folder)
+            ask_run(RemoveRequest(load=loads[-1].id) if loads else put, self.folder)
             self.changes += 1
-        if elapsed >= self._next_kill:
-            self._next_kill += KILL_EVERY
-            run_file = find_run(self._folder)
+        if elapsed >= (self.kills + 1) * KILL_EVERY:
+            run_file = find_run(self.folder)
             with suppress(ProcessLookupError):  # it has just ended
                 os.kill(run_file.pids[list(run_file.agents)[-1]], signal.SIGKILL)
-                self.kills += 1
+            self.kills += 1
 
 
 def follow(run: subprocess.Popen[bytes], folder: Path, seconds: float) -> tuple[list[Life], Troubles]:
@@ -141,20 +135,21 @@ def print_table(lives: list[Life]) -> None:
         )
 
 
-def main() -> None:
-    """Run, and print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--minutes", type=float, default=60.0)
-    parser.add_argument("--scenario", default="ring3")
-    parser.add_argument("--sensor-rate", type=int, default=200)
-    arguments = parser.parse_args()
-    seconds = 60.0 * arguments.minutes
+def main(*, minutes: float = 60.0, scenario: str = "ring3", sensor_rate: int = 200) -> int:
+    """Run, and print the table.
+
+    Args:
+        minutes: Duration of the run.
+        scenario: Its scenario.
+        sensor_rate: Samples per second.
+    """
+    seconds = 60.0 * minutes
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that the run also ends
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         run = subprocess.Popen(
-            [sys.executable, "-m", "coheft", "run", arguments.scenario, "--realtime", "--duration", str(seconds)]
-            + ["--sensor-rate", str(arguments.sensor_rate), "--restarts", "1000", "--logs", name],
+            [sys.executable, "-m", "coheft", "run", scenario, "--realtime", "--duration", str(seconds)]
+            + ["--sensor-rate", str(sensor_rate), "--restarts", "1000", "--logs", name],
         )
         try:
             lives, troubles = follow(run, folder, seconds)
@@ -164,8 +159,8 @@ def main() -> None:
             run.wait()
     print(f"\nexit status {run.returncode}; {troubles.changes} changes of the load, {troubles.kills} agents killed\n")
     print_table(lives)
-    sys.exit(run.returncode)
+    return run.returncode
 
 
 if __name__ == "__main__":
-    main()
+    run_command(main, __doc__)

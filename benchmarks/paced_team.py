@@ -12,12 +12,11 @@ import psutil
 import zenoh
 from msgspec.structs import replace
 
-from benchmarks.bench_server import SETTINGS
 from benchmarks.replay import SETTING
 from coheft.app.run.plan import Plan, make_plan
 from coheft.app.run.processes import Processes
 from coheft.errors import LinkError
-from coheft.wire.messages.requests import PauseRequest, Refusal, Request, Status, StatusRequest, StopRequest
+from coheft.wire.messages.requests import PauseRequest, Refusal, Request, Status, StatusRequest
 from coheft.wire.scenario.schema import Scenario
 from coheft.wire.transport.planes import guard_observer
 from coheft.wire.transport.security import credentials_in
@@ -27,6 +26,10 @@ _LIMIT = 120.0
 """Longest time to wait for anything [s]."""
 _ANSWER = 5.0
 _POLL = 0.05
+SIZES = (6, 24)
+"""Numbers of robots of the teams that are compared."""
+TURN = {6: 1.0, 24: 2.0}
+"""Duration of a turn, by number of robots [s]."""
 
 
 @dataclass(frozen=True)
@@ -34,13 +37,11 @@ class Turn:
     """Blocks of a team in a turn.
 
     Attributes:
-        first: Index of the first block.
         blocks: Number of blocks.
         wall: Wall-clock time [s].
         cpu: CPU time of each process, by name [s].
     """
 
-    first: int
     blocks: int
     wall: float
     cpu: dict[str, float]
@@ -105,17 +106,10 @@ class PacedTeam:
         after = self._ask(PauseRequest(paused=True))
         time.sleep(_POLL)  # for the last answers
         return Turn(
-            first=before.block,
             blocks=after.block - before.block,
             wall=_ran(after) - _ran(before),
             cpu={name: now - cpu[name] for name, now in cpu_times(self._children).items()},
         )
-
-    def stop(self) -> None:
-        """End the run, so that the server writes its times."""
-        self._ask(PauseRequest(paused=False))
-        self._ask(StopRequest())
-        self._processes.wait_for_all_but("server", _LIMIT)
 
     def _ask(self, request: Request) -> Status:
         """Return the server's answer.
@@ -148,22 +142,25 @@ def paced_team(
 
     Args:
         scenario: The scenario.
-        folder: Folder for logs and times.
+        folder: Folder for logs.
         replay: Files of each agent's messages for a team without mathematics and physics, see ``benchmarks.replay``;
             None for the product.
         keys: Folder of certificates for the secure profile; None for the open profile.
     """
     folder.mkdir()
-    settings = {SETTINGS: {"folder": str(folder), "physics": replay is None}}
-    plan = make_plan(replace(scenario, settings=settings), keys=keys)
+    plan = make_plan(scenario, keys=keys)
     operator = None if keys is None else credentials_in(keys, "operator")
     guard = guard_observer(operator, Keys(plan.run), "operator", [])
     with Processes(folder) as processes, open_session(connect=[plan.server.observe], guard=guard) as session:
-        processes.start("server", "benchmarks.bench_server", plan.server)
-        for name, config in plan.agents.items():
-            if replay is None:
-                processes.start(name, "coheft.agents.process.main", config)
-            else:
-                agent = replace(config.agent, estimator_settings={SETTING: str(replay[name])})
-                processes.start(name, "benchmarks.bare_agent", replace(config, agent=agent))
+        server, agent = "coheft.physics_server.server", "coheft.agents.process.main"
+        configs = plan.agents
+        if replay is not None:
+            server, agent = "benchmarks.bare_server", "benchmarks.bare_agent"
+            configs = {
+                name: replace(config, agent=replace(config.agent, estimator_settings={SETTING: str(replay[name])}))
+                for name, config in plan.agents.items()
+            }
+        processes.start("server", server, plan.server)
+        for name, config in configs.items():
+            processes.start(name, agent, config)
         yield PacedTeam(plan, processes, session)

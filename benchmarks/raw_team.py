@@ -56,9 +56,9 @@ class RawTeam:
         except (EOFError, OSError) as error:
             server = self.processes["server"]
             server.join()
-            raise LinkError(f"the server has ended, with status {server.exitcode}: what it said is above") from error
+            raise LinkError(f"the server has ended, with status {server.exitcode}: its output is above") from error
         cpu = {name: now - before[name] for name, now in cpu_times(self._children).items()}
-        return Turn(first=0, blocks=blocks, wall=wall, cpu=cpu)
+        return Turn(blocks=blocks, wall=wall, cpu=cpu)
 
 
 @contextmanager
@@ -99,11 +99,11 @@ def _leave_with(sentinel: int) -> None:
 class _Link:
     """Sends bytes under one key of a session, and receives those under another."""
 
-    def __init__(self, session: zenoh.Session, says: str, hears: str | None) -> None:
+    def __init__(self, session: zenoh.Session, sends: str, receives: str) -> None:
         self._publisher = session.declare_publisher(
-            says, congestion_control=zenoh.CongestionControl.BLOCK, express=True
+            sends, congestion_control=zenoh.CongestionControl.BLOCK, express=True
         )
-        self._heard = session.declare_subscriber(hears, zenoh.handlers.FifoChannel(64)) if hears else None
+        self._received = session.declare_subscriber(receives, zenoh.handlers.FifoChannel(64))
 
     def wait(self) -> None:
         """Wait until the other end listens."""
@@ -112,14 +112,13 @@ class _Link:
             time.sleep(_POLL)
             status = self._publisher.matching_status
 
-    def say(self, data: bytes) -> None:
+    def send(self, data: bytes) -> None:
         """Send bytes."""
         self._publisher.put(data)
 
-    def hear(self) -> None:
+    def receive(self) -> None:
         """Wait for the next message."""
-        assert self._heard is not None
-        self._heard.recv().payload.to_bytes()
+        self._received.recv().payload.to_bytes()
 
 
 def _run_server(
@@ -137,7 +136,7 @@ def _run_server(
     ]
     for link in links:
         link.wait()
-        link.hear()
+        link.receive()
     data = bytes(sizes.measurements)
     while True:
         seconds = turns.recv()
@@ -146,11 +145,11 @@ def _run_server(
             is_over = time.monotonic() >= began + seconds
             if not is_over and sent < answered + lookahead:
                 for link in links:
-                    link.say(data)
+                    link.send(data)
                 sent += 1
                 continue
             for link in links:
-                link.hear()
+                link.receive()
             answered += 1
         turns.send((sent, time.monotonic() - began))
 
@@ -167,14 +166,14 @@ def _run_agent(stack: ExitStack, config: AgentProcessConfig, sizes: Sizes) -> No
         all_links.append(_Link(session, f"{run}/agent/{own}/{other.name}", f"{run}/agent/{other.name}/{own}"))
     for link in [server, *all_links]:
         link.wait()
-    server.say(b"ready")
+    server.send(b"ready")
     message, reference = bytes(sizes.message), bytes(sizes.reference)
     is_first = True
     while True:
-        server.hear()
+        server.receive()
         for link in all_links if not is_first else ():
-            link.hear()
+            link.receive()
         for link in all_links:
-            link.say(message)
-        server.say(reference)
+            link.send(message)
+        server.send(reference)
         is_first = False

@@ -1,9 +1,9 @@
-"""How many times faster than real time a team of processes is, and whether it keeps pace with the clock on the wall.
+"""How many times faster than real time a team is, in processes and in one, and whether processes keep pace with it.
 
-Whole runs of 600 blocks including the start, as ``coheft run`` makes them. A ring of 6 estimates the inertia after 70
-to 150 blocks, a ring of 24 after 240 to 350. In lockstep the server waits for every robot; in real time it does not
-wait, and counts answers that are late. Other load makes runs slower: the note says what the CPU time would allow on all
-cores.
+Whole runs of 600 blocks including the start, in lockstep and in real time as ``coheft run`` makes them, and in one
+process as ``coheft.run`` in Python does. A ring of 6 estimates the inertia after 70 to 150 blocks, a ring of 24 after
+240 to 350. In lockstep the server waits for every robot; in real time it does not wait, and counts answers that are
+late. Other load makes runs slower: the note says what the CPU time would allow on all cores.
 """
 
 from __future__ import annotations
@@ -13,19 +13,21 @@ import resource
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import psutil
-from rich.console import Console
 
-from benchmarks.figures import Effort, Figure, Section, Skipped
+from benchmarks.figures import Effort, Figure, Section
 from benchmarks.scenarios import team_scenario
+from coheft.app.run.inprocess import run_in_process
 from coheft.app.run.launch import launch
 from coheft.app.run.plan import make_plan
-from coheft.app.terminal.screen import make_display
+from coheft.app.terminal.screen import Display
 from coheft.errors import CoheftError
-from coheft.wire.config import ClockKind
+from coheft.wire.scenario.schema import Scenario
 
-_BARS = {(6, 1000): 15.0, (24, 1000): 3.0}
+_BARS = {("lockstep", 6): 15.0, ("lockstep", 24): 3.0, ("one process", 6): 20.0}
+"""For sensors at 1 kHz and blocks of 20 ms."""
 _BLOCKS = 600
 _BLOCK = 20
 _LONGER = (100, 200)
@@ -36,42 +38,45 @@ _MEMORY = 80e6
 
 @dataclass(frozen=True)
 class Case:
-    """Number of robots, rate of the sensors [Hz], clock, and duration of a block [ms]."""
+    """Number of robots, rate of the sensors [Hz], clock or 'one process', and duration of a block [ms]."""
 
     robots: int
     rate: int
-    clock: ClockKind
+    how: Literal["lockstep", "realtime", "one process"]
     block: int = _BLOCK
 
     def __str__(self) -> str:
-        return f"N = {self.robots}, {self.rate} Hz" + (f", blocks of {self.block} ms" if self.block != _BLOCK else "")
+        blocks = f", blocks of {self.block} ms" if self.block != _BLOCK else ""
+        return f"{self.how}, N = {self.robots}, {self.rate} Hz{blocks}"
 
 
 def cases(effort: Effort) -> list[Case]:
     """Return the runs to make."""
     if effort == "full":
         sizes, rates = (3, 6, 12, 24, 48), (100, 200, 500, 1000)
-        clocks: tuple[ClockKind, ClockKind] = ("lockstep", "realtime")
-        return [Case(robots, rate, clock) for clock in clocks for robots in sizes for rate in rates]
+        hows: tuple[Literal["lockstep", "realtime"], ...] = ("lockstep", "realtime")
+        return [Case(robots, rate, how) for how in hows for robots in sizes for rate in rates]
     chosen = [Case(6, 1000, "lockstep"), Case(6, 1000, "realtime")]
     if effort == "usual":
         chosen += [Case(robots, 1000, "lockstep") for robots in (3, 12, 24)] + [Case(6, 100, "lockstep")]
         chosen += [Case(24, 1000, "realtime", block) for block in (_BLOCK, *_LONGER[:1])]
         chosen += [Case(robots, 1000, "lockstep", block) for block in _LONGER for robots in (6, 24)]
+        chosen += [Case(6, 1000, "one process", block) for block in (_BLOCK, *_LONGER)]
+        chosen.append(Case(24, 1000, "one process"))
     return chosen
 
 
 def measure(effort: Effort) -> Section:
     """Make all runs."""
     figures: list[Figure] = []
-    skipped: list[Skipped] = []
+    skipped: dict[str, str] = {}
     for case in cases(effort):
         try:
             if (case.robots + 2) * _MEMORY > psutil.virtual_memory().available:
                 raise CoheftError("not enough memory")
             figures.append(_run(case))
         except CoheftError as error:
-            skipped.append(Skipped(f"{case.clock}, {case}", " ".join(str(error).split())))
+            skipped[str(case)] = " ".join(str(error).split())
     return Section(name="realtime", title="Real-time factor", figures=figures, skipped=skipped)
 
 
@@ -79,26 +84,35 @@ def _run(case: Case) -> Figure:
     duration = _BLOCKS * case.block / 1000
     scenario = team_scenario(case.robots, case.rate, case.rate * case.block // 1000, duration)
     before = _cpu_time()
-    with tempfile.TemporaryDirectory() as folder:
-        report = launch(make_plan(scenario, case.clock), Path(folder), make_display(Console(stderr=True), quiet=True))
+    factor, late = _in_processes(scenario, case.how) if case.how != "one process" else _in_one_process(scenario)
     cpu = (_cpu_time() - before) / duration
     note = f"{cpu:.2f} s of CPU time per simulated second"
-    if case.clock == "lockstep":
-        return Figure(
-            name=f"lockstep, {case}",
-            value=report.real_time_factor,
-            unit="times real time",
-            bar=_BARS.get((case.robots, case.rate)) if case.block == _BLOCK else None,
-            more_is_better=True,
-            note=f"{note}: at most {(os.cpu_count() or 1) / cpu:.2f} times",
-        )
+    if case.how == "realtime":
+        unit = f"of {case.robots * scenario.blocks}"
+        return Figure(name=f"answers that came too late, {case}", value=late, unit=unit, bar=0.0, note=note)
+    cores = 1 if case.how == "one process" else os.cpu_count() or 1
     return Figure(
-        name=f"answers that came too late in real time, {case}",
-        value=report.late_blocks,
-        unit=f"of {case.robots * scenario.blocks}",
-        bar=0.0,
-        note=note,
+        name=str(case),
+        value=factor,
+        unit="times real time",
+        bar=_BARS.get((case.how, case.robots)) if (case.rate, case.block) == (1000, _BLOCK) else None,
+        more_is_better=True,
+        note=f"{note}: at most {cores / cpu:.2f} times",
     )
+
+
+def _in_processes(scenario: Scenario, clock: Literal["lockstep", "realtime"]) -> tuple[float, int]:
+    """Return the real-time factor, and the number of late answers."""
+    with tempfile.TemporaryDirectory() as folder:
+        report = launch(make_plan(scenario, clock), Path(folder), Display())
+    return report.real_time_factor, report.late_blocks
+
+
+def _in_one_process(scenario: Scenario) -> tuple[float, int]:
+    began = _cpu_time()
+    for _ in run_in_process(scenario):
+        pass
+    return scenario.duration / (_cpu_time() - began), 0
 
 
 def _cpu_time() -> float:

@@ -17,8 +17,6 @@ from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.rigid_body.mass_properties import Inertia
 
 Change = Callable[[RobotRecord], dict[str, Array]]
-ALL = ""
-"""Stands for all robots."""
 
 
 @dataclass(frozen=True, eq=False)

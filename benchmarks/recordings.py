@@ -1,7 +1,5 @@
 """Recordings without and with faults: which does ``coheft identify`` accept, and which causes does it name?
 
-    python -m benchmarks.recordings [good|listed|unlisted] [--count N] [--first N] [--method METHOD] [--log FILE]
-
 *good*: how many are refuted (at most 1 %).
 *listed*: with one fault of random kind and size: how many are accepted with an error above five of its standard
 deviations, hidden errors included (at most 0.5 %); how many get the right cause if the margin is above 10 (95 %), and
@@ -14,13 +12,14 @@ The bars count for seeds that nothing was tuned on.
 
 from __future__ import annotations
 
-import argparse
 import time
 from pathlib import Path
+from typing import Literal
 
 import msgspec
 import numpy as np
 
+from benchmarks.command import run_command
 from benchmarks.drawn_recordings import KINDS, draw_team, recorded
 from benchmarks.recording_faults import LISTED, UNLISTED, Faulty, faulty
 from coheft.app.identify.choices import Method, Options
@@ -63,33 +62,39 @@ class Trial(msgspec.Struct):
     words: str = ""
 
 
-def main() -> None:
-    """Try recordings, print each wrong result, and a summary."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=["good", "listed", "unlisted"], nargs="?", default="listed")
-    parser.add_argument("--count", type=int, default=400)
-    parser.add_argument("--first", type=int, default=1)
-    parser.add_argument("--method", choices=["pose", "likelihood", "instruments"], help="of those that suit")
-    parser.add_argument("--log", type=Path)
-    arguments = parser.parse_args()
-    trials = [] if arguments.log is None or not arguments.log.exists() else _read(arguments.log)
-    for seed in range(arguments.first, arguments.first + arguments.count):
+def main(
+    what: Literal["good", "listed", "unlisted"] = "listed",
+    *,
+    count: int = 400,
+    first: int = 1,
+    method: Literal["pose", "likelihood", "instruments"] | None = None,
+    log: Path | None = None,
+) -> None:
+    """Try recordings, print each wrong result, and a summary.
+
+    Args:
+        what: Which recordings.
+        count: Number of recordings.
+        first: Seed of the first; the others follow consecutively.
+        method: One of the methods that suit.
+        log: File to which results are appended.
+    """
+    trials: list[Trial] = []
+    if log is not None and log.exists():
+        trials = [msgspec.json.decode(line, type=Trial) for line in log.read_bytes().splitlines()]
+    for seed in range(first, first + count):
         if any(trial.seed == seed for trial in trials):
             continue
-        trial = try_recording(arguments.what, seed, arguments.method)
+        trial = try_recording(what, seed, method)
         trials.append(trial)
-        if arguments.log is not None:
-            with arguments.log.open("ab") as file:
+        if log is not None:
+            with log.open("ab") as file:
                 file.write(msgspec.json.encode(trial) + b"\n")
-        if not _is_well(arguments.what, trial):
+        if not _is_well(what, trial):
             print(trial, flush=True)
         if len(trials) % 20 == 0:
-            print(summary(arguments.what, trials), flush=True)
-    print(summary(arguments.what, trials))
-
-
-def _read(log: Path) -> list[Trial]:
-    return [msgspec.json.decode(line, type=Trial) for line in log.read_bytes().splitlines()]
+            print(summary(what, trials), flush=True)
+    print(summary(what, trials))
 
 
 def try_recording(what: str, seed: int, method: Method | None = None) -> Trial:
@@ -176,4 +181,4 @@ def summary(what: str, trials: list[Trial]) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    run_command(main, __doc__)

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import statistics
+from collections import deque
 from collections.abc import Sequence
 from pathlib import Path
 
 import msgspec
 
-from benchmarks.stepped_team import SteppedTeam
+from benchmarks.scenarios import SETTLED
 from coheft.agents.agent import Outbox
+from coheft.app.run.inprocess import TeamInProcess, measured
 from coheft.estimation.measurement import MeasurementBlock
 from coheft.wire.config import AgentConfig
 from coheft.wire.messages.codec import decode, encode
@@ -24,25 +26,23 @@ _KEY = "replay"
 
 
 def record(scenario: Scenario, folder: Path) -> dict[str, Path]:
-    """Run a scenario in this process until it has settled, and write each agent's messages to a file."""
-    team = SteppedTeam(scenario)
-    team.settle()
-    said: dict[str, list[tuple[bytes, bytes, bytes]]] = {name: [] for name in team.graph}
-    for _ in range(BLOCKS):
-        team.step()
-        for name, outbox in team.outboxes.items():
+    """Run a scenario in this process until it has settled, and write each agent's next messages to a file."""
+    team = TeamInProcess(scenario)
+    sent: dict[str, deque[tuple[bytes, bytes, bytes]]] = {name: deque(maxlen=BLOCKS) for name in team.graph}
+    for _ in range(round(SETTLED / scenario.block_duration) + BLOCKS):
+        for name, outbox in team.answer(measured(team.measure()), team.heard()).items():
             estimate = b"" if outbox.estimate is None else encode(outbox.estimate, _KEY)
-            said[name].append((encode(outbox.message, _KEY), encode(outbox.reference, _KEY), estimate))
-    files = {name: folder / f"{name}.replay" for name in said}
+            sent[name].append((encode(outbox.message, _KEY), encode(outbox.reference, _KEY), estimate))
+    files = {name: folder / f"{name}.replay" for name in sent}
     for name, path in files.items():
-        path.write_bytes(msgspec.msgpack.encode(said[name]))
+        path.write_bytes(msgspec.msgpack.encode(list(sent[name])))
     return files
 
 
 def sizes(path: Path) -> tuple[int, int]:
     """Return the median sizes of an agent's messages to its neighbours and of its references [B]."""
-    said = _load(path)
-    message, reference = (round(statistics.median(len(each[k]) for each in said)) for k in (0, 1))
+    sent = _load(path)
+    message, reference = (round(statistics.median(len(each[k]) for each in sent)) for k in (0, 1))
     return message, reference
 
 
@@ -52,14 +52,14 @@ class BareAgent:
     def __init__(self, config: AgentConfig, incarnation: int, largest_arrays: int, signer: object) -> None:
         self._config = config
         self._incarnation = incarnation
-        self._said = _read(Path(config.estimator_settings[SETTING]))
+        self._recorded = _read(Path(config.estimator_settings[SETTING]))
 
     def set_holding(self, holding: bool, from_block: int) -> None:
         """Ignore the grasp."""
 
     def step(self, index: int, block: MeasurementBlock | None, inbox: Sequence[NeighbourMessage]) -> Outbox:
         """Return the next recorded messages, with this block's number."""
-        message, reference, estimate = self._said[index % len(self._said)]
+        message, reference, estimate = self._recorded[index % len(self._recorded)]
         return Outbox(
             message=msgspec.structs.replace(message, block=index, incarnation=self._incarnation),
             reference=msgspec.structs.replace(reference, block=index + self._config.lag, answers=index),

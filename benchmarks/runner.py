@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import importlib
 import os
 import platform
@@ -10,17 +9,18 @@ import sys
 import time
 import traceback
 from collections.abc import Iterator, Sequence
-from typing import get_args
+from typing import Literal, get_args
 
 import numpy as np
 from msgspec.structs import replace
 
-from benchmarks.figures import Effort, Machine, Section, Skipped
+from benchmarks.figures import Effort, Machine, Section
 from coheft.errors import CoheftError
 
-GUARDED = ("startup", "inprocess", "floor")
+Benchmark = Literal["startup", "floor", "secure", "realtime"]
+BENCHMARKS: tuple[Benchmark, ...] = get_args(Benchmark)
+GUARDED: tuple[Benchmark, ...] = ("startup", "floor")
 """Benchmarks with figures that the regression guard compares."""
-BENCHMARKS = (*GUARDED, "secure", "realtime", "wide")
 
 
 def measure(name: str, effort: Effort) -> Section:
@@ -50,7 +50,7 @@ def _failed(name: str, error: Exception) -> Section:
     else:
         reason = f"{type(error).__name__}: {error}"
         traceback.print_exception(error)
-    skipped = [Skipped("all of it", " ".join(reason.split()))]
+    skipped = {"all of it": " ".join(reason.split())}
     return Section(name=name, title=name, figures=[], skipped=skipped, has_failed=True)
 
 
@@ -63,8 +63,3 @@ def this_machine(load_before: float) -> Machine:
         load_before=load_before,
         load_after=os.getloadavg()[0],
     )
-
-
-def add_effort(parser: argparse.ArgumentParser) -> None:
-    """Add the option ``--effort``."""
-    parser.add_argument("--effort", choices=get_args(Effort), default="usual", help="how much to measure")

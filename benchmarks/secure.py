@@ -10,18 +10,13 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
-from benchmarks.figures import Effort, Figure, Section
-from benchmarks.paced_team import Turn, paced_team
-from benchmarks.scenarios import team_scenario
-from benchmarks.stepped_team import SETTLED
-from benchmarks.timing import ratio
+from benchmarks.figures import Effort, Figure, Section, ratio
+from benchmarks.paced_team import SIZES, TURN, Turn, paced_team
+from benchmarks.scenarios import SETTLED, team_scenario
 from coheft.app.run.keys import make_keys
 
-SIZES = (6, 24)
 BAR = 1.15
 _TURNS: dict[Effort, int] = {"short": 6, "usual": 10, "full": 30}
-_TURN = {6: 1.0, 24: 2.0}
-"""By number of robots [s]."""
 
 
 def measure(effort: Effort) -> Section:
@@ -42,10 +37,8 @@ def _of_size(robots: int, turns: int) -> list[Figure]:
             with paced_team(scenario, folder / "open") as free:
                 free.run_until(SETTLED)
                 for _ in range(turns):
-                    secure.append(locked.turn(_TURN[robots]))
-                    plain.append(free.turn(_TURN[robots]))
-                free.stop()
-            locked.stop()
+                    secure.append(locked.turn(TURN[robots]))
+                    plain.append(free.turn(TURN[robots]))
 
     def against(title: str, quantity: Callable[[Turn], float], bar: float | None = None) -> Figure:
         mine, its = [quantity(turn) for turn in secure], [quantity(turn) for turn in plain]

@@ -17,9 +17,8 @@ from typing import Self
 
 import psutil
 
-from benchmarks.figures import Effort, Figure, Section
-from benchmarks.stepped_team import SETTLED
-from benchmarks.timing import ratio
+from benchmarks.figures import Effort, Figure, Section, ratio
+from benchmarks.scenarios import SETTLED
 from coheft.app.run.folder import RunFile, find_run
 from coheft.app.run.observer import observe
 from coheft.app.run.processes import ENVIRONMENT

@@ -11,14 +11,14 @@ import numpy.typing as npt
 
 from coheft.agents.linked import LinkedAgents
 from coheft.consensus.graph import build_graph
-from coheft.errors import ScenarioError, UsageError
+from coheft.errors import UsageError
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import SAMPLE_SIZE, MeasurementBlock
 from coheft.wire.config import AgentConfig
 from coheft.wire.messages.structs import Estimate
 from coheft.wire.scenario.errors import explain
 from coheft.wire.scenario.estimator_settings import Converged, EfficientSettings, Fan2017Settings
-from coheft.wire.scenario.robot_sensors import check_named
+from coheft.wire.scenario.robot_sensors import named_complaints
 from coheft.wire.scenario.schema import Graph, GraphKind, Motion, Sensors
 from coheft.wire.scenario.waves import draw_waves
 
@@ -140,11 +140,9 @@ def _checked(sensors: Sensors | Mapping[str, Any] | None, names: Sequence[str]) 
     """
     table = msgspec.to_builtins(sensors) if isinstance(sensors, Sensors) else dict(sensors or {})
     try:
-        told = msgspec.convert(table, Sensors)
+        known = msgspec.convert(table, Sensors)
     except msgspec.ValidationError as error:
         raise UsageError(f"sensors: {explain(error, table, Sensors)}") from error
-    try:
-        check_named(told.of, names, "sensors: key")
-    except ScenarioError as error:
-        raise UsageError(str(error)) from error
-    return told
+    for key, complaint in named_complaints(known.of, names):
+        raise UsageError(f"sensors: key '{key}': {complaint}")
+    return known

@@ -18,7 +18,7 @@ class DataRecorder:
     """Collects blocks. Robots with encoders record poses and forces; others twist, acceleration and wrench.
 
     The torque of robots with encoders is zero, because their gimbals transmit none. Gravity is (0, 0, -9.81) in their
-    home frames, which are level: ``check_encoders`` refuses other scenarios.
+    home frames, which are level: other scenarios are refused.
     """
 
     def __init__(self, scenario: Scenario, scene: Scene) -> None:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from coheft.wire.scenario.borders import first_border
-from coheft.wire.scenario.change_checks import check_loads
+from coheft.wire.scenario.change_checks import load_complaints
+from coheft.wire.scenario.rules import check
 from coheft.wire.scenario.schema import LoadChange, Scenario, Slip
 
 
@@ -15,7 +16,7 @@ class LoadSchedule:
     """
 
     def __init__(self, scenario: Scenario) -> None:
-        check_loads(scenario, scenario.name)
+        check(scenario, scenario.name, load_complaints)
         self._block_duration = scenario.block_duration
         self._pending = sorted(scenario.load_changes, key=lambda change: change.at)
         self._slips = sorted(scenario.slips, key=lambda slip: slip.at)

@@ -28,9 +28,10 @@ from coheft.wire.messages.truth import LoadState, PayloadTruth, Truth
 from coheft.wire.process.log import LOG
 from coheft.wire.scenario.grasps import place_grasps
 from coheft.wire.scenario.payload_surface import from_text
+from coheft.wire.scenario.rules import check
 from coheft.wire.scenario.schema import PHYSICS_RATE, Scenario
 from coheft.wire.scenario.section import Vector
-from coheft.wire.scenario.stability import check_stability
+from coheft.wire.scenario.stability import stability_complaints
 from coheft.wire.scenario.strength import SETTLING_TIME, Strength
 
 if TYPE_CHECKING:
@@ -102,7 +103,7 @@ class Simulation:
             ScenarioError: The scenario's load changes cannot all be made, or its arms are too stiff for its payload.
         """
         grasps = place_grasps(scenario)
-        check_stability(scenario, grasps, scenario.name)
+        check(scenario, scenario.name, stability_complaints)
         names = scenario.robot_names
         self._scenario = scenario
         self._names = names

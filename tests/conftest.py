@@ -37,11 +37,28 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--package", help="folder with the wheel and the sdist to be tested, instead of new ones")
 
 
+def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
+    """One more than there are cores: tests with processes wait for much of their time."""
+    return (os.cpu_count() or 1) + 1
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Tests that start processes are slow, but for those that show that it works at all."""
+    """Tests that start processes are slow, but for those that show that it works at all; what takes longest begins."""
     for item in items:
         if "integration" in item.path.parts and item.get_closest_marker("smoke") is None:
             item.add_marker(pytest.mark.slow)
+    items.sort(key=_rank)
+
+
+def _rank(item: pytest.Item) -> int:
+    """Pages come first, which take up to a minute each, then processes, then other slow tests: so that no worker is
+    left with a long one at the end, when the others have nothing to do any more.
+    """
+    if item.path.name == "test_docs.py":
+        return 0
+    if "integration" in item.path.parts:
+        return 1
+    return 2 if item.get_closest_marker("slow") is not None else 3
 
 
 @pytest.hookimpl(wrapper=True)

@@ -37,7 +37,7 @@ class Recording:
         """Every robot's last estimate before that time, against the truth."""
         judge = Judge(self.scene, self.truths)
         return {
-            name: judge.robot([estimate for estimate in estimates if estimate.time <= time + 1e-9])
+            name: judge.robot([estimate for estimate in estimates if estimate.time <= time + 1e-9][-1])
             for name, estimates in self.estimates.items()
         }
 

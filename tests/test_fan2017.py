@@ -23,10 +23,9 @@ def fan2017(name: str, **changes: object) -> Scenario:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 2])
-def test_six_robots_find_the_payload_and_find_it_again_after_a_load_change(seed: int) -> None:
+def test_six_robots_find_the_payload_and_find_it_again_after_a_load_change() -> None:
     load = LoadChange(at=CHANGE, mass=3.0, position=(-0.3, 0.2, 0.08))
-    recording = run_with_faults(fan2017("ring6", seed=seed, duration=CHANGE + 10.0, load_changes=(load,)))
+    recording = run_with_faults(fan2017("ring6", seed=2, duration=CHANGE + 10.0, load_changes=(load,)))
     assert_good(recording.judged(CHANGE))
     assert_good(recording.judged(CHANGE + 10.0))
     for estimate in recording.last().values():
@@ -169,7 +168,7 @@ PAYLOADS = sorted(
 @pytest.mark.slow
 @pytest.mark.parametrize("name", PAYLOADS)
 def test_every_payload_scenario_runs_with_it(name: str) -> None:
-    scenario = fan2017(name, duration=10.0)
+    scenario = fan2017(name, duration=6.0)
     is_exact = scenario.sensors.tolerance == SensorTolerance()
     recording = run_with_faults(scenario)
     assert set(recording.estimates) == set(scenario.robot_names)

@@ -15,8 +15,9 @@ from coheft.errors import ScenarioError
 from coheft.estimation.geometry.spatial import Array
 from coheft.wire.config import agent_config
 from coheft.wire.scenario.file import load_scenario, parse_scenario
-from coheft.wire.scenario.motion_checks import check_motion
+from coheft.wire.scenario.motion_checks import motion_complaints
 from coheft.wire.scenario.reach import Reach
+from coheft.wire.scenario.rules import check
 from coheft.wire.scenario.schema import Motion, Scenario
 from coheft.wire.scenario.via_points import ViaPoints
 from tests.physics_run import reference
@@ -32,7 +33,7 @@ def changed(**motion: object) -> Scenario:
 def most(scenario: Scenario) -> float:
     """What is expected at most where the scenario has too much."""
     with pytest.raises(ScenarioError) as refused:
-        check_motion(scenario, "x")
+        check(scenario, "x", motion_complaints)
     found = re.search(r"expected at most (.*), in ", str(refused.value))
     assert found is not None
     return float(found[1])
@@ -62,7 +63,7 @@ def refusals(scenario: Scenario) -> int:
 def test_what_is_not_refused_the_server_does_not_refuse_either(key: str, motion: dict[str, object]) -> None:
     limit = most(changed(**{**motion, key: 100.0}))
     good, bad = (changed(**{**motion, key: share * limit}) for share in (1.0, 2.0))
-    check_motion(good, "x")
+    check(good, "x", motion_complaints)
     assert refusals(good) == 0
     assert most(bad) == limit
     assert refusals(bad) > 0
@@ -81,7 +82,7 @@ def test_so_with_a_common_path(key: str, columns: slice) -> None:
 
     limit = most(asked(5000.0)[0])
     good, motion = asked(limit)
-    check_motion(good, "x")
+    check(good, "x", motion_complaints)
     assert reach.excess(reference("r1", 0, motion)) is None
     assert np.abs(motion[:, columns]).max() > 0.5 * np.abs([2.0, 2.0 * np.pi]).min()
     assert reach.excess(reference("r1", 0, asked(1.1 * limit)[1])) is not None
@@ -91,12 +92,12 @@ def test_so_with_a_common_path(key: str, columns: slice) -> None:
 def test_rotations_of_motions_that_do_not_turn_do_not_matter(name: str) -> None:
     scenario = load_scenario(name)
     motion = msgspec.structs.replace(scenario.motion, axes=(0.0, 0.0, 0.0, 1.0, 1.0, 1.0), rotation=1000.0)
-    check_motion(msgspec.structs.replace(scenario, motion=motion), "x")
+    check(msgspec.structs.replace(scenario, motion=motion), "x", motion_complaints)
 
 
 def test_motions_of_ones_own_are_not_known_here() -> None:
     scenario = load_scenario("ring6")
-    check_motion(msgspec.structs.replace(scenario, motion=Motion(own="sway", translation=60.0)), "x")
+    check(msgspec.structs.replace(scenario, motion=Motion(own="sway", translation=60.0)), "x", motion_complaints)
 
 
 @pytest.mark.parametrize(

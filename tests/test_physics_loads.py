@@ -16,8 +16,9 @@ from coheft.estimation.measurement import ACCELERATION, GYRO
 from coheft.estimation.rigid_body.mass_properties import Inertia, combined
 from coheft.physics_server.simulation import Simulation
 from coheft.wire.messages.structs import Reference
-from coheft.wire.scenario.payload_extent import check_load_places
+from coheft.wire.scenario.payload_extent import load_place_complaints
 from coheft.wire.scenario.reach import Reach
+from coheft.wire.scenario.rules import check
 from coheft.wire.scenario.schema import LoadChange, Scenario
 from coheft.wire.scenario.section import Vector
 from tests.physics_run import excitation, reference, run, scenario
@@ -201,7 +202,7 @@ def test_loads_may_lie_where_the_scenario_itself_may_put_them(name):
 
     def by_scenario(place: Vector, size: Vector) -> None:
         change = LoadChange(at=1.0, mass=1.0, position=place, size=size)
-        check_load_places(msgspec.structs.replace(chosen, load_changes=(change,)), "x")
+        check(msgspec.structs.replace(chosen, load_changes=(change,)), "x", load_place_complaints)
 
     def by_request(place: Vector, size: Vector) -> None:
         simulation.remove(simulation.inject(1.0, place, size).id)

@@ -11,7 +11,8 @@ from coheft.estimation.geometry.spatial import Pose
 from coheft.estimation.measurement import GYRO, VELOCITY
 from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.physics_server.simulation import Simulation
-from coheft.wire.scenario.change_checks import check_slips
+from coheft.wire.scenario.change_checks import slip_complaints
+from coheft.wire.scenario.rules import check
 from coheft.wire.scenario.schema import Slip
 from tests.physics_run import excitation, run, scenario
 
@@ -68,10 +69,10 @@ def test_a_sensor_beside_the_grasp_moves_along() -> None:
 )
 def test_slips_that_cannot_be_are_refused(slip: Slip, message: str) -> None:
     with pytest.raises(ScenarioError, match=message):
-        check_slips(scenario(slips=(slip,)), "mine.toml")
+        check(scenario(slips=(slip,)), "mine.toml", slip_complaints)
 
 
 def test_hands_with_joints_cannot_slip() -> None:
     arms = scenario("arms4", slips=(SLIP,))
     with pytest.raises(ScenarioError, match="expected 'springs'"):
-        check_slips(arms, "mine.toml")
+        check(arms, "mine.toml", slip_complaints)

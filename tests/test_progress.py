@@ -15,8 +15,8 @@ from tests.escapes import SEQUENCE
 def shown(total: int, *, terminal: bool = False, quiet: bool = False, width: int = 80) -> str:
     """What is shown while all is done, one after the other."""
     out = StringIO()
-    console = Console(file=out, force_terminal=terminal, width=width)
-    with show_progress(console, "runs", total, quiet=quiet) as told:
+    console = Console(file=out, force_terminal=terminal, width=width, quiet=quiet)
+    with show_progress(console, "runs", total) as told:
         for done in range(1, total + 1):
             told(done, "0 failed" if done == total else "")
     return out.getvalue()

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from coheft.app.cli.cart import Logs
+from coheft.app.cli.cart import log_folders
 from coheft.app.run.folder import RUN_FILE, RunFile, announced, find_run, make_run_folder, runs_folder, split_endpoint
 from coheft.app.run.hosts import free_ports
 from coheft.errors import CoheftError
@@ -70,8 +70,8 @@ def test_many_runs_of_one_command_count_as_one() -> None:
     old = [runs_folder() / f"20200101-0000{number:02}-coheft-{number}" for number in range(19)]
     for folder in old:
         folder.mkdir(parents=True)
-    logs = Logs()
-    folders = {logs.make_folder(f"cart-{number}") for number in range(30)}
+    make_folder = log_folders()
+    folders = {make_folder(f"cart-{number}") for number in range(30)}
     assert len(folders) == 30
     assert all(folder.is_dir() for folder in (*old, *folders))
     assert len(list(runs_folder().iterdir())) == 20

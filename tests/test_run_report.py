@@ -24,7 +24,6 @@ from coheft.app.run_report import data
 from coheft.app.run_report.convergence import ALL_SHOWN, curves
 from coheft.app.run_report.drawings import draw_overview
 from coheft.app.run_report.folder import prepare_folder, write_folder
-from coheft.app.run_report.former import remove_former
 from coheft.app.run_report.page import SECTIONS, render_page
 from coheft.app.run_report.pictures import PICTURES, pictures_of
 from coheft.app.run_report.series import Series, SeriesFollower
@@ -277,11 +276,13 @@ def test_a_report_takes_the_place_of_a_former_one_and_leaves_alone_what_is_not_o
     assert (tmp_path / "mine.png").exists()
 
 
-def test_a_page_that_is_no_report_has_nothing_beside_it_removed(tmp_path: Path) -> None:
+def test_a_page_that_is_no_report_has_nothing_beside_it_removed(made: Made, tmp_path: Path) -> None:
+    mine = tmp_path / "load-changes.csv"
     (tmp_path / "report.html").write_text("<h1>mine</h1>")
-    (tmp_path / "pace.csv").write_text("")
-    remove_former(tmp_path / "report.html")
-    assert (tmp_path / "pace.csv").exists()
+    mine.write_text("")
+    calm = dataclasses.replace(made.series, close_ups=[])
+    write_folder(tmp_path, made.scenario, "lockstep", calm, msgspec.structs.replace(made.report, load_changes=[]))
+    assert mine.read_text() == ""
 
 
 def test_a_long_series_is_thinned_evenly_and_keeps_its_end() -> None:

@@ -148,12 +148,12 @@ def test_number_of_processes_changes_nothing(studied: tuple[StudyReport, list[Tr
 
 
 def test_folder_holds_report_and_pictures(studied: tuple[StudyReport, list[Trial]], tmp_path: Path) -> None:
-    write_folder(*studied, tmp_path / "new")
-    text = (tmp_path / "new" / "report.md").read_text()
+    write_folder(*studied, tmp_path)
+    text = (tmp_path / "report.md").read_text()
     for picture in ("ratios.png", "curves.png"):
         assert f"]({picture})" in text
-        assert (tmp_path / "new" / picture).read_bytes().startswith(b"\x89PNG")
-    assert msgspec.json.decode((tmp_path / "new" / "report.json").read_bytes(), type=StudyReport) == studied[0]
+        assert (tmp_path / picture).read_bytes().startswith(b"\x89PNG")
+    assert msgspec.json.decode((tmp_path / "report.json").read_bytes(), type=StudyReport) == studied[0]
 
 
 def test_terminal_shows_tables_and_what_their_columns_mean(studied: tuple[StudyReport, list[Trial]]) -> None:

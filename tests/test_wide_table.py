@@ -91,4 +91,4 @@ def test_all_modules_print_their_tables_in_this_way() -> None:
     app = Path(wide_table.__file__).parents[1]
     sources = {path.relative_to(app).as_posix(): path.read_text(encoding="utf-8") for path in app.rglob("*.py")}
     with_tables = {name for name, text in sources.items() if "import Table" in text}
-    assert {name for name in with_tables if "import print_table" not in sources[name]} == {"terminal/screen.py"}
+    assert {name for name in with_tables if "print_table" not in sources[name]} == {"terminal/screen.py"}

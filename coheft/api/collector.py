@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from coheft.api.result import Result
-from coheft.api.tracks import RobotResult, robot_result
-from coheft.app.results.judge import Judge
+from coheft.api.tracks import robot_result
 from coheft.app.results.report import Report
 from coheft.app.run.follower import Follower
 from coheft.app.run.heard import News
@@ -47,21 +46,11 @@ class Collector(Follower):
         elif isinstance(news, EstimateBeside) and news.estimate.estimator in self._beside:
             self._beside[news.estimate.estimator].hear(news.estimate)
         for estimate in ready:
-            truth = self._judge.payload(estimate.robot, estimate.block)
+            truth = self._pairing.judge.payload(estimate.robot, estimate.block)
             self._kept[estimate.robot].append((estimate, truth))
-
-    @property
-    def _judge(self) -> Judge:
-        return self._pairing.judge
 
     def result(self, scenario: Scenario, report: Report) -> Result:
         """Return the result so far, with the report of the same run."""
         beside = {name: self._beside[name].result(scenario, each) for name, each in report.beside.items()}
-        return Result(scenario, self._robots(), report, beside)
-
-    def _robots(self) -> dict[str, RobotResult]:
-        """Return each robot's estimates so far."""
-        return {
-            name: robot_result(self._judge, name, [e for e, _ in kept], [truth for _, truth in kept])
-            for name, kept in self._kept.items()
-        }
+        robots = {name: robot_result(self._pairing.judge, name, kept) for name, kept in self._kept.items()}
+        return Result(scenario, robots, report, beside)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from coheft.api.collector import Collector
 from coheft.api.result import Result
 from coheft.api.scenario import Source, load_scenario
 from coheft.api.simulation import Simulation
@@ -43,9 +44,7 @@ def run(
     """
     chosen = _chosen("coheft.run", scenario, set, duration, seed, estimator)
     if processes:
-        from coheft.api.processes import run_processes
-
-        return run_processes(chosen, restarts=3 if restarts is None else restarts)
+        return _run_processes(chosen, restarts=3 if restarts is None else restarts)
     if restarts is not None:
         raise UsageError("restarts= is only for runs with processes: add processes=True, or leave it out")
     simulation = Simulation(chosen)
@@ -67,6 +66,19 @@ def simulate(
         ScenarioError: There is no such scenario, or it cannot be used.
     """
     return Simulation(_chosen("coheft.simulate", scenario, set, duration, seed, estimator))
+
+
+def _run_processes(scenario: Scenario, *, restarts: int) -> Result:
+    """Start the physics server and a process per robot, and follow them to the end."""
+    from coheft.app.run.folder import make_run_folder
+    from coheft.app.run.launch import launch
+    from coheft.app.run.plan import make_plan, new_run_name
+    from coheft.app.terminal.screen import Display
+
+    name, collector = new_run_name(), Collector()
+    folder = make_run_folder(name)
+    report = launch(make_plan(scenario, run=name), folder, Display(), followers=[collector], restarts=restarts)
+    return collector.result(scenario, report)
 
 
 def _chosen(

@@ -83,11 +83,11 @@ class Simulation:
                 if measurements.holding != self._is_holding[name]:
                     self._is_holding[name] = measurements.holding
                     self._team.agents[name].set_holding(measurements.holding, measurements.block)
-            heard = {
+            received = {
                 name: [message for message in messages if frozenset((name, message.sender)) not in self._cut]
                 for name, messages in self._team.heard().items()
             }
-            self._keep(result.truth, self._team.answer(measured(result), heard))
+            self._keep(result.truth, self._team.answer(measured(result), received))
 
     def run_until(self, time: float) -> None:
         """Advance until this time [s]."""
@@ -177,9 +177,9 @@ class Simulation:
         self.truth = truth
         if self._carried is not None:
             self._carried.hear(truth)
-        said = [outbox.estimate for outbox in outboxes.values() if outbox.estimate is not None]
-        heard: list[News] = [truth, *said, *(each for outbox in outboxes.values() for each in outbox.beside)]
-        for news in heard:
+        estimates = [outbox.estimate for outbox in outboxes.values() if outbox.estimate is not None]
+        all_news: list[News] = [truth, *estimates, *(each for outbox in outboxes.values() for each in outbox.beside)]
+        for news in all_news:
             self._record.hear(news)
             self._collector.hear(news)
 

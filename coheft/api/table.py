@@ -10,7 +10,6 @@ from coheft.api.result import Result
 from coheft.api.tracks import RobotResult
 from coheft.app.run_report.data import PAYLOAD_COLUMNS
 from coheft.errors import MissingPackageError
-from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.rigid_body.mass_properties import pack_symmetric
 
 if TYPE_CHECKING:
@@ -31,13 +30,7 @@ def _of_robot(name: str, robot: RobotResult) -> pandas.DataFrame:
 
     columns = {"robot": name, "time_s": robot.time, "state": robot.state, "valid": robot.valid}
     for prefix, part in (("", "estimate"), ("true_", "truth"), ("std_", "std")):
-        values = _packed(robot, part)
+        mass, com, inertia = (getattr(track, part) for track in (robot.mass, robot.com, robot.inertia))
+        values = np.column_stack([mass, com, pack_symmetric(inertia)])
         columns |= {f"{prefix}{column}": values[:, k] for k, column in enumerate(PAYLOAD_COLUMNS)}
     return pandas.DataFrame(columns)
-
-
-def _packed(robot: RobotResult, part: str) -> Array:
-    """Return ``(m, h, J packed)`` over time, shape (n, 10)."""
-    mass, com, inertia = (getattr(track, part) for track in (robot.mass, robot.com, robot.inertia))
-    packed: Array = np.column_stack([mass, com, pack_symmetric(inertia)])
-    return packed

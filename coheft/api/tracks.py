@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from coheft.app.results.errors import pose_error
-from coheft.app.results.judge import Judge
+from coheft.app.results.errors import in_full
+from coheft.app.results.judge import Judge, standard_deviations
 from coheft.app.results.states import State
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.rigid_body.mass_properties import Inertia, unpack_symmetric
@@ -80,23 +80,21 @@ class RobotResult:
     noticed: Array
 
 
-def robot_result(judge: Judge, robot: str, estimates: Sequence[Estimate], truths: Sequence[Inertia]) -> RobotResult:
+def robot_result(judge: Judge, robot: str, kept: Sequence[tuple[Estimate, Inertia]]) -> RobotResult:
     """Collect the estimates of a robot in arrays.
 
     Args:
         judge: Provides the true poses.
         robot: The robot's name.
-        estimates: Its estimates in order of time.
-        truths: The true payload for each of them, in the robot's frame.
+        kept: Its estimates in order of time, each with the true payload in the robot's frame.
     """
-    payloads = [estimate.payload for estimate in estimates]
-    true = np.array([truth.central() for truth in truths]).reshape(-1, 10)
-    believed = np.array([_central(payload) for payload in payloads]).reshape(-1, 10)
-    std = np.array([_std(payload) for payload in payloads]).reshape(-1, 10)
+    estimates = [estimate for estimate, _ in kept]
+    rows = [(truth.central(), *_central(estimate.payload)) for estimate, truth in kept]
+    true, believed, std = np.array(rows).reshape(-1, 3, 10).transpose(1, 0, 2)
     mass, com, packed = (
         [part[:, columns] for part in (true, believed, std)] for columns in (0, slice(1, 4), slice(4, 10))
     )
-    neighbours = judge.scene.neighbours.get(robot, [])
+    neighbours, off = judge.scene.neighbours.get(robot, []), [judge.pose_errors(estimate) for estimate in estimates]
     return RobotResult(
         time=np.array([estimate.time for estimate in estimates]),
         state=np.array([str(State.of(estimate)) for estimate in estimates], dtype=np.str_),
@@ -105,40 +103,32 @@ def robot_result(judge: Judge, robot: str, estimates: Sequence[Estimate], truths
         mass=Track(*mass),
         com=Track(*com),
         inertia=Track(*map(unpack_symmetric, packed)),
-        poses={name: _pose_track(judge, robot, name, estimates) for name in neighbours},
+        poses={name: _pose_track(judge.relative_pose(robot, name), name, estimates, off) for name in neighbours},
         noticed=np.array([notice.noticed_at for notice in estimates[-1].load_changes] if estimates else []),
     )
 
 
-def _central(payload: PayloadEstimate | None) -> Array:
-    """Return the known part of ``(m, h, J packed)``, shape (10,), otherwise NaN."""
-    values = np.full(10, np.nan)
-    if payload is not None:
-        com = np.zeros(3) if payload.com is None else payload.com
-        tensor = np.zeros((3, 3)) if payload.tensor is None else payload.tensor
-        count = len(payload.covariance)
-        values[:count] = Inertia(payload.mass, com, tensor).central()[:count]
-    return values
+def _central(payload: PayloadEstimate | None) -> tuple[Array, Array]:
+    """Return ``(m, h, J packed)`` and its standard deviations, shape (10,) each, NaN where it is not known."""
+    if payload is None:
+        return np.full(10, np.nan), np.full(10, np.nan)
+    com = np.zeros(3) if payload.com is None else payload.com
+    tensor = np.zeros((3, 3)) if payload.tensor is None else payload.tensor
+    known = Inertia(payload.mass, com, tensor).central()[: len(payload.covariance)]
+    return in_full(known), in_full(standard_deviations(payload))
 
 
-def _std(payload: PayloadEstimate | None) -> Array:
-    """Return the standard deviations of the known part of ``(m, h, J packed)``, shape (10,), otherwise NaN."""
-    values = np.full(10, np.nan)
-    if payload is not None:
-        values[: len(payload.covariance)] = np.sqrt(np.diagonal(payload.covariance))
-    return values
-
-
-def _pose_track(judge: Judge, robot: str, neighbour: str, estimates: Sequence[Estimate]) -> PoseTrack:
+def _pose_track(
+    truth: Pose, neighbour: str, estimates: Sequence[Estimate], off: Sequence[Mapping[str, Array]]
+) -> PoseTrack:
+    """Return the track of a neighbour's pose; ``off`` has the errors of all neighbours' poses of each estimate."""
     matrices, errors, stds = (np.full((len(estimates), *shape), np.nan) for shape in ((4, 4), (6,), (6,)))
-    for k, estimate in enumerate(estimates):
-        found = estimate.poses.get(neighbour)
-        if found is not None and estimate.phase == "inertia":
-            pose = Pose(found.rotation, found.translation)
-            matrices[k] = _matrix(pose)
-            errors[k] = pose_error(judge.relative_pose(robot, neighbour, estimate.block), pose)
-            stds[k] = np.sqrt(np.diagonal(found.covariance))
-    return PoseTrack(_matrix(judge.relative_pose(robot, neighbour)), matrices, errors, stds)
+    for k, (estimate, of_estimate) in enumerate(zip(estimates, off, strict=True)):
+        if neighbour in of_estimate:
+            found = estimate.poses[neighbour]
+            matrices[k] = _matrix(Pose(found.rotation, found.translation))
+            errors[k], stds[k] = of_estimate[neighbour], np.sqrt(np.diagonal(found.covariance))
+    return PoseTrack(_matrix(truth), matrices, errors, stds)
 
 
 def _matrix(pose: Pose) -> Array:

@@ -9,6 +9,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import IO, Any
 
+from coheft.app.run.new_folder import gone_if_broken_off
 from coheft.errors import CoheftError, MissingPackageError
 
 _DPI = 150
@@ -61,19 +62,27 @@ DARK = Theme(
 )
 
 
-def make_folder(folder: Path) -> None:
-    """Make the folder for pictures, with its parents, before anything that takes long.
+@contextmanager
+def picture_folder(folder: Path | None) -> Iterator[None]:
+    """Make a folder for pictures, with its parents, before anything that takes long; None: there are no pictures.
+
+    It is removed again if an error or Ctrl-C ends the context before anything has been written there.
 
     Raises:
         CoheftError: It cannot be made.
         MissingPackageError: The plotting package is not installed.
     """
+    if folder is None:
+        yield
+        return
     if find_spec("matplotlib") is None:
         raise MissingPackageError("matplotlib", "study")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise CoheftError(f"cannot make the folder {folder}: {error.strerror}") from error
+    with gone_if_broken_off(folder):
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise CoheftError(f"cannot make the folder {folder}: {error.strerror}") from error
+        yield
 
 
 @contextmanager

@@ -6,8 +6,8 @@ No test here depends on how fast anything is.
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,6 +18,7 @@ from benchmarks.agent_step import HERE, Source
 from benchmarks.agent_step_team import NONE, NoMathematics, Turn, WholeTeam, ring
 from coheft.agents.agent import ESTIMATORS
 from coheft.app.run.inprocess import TeamInProcess, measured
+from coheft.errors import CoheftError, UsageError
 from coheft.wire.messages.codec import encode
 
 BLOCKS = 12
@@ -59,18 +60,17 @@ def test_in_larger_rings_each_holds_as_much() -> None:
     Source(larger)  # arms can hold it
 
 
-def run(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> None:
+def run(**options: Any) -> None:
     """The command, with a small team."""
-    monkeypatch.setattr(sys, "argv", ["agent_step", "--teams", "3", "--seconds", "0.3", *arguments])
-    agent_step.main()
+    agent_step.main(**{"teams": "3", "seconds": 0.3, **options})
 
 
 @pytest.mark.slow
 def test_the_command_tells_of_each_estimator_and_of_another_checkout(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     path = tmp_path / "step.json"
-    run(monkeypatch, "--json", str(path), "--against", str(HERE))
+    run(json=path, against=HERE)
     told = json.loads(path.read_bytes())
     assert told["about"]["against"] == str(HERE)
     efficient, none = told["3"]["efficient"], told["3"][NONE]
@@ -87,18 +87,13 @@ def test_the_command_tells_of_each_estimator_and_of_another_checkout(
 
 
 @pytest.mark.slow
-def test_an_estimator_that_there_is_not_is_named(
-    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit, match="agents with the estimator bogus ended"):
-        run(monkeypatch, "--estimators", "bogus")
+def test_an_estimator_that_there_is_not_is_named(capfd: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(CoheftError, match="agents with the estimator bogus ended"):
+        run(estimators="bogus")
     assert "no estimator 'bogus'" in capfd.readouterr().err
 
 
-@pytest.mark.parametrize("wrong", [["--teams", "1"], ["--teams", "six"], ["--seconds", "0"], ["--against", "/nowhere"]])
-def test_what_cannot_be_measured_is_refused(
-    monkeypatch: pytest.MonkeyPatch, wrong: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit):
-        run(monkeypatch, *wrong)
-    assert "error: " in capsys.readouterr().err
+@pytest.mark.parametrize("wrong", [{"teams": "1"}, {"teams": "six"}, {"seconds": 0.0}, {"against": Path("/nowhere")}])
+def test_what_cannot_be_measured_is_refused(wrong: dict[str, Any]) -> None:
+    with pytest.raises(UsageError):
+        run(**wrong)

@@ -7,15 +7,14 @@ import pytest
 
 from benchmarks.compare import load_committed
 from benchmarks.figures import Section, guarded
-from benchmarks.floor import SIZES, Ratios, Turns, _figures
-from benchmarks.paced_team import Turn
-from coheft.estimation.geometry.spatial import Array
+from benchmarks.floor import Ratios, Turns, _figures
+from benchmarks.paced_team import SIZES, Turn
 
 
 def turn(wall: float, agent: float, server: float) -> Turn:
     """Ten blocks of two robots, with times per block."""
     cpu = {"server": 10 * server, "r1": 10 * agent, "r2": 10 * agent}
-    return Turn(first=0, blocks=10, wall=10 * wall, cpu=cpu)
+    return Turn(blocks=10, wall=10 * wall, cpu=cpu)
 
 
 TURNS = Turns(
@@ -40,8 +39,7 @@ def test_ratios_are_medians_of_what_was_side_by_side() -> None:
 
 @pytest.mark.parametrize("robots", SIZES)
 def test_what_is_guarded_has_been_committed(robots: int) -> None:
-    waits: Array = TURNS.steps  # type: ignore[assignment]
-    figures = _figures(robots, TURNS, TURNS.ratios(), (waits, waits))
+    figures = _figures(robots, TURNS, TURNS.ratios())
     found = guarded([Section(name="floor", title="", figures=figures)])
     assert found.keys() <= load_committed().keys()
     assert len(found) == 3

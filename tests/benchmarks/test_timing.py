@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from benchmarks.timing import ratio
+from benchmarks.figures import ratio
 
 
 def test_the_ratio_is_the_median_of_each_rounds_own() -> None:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import io
 import os
 import signal
 import subprocess
 import sys
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
 import msgspec
 
+from coheft.app.cli.main import run_command_line
 from coheft.app.run.folder import RUN_FILE, RunFile
 from tests.waiting import LIMIT, wait_until
 
@@ -59,15 +62,11 @@ class Run:
         return " ".join(self.text.split())
 
     def ask(self, *arguments: str) -> tuple[int, str]:
-        """Another command on this run: its exit status and all its output."""
-        done = subprocess.run(
-            [sys.executable, "-m", "coheft", *arguments, "--run", str(self.folder)],
-            capture_output=True,
-            text=True,
-            timeout=LIMIT,
-            check=False,
-        )
-        return done.returncode, done.stdout + done.stderr
+        """Another command on this run, carried out in this process: its exit status and all its output."""
+        output = io.StringIO()
+        with redirect_stdout(output), redirect_stderr(output):
+            status = run_command_line([*arguments, "--run", str(self.folder)])
+        return status, output.getvalue()
 
     def left(self) -> list[str]:
         return [name for name, pid in self.pids.items() if alive(pid)]

@@ -7,7 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from coheft.app.run.keys import make_keys
+from tests.integration.attacker import Profile
 from tests.integration.command_line import Run
+from tests.integration.team import small_scenario
 
 
 @pytest.fixture
@@ -22,3 +25,11 @@ def start(tmp_path: Path) -> Iterator[Callable[..., Run]]:
     yield start_run
     for run in runs:
         run.end()
+
+
+@pytest.fixture(scope="module")
+def secure(tmp_path_factory: pytest.TempPathFactory) -> Profile:
+    """The keys of a team of four; they stay as they are."""
+    folder = tmp_path_factory.mktemp("team") / "keys"
+    make_keys(folder, small_scenario(4))
+    return Profile(folder)

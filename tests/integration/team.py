@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import atexit
 import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
-from typing import Literal
+from typing import IO, Literal
 
 import msgspec
 import zenoh
 
+from coheft.app.run.fork_server import Forked, ForkServer, can_fork
 from coheft.app.run.plan import Plan, make_plan
-from coheft.app.run.processes import ENVIRONMENT
+from coheft.app.run.processes import ENVIRONMENT, FORKED
 from coheft.errors import LinkError
 from coheft.wire.messages.requests import Refusal, Request, Status, StatusRequest
 from coheft.wire.scenario.file import parse_scenario
@@ -43,6 +46,14 @@ def small_scenario(count: int, kind: str = "ring", duration: float = 1e4, block:
     return parse_scenario(text, "small_scenario")
 
 
+@cache
+def fork_server() -> ForkServer:
+    """One for all teams of all tests, which ends with the tests."""
+    made = ForkServer(FORKED, {**os.environ, **ENVIRONMENT, "PYTHONPATH": str(ROOT)})
+    atexit.register(made.close)
+    return made
+
+
 @dataclass
 class Team:
     """Running processes of a plan, by name (``server`` is one of them), and a link to the server."""
@@ -51,14 +62,14 @@ class Team:
     keys: Keys
     folder: Path
     observer: zenoh.Session
-    processes: dict[str, subprocess.Popen[bytes]]
+    processes: dict[str, subprocess.Popen[bytes] | Forked]
 
     def start(self, name: str, command: tuple[str, ...], config: msgspec.Struct) -> None:
         """Start one more process, or one again; what it prints is added to ``<name>.log``."""
         if name in self.processes:
             self.end(name)
         with (self.folder / f"{name}.log").open("ab") as log:
-            self.processes[name] = subprocess.Popen(
+            self.processes[name] = self._forked(name, command, log) or subprocess.Popen(
                 [sys.executable, *command],
                 stdin=subprocess.PIPE,
                 stdout=log,
@@ -70,6 +81,12 @@ class Team:
         assert stdin is not None
         stdin.write(msgspec.json.encode(config) + b"\n")
         stdin.flush()
+
+    def _forked(self, name: str, command: tuple[str, ...], log: IO[bytes]) -> Forked | None:
+        """Start one of coheft's own processes without loading its modules anew, where systems can."""
+        if command not in (AGENT, SERVER) or not can_fork():
+            return None
+        return fork_server().start(name, command[1], log.fileno())
 
     def restart(self, name: str) -> None:
         """Start the server or an agent again, with the configuration that it had."""

@@ -55,7 +55,6 @@ def test_bare_agents_say_again_what_real_ones_said(tmp_path: Path) -> None:
     with paced_team(scenario, tmp_path / "floor", files) as team:
         team.run_until(0.5)
         assert team.turn(0.5).blocks > BLOCKS, "they begin anew when all is said"
-        team.stop()
 
 
 def test_a_run_that_does_not_begin_is_told(tmp_path: Path) -> None:

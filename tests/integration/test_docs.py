@@ -43,6 +43,7 @@ class Way(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename={"is_"
     page: str = ""
     run: str = ""
     skip: bool = False
+    run_on: str = ""
     exit: int = 0
     beside: str = ""
     until: str = ""
@@ -72,6 +73,13 @@ WAYS = {(way.page, normal(way.is_)): way for way in TABLE.command}
 def way_of(page: Path, name: str) -> Way:
     """How a command of a page is run; as it stands if the table does not say otherwise."""
     return WAYS.get((page.name, name)) or WAYS.get(("", name)) or Way(name, "")
+
+
+def same_on_other_pages(page: Path, name: str) -> Iterator[tuple[Path, Command]]:
+    """The same command where other pages show it, if it is run on this page for them."""
+    for other in PAGES:
+        if way_of(other, name).run_on == page.name:
+            yield from ((other, each) for block in blocks(other) for each in commands(block) if each.name == name)
 
 
 class Reader:
@@ -134,7 +142,7 @@ class Reader:
 
     def _carry_out(self, command: Command) -> None:
         found = way_of(self.page, command.name)
-        if found.skip:
+        if found.skip or found.run_on:
             return
         if found.beside and found.beside not in self.beside:
             self._start_beside(found.beside)
@@ -147,8 +155,10 @@ class Reader:
             return
         printed = self._run(text, command.number, found)
         if not found.run:
-            lost = missing_line(command.output, printed)
-            assert lost is None, f"{self._place(command.number)}: {text} no longer prints\n{lost}\nbut\n{printed}"
+            for page, each in [(self.page, command), *same_on_other_pages(self.page, command.name)]:
+                lost = missing_line(each.output, printed)
+                place = f"{page.name}, line {each.number}"
+                assert lost is None, f"{place}: {text} no longer prints\n{lost}\nbut\n{printed}"
 
     def _start(self, text: str, name: str) -> tuple[subprocess.Popen[bytes], Path]:
         output = self.folder.with_name(f"{name}.out")
@@ -246,6 +256,8 @@ def test_the_table_is_about_what_pages_say() -> None:
     unsaid = sorted(set(WAYS) - said - {("", name) for _, name in said})
     assert not unsaid, f"{TABLE_FILE.name} is about commands that no page has"
     assert all(way.why for way in TABLE.command), "all of it needs a reason"
+    shared = [(way.run_on, normal(way.is_)) for way in TABLE.command if way.run_on]
+    assert set(shared) <= said - set(WAYS), "where it is run as it stands"
     files = {page.name: page.read_text() for page in PAGES}
     assert all(replacement.old in files[replacement.page] for replacement in TABLE.replace)
 

@@ -6,6 +6,7 @@ import os
 import shutil
 import stat
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
@@ -25,7 +26,7 @@ from coheft.errors import CoheftError, LinkError, ScenarioError
 from coheft.wire.config import AgentProcessConfig
 from coheft.wire.messages.requests import EstimatorRequest, InjectRequest, Refusal, Status, StatusRequest, StopRequest
 from coheft.wire.messages.structs import Hello, Ready
-from coheft.wire.process.problem_log import BURST
+from coheft.wire.process.problem_log import BURST, RATE
 from coheft.wire.transport import backlog as backlog_module
 from coheft.wire.transport.inbox import Inbox, Received, Refused
 from coheft.wire.transport.planes import guard_observer
@@ -121,35 +122,42 @@ def memory(team: Team, name: str) -> float:
     return int(pages) * os.sysconf("SC_PAGE_SIZE") / 2**20
 
 
+def flood(team: Team, session: zenoh.Session, size: int) -> dict[str, float]:
+    """At least 10 MiB of messages of so many bytes in r2's name to r1; the memory of all processes meanwhile [MiB]."""
+    key, stop, said = team.keys.agent("r2", "block"), threading.Event(), list[int]()
+
+    def speak() -> None:
+        rubbish = os.urandom(size)
+        while not stop.is_set():
+            session.put(key, rubbish, congestion_control=zenoh.CongestionControl.BLOCK)
+            said.append(size)
+
+    thread = threading.Thread(target=speak)
+    thread.start()
+    try:
+        team.wait_for_block(team.ask(StatusRequest()).block + 100)
+        wait_until(lambda: sum(said) > 10 * 2**20, "the flood")
+        return {name: memory(team, name) for name in team.processes}
+    finally:
+        stop.set()
+        thread.join()
+
+
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="the system does not tell a process's memory")
-@pytest.mark.parametrize("size", [1_000, 200_000, 1_000_000], ids=["small", "large", "too large"])
-def test_a_neighbour_that_floods_fills_no_memory_and_no_disk_and_spoils_nobody_elses_run(secure, tmp_path, size):
+def test_a_neighbour_that_floods_fills_no_memory_and_no_disk_and_disturbs_no_other_robot(secure, tmp_path):
     with running_team(small_scenario(COUNT, "line"), tmp_path, "realtime", keys_folder=secure.keys) as team:
         team.wait_for_block(50)
+        began = time.monotonic()
         before = {name: memory(team, name) for name in team.processes}
-        key, stop = team.keys.agent("r2", "block"), threading.Event()
         with raw_session([team.plan.agents["r1"].listen], tls=tls_settings(secure.credentials("r2"))) as session:
-            said = []
-
-            def flood() -> None:
-                rubbish = os.urandom(size)
-                while not stop.is_set():
-                    session.put(key, rubbish, congestion_control=zenoh.CongestionControl.BLOCK)
-                    said.append(size)
-
-            thread = threading.Thread(target=flood)
-            thread.start()
-            team.wait_for_block(team.ask(StatusRequest()).block + 100)
-            wait_until(lambda: sum(said) > 10 * 2**20, "the flood")
-            during = {name: memory(team, name) for name in team.processes}
-            stop.set()
-            thread.join()
+            for size in (1_000_000, 200_000, 1_000):  # the first is too large to be read at all
+                during = flood(team, session, size)
+                for name in team.processes:
+                    # Links have buffers, which are the fuller the busier the machine is.
+                    assert during[name] - before[name] < 60.0, (size, name, before, during)
+                assert ("refused from r2" in team.log("r1")) == (size < 2**18)
         team.wait_for_block(team.ask(StatusRequest()).block + 50)
-        for name in team.processes:
-            # Links have buffers, which are the fuller the busier the machine is.
-            assert during[name] - before[name] < 60.0, (name, before, during)
-        assert ("refused from r2" in team.log("r1")) == (size < 2**18)
-        assert len(team.log("r1").splitlines()) < 4 * BURST
+        assert len(team.log("r1").splitlines()) < 2 * BURST + RATE * (time.monotonic() - began)
         assert not any("refused" in team.log(name) for name in ("r2", "r3", "r4"))
         team.ask(StopRequest())
         assert team.exit_status("server") == 0

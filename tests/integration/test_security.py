@@ -3,19 +3,13 @@
 from __future__ import annotations
 
 import secrets
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from datetime import UTC, datetime, timedelta
-from pathlib import Path
 
 import pytest
 import zenoh
-from cryptography import x509
 
 from coheft.app.run.hosts import free_ports
-from coheft.app.run.keys import Authority, make_keys
-from coheft.errors import CoheftError
 from coheft.wire.transport.inbox import Inbox, LinkChange, Refused
 from coheft.wire.transport.planes import (
     guard_agent_for_observers,
@@ -24,12 +18,11 @@ from coheft.wire.transport.planes import (
     guard_server_for_observers,
     guard_server_for_robot,
 )
-from coheft.wire.transport.security import Credentials, Guard, credentials_in
+from coheft.wire.transport.security import Credentials, Guard
 from coheft.wire.transport.sessions import Keys, open_session
 from tests.waiting import next_event, wait_until
 
 from .attacker import PUSHING, Busybody, Crossing, Profile, let_act, raw_session, tls_settings
-from .team import small_scenario
 
 OPEN = Profile(None)
 KEYS = Keys(f"test-{secrets.token_hex(4)}")
@@ -61,13 +54,6 @@ PLACES: dict[str, tuple[Callable[[Credentials | None], Guard | None], tuple[str,
 """Sessions that can be dialled: their guard, and what is said there."""
 OWNERS = {"server's link with r1": "server", "server's observers": "server"}
 """Whose they are, if not r1's."""
-
-
-@pytest.fixture(scope="module")
-def secure(tmp_path_factory: pytest.TempPathFactory) -> Profile:
-    folder = tmp_path_factory.mktemp("team") / "keys"
-    make_keys(folder, small_scenario(4))
-    return Profile(folder)
 
 
 @contextmanager
@@ -197,84 +183,6 @@ def test_acting_as_a_client_or_a_router_gains_nothing(secure, mode, settings):
     assert to_victim.heard == MAY_SAY[place, "r2"]
 
 
-def test_clocks_may_differ_by_some_minutes(tmp_path: Path) -> None:
-    make_keys(tmp_path / "keys", small_scenario(2, "line"))
-    for path in (tmp_path / "keys").glob("*.crt"):
-        certificate = x509.load_pem_x509_certificate(path.read_bytes())
-        assert certificate.not_valid_before_utc < datetime.now(UTC) - timedelta(minutes=4), path
-
-
-def without_certificate(_: Path, good: Credentials) -> dict[str, object]:
-    return {"root_ca_certificate": good.authority}
-
-
-def of_another_authority(folder: Path, good: Credentials) -> dict[str, object]:
-    Authority.new(timedelta(days=1)).issue(folder, "r2")
-    return tls_settings(_with_authority_of(folder, good))
-
-
-def self_signed_authority(folder: Path, good: Credentials) -> dict[str, object]:
-    """An authority that calls itself as ours does is no help."""
-    make_keys(folder, small_scenario(4))
-    return tls_settings(_with_authority_of(folder, good))
-
-
-def expired(folder: Path, good: Credentials) -> dict[str, object]:
-    Authority.load(Path(good.authority).parent).issue(folder, "r2", lifetime=timedelta(seconds=-1))
-    return tls_settings(_with_authority_of(folder, good))
-
-
-def fresh(folder: Path, good: Credentials) -> dict[str, object]:
-    """The control: made like the expired one, but good."""
-    Authority.load(Path(good.authority).parent).issue(folder, "r2", lifetime=timedelta(hours=1))
-    return tls_settings(_with_authority_of(folder, good))
-
-
-def _with_authority_of(folder: Path, good: Credentials) -> Credentials:
-    return Credentials(authority=good.authority, certificate=str(folder / "r2.crt"), key=str(folder / "r2.key"))
-
-
-BAD_CERTIFICATES = [without_certificate, of_another_authority, self_signed_authority, expired]
-
-
-@pytest.mark.parametrize("certificate", BAD_CERTIFICATES)
-def test_nobody_dials_in_without_a_valid_certificate(secure, tmp_path, certificate):
-    good = secure.credentials("r2")
-    bad = certificate(tmp_path / "bad", good)
-    with victim(secure, "neighbour plane of r1") as (endpoint, _):
-        with raw_session([endpoint], tls=fresh(tmp_path / "fresh", good)) as session:
-            assert [link.auth_identifier for link in session.info.links()] == ["r1"]
-        with pytest.raises(zenoh.ZError, match="Unable to connect"), raw_session([endpoint], tls=bad):
-            pass
-
-
-def test_nobody_dials_in_over_plain_tcp(secure):
-    with victim(OPEN, "neighbour plane of r1") as (endpoint, _), raw_session([endpoint]) as session:
-        assert len(session.info.links()) == 1
-    with (
-        victim(secure, "neighbour plane of r1") as (endpoint, _),
-        pytest.raises(zenoh.ZError, match="Unable to connect"),
-        raw_session([endpoint.replace("tls", "tcp")]),
-    ):
-        pass
-
-
-@pytest.mark.parametrize("certificate", [*BAD_CERTIFICATES[1:], None])
-def test_nobody_is_dialled_without_a_valid_certificate(secure, tmp_path, certificate):
-    """Whoever takes the port of a neighbour that is down needs more than the port."""
-    good = secure.credentials("r2")
-    endpoint = secure.endpoint(free_ports(1)[0])
-    guard = guard_neighbours(secure.credentials("r1"), KEYS, "r1", ["r2"])
-    with open_session(connect=[endpoint], guard=guard) as session:
-        bad = certificate(tmp_path / "bad", good) if certificate is not None else {}
-        at_the_port = endpoint if certificate is not None else endpoint.replace("tls", "tcp")
-        with raw_session(listen=[at_the_port], tls=bad) as impostor:
-            time.sleep(0.5)
-            assert impostor.info.links() == session.info.links() == []
-        with raw_session(listen=[endpoint], tls=tls_settings(good)):
-            wait_until(lambda: len(session.info.links()) == 1, "the real one")
-
-
 @pytest.mark.parametrize("name", ["r2", "r3"])
 def test_who_listens_at_a_neighbours_port_does_not_become_that_neighbour(secure, name):
     """r3's certificate is valid for the host, but its name is not r2: nothing of r2's is taken from it."""
@@ -312,14 +220,6 @@ def test_no_agent_passes_for_another_one_or_for_the_server_at_an_observer(secure
         assert observer.came.answered == set()
 
 
-def test_a_link_does_not_outlive_its_certificate(secure, tmp_path):
-    with victim(secure, "neighbour plane of r1") as (endpoint, session):
-        Authority.load(secure.keys).issue(tmp_path, "r2", lifetime=timedelta(seconds=8))
-        with raw_session([endpoint], tls=tls_settings(_with_authority_of(tmp_path, secure.credentials("r2")))):
-            assert len(session.info.links()) == 1
-            wait_until(lambda: session.info.links() == [], "the end of the certificate")
-
-
 def test_messages_of_an_old_run_do_not_arrive(secure):
     """The same team, the same certificates, another run: its prefix opens nothing here."""
     old = Keys("the-run-before")
@@ -349,8 +249,3 @@ def test_links_of_those_who_have_no_business_here_are_told_but_not_counted(secur
         with raw_session([endpoint], tls=tls_settings(secure.credentials("r1"))):
             assert next_event(inbox) == LinkChange("r1", links=1)
         assert next_event(inbox) == LinkChange("r1", links=0)
-
-
-def test_a_missing_certificate_is_named(secure):
-    with pytest.raises(CoheftError, match=r"contains no r9.crt and no r9.key, needed by r9"):
-        credentials_in(secure.keys, "r9")

@@ -38,9 +38,16 @@ FULL = pytest.param("> /dev/full", "No space left on device", id="full", marks=n
 
 
 @pytest.mark.parametrize("arguments", [["scenarios"], ["help"], ["--version"], ["completion", "bash"]])
-@pytest.mark.parametrize(("where", "reason"), [CLOSED, FULL])
-def test_what_is_lost_is_an_error_in_one_line(where: str, reason: str, arguments: list[str]) -> None:
-    assert redirected(where, *arguments) == (1, f"coheft: standard output: {reason}; {LOST}\n")
+def test_what_is_lost_is_an_error_in_one_line(arguments: list[str]) -> None:
+    assert redirected(">&-", *arguments) == (1, f"coheft: standard output: it is closed; {LOST}\n")
+
+
+@needs_full
+def test_what_does_not_fit_on_the_disk_is_an_error_in_one_line() -> None:
+    assert redirected("> /dev/full", "scenarios") == (
+        1,
+        f"coheft: standard output: No space left on device; {LOST}\n",
+    )
 
 
 def test_if_standard_error_is_closed_as_well_the_status_tells() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import http.server
 import json
 import os
 import shutil
@@ -10,7 +9,6 @@ import signal
 import socket
 import subprocess
 import sys
-import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
@@ -28,6 +26,7 @@ from coheft.errors import CoheftError
 from coheft.wire.messages.requests import Status, StatusRequest, StopRequest
 from coheft.wire.scenario.schema import MAX_DURATION
 
+from .hostile_site import ATTACK, hostile_site
 from .view_page import PATIENCE, button_appears, centre_rows, choose, click, inputs, looking_at, text_of, wait_for
 
 viser = pytest.importorskip("viser", reason="the view needs viser: install 'coheft[view]'")
@@ -244,69 +243,9 @@ def test_a_run_with_a_view_goes_on_until_it_is_stopped(tmp_path):
     assert "too late" not in output.read_text(), "no robot is late where time waits for it"
 
 
-ATTACK = """async ([port, token, protocol]) => {
-    const dial = url => new Promise(done => {
-        const socket = new WebSocket(url, [protocol]);
-        socket.onopen = () => done(`open ${url}`);
-        socket.onmessage = () => done(`a message from ${url}`);
-        socket.onerror = () => done("");
-    });
-    const read = (url, options) => fetch(url, options).then(
-        async answer => (answer.ok ? `${answer.status} ` : "") + (await answer.text()).includes("iser"), () => "");
-    const frame = url => new Promise(done => {
-        const frame = document.createElement("iframe");
-        frame.onload = () => {
-            try { done(frame.contentDocument.body.innerText.includes("whole address") ? "" : `saw ${url}`); }
-            catch { done(""); }
-        };
-        frame.src = url;
-        document.body.append(frame);
-    });
-    const got = [];
-    for (const host of new Set(["127.0.0.1", "localhost", location.hostname]))
-        for (const path of ["/", "/a-guess", `/${token}`]) {  // more, and Chromium makes it wait
-            const place = `${host}:${port}${path}`;
-            got.push(await dial(`ws://${place}`));
-            for (const options of [{}, {mode: "no-cors", credentials: "include"}])
-                got.push((await read(`http://${place}`, options)).replace("false", ""));
-            got.push(await frame(`http://${place}`));
-        }
-    return got.filter(each => each !== "");
-}"""
-"""All that a page can try to get at a view; what it got."""
-
-
-@contextmanager
-def hostile_site() -> Iterator[int]:
-    """A web server of somebody else on this machine, and its port."""
-
-    class Handler(http.server.BaseHTTPRequestHandler):
-        def do_GET(self) -> None:
-            seen.append(self.headers.get("Cookie"))
-            self.send_response(200)
-            self.send_header("Content-Type", "text/html")
-            self.end_headers()
-            self.wfile.write(b"<!doctype html><title>harmless</title><body>")
-
-        def log_message(self, *_: object) -> None:
-            pass
-
-    seen: list[str | None] = []
-    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
-        thread = threading.Thread(target=server.serve_forever)
-        thread.start()
-        yield server.server_address[1]
-        server.shutdown()
-        thread.join()
-    assert seen
-    assert not any(seen), "the view has left a secret where others get it"
-
-
-@pytest.mark.parametrize("profile", ["open", "secure"])
-def test_a_hostile_page_gets_nothing(tmp_path, browser, profile):
-    folder = tmp_path / "run"
-    secure = ["--secure"] if profile == "secure" else []
-    with viewed_run(folder, "--duration", "1000", "--change", "t=999,mass=1", *secure) as url, hostile_site() as site:
+def test_a_hostile_page_gets_nothing(tmp_path, browser):
+    folder, arguments = tmp_path / "run", ("--duration", "1000", "--change", "t=999,mass=1", "--secure")
+    with viewed_run(folder, *arguments) as url, hostile_site() as site:
         token, port = url.split("/")[3], port_of(url)
         protocol = f"viser-v{viser.__version__}"
         context = browser.new_context(viewport={"width": 900, "height": 1100}, device_scale_factor=0.3)

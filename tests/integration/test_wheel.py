@@ -132,10 +132,10 @@ def test_it_runs_in_an_empty_environment_from_another_folder(wheel, tmp_path):
     python = place / ("Scripts" if os.name == "nt" else "bin") / "python"
     constraints = str(ROOT / "constraints.txt")
     install = [str(python), "-m", "pip", "install", "--quiet", "--constraint", constraints, str(wheel)]
-    installed = subprocess.run(install, capture_output=True, text=True, check=False)
+    environment = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "VIRTUAL_ENV")}
+    installed = subprocess.run(install, capture_output=True, text=True, env=environment, check=False)
     if installed.returncode != 0:
         pytest.skip(f"needs a package index to install from: {installed.stderr.splitlines()[-1]}")
-    environment = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "VIRTUAL_ENV")}
     folder = tmp_path / "elsewhere"
     folder.mkdir()
     command = [str(python.with_name("coheft")), "run", "ring3", "--duration", "3"]

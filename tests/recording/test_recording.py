@@ -156,7 +156,7 @@ def test_beliefs_errors_and_what_robots_make_of_them(topics: Mapping[str, list[t
         rows = [topics[f"/{name}/{kind}/payload"] for kind in ("estimate", "error", "three_sigma")]
         for estimate, (time, believed), (_, error), (_, spread) in zip(estimates, *rows, strict=True):
             assert time == round(estimate.time * 1e9)
-            report = judge.robot([estimate])
+            report = judge.robot(estimate)
             assert believed.inertia.m == report.mass.estimate
             assert [believed.inertia.com.x, believed.inertia.com.y, believed.inertia.com.z] == report.com.estimate
             payload = LIGHT if estimate.block < 10 else HEAVY

@@ -8,19 +8,17 @@ from typing import Any
 
 from coheft.app.cart.campaign import Outcome
 from coheft.app.cart.table_one import QUIET_TESTS
-from coheft.app.figures import figure_to, make_folder
+from coheft.app.figures import figure_to
 
 _SIZE = (7.0, 4.2)
 
 
 def draw(outcomes: Sequence[Outcome], folder: Path) -> list[Path]:
-    """Draw the figures into a folder, with the first run of each test.
+    """Draw the figures into an existing folder, with the first run of each test.
 
     Raises:
-        CoheftError: The folder cannot be made.
         MissingPackageError: matplotlib is not installed.
     """
-    make_folder(folder)
     learned: dict[int, Outcome] = {}
     fixed: dict[int, Outcome] = {}
     for outcome in outcomes:

@@ -3,22 +3,29 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
 
-from coheft.app.cli.base import CONTROL, RunFolder, Vector, Whole, app
+from cyclopts import Parameter
+from cyclopts.validators import Number
+
+from coheft.app.cli import options
+from coheft.app.cli.base import CONTROL, app
+
+Robot = Annotated[str, Parameter(help="A robot, for instance r1.")]
+Share = Annotated[float, Parameter(validator=Number(gte=0, lte=1))]
+Neighbour = Annotated[str, Parameter(help="Its neighbour.")]
 
 
 @app.command(group=CONTROL)
-def inject(*, mass: float, at: Vector, size: Vector = (0.1, 0.1, 0.1), run: RunFolder = None) -> None:
+def inject(
+    *, mass: float, at: options.Vector, size: options.Vector = (0.1, 0.1, 0.1), run: options.RunFolder = None
+) -> None:
     """Drop a load onto the payload of a run in progress.
 
-    Parameters
-    ----------
-    mass:
-        Mass of the load [kg].
-    at:
-        Position of its centre, in the payload's frame [m].
-    size:
-        Its edge lengths [m].
+    Args:
+        mass: Mass of the load [kg].
+        at: Position of its centre, in the payload's frame [m].
+        size: Its edge lengths [m].
     """
     from coheft.app.run.observer import ask_run
     from coheft.wire.messages.requests import InjectRequest
@@ -28,13 +35,11 @@ def inject(*, mass: float, at: Vector, size: Vector = (0.1, 0.1, 0.1), run: RunF
 
 
 @app.command(group=CONTROL)
-def remove(load: Whole, *, run: RunFolder = None) -> None:
+def remove(load: options.Whole, *, run: options.RunFolder = None) -> None:
     """Take a load off the payload of a run in progress.
 
-    Parameters
-    ----------
-    load:
-        Number of the load, as printed by 'coheft inject'; loads are numbered from 1 in order of arrival.
+    Args:
+        load: Number of the load, as printed by 'coheft inject'; loads are numbered from 1 in order of arrival.
     """
     from coheft.app.run.observer import ask_run
     from coheft.wire.messages.requests import RemoveRequest
@@ -44,27 +49,15 @@ def remove(load: Whole, *, run: RunFolder = None) -> None:
 
 
 @app.command(group=CONTROL)
-def release(robot: str, *, run: RunFolder = None) -> None:
-    """Let a robot release the payload.
-
-    Parameters
-    ----------
-    robot:
-        Its name.
-    """
+def release(robot: Robot, *, run: options.RunFolder = None) -> None:
+    """Let a robot release the payload."""
     time = _set_holding(run, robot, holding=False)
     print(f"{robot} released the payload at {time:.2f} s; 'coheft grasp {robot}' makes it grasp again")
 
 
 @app.command(group=CONTROL)
-def grasp(robot: str, *, run: RunFolder = None) -> None:
-    """Let a robot grasp the payload again, in the same place as before.
-
-    Parameters
-    ----------
-    robot:
-        Its name.
-    """
+def grasp(robot: Robot, *, run: options.RunFolder = None) -> None:
+    """Let a robot grasp the payload again, in the same place as before."""
     time = _set_holding(run, robot, holding=True)
     print(f"{robot} grasped the payload at {time:.2f} s")
 
@@ -78,13 +71,11 @@ def _set_holding(folder: Path | None, robot: str, *, holding: bool) -> float:
 
 
 @app.command(group=CONTROL)
-def use(estimator: str | None = None, *, run: RunFolder = None) -> None:
+def use(estimator: str | None = None, *, run: options.RunFolder = None) -> None:
     """Make all robots discard their estimates and start again with another estimator.
 
-    Parameters
-    ----------
-    estimator:
-        efficient, fan2017, or your own if the run started with it. Without one, print the estimator in use.
+    Args:
+        estimator: efficient, fan2017, or your own if the run started with it. Without one, print the estimator in use.
     """
     from coheft.app.run.observer import ask_run
     from coheft.wire.messages.requests import EstimatorRequest, StatusRequest
@@ -98,7 +89,7 @@ def use(estimator: str | None = None, *, run: RunFolder = None) -> None:
 
 
 @app.command(group=CONTROL)
-def pause(*, run: RunFolder = None) -> None:
+def pause(*, run: options.RunFolder = None) -> None:
     """Pause a run."""
     from coheft.app.run.observer import ask_run
     from coheft.wire.messages.requests import PauseRequest
@@ -108,7 +99,7 @@ def pause(*, run: RunFolder = None) -> None:
 
 
 @app.command(group=CONTROL)
-def resume(*, run: RunFolder = None) -> None:
+def resume(*, run: options.RunFolder = None) -> None:
     """Resume a paused run."""
     from coheft.app.run.observer import ask_run
     from coheft.wire.messages.requests import PauseRequest
@@ -118,7 +109,7 @@ def resume(*, run: RunFolder = None) -> None:
 
 
 @app.command(group=CONTROL)
-def stop(*, run: RunFolder = None) -> None:
+def stop(*, run: options.RunFolder = None) -> None:
     """End a run now; the terminal that started it shows its report."""
     from coheft.app.run.folder import locate_run
     from coheft.app.run.observer import ask_server
@@ -130,7 +121,7 @@ def stop(*, run: RunFolder = None) -> None:
 
 
 @app.command(group=CONTROL)
-def watch(*, run: RunFolder = None) -> None:
+def watch(*, run: options.RunFolder = None) -> None:
     """Watch a run in progress until it ends."""
     from rich.console import Console
 
@@ -142,71 +133,47 @@ def watch(*, run: RunFolder = None) -> None:
 
 
 @app.command(group=CONTROL)
-def cut(one: str, other: str, *, run: RunFolder = None) -> None:
+def cut(one: Robot, other: Neighbour, *, run: options.RunFolder = None) -> None:
     """Cut the link between two neighbours: neither receives the other's messages any more.
 
     An agent that restarts connects to all its neighbours again, cut links included.
-
-    Parameters
-    ----------
-    one:
-        A robot, for instance r1.
-    other:
-        Its neighbour.
     """
     _set_link(run, one, other, cut=True)
     print(f"{one} and {other} no longer receive each other's messages; 'coheft mend {one} {other}' restores the link")
 
 
 @app.command(group=CONTROL)
-def mend(one: str, other: str, *, run: RunFolder = None) -> None:
-    """Mend a link that was cut.
-
-    Parameters
-    ----------
-    one:
-        A robot, for instance r1.
-    other:
-        Its neighbour.
-    """
+def mend(one: Robot, other: Neighbour, *, run: options.RunFolder = None) -> None:
+    """Mend a link that was cut."""
     _set_link(run, one, other, cut=False)
     print(f"{one} and {other} can receive each other's messages again")
 
 
 @app.command(group=CONTROL)
 def disturb(
-    one: str, other: str, *, loss: float = 0.0, delay: float = 0.0, jitter: float = 0.0, run: RunFolder = None
+    one: Robot,
+    other: Neighbour,
+    *,
+    loss: Share = 0.0,
+    delay: Share = 0.0,
+    jitter: Share = 0.0,
+    run: options.RunFolder = None,
 ) -> None:
     """Let messages between two neighbours be lost or late; without options, restore the link.
 
     An agent that restarts receives everything in time again.
 
-    Parameters
-    ----------
-    one:
-        A robot, for instance r1.
-    other:
-        Its neighbour.
-    loss:
-        Share of messages that are lost, from 0 to 1.
-    delay:
-        Delay of every message [s], at most 1.
-    jitter:
-        Largest additional delay [s], drawn for each message, at most 1.
+    Args:
+        loss: Share of messages that are lost, from 0 to 1.
+        delay: Delay of every message [s], at most 1.
+        jitter: Largest additional delay [s], drawn for each message, at most 1.
     """
-    import msgspec
-
     from coheft.app.run.folder import find_run
     from coheft.app.run.observer import ask_server, disturb_link
-    from coheft.errors import CoheftError
     from coheft.wire.messages.requests import StatusRequest
     from coheft.wire.scenario.network import LinkQuality
 
-    try:
-        quality = msgspec.convert({"loss": loss, "delay": delay, "jitter": jitter}, LinkQuality)
-    except msgspec.ValidationError as error:
-        what, _, where = str(error).partition(" - at `$.")
-        raise CoheftError(f"--{where.rstrip('`')}: {what}") from error
+    quality = LinkQuality(loss=loss, delay=delay, jitter=jitter)
     run_file = find_run(run, acts=True)
     disturb_link(run_file, ask_server(run_file, StatusRequest()).scene, one, other, quality)
     if quality.is_ideal:

@@ -8,19 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from coheft.app.cli.base import (
-    EVALUATE,
-    EXIT_BROKEN_PROMISE,
-    EXIT_CONVERGED,
-    Count,
-    FileTarget,
-    Flag,
-    FolderTarget,
-    NotNegative,
-    ReportTarget,
-    app,
-    check_outputs,
-)
+from coheft.app.cli import options
+from coheft.app.cli.base import EVALUATE, EXIT_BROKEN_PROMISE, EXIT_CONVERGED, app
 from coheft.errors import CoheftError, UsageError
 
 if TYPE_CHECKING:
@@ -46,18 +35,18 @@ def _is_mutant(_: object, name: str) -> None:
 @app.command(group=EVALUATE)
 def faults(
     *,
-    seeds: Count = _SEEDS,
-    first_seed: NotNegative | None = None,
-    jobs: Count | None = None,
-    json: ReportTarget = None,
-    table: FileTarget = None,
-    kept: FileTarget = None,
-    failed: FolderTarget = None,
+    seeds: options.Count = _SEEDS,
+    first_seed: options.NotNegative | None = None,
+    jobs: options.Jobs = None,
+    json: options.ReportTarget = None,
+    table: options.FileTarget = None,
+    kept: options.FileTarget = None,
+    failed: options.FolderTarget = None,
     mutant: Annotated[str, Parameter(validator=_is_mutant)] = "",
     set: Annotated[list[str] | None, Parameter(negative=())] = None,
     replay: str | None = None,
-    shrink: Flag = False,
-    quiet: Flag = False,
+    shrink: options.Flag = False,
+    quiet: options.Quiet = False,
 ) -> int:
     """Inject faults into many simulated runs, and check after every block that the promises are kept.
 
@@ -65,35 +54,20 @@ def faults(
     the sensors also have small lasting errors, see docs/faults.md. Exit status 4 if a promise was broken; the last
     line is then the command that reproduces it.
 
-    Parameters
-    ----------
-    seeds:
-        Number of runs.
-    first_seed:
-        Seed of the first run, by default drawn from the clock; the others follow consecutively.
-    jobs:
-        Number of processes; by default one per core.
-    json:
-        Write the summary to this file; - for standard output.
-    table:
-        Write a table of the injected faults and their effects to this file, in Markdown.
-    kept:
-        Append every outcome to this file, so that an interrupted campaign can continue. Outcomes of other code or of
-        another mutant are refused.
-    failed:
-        Folder for schedules that break a promise, by default 'faults-failed'; --replay FILE runs them again even if
-        seeds draw something else by then.
-    mutant:
-        Put this deliberate bug into the agents; the campaign has to find it.
-    set:
-        Fix a key of the scenario that is otherwise drawn, in TOML syntax, for instance sensors.rate=200. May be
-        repeated. Robots, graph, duration and seed are always drawn.
-    replay:
-        Instead of a campaign, run the schedule of this seed, or in this .json file, and print everything that happens.
-    shrink:
-        With --replay: find the simplest schedule that still fails, and write it to a file.
-    quiet:
-        Print only errors.
+    Args:
+        seeds: Number of runs.
+        first_seed: Seed of the first run, by default drawn from the clock; the others follow consecutively.
+        table: Write a table of the injected faults and their effects to this file, in Markdown.
+        kept: Append every outcome to this file, so that an interrupted campaign can continue. Outcomes of other code or
+            of another mutant are refused.
+        failed: Folder for schedules that break a promise, by default 'faults-failed'; --replay FILE runs them again
+            even if seeds draw something else by then.
+        mutant: Put this deliberate bug into the agents; the campaign has to find it.
+        set: Fix a key of the scenario that is otherwise drawn, in TOML syntax, for instance sensors.rate=200. May be
+            repeated. Robots, graph, duration and seed are always drawn.
+        replay: Instead of a campaign, run the schedule of this seed, or in this .json file, and print everything that
+            happens.
+        shrink: With --replay: find the simplest schedule that still fails, and write it to a file.
     """
     from rich.console import Console
 
@@ -101,29 +75,24 @@ def faults(
     from coheft.app.faults.draw import draw_schedule
     from coheft.app.faults.output import campaign_progress, markdown, print_campaign
     from coheft.app.faults.summary import summarise
+    from coheft.app.outputs import write_outputs, write_text
     from coheft.app.results.report import write_report
 
-    of_a_campaign = {
-        "--seeds": seeds != _SEEDS,
-        "--first-seed": first_seed is not None,
-        "--jobs": jobs is not None,
-        "--json": json is not None,
-        "--table": table is not None,
-        "--kept": kept is not None,
-        "--failed": failed is not None,
-    }
-    unusable = [option for option, is_given in of_a_campaign.items() if is_given and replay is not None]
-    if unusable:
-        raise UsageError(f"{unusable[0]} is for a campaign, but --replay runs a single schedule")
+    names = ("first-seed", "jobs", "json", "table", "kept", "failed")
+    values_given = (first_seed, jobs, json, table, kept, failed)
+    unusable = ["seeds"] * (seeds != _SEEDS)
+    unusable += [name for name, value in zip(names, values_given, strict=True) if value is not None]
+    if unusable and replay is not None:
+        raise UsageError(f"--{unusable[0]} is for a campaign, but --replay runs a single schedule")
     if shrink and replay is None:
         raise UsageError("--shrink simplifies one schedule: name it with --replay SEED or --replay FILE")
-    check_outputs(json=json, table=table, kept=kept)
+    options.check_outputs(json=json, table=table, kept=kept)
     values = set or []
     console = Console(stderr=json == "-", quiet=quiet)
     if replay is not None:
         return _replay(console, _schedule_of(replay, values), mutant, is_shrunk=shrink)
-    if first_seed is None:
-        first_seed = None if kept is None else kept_first_seed(kept)
+    if first_seed is None and kept is not None:
+        first_seed = kept_first_seed(kept)
     if first_seed is None:
         first_seed = new_first_seed()
     chosen = range(first_seed, first_seed + seeds)
@@ -131,7 +100,7 @@ def faults(
     draw_schedule(first_seed, values=values)  # reports invalid values before anything starts
     done: list[Outcome] = []
     try:
-        with campaign_progress(console, len(chosen), quiet=quiet) as on_outcome:
+        with campaign_progress(console, len(chosen)) as on_outcome:
 
             def tell(outcome: Outcome) -> None:
                 done.append(outcome)
@@ -147,12 +116,9 @@ def faults(
         raise KeyboardInterrupt(_broken_off(len(done), len(chosen), unwritten, kept)) from None
     summary = summarise(outcomes)
     print_campaign(console, summary, outcomes, mutant, values)
-    try:
-        if json is not None:
-            write_report(summary, json)
-    finally:  # if one of them cannot be written, the other may
-        if table is not None:
-            _write(table, markdown(summary))
+    write_outputs(
+        (json, lambda target: write_report(summary, target)), (table, lambda path: write_text(path, markdown(summary)))
+    )
     return EXIT_BROKEN_PROMISE if summary.violations else EXIT_CONVERGED
 
 
@@ -162,13 +128,6 @@ def _broken_off(done: int, of: int, unwritten: list[str], kept: Path | None) -> 
     if kept is not None:
         clauses.append(f"the same command continues with the outcomes in {kept}")
     return "; ".join([f"stopped after {done} of {of} schedules", *clauses])
-
-
-def _write(path: Path, text: str) -> None:
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise CoheftError(f"cannot write {path}: {error.strerror}") from error
 
 
 def _keep_failed(seed: int, values: list[str], folder: Path) -> None:

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import errno
-import re
 import sys
-import textwrap
 from collections.abc import Sequence
-from pathlib import Path
 
 import cyclopts
 
@@ -17,32 +14,20 @@ from coheft.app.cli import (  # noqa: F401  # each module adds its commands to t
     export,
     faults,
     identify,
-    keys,
     mocobots,
-    recover,
-    report,
+    parts,
+    recordings,
     ros2,
     run,
-    schema,
+    scenarios,
     shell,
     study,
     view,
 )
-from coheft.app.cli.base import (
-    EXIT_ERROR,
-    EXIT_INTERRUPTED,
-    EXIT_USAGE,
-    PARTS,
-    RUN,
-    GivenPath,
-    app,
-)
+from coheft.app.cli.base import EXIT_ERROR, EXIT_INTERRUPTED, EXIT_USAGE, app
 from coheft.app.cli.errors import complain, explain_usage
 from coheft.app.terminal.standard_output import lost_output
 from coheft.errors import CoheftError, ScenarioError, UsageError
-
-_WIDTH = 80
-"""Width of the output in columns."""
 
 
 def run_command_line(arguments: Sequence[str]) -> int:
@@ -79,53 +64,6 @@ def _carry_out(arguments: Sequence[str]) -> int:
 def _fail(text: str, status: int) -> int:
     complain(text)
     return status
-
-
-@app.command(group=RUN)
-def scenarios() -> None:
-    """List the shipped scenarios."""
-    from coheft.wire.scenario.file import available_scenarios, load_scenario
-
-    shipped = available_scenarios()
-    column = max(map(len, shipped)) + 2
-    for name in sorted(shipped, key=_by_number):
-        text = f"{name:{column}}{load_scenario(shipped[name]).description}"
-        print(textwrap.fill(text, _WIDTH, subsequent_indent=" " * column))
-
-
-def _by_number(name: str) -> list[tuple[int, str]]:
-    """Return a key that sorts ring3 before ring12."""
-    return [(int(part), "") if part.isdigit() else (0, part) for part in re.split(r"(\d+)", name)]
-
-
-@app.command(group=PARTS)
-def server(config: GivenPath) -> int:
-    """Start a physics server by hand.
-
-    Parameters
-    ----------
-    config:
-        Its configuration, as 'coheft run --write-configs DIR' writes it.
-    """
-    return _start_by_hand("coheft.physics_server.server", config)
-
-
-@app.command(group=PARTS)
-def agent(config: GivenPath) -> int:
-    """Start one robot by hand.
-
-    Parameters
-    ----------
-    config:
-        Its configuration, as 'coheft run --write-configs DIR' writes it.
-    """
-    return _start_by_hand("coheft.agents.process.main", config)
-
-
-def _start_by_hand(module: str, config: Path) -> int:
-    from coheft.app.run.processes import run_in_foreground
-
-    return run_in_foreground(module, config)
 
 
 __all__ = ["app", "run_command_line"]

@@ -7,21 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from coheft.app.cli.base import (
-    EXIT_CONVERGED,
-    EXIT_NOT_CONVERGED,
-    RUN,
-    DataTarget,
-    Flag,
-    FolderTarget,
-    GivenPath,
-    NotNegative,
-    RecordingTarget,
-    ReportTarget,
-    Whole,
-    app,
-    check_outputs,
-)
+from coheft.app.cli import options
+from coheft.app.cli.base import EXIT_CONVERGED, EXIT_NOT_CONVERGED, RUN, app
 from coheft.app.cli.errors import complain
 from coheft.errors import CoheftError, UsageError
 from coheft.wire.process.log import LogLevel
@@ -30,9 +17,9 @@ if TYPE_CHECKING:  # loaded only by runs that need them
     from rich.console import Console
 
     from coheft.app.recording.recorder import Recorder
-    from coheft.app.results.carry_record import CarryRecord
     from coheft.app.run.broken_off import BrokenOff
     from coheft.app.run.hosts import Hosts
+    from coheft.app.run.plan import Plan
     from coheft.app.run_report.folder import ReportPage
     from coheft.app.view.process import Place, ViewBeside
     from coheft.wire.config import ClockKind
@@ -41,119 +28,79 @@ if TYPE_CHECKING:  # loaded only by runs that need them
 
 @app.command(group=RUN)
 def run(
-    scenario: str = "ring6",
+    scenario: options.ScenarioName = "ring6",
     *,
     change: Annotated[list[str] | None, Parameter(negative=())] = None,
     set: Annotated[list[str] | None, Parameter(negative=())] = None,
     duration: float | None = None,
-    seed: Whole | None = None,
+    seed: options.Whole | None = None,
     estimator: str | None = None,
-    sensor_rate: Whole | None = None,
-    realtime: Flag = False,
-    restarts: NotNegative = 3,
-    json: ReportTarget = None,
-    history: Flag = False,
-    report: FolderTarget = None,
-    quiet: Flag = False,
-    save_data: DataTarget = None,
-    record: RecordingTarget = None,
-    view: Flag = False,
-    view_read_only: Flag = False,
-    no_wait: Flag = False,
-    logs: FolderTarget = None,
+    sensor_rate: options.Whole | None = None,
+    realtime: options.Flag = False,
+    restarts: options.NotNegative = 3,
+    json: options.ReportTarget = None,
+    history: options.Flag = False,
+    report: options.FolderTarget = None,
+    quiet: options.Flag = False,
+    save_data: options.DataTarget = None,
+    record: options.RecordingTarget = None,
+    view: options.Flag = False,
+    view_read_only: options.Flag = False,
+    no_wait: options.Flag = False,
+    logs: options.FolderTarget = None,
     log_level: LogLevel = "info",
-    secure: Flag = False,
-    keys: GivenPath | None = None,
-    hosts: GivenPath | None = None,
-    write_configs: FolderTarget = None,
+    secure: options.Flag = False,
+    keys: options.GivenPath | None = None,
+    hosts: options.GivenPath | None = None,
+    write_configs: options.FolderTarget = None,
     feedforward: bool | None = None,
 ) -> int:
     """Start the physics server and one process per robot, and follow their estimates of the load.
 
     Exit status 0 if every robot converged, none is stale, and none is further off than it claims; otherwise 3.
 
-    Parameters
-    ----------
-    scenario:
-        Name of a shipped scenario (see 'coheft scenarios'), or a path that ends with .toml.
-    change:
-        A change of the load that replaces those of the scenario. For instance, t=20,mass=3,at=0.4,0.3,0.1 drops 3 kg at
-        20 s, at this position in the payload's frame [m]. size=0.2,0.2,0.1 gives its edge lengths [m], and leak=0.1 the
-        mass it loses from then on [kg/s]. t=30,remove=1 takes the first load away. May be repeated.
-    set:
-        Set a key of the scenario, in TOML syntax, for instance sensors.noise_scale=3 or load_changes[0].at=8;
-        docs/scenarios.md lists all keys. May be repeated; other options take precedence.
-    duration:
-        Simulated time [s]. With --view and no duration, the run continues until you stop it.
-    seed:
-        Seed of the sensors' noise and the robots' motions.
-    estimator:
-        Estimator that all robots use: efficient, fan2017, or your own, see docs/own.md. With several, as in
-        efficient,fan2017, each robot runs them side by side on the same samples.
-    sensor_rate:
-        Samples per second: 100, 125, 200, 250, 500 or 1000.
-    realtime:
-        Keep pace with wall-clock time and wait for no robot, instead of running as fast as the slowest robot allows.
-    restarts:
-        How often an agent that dies is restarted before the run ends with an error.
-    json:
-        Write the report to this file; - for standard output.
-    history:
-        Add the errors of every second to the report.
-    report:
-        Folder for an HTML page, its pictures and their data; needs coheft[report].
-    quiet:
-        Print only errors, and the address of the view.
-    save_data:
-        Save the measurements of all robots for 'coheft identify': to an .npz file or, without a suffix, a folder of CSV
-        files.
-    record:
-        Record the run to this new .mcap file, for 'coheft view', Foxglove and PlotJuggler, see docs/recording.md.
-    view:
-        Show the run in the browser, no faster than wall-clock time. It continues until you stop it; with --duration,
-        --record or --save-data it ends as usual. The last scene stays until Ctrl-C. See docs/view.md.
-    view_read_only:
-        The same, read-only: without buttons.
-    no_wait:
-        Start at once, without waiting for a browser to open the view.
-    logs:
-        Folder for the processes' logs, which must not contain any yet; by default a new folder among your runs.
-    log_level:
-        Lowest level that is logged: debug, info, warning or error.
-    secure:
-        Encrypt and authenticate all links with certificates made for this run.
-    keys:
-        Folder of certificates made by 'coheft keys', to use instead of new ones for this run.
-    hosts:
-        File that names the host of each part, see docs/deployment.md; needs --write-configs.
-    write_configs:
-        Do not run. Write the configurations of all processes into this folder, to start them by hand.
-    feedforward:
-        In scenarios where robots carry the load along a path: whether they use feed-forward forces from their
-        estimates.
+    Args:
+        change: A change of the load that replaces those of the scenario. For instance, t=20,mass=3,at=0.4,0.3,0.1 drops
+            3 kg at 20 s, at this position in the payload's frame [m]. size=0.2,0.2,0.1 gives its edge lengths [m], and
+            leak=0.1 the mass it loses from then on [kg/s]. t=30,remove=1 takes the first load away. May be repeated.
+        set: Set a key of the scenario, in TOML syntax, for instance sensors.noise_scale=3 or load_changes[0].at=8;
+            docs/scenarios.md lists all keys. May be repeated; other options take precedence.
+        duration: Simulated time [s]. With --view and no duration, the run continues until you stop it.
+        seed: Seed of the sensors' noise and the robots' motions.
+        estimator: Estimator that all robots use: efficient, fan2017, or your own, see docs/own.md. With several, as in
+            efficient,fan2017, each robot runs them side by side on the same samples.
+        sensor_rate: Samples per second: 100, 125, 200, 250, 500 or 1000.
+        realtime: Keep pace with wall-clock time and wait for no robot, instead of running as fast as the slowest robot
+            allows.
+        restarts: How often an agent that dies is restarted before the run ends with an error.
+        history: Add the errors of every second to the report.
+        report: Folder for an HTML page, its pictures and their data; needs coheft[report].
+        quiet: Print only errors, and the address of the view.
+        save_data: Save the measurements of all robots for 'coheft identify': to an .npz file or, without a suffix, a
+            folder of CSV files.
+        record: Record the run to this new .mcap file, for 'coheft view', Foxglove and PlotJuggler, see
+            docs/recording.md.
+        view: Show the run in the browser, no faster than wall-clock time. It continues until you stop it; with
+            --duration, --record or --save-data it ends as usual. The last scene stays until Ctrl-C. See docs/view.md.
+        view_read_only: The same, read-only: without buttons.
+        no_wait: Start at once, without waiting for a browser to open the view.
+        logs: Folder for the processes' logs, which must not contain any yet; by default a new folder among your runs.
+        log_level: Lowest level that is logged: debug, info, warning or error.
+        secure: Encrypt and authenticate all links with certificates made for this run.
+        keys: Folder of certificates made by 'coheft keys', to use instead of new ones for this run.
+        hosts: File that names the host of each part, see docs/deployment.md; needs --write-configs.
+        write_configs: Do not run. Write the configurations of all processes into this folder, to start them by hand.
+        feedforward: In scenarios where robots carry the load along a path: whether they use feed-forward forces from
+            their estimates.
     """
     from coheft.app.run.processes import make_fork_server
 
     fork_server = make_fork_server() if write_configs is None else None  # it imports in the background
 
-    from contextlib import ExitStack
-    from functools import partial
-
-    from msgspec import structs
     from rich.console import Console
 
-    from coheft.app.results.report import write_report
-    from coheft.app.run.broken_off import BrokenOff
-    from coheft.app.run.folder import make_run_folder
-    from coheft.app.run.follower import Follower
-    from coheft.app.run.launch import launch
-    from coheft.app.run.new_folder import gone_if_broken_off
     from coheft.app.run.overrides import override
     from coheft.app.run.plan import check_no_parts, make_plan, new_run_name
-    from coheft.app.terminal.final_table import print_report
-    from coheft.app.terminal.notes import print_notes
-    from coheft.app.terminal.screen import make_display
-    from coheft.wire.process.memory import give_back_memory
     from coheft.wire.scenario.file import load_scenario, scenario_path
     from coheft.wire.scenario.schema import MAX_DURATION
 
@@ -180,7 +127,7 @@ def run(
         raise UsageError("--hosts needs --write-configs, so that each part can be started on its own host")
     if history and json is None and report is None:
         raise UsageError("--history adds to the report, but none was requested: add --json FILE or --report DIR")
-    check_outputs(scenario_path(scenario), json=json, report=report, save_data=save_data, record=record)
+    options.check_outputs(scenario_path(scenario), json=json, report=report, save_data=save_data, record=record)
     if keys is not None and not keys.is_dir():
         raise UsageError(f"--keys: there is no folder {str(keys)!r}; 'coheft keys' makes one")
     places: Hosts | None = None
@@ -188,13 +135,47 @@ def run(
         from coheft.app.run.hosts import load_hosts
 
         places = load_hosts(hosts, chosen)
+    clock: ClockKind = "realtime" if realtime else "paced" if view else "lockstep"
 
-    def once(place: Place | None, *, is_another: bool) -> tuple[int, bool]:
+    def planned(name: str, folder: Path) -> Plan:
+        """Return the plan of a run, with certificates in its folder if it needs new ones."""
+        run_keys = _credentials(keys, folder, chosen, places) if secure or keys is not None else None
+        return make_plan(chosen, clock, run=name, hosts=places, keys=run_keys, save_data=save_data, log_level=log_level)
+
+    if write_configs is not None:
+        check_no_parts(write_configs, chosen)
+        for path in planned(new_run_name(), write_configs).write(write_configs):
+            print(f"coheft {'server' if path.stem == 'server' else 'agent'} {path}")
+        return EXIT_CONVERGED
+
+    from contextlib import ExitStack
+
+    from coheft.app.outputs import write_outputs
+    from coheft.app.results.report import write_report
+    from coheft.app.run.broken_off import BrokenOff
+    from coheft.app.run.folder import make_run_folder
+    from coheft.app.run.follower import Follower
+    from coheft.app.run.launch import launch
+    from coheft.app.run.new_folder import gone_if_broken_off
+    from coheft.app.terminal.final_table import print_report
+    from coheft.app.terminal.notes import print_notes
+    from coheft.app.terminal.screen import make_display
+    from coheft.wire.process.memory import give_back_memory
+
+    always, console = Console(stderr=json == "-"), Console(stderr=json == "-", quiet=quiet)
+
+    offers_another = view and not any((json, report, record, save_data, logs))
+    place: Place | None = None
+    if view:
+        from coheft.app.run.hosts import LOOPBACK
+        from coheft.app.view.process import Place
+
+        place = Place.choose(LOOPBACK)
+
+    def once(*, is_another: bool) -> tuple[int, bool]:
         """Run once; return the exit status, and whether the user of the view has requested another run."""
         name = new_run_name()
         wants_another = False
-        if write_configs is not None:
-            check_no_parts(write_configs, chosen)
         with ExitStack() as stack:
             stack.enter_context(gone_if_broken_off(report))
             page: ReportPage | None = None
@@ -202,36 +183,17 @@ def run(
                 from coheft.app.run_report.folder import ReportPage
 
                 page = ReportPage(report)
-            folder = write_configs if write_configs is not None else make_run_folder(name, logs)
-            run_keys = keys
-            if secure or keys is not None:
-                run_keys = _credentials(keys, folder, chosen, places)
-            clock: ClockKind = "realtime" if realtime else "paced" if view else "lockstep"
-            plan = make_plan(
-                chosen, clock, run=name, hosts=places, keys=run_keys, save_data=save_data, log_level=log_level
-            )
-            if write_configs is not None:
-                for path in plan.write(write_configs):
-                    print(f"coheft {'server' if path.stem == 'server' else 'agent'} {path}")
-                return EXIT_CONVERGED, False
+            folder = make_run_folder(name, logs)
+            plan = planned(name, folder)
             give_back_memory()
-            console = Console(stderr=json == "-")
-            display = make_display(console, quiet=quiet)
-            tell = partial(_tell, None if quiet else console)
-            carried: CarryRecord | None = None
-            if chosen.carry is not None:
-                from coheft.app.results.carry_record import CarryRecord
-
-                carried = CarryRecord(chosen)
             viewer: ViewBeside | None = None
             if place is not None:
                 from coheft.app.view.process import ViewBeside, ViewConfig
 
                 viewer = ViewBeside(ViewConfig(str(folder), place, view_read_only, offers_another))
                 stack.enter_context(viewer)
-                _wait_for_view(console, viewer, place, waits=not (no_wait or is_another))
-            if not quiet:
-                print_notes(console, chosen)
+                _wait_for_view(always, viewer, place, waits=not (no_wait or is_another))
+            print_notes(console, chosen)
             recorder: Recorder | None = None
             if record is not None:
                 from coheft.app.recording.recorder import Recorder
@@ -239,14 +201,13 @@ def run(
                 recorder = stack.enter_context(Recorder(record, chosen))
             asked = {"json": json, "report": report, "save_data": save_data, "record": record}
             broken_off = BrokenOff(asked, folder, recorder)
-            beside: list[Follower | None] = [page, viewer, recorder, carried, broken_off]
-            followers = [follower for follower in beside if follower is not None]
+            beside: list[Follower | None] = [page, viewer, recorder, broken_off]
             try:
                 found = launch(
                     plan,
                     folder,
-                    display,
-                    followers=followers,
+                    make_display(console),
+                    followers=[follower for follower in beside if follower is not None],
                     with_history=history,
                     restarts=restarts,
                     fork_server=None if is_another else fork_server,
@@ -256,46 +217,37 @@ def run(
             except CoheftError as error:
                 error.args = (f"{error}{broken_off.after_error()}",)
                 raise
-            if carried is not None:
-                found = structs.replace(found, carry=carried.report())
-            if not quiet:
-                print_report(console, found, folder)
+            print_report(console, found, folder)
+
+            def write_json(target: str) -> None:
+                write_report(found, target)
+                _tell(console, "Report for programs", target)
+
+            def write_page(page: ReportPage) -> None:
+                _tell(console, "Report", page.write(chosen, clock, found))
+
             try:
-                try:
-                    if json is not None:
-                        write_report(found, json)
-                        tell("Report for programs", json)
-                finally:  # if one of them cannot be written, the other may
-                    if page is not None:
-                        tell("Report", page.write(chosen, clock, found))
+                write_outputs((json, write_json), (page, write_page))
             except (CoheftError, OSError):
                 for text in _lost(broken_off, recorder):
                     complain(text)
                 raise
             if not broken_off.unsaved:
-                tell("Data", save_data)
+                _tell(console, "Data", save_data)
             if viewer is not None and place is not None and viewer.is_there:
-                tell("The view stays until Ctrl-C", place.url)
+                _tell(console, "The view stays until Ctrl-C", place.url)
                 wants_another = viewer.wait_for_another()
             elif viewer is not None:
-                _tell(console, "No view was ready before the end of the run; its log", viewer.log)
+                _tell(always, "No view was ready before the end of the run; its log", viewer.log)
         if recorder is not None and not recorder.problem:
-            tell("Recording", record)
+            _tell(console, "Recording", record)
         if lost := _lost(broken_off, recorder):
             raise CoheftError("\n".join(lost))
-        status = EXIT_CONVERGED if found.converged else EXIT_NOT_CONVERGED
-        return status, wants_another
+        return EXIT_CONVERGED if found.converged else EXIT_NOT_CONVERGED, wants_another
 
-    offers_another = view and not any((json, report, record, save_data, logs))
-    place: Place | None = None
-    if view:
-        from coheft.app.run.hosts import LOOPBACK
-        from coheft.app.view.process import Place
-
-        place = Place.choose(LOOPBACK)
-    status, wants_another = once(place, is_another=False)
+    status, wants_another = once(is_another=False)
     while wants_another:
-        status, wants_another = once(place, is_another=True)
+        status, wants_another = once(is_another=True)
     return status
 
 
@@ -305,9 +257,9 @@ def _lost(broken_off: BrokenOff, recorder: Recorder | None) -> list[str]:
     return [text for text in (unsaved, "" if recorder is None else recorder.problem) if text]
 
 
-def _tell(console: Console | None, what: str, place: str | Path | None) -> None:
+def _tell(console: Console, what: str, place: str | Path | None) -> None:
     """Print where an output is, unless it is on standard output."""
-    if console is not None and place is not None and place != "-":
+    if place is not None and place != "-":
         console.print(f"{what}: {place}", markup=False, highlight=False, soft_wrap=True)
 
 

@@ -7,7 +7,8 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from coheft.app.cli.base import SHELL, Flag, app
+from coheft.app.cli import options
+from coheft.app.cli.base import SHELL, app
 from coheft.errors import UsageError
 
 Shell = Literal["bash", "zsh", "fish"]
@@ -17,10 +18,8 @@ Shell = Literal["bash", "zsh", "fish"]
 def help_(command: Annotated[str | None, Parameter(show_default=False)] = None) -> None:
     """Show what a command does and its options; without a name, list all commands.
 
-    Parameters
-    ----------
-    command:
-        Name of the command.
+    Args:
+        command: Name of the command.
     """
     if command is not None and command not in list(app):
         raise UsageError(f"there is no command {command!r}; 'coheft help' lists all")
@@ -28,16 +27,13 @@ def help_(command: Annotated[str | None, Parameter(show_default=False)] = None) 
 
 
 @app.command(group=SHELL)
-def completion(shell: Shell | None = None, *, install: Flag = False) -> None:
+def completion(shell: Shell | None = None, *, install: options.Flag = False) -> None:
     """Print a script that lets the Tab key complete commands and options: source <(coheft completion bash).
 
-    Parameters
-    ----------
-    shell:
-        bash, zsh or fish; without it, the one that is running.
-    install:
-        Instead of printing the script, install it where the shell looks for such scripts, and load it from the shell's
-        startup file.
+    Args:
+        shell: bash, zsh or fish; without it, the one that is running.
+        install: Instead of printing the script, install it where the shell looks for such scripts, and load it from the
+            shell's startup file.
     """
     if install:
         path: Path = app.install_completion(shell=shell)

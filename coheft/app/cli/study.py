@@ -3,22 +3,13 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from coheft.app.cli.base import (
-    EVALUATE,
-    EXIT_CONVERGED,
-    Count,
-    Flag,
-    FolderTarget,
-    NotNegative,
-    Positive,
-    ReportTarget,
-    app,
-    check_outputs,
-)
+from coheft.app.cli import options
+from coheft.app.cli.base import EVALUATE, EXIT_CONVERGED, app
 from coheft.errors import UsageError
 
 if TYPE_CHECKING:
@@ -26,34 +17,38 @@ if TYPE_CHECKING:
     from coheft.app.study.report import StudyReport
 
 
-def _words(text: str) -> list[str]:
-    return [word.strip() for word in text.split(",")]
+def _estimators(text: str) -> list[str]:
+    """Return different estimators, named with commas between them.
 
-
-def _estimator_names(text: str) -> list[str]:
+    Raises:
+        ValueError: They are something else.
+    """
     from coheft.wire.former_names import present
-
-    return [present(word) for word in _words(text)]
-
-
-def _are_estimators(_: object, text: str) -> None:
     from coheft.wire.scenario.errors import did_you_mean
     from coheft.wire.scenario.plugins import available
 
-    words, there = _estimator_names(text), available("estimator")
+    words, there = [present(word.strip()) for word in text.split(",")], available("estimator")
     unknown = [word for word in words if word not in there]
     if unknown or len(set(words)) < len(words):
         hint = f".{did_you_mean(unknown[0], there)}" if unknown else ""
         raise ValueError(f"expected different ones of {', '.join(there)}, separated by commas; found {text!r}{hint}")
+    return words
 
 
-def _are_factors(_: object, text: str) -> None:
-    try:
-        factors = [float(word) for word in _words(text)]
-    except ValueError:
-        factors = []
-    if not factors or not all(0.0 < factor < math.inf for factor in factors) or len(set(factors)) < len(factors):
-        raise ValueError(f"expected different positive numbers, separated by commas; found {text!r}")
+def _factors(text: str) -> list[float]:
+    """Return different positive numbers, with commas between them.
+
+    Raises:
+        ValueError: They are something else.
+    """
+    with suppress(ValueError):
+        factors = [float(word) for word in text.split(",")]
+        if all(0.0 < factor < math.inf for factor in factors) and len(set(factors)) == len(factors):
+            return factors
+    raise ValueError(f"expected different positive numbers, separated by commas; found {text!r}")
+
+
+Factors = Annotated[str, Parameter(validator=lambda _, text: _factors(text))]
 
 
 def _is_rate(_: object, rate: int | None) -> None:
@@ -69,66 +64,48 @@ def study(
     *,
     set: Annotated[list[str] | None, Parameter(negative=())] = None,
     vary: str | None = None,
-    runs: Count = 50,
-    estimators: Annotated[str, Parameter(validator=_are_estimators)] = "fan2017,efficient",
-    noise: Annotated[str, Parameter(validator=_are_factors)] = "1",
-    at: Annotated[str, Parameter(validator=_are_factors)] = "20",
-    after: Positive = 1.0,
-    first_seed: NotNegative = 1,
+    runs: options.Count = 50,
+    estimators: Annotated[str, Parameter(validator=lambda _, text: _estimators(text))] = "fan2017,efficient",
+    noise: Factors = "1",
+    at: Factors = "20",
+    after: options.Positive = 1.0,
+    first_seed: options.NotNegative = 1,
     sensor_rate: Annotated[int | None, Parameter(validator=_is_rate)] = None,
-    jobs: Count | None = None,
+    jobs: options.Jobs = None,
     dask: str | None = None,
-    json: ReportTarget = None,
-    report: FolderTarget = None,
-    quiet: Flag = False,
+    json: options.ReportTarget = None,
+    report: options.FolderTarget = None,
+    quiet: options.Quiet = False,
 ) -> int:
     """Compare estimators with the Cramér-Rao bound over many runs, each in one process with a simulated network.
 
     Each run has its own seed for the sensors' noise and the robots' motions; all estimators get the same runs.
 
-    Parameters
-    ----------
-    scenario:
-        Name of a shipped scenario (see 'coheft scenarios'), a path that ends with .toml, or 'random' for a new random
-        team in every run.
-    set:
-        Set a key of the scenario, in TOML syntax, for instance sensors.noise_scale=3. May be repeated.
-    vary:
-        Run a study for each of several values of a key, for instance sensors.rate=100,500, and compare them in a table.
-        The JSON then holds all studies.
-    runs:
-        Number of runs for each noise scale.
-    estimators:
-        Estimators to compare, separated by commas.
-    noise:
-        Factors applied to the scenario's noise, for instance 1,3.
-    at:
-        Times at which accuracy is judged [s], for instance 2,5,10; they must be before the first change of the load.
-    after:
-        Time after the first change of the load at which the recovery is judged [s].
-    first_seed:
-        Seed of the first run; the others follow consecutively.
-    sensor_rate:
-        Samples per second, instead of the scenario's; the duration of a block stays the same.
-    jobs:
-        Number of processes; by default one per core.
-    dask:
-        Address of a Dask scheduler whose workers do all runs.
-    json:
-        Write the results to this file; - for standard output.
-    report:
-        Folder for a report with pictures.
-    quiet:
-        Print only errors.
+    Args:
+        scenario: Name of a shipped scenario (see 'coheft scenarios'), a path that ends with .toml, or 'random' for a
+            new random team in every run.
+        set: Set a key of the scenario, in TOML syntax, for instance sensors.noise_scale=3. May be repeated.
+        vary: Run a study for each of several values of a key, for instance sensors.rate=100,500, and compare them in a
+            table. The JSON then holds all studies.
+        runs: Number of runs for each noise scale.
+        estimators: Estimators to compare, separated by commas.
+        noise: Factors applied to the scenario's noise, for instance 1,3.
+        at: Times at which accuracy is judged [s], for instance 2,5,10; they must be before the first change of the
+            load.
+        after: Time after the first change of the load at which the recovery is judged [s].
+        first_seed: Seed of the first run; the others follow consecutively.
+        sensor_rate: Samples per second, instead of the scenario's; the duration of a block stays the same.
+        dask: Address of a Dask scheduler whose workers do all runs.
+        report: Folder for a report with pictures.
     """
     from functools import partial
 
     from msgspec import structs
     from rich.console import Console
 
-    from coheft.app.figures import make_folder
+    from coheft.app.figures import picture_folder
+    from coheft.app.outputs import write_outputs
     from coheft.app.results.report import write_report
-    from coheft.app.run.new_folder import gone_if_broken_off
     from coheft.app.study.campaign import make_plan, run_study
     from coheft.app.study.output import print_study, print_varied, write_folder
     from coheft.app.study.random_team import RANDOM
@@ -143,9 +120,9 @@ def study(
             None if scenario == RANDOM else load_scenario(scenario, values),
             values=values,
             runs=runs,
-            estimators=_estimator_names(estimators),
-            noise_scales=[float(factor) for factor in _words(noise)],
-            at=[float(time) for time in _words(at)],
+            estimators=_estimators(estimators),
+            noise_scales=_factors(noise),
+            at=_factors(at),
             after=after,
             first_seed=first_seed,
             sensor_rate=sensor_rate,
@@ -157,41 +134,25 @@ def study(
         raise UsageError("--jobs is for processes on this machine, but --dask uses other workers: leave one out")
     if varied and report is not None:
         raise UsageError("--report shows one study, but --vary makes several: leave one out; --json contains all")
-    check_outputs(*([] if scenario == RANDOM else [scenario_path(scenario)]), json=json, report=report)
-    console = Console(stderr=json == "-")
-    if not quiet:
-        for plan in plans:
-            for name in plan.estimators:
-                print_notes(console, structs.replace(plan.of_seed(first_seed), estimator=name))
+    options.check_outputs(*([] if scenario == RANDOM else [scenario_path(scenario)]), json=json, report=report)
+    console = Console(stderr=json == "-", quiet=quiet)
+    for plan in plans:
+        for name in plan.estimators:
+            print_notes(console, structs.replace(plan.of_seed(first_seed), estimator=name))
     found: list[StudyReport] = []
-    with (
-        gone_if_broken_off(report),
-        show_progress(console, "runs", sum(plan.runs for plan in plans), quiet=quiet) as told,
-    ):
-        if report is not None:
-            make_folder(report)
-
-        def tell(before: int, done: int) -> None:
-            told(before + done, "")
-
+    total = sum(plan.runs for plan in plans)
+    with picture_folder(report), show_progress(console, "runs", total) as progress:
         before = 0
         for plan in plans:
-            study_report, trials = run_study(plan, jobs=jobs, dask=dask, on_progress=partial(tell, before))
+            tell = partial(lambda before, done: progress(before + done, ""), before)
+            study_report, trials = run_study(plan, jobs=jobs, dask=dask, on_progress=tell)
             found.append(study_report)
             before += plan.runs
     if varied:
         variants = VariedReport([Variant(value, each) for value, each in zip(varied, found, strict=True)])
-        if not quiet:
-            print_varied(console, variants)
-        if json is not None:
-            write_report(variants, json)
-        return EXIT_CONVERGED
-    if not quiet:
+        print_varied(console, variants)
+        write_outputs((json, partial(write_report, variants)))
+    else:
         print_study(console, found[0])
-    try:
-        if json is not None:
-            write_report(found[0], json)
-    finally:  # if one of them cannot be written, the other may
-        if report is not None:
-            write_folder(found[0], trials, report)
+        write_outputs((json, partial(write_report, found[0])), (report, partial(write_folder, found[0], trials)))
     return EXIT_CONVERGED

@@ -4,24 +4,26 @@ from __future__ import annotations
 
 from contextlib import suppress
 
-from coheft.app.cli.base import RUN, Flag, GivenPath, Port, app
+from coheft.app.cli import options
+from coheft.app.cli.base import RUN, app
 
 
 @app.command(group=RUN)
-def view(what: GivenPath | None = None, *, host: str = "127.0.0.1", port: Port = None, read_only: Flag = False) -> None:
+def view(
+    what: options.GivenPath | None = None,
+    *,
+    host: str = "127.0.0.1",
+    port: options.Port = None,
+    read_only: options.Flag = False,
+) -> None:
     """Show a run, or a recording of one, in the browser. Ctrl-C ends the view.
 
-    Parameters
-    ----------
-    what:
-        A recording that ends with .mcap, or the folder of a run in progress; by default your newest run.
-    host:
-        Address to listen on; by default only this machine can connect. Anyone who has the printed address, secret
-        included, can watch and control the run.
-    port:
-        Port to listen on; by default 8010 or the next free one.
-    read_only:
-        Read-only: without buttons.
+    Args:
+        what: A recording that ends with .mcap, or the folder of a run in progress; by default your newest run.
+        host: Address to listen on; by default only this machine can connect. Anyone who has the printed address, secret
+            included, can watch and control the run.
+        port: Port to listen on; by default 8010 or the next free one.
+        read_only: Read-only: without buttons.
     """
     from coheft.app.view.door import Door
 

@@ -23,9 +23,9 @@ _SHOWN = 10
 
 
 @contextmanager
-def campaign_progress(console: Console, schedules: int, *, quiet: bool) -> Iterator[Callable[[Outcome], None]]:
+def campaign_progress(console: Console, schedules: int) -> Iterator[Callable[[Outcome], None]]:
     """Show the progress of a campaign; yields a function to call with every outcome."""
-    with show_progress(console, "schedules", schedules, quiet=quiet) as show:
+    with show_progress(console, "schedules", schedules) as show:
         done, failed = 0, 0
 
         def on_outcome(outcome: Outcome) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from coheft.app.recording import ros
 from coheft.app.recording.ros import RosMessage
-from coheft.app.results.judge import Judge, standard_deviations
+from coheft.app.results.judge import Judge, PoseReport, standard_deviations
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.rigid_body.mass_properties import Inertia, unpack_symmetric
 from coheft.wire.messages.structs import Estimate, PayloadEstimate
@@ -29,11 +29,11 @@ def error_messages(time: int, estimate: Estimate, judge: Judge, total_time: int)
     truth = judge.total_wrench(name, estimate.total_block)
     if truth is not None:
         yield f"/{name}/error/total_wrench", ros.wrench(total_time, name, estimate.total_wrench - truth)
-    for other, pose in estimate.poses.items() if estimate.phase == "inertia" else ():
-        error = judge.pose_error(name, other, pose, estimate.block)
+    for other, off in judge.pose_errors(estimate).items():
+        error, covariance = PoseReport.of(off), estimate.poses[other].covariance
         yield f"/{name}/error/poses/{other}/rotation_deg", ros.number(error.rotation_error_deg)
         yield f"/{name}/error/poses/{other}/translation_mm", ros.number(error.translation_error_mm)
-        rotation, translation = _length_spread(pose.covariance[:3, :3]), _length_spread(pose.covariance[3:, 3:])
+        rotation, translation = _length_spread(covariance[:3, :3]), _length_spread(covariance[3:, 3:])
         yield f"/{name}/three_sigma/poses/{other}/rotation_deg", ros.number(3.0 * float(np.degrees(rotation)))
         yield f"/{name}/three_sigma/poses/{other}/translation_mm", ros.number(3e3 * translation)
 

@@ -104,7 +104,10 @@ class CarryRecord(Follower):
             sums.count += 1
             sums.end = truth.time
         if self._drops and truth.time > self._path.full_from:
-            self._follow_drop(self._drops[-1], truth.time, float(off[0]))
+            drop, limit = self._drops[-1], self._limit()
+            drop.largest = max(drop.largest, float(off[0]))
+            if limit is not None and off[0] > limit:
+                drop.last_exceeded = truth.time
 
     def error(self, truth: Truth) -> Array:
         """Return the deviation of the payload's frame from the path: distance [m], angle [rad], shape (2,)."""
@@ -127,12 +130,6 @@ class CarryRecord(Follower):
         if not carry.feedforward or time <= carry.feedforward_at:
             return "springs"
         return "feedforward" if time > carry.feedforward_at + SETTLING else None
-
-    def _follow_drop(self, drop: _Drop, time: float, off: float) -> None:
-        drop.largest = max(drop.largest, off)
-        limit = self._limit()
-        if limit is not None and off > limit:
-            drop.last_exceeded = time
 
     def _limit(self) -> float | None:
         """Return the largest deviation that counts as back on the path [m]; None without the phase ``springs``."""

@@ -13,6 +13,7 @@ MOST_STDS = 4.0
 numbers."""
 _ROUNDING = 1e-9
 """Errors below this are rounding errors, in their own units: kg, m, kg·m², rad."""
+PAYLOAD_SIZE = 10
 PAYLOAD_PARTS = {"mass": slice(0, 1), "centre of mass": slice(1, 4), "inertia": slice(4, 10)}
 """Slices of ``(m, h, J packed)``."""
 
@@ -34,6 +35,15 @@ def payload_error(truth: Inertia, estimate: PayloadEstimate) -> Array:
     tensor = truth.tensor if estimate.tensor is None else estimate.tensor
     every = np.concatenate([[truth.mass - estimate.mass], truth.com - com, pack_symmetric(truth.tensor - tensor)])
     return every[: len(estimate.covariance)]
+
+
+def in_full(known: Array) -> Array:
+    """Return the known part of ``(m, h, J packed)``, or of its covariance, with NaN for the rest: shape (k,) to (10,),
+    or (k, k) to (10, 10).
+    """
+    full = np.full((PAYLOAD_SIZE,) * known.ndim, np.nan)
+    full[(slice(len(known)),) * known.ndim] = known
+    return full
 
 
 def in_stds(error: Array, covariance: Array) -> Array:

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import bisect
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from enum import StrEnum
-from typing import Literal
+from typing import Literal, Self
 
 import msgspec
 import numpy as np
 
 from coheft.app.results.errors import MOST_STDS, PAYLOAD_PARTS, in_stds, payload_error, pose_error
 from coheft.app.results.states import State
-from coheft.estimation.geometry.spatial import Array, Pose, rotation_log
+from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.rigid_body.mass_properties import Inertia, unpack_symmetric
 from coheft.wire.messages.scene import Scene
-from coheft.wire.messages.structs import Estimate, PayloadEstimate, PoseEstimate, SensorErrorEstimate
+from coheft.wire.messages.structs import Estimate, PayloadEstimate, SensorErrorEstimate
 from coheft.wire.messages.truth import Truth
 
 RECOVERED_MASS_PCT = 3.0
@@ -59,6 +59,12 @@ class PoseReport(msgspec.Struct, frozen=True):
 
     rotation_error_deg: float
     translation_error_mm: float
+
+    @classmethod
+    def of(cls, error: Array) -> Self:
+        """Make it from ``errors.pose_error``."""
+        rotation, translation = np.linalg.norm(error.reshape(2, 3), axis=1).tolist()
+        return cls(float(np.degrees(rotation)), 1e3 * translation)
 
 
 class Contradiction(msgspec.Struct, frozen=True):
@@ -185,35 +191,34 @@ class Judge:
         """Return the neighbour's true pose in the robot's frame, ``pose_j_in_i``, in a block."""
         return self.pose_payload_in(robot, block) @ self.pose_payload_in(neighbour, block).inverse()
 
-    def pose_error(self, robot: str, neighbour: str, estimate: PoseEstimate, block: int) -> PoseReport:
-        """Return the error of a neighbour's pose ``(R_ij, p_ij)``."""
-        truth = self.relative_pose(robot, neighbour, block)
-        turn = rotation_log(truth.rotation.T @ estimate.rotation)
-        return PoseReport(
-            rotation_error_deg=float(np.degrees(np.linalg.norm(turn))),
-            translation_error_mm=1e3 * float(np.linalg.norm(estimate.translation - truth.translation)),
-        )
+    def pose_errors(self, estimate: Estimate) -> dict[str, Array]:
+        """Return the errors of the neighbours' poses that the robot has found, by name, see ``errors.pose_error``."""
+        if estimate.phase != "inertia":
+            return {}
+        return {
+            name: pose_error(
+                self.relative_pose(estimate.robot, name, estimate.block), Pose(pose.rotation, pose.translation)
+            )
+            for name, pose in estimate.poses.items()
+        }
 
-    def robot(self, estimates: Sequence[Estimate]) -> RobotReport:
-        """Return the report of a robot at the last of its estimates."""
-        last = estimates[-1]
-        truth = self.payload(last.robot, last.block)
+    def robot(self, estimate: Estimate, converged_at: float | None = None) -> RobotReport:
+        """Return the report of a robot's estimate, and of the time [s] at which the robot first converged."""
+        mass, com, inertia = _compared(self.payload(estimate.robot, estimate.block), estimate.payload)
         return RobotReport(
-            time_s=last.time,
-            mass=_mass(truth, last.payload),
-            com=_com(truth, last.payload),
-            inertia=_inertia(truth, last.payload),
-            poses={name: self.pose_error(last.robot, name, pose, last.block) for name, pose in last.poses.items()}
-            if last.phase == "inertia"
-            else {},
-            converged=last.converged,
-            converged_at_s=next((estimate.time for estimate in estimates if estimate.is_converged), None),
-            not_observable=list(last.not_observable),
-            status=last.status,
-            reasons=list(last.reasons),
-            state=State.of(last),
-            sensor_errors=list(last.sensor_errors),
-            contradictions=self.contradictions(last),
+            time_s=estimate.time,
+            mass=mass,
+            com=com,
+            inertia=inertia,
+            poses={name: PoseReport.of(error) for name, error in self.pose_errors(estimate).items()},
+            converged=estimate.converged,
+            converged_at_s=converged_at,
+            not_observable=list(estimate.not_observable),
+            status=estimate.status,
+            reasons=list(estimate.reasons),
+            state=State.of(estimate),
+            sensor_errors=list(estimate.sensor_errors),
+            contradictions=self.contradictions(estimate),
         )
 
     def contradictions(self, estimate: Estimate) -> list[Contradiction]:
@@ -224,19 +229,18 @@ class Judge:
         if (payload := estimate.payload) is not None:
             errors = in_stds(payload_error(self.payload(estimate.robot, estimate.block), payload), payload.covariance)
             found |= {name: errors[part] for name, part in PAYLOAD_PARTS.items()}
-        if estimate.phase == "inertia":
-            for name, pose in estimate.poses.items():
-                true = self.relative_pose(estimate.robot, name, estimate.block)
-                error = pose_error(true, Pose(pose.rotation, pose.translation))
-                found[f"pose of {name}"] = in_stds(error, pose.covariance)
+        for name, error in self.pose_errors(estimate).items():
+            found[f"pose of {name}"] = in_stds(error, estimate.poses[name].covariance)
         largest = {name: float(errors.max(initial=0.0)) for name, errors in found.items()}
         return [Contradiction(name, stds) for name, stds in largest.items() if not stds <= MOST_STDS]
 
     def recovered(self, estimate: Estimate) -> bool:
         """Whether mass and centre of mass are so close to the truth that the robot has recovered from a load change."""
         truth = self.payload(estimate.robot, estimate.block)
-        mass, com = _mass(truth, estimate.payload).error_pct, _com(truth, estimate.payload).error_mm
-        return mass is not None and mass <= RECOVERED_MASS_PCT and com is not None and com <= RECOVERED_COM_MM
+        mass, com, _ = _compared(truth, estimate.payload)
+        if mass.error_pct is None or com.error_mm is None:
+            return False
+        return mass.error_pct <= RECOVERED_MASS_PCT and com.error_mm <= RECOVERED_COM_MM
 
 
 def why_stale(robots: Mapping[str, Estimate | RobotReport]) -> dict[str, list[str]]:
@@ -248,37 +252,23 @@ def why_stale(robots: Mapping[str, Estimate | RobotReport]) -> dict[str, list[st
     return names
 
 
-def _mass(truth: Inertia, estimate: PayloadEstimate | None) -> MassReport:
+def _compared(truth: Inertia, estimate: PayloadEstimate | None) -> tuple[MassReport, ComReport, InertiaReport]:
+    """Compare what is known of the mass, the centre of mass and the inertia with the truth."""
+    mass, com, inertia = MassReport(truth.mass), ComReport(truth.com.tolist()), InertiaReport(truth.tensor.tolist())
     if estimate is None:
-        return MassReport(truth.mass)
-    return MassReport(
-        truth=truth.mass,
-        estimate=estimate.mass,
-        std=float(standard_deviations(estimate)[0]),
-        error_pct=100.0 * abs(estimate.mass - truth.mass) / truth.mass,
-    )
-
-
-def _com(truth: Inertia, estimate: PayloadEstimate | None) -> ComReport:
-    if estimate is None or estimate.com is None:
-        return ComReport(truth.com.tolist())
-    return ComReport(
-        truth=truth.com.tolist(),
-        estimate=estimate.com.tolist(),
-        std=standard_deviations(estimate)[1:4].tolist(),
-        error_mm=1e3 * float(np.linalg.norm(estimate.com - truth.com)),
-    )
-
-
-def _inertia(truth: Inertia, estimate: PayloadEstimate | None) -> InertiaReport:
-    if estimate is None or estimate.tensor is None:
-        return InertiaReport(truth.tensor.tolist())
-    return InertiaReport(
-        truth=truth.tensor.tolist(),
-        estimate=estimate.tensor.tolist(),
-        std=unpack_symmetric(standard_deviations(estimate)[4:]).tolist(),
-        error_pct=100.0 * float(np.linalg.norm(estimate.tensor - truth.tensor) / np.linalg.norm(truth.tensor)),
-    )
+        return mass, com, inertia
+    std = standard_deviations(estimate)
+    error = 100.0 * abs(estimate.mass - truth.mass) / truth.mass
+    mass = MassReport(mass.truth, estimate.mass, float(std[0]), error)
+    if estimate.com is not None:
+        distance = 1e3 * float(np.linalg.norm(estimate.com - truth.com))
+        com = ComReport(com.truth, estimate.com.tolist(), std[1:4].tolist(), distance)
+    if estimate.tensor is not None:
+        error = 100.0 * float(np.linalg.norm(estimate.tensor - truth.tensor) / np.linalg.norm(truth.tensor))
+        inertia = InertiaReport(
+            inertia.truth, estimate.tensor.tolist(), unpack_symmetric(std[4:]).tolist(), error_pct=error
+        )
+    return mass, com, inertia
 
 
 def standard_deviations(estimate: PayloadEstimate) -> Array:

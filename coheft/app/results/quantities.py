@@ -7,13 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coheft.app.results.errors import payload_error, pose_error
+from coheft.app.results.errors import PAYLOAD_SIZE, in_full, payload_error
 from coheft.app.results.judge import Judge
-from coheft.estimation.geometry.spatial import Array, Pose
+from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.rigid_body.mass_properties import TIMES_IN_MATRIX, Inertia
 from coheft.wire.messages.structs import Estimate, PayloadEstimate
 
-PAYLOAD_SIZE = 10
 _ROUNDING = 1e-9
 Edges = Sequence[tuple[str, str]]
 """Ordered pairs (i, j) of neighbours: i estimates ``pose_j_in_i``."""
@@ -95,21 +94,14 @@ def published_errors(judge: Judge, edges: Edges, estimates: Mapping[str, Estimat
     names = judge.scene.robots
     poses, pose_covariances = np.full((len(edges), 6), np.nan), np.full((len(edges), 6, 6), np.nan)
     payload, payload_covariances = np.full((len(names), 10), np.nan), np.full((len(names), 10, 10), np.nan)
+    pose_errors = {name: judge.pose_errors(estimate) for name, estimate in estimates.items()}
     for k, (name, other) in enumerate(edges):
-        estimate = estimates.get(name)
-        if estimate is not None and estimate.phase == "inertia" and other in estimate.poses:
-            found = estimate.poses[other]
-            poses[k] = pose_error(
-                judge.relative_pose(name, other, estimate.block), Pose(found.rotation, found.translation)
-            )
-            pose_covariances[k] = found.covariance
+        if other in pose_errors.get(name, ()):
+            poses[k], pose_covariances[k] = pose_errors[name][other], estimates[name].poses[other].covariance
     for k, name in enumerate(names):
-        estimate = estimates.get(name)
-        if estimate is not None and estimate.payload is not None:
-            believed = estimate.payload
-            error = payload_error(judge.payload(name, estimate.block), believed)
-            payload[k, : len(error)] = error
-            payload_covariances[k, : len(error), : len(error)] = believed.covariance
+        if name in estimates and (believed := estimates[name].payload) is not None:
+            payload[k] = in_full(payload_error(judge.payload(name, estimates[name].block), believed))
+            payload_covariances[k] = in_full(believed.covariance)
     return Errors(poses, payload, pose_covariances, payload_covariances)
 
 

@@ -11,11 +11,11 @@ from typing import Literal
 import msgspec
 import numpy as np
 
+from coheft.app.outputs import write_text
 from coheft.app.results.judge import Matrix, RobotReport, Verdict
 from coheft.app.results.record import EstimatorUse, Record
 from coheft.app.results.robot_record import HistoryPoint, LoadPeriod
 from coheft.app.results.slips import SlipReport
-from coheft.errors import CoheftError
 
 
 class PayloadReport(msgspec.Struct, frozen=True):
@@ -269,8 +269,5 @@ def write_report(report: msgspec.Struct, target: str) -> None:
     text = msgspec.json.format(msgspec.json.encode(report)).decode() + "\n"
     if target == "-":
         sys.stdout.write(text)
-        return
-    try:
-        Path(target).write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise CoheftError(f"cannot write the report to {target}: {error.strerror}") from error
+    else:
+        write_text(Path(target), text, "the report to ")

@@ -86,9 +86,7 @@ class RobotRecord:
     @property
     def report(self) -> RobotReport | None:
         """The last estimate compared with the truth; None if there is none."""
-        if self._last is None:
-            return None
-        return msgspec.structs.replace(self._judge.robot([self._last]), converged_at_s=self._converged_at)
+        return None if self._last is None else self._judge.robot(self._last, self._converged_at)
 
     def compare(self, estimate: Estimate) -> None:
         """Add the next estimate, whose truth has arrived."""
@@ -149,7 +147,7 @@ class RobotRecord:
         """Add a point if a second has passed since the last one."""
         last = self.history[-1].time_s if self.history else 0.0
         if int(estimate.time + 1e-9) > int(last + 1e-9):
-            robot = self._judge.robot([estimate])
+            robot = self._judge.robot(estimate)
             self.history.append(
                 HistoryPoint(estimate.time, robot.mass.error_pct, robot.com.error_mm, robot.inertia.error_pct)
             )

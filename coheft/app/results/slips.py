@@ -64,23 +64,21 @@ class SlipRecord:
         return [self._report(slip, estimates) for slip in self._slips]
 
     def _report(self, slip: _Slip, estimates: list[Estimate]) -> SlipReport:
-        until = min((each.at for each in self._slips if each.robot == slip.robot and each.at > slip.at), default=np.inf)
+        next_one = min(
+            (each.at for each in self._slips if each.robot == slip.robot and each.at > slip.at), default=np.inf
+        )
         named = [
-            min(
-                (each.named_at for each in estimate.slips if _is_of(each.robot, each.named_at, slip, until)),
-                default=None,
-            )
+            [
+                each.named_at
+                for each in estimate.slips
+                if each.robot == slip.robot and slip.at < each.named_at <= next_one
+            ]
             for estimate in estimates
         ]
-        known = [moment for moment in named if moment is not None]
         return SlipReport(
             at_s=round(slip.at, 9),
             robot=slip.robot,
             translation_mm=1e3 * float(np.linalg.norm(slip.moved.translation)),
             rotation_deg=float(np.degrees(np.linalg.norm(rotation_log(slip.moved.rotation)))),
-            named_at_s=max(known) if known and len(known) == len(named) else None,
+            named_at_s=max(map(min, named)) if named and all(named) else None,
         )
-
-
-def _is_of(robot: str, named_at: float, slip: _Slip, until: float) -> bool:
-    return robot == slip.robot and slip.at < named_at <= until

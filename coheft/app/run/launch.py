@@ -64,6 +64,12 @@ def launch(
         KeyboardInterrupt: The user pressed Ctrl-C.
     """
     scenario = plan.server.scenario
+    carried = None
+    if scenario.carry is not None:
+        from coheft.app.results.carry_record import CarryRecord
+
+        carried = CarryRecord(scenario)
+        followers = [*followers, carried]
     fork_server = fork_server or make_fork_server()
     # Processes end before the observer's links, which a frozen process would keep from closing.
     with observe(plan.run_file()) as observer, Processes(folder, fork_server) as processes, display:
@@ -94,7 +100,8 @@ def launch(
         real_time_factor=status.real_time_factor,
         late_blocks=status.late_blocks,
     )
-    return build_report(info, record)
+    report = build_report(info, record)
+    return report if carried is None else msgspec.structs.replace(report, carry=carried.report())
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,10 @@ from collections.abc import Sequence
 import msgspec
 
 from coheft.errors import ScenarioError
-from coheft.wire.scenario.change_checks import check_changes_come
+from coheft.wire.scenario.change_checks import late_change_complaints
 from coheft.wire.scenario.checks import check_scenario
 from coheft.wire.scenario.errors import explain
+from coheft.wire.scenario.rules import check
 from coheft.wire.scenario.schema import LoadChange, Scenario
 
 _ORIGIN = "command line"
@@ -56,7 +57,7 @@ def override(
         changed = msgspec.convert(table, Scenario)
         check_scenario(changed, origin)
         if changes:  # a shorter duration may leave out some of the scenario's own changes
-            check_changes_come(changed, origin)
+            check(changed, origin, late_change_complaints)
     except msgspec.ValidationError as error:
         raise ScenarioError(_by_options(f"{origin}: {explain(error, table)}", changes)) from error
     except ScenarioError as error:

@@ -1,4 +1,4 @@
-"""Errors over time, each beside three of the robot's own standard deviations."""
+"""Errors over time, with three times the robot's own standard deviation."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ class Shown:
     """How a quantity is shown.
 
     Attributes:
-        name: Of its picture.
-        quantity: What is shown.
-        unit: In which it is shown.
-        per_unit: How many of these make one of the quantity's own.
+        name: Name of its picture.
+        quantity: The quantity.
+        unit: Unit of the picture.
+        per_unit: Number of these units in one of the quantity's own.
     """
 
     name: str
@@ -48,13 +48,13 @@ ALL_SHOWN = (
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """An error over time and how large it may be, in the unit shown, shape (n,) each; NaN while stale.
+    """An error and its own standard deviation over time, in the unit shown, shape (n,) each; NaN while stale.
 
     Attributes:
-        neighbour: Whom it is about; None if about the payload.
-        time: Of the estimates [s].
-        error: Its size.
-        std: Its own standard deviation.
+        neighbour: The neighbour whose pose it is of; None for the payload.
+        time: Times of the estimates [s].
+        error: Norms of the errors.
+        std: The robot's own standard deviations of these.
     """
 
     neighbour: str | None
@@ -64,7 +64,7 @@ class Curve:
 
 
 def curves(series: Series, name: str, shown: Shown) -> list[Curve]:
-    """What is to be drawn of a quantity for one robot."""
+    """Return the curves of a quantity for one robot."""
     neighbours: Sequence[str | None] = [None] if shown.quantity.of_payload else series.scene.neighbours[name]
     points = list(series.robots[name].points)
     times = np.array([point.time for point in points])
@@ -77,35 +77,31 @@ def curves(series: Series, name: str, shown: Shown) -> list[Curve]:
 
 
 def inside_band(series: Series, shown: Shown) -> float | None:
-    """Share of the moments in which the error was below three own standard deviations; None if there was none."""
+    """Return the share of errors that are below three own standard deviations; None if there are no errors."""
     below = np.concatenate(
         [(c.error <= 3.0 * c.std)[np.isfinite(c.error)] for name in series.robots for c in curves(series, name, shown)]
     )
     return float(np.mean(below)) if len(below) else None
 
 
-def convergence_size(series: Series) -> tuple[float, float]:
-    """Width and height of ``draw_convergence`` [inches]."""
-    rows, _ = _grid(len(robots_shown(series)))
-    return 10.0, 0.9 + 2.0 * rows
-
-
-def _grid(panels: int) -> tuple[int, int]:
-    """Rows and columns."""
+def grid_of(panels: int) -> tuple[int, int]:
+    """Return the rows and columns of a grid of panels."""
     columns = 2 if panels in (2, 4) else 3
     return -(-panels // columns), columns
 
 
 def draw_convergence(figure: Any, theme: Theme, series: Series, report: Report, shown: Shown) -> None:
-    """Errors of a quantity and three times the own standard deviation over time, one panel per robot."""
+    """Draw errors of a quantity and three times the own standard deviation over time, one panel per robot."""
     names = robots_shown(series)
-    rows, columns = _grid(len(names))
+    rows, columns = grid_of(len(names))
     grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
     drawn = {name: curves(series, name, shown) for name in names}
     for axes, name in zip(grid, names, strict=False):
         use_logarithm(axes)
         axes.set_title(name, loc="left", fontweight="bold")
-        _shade_stale(axes, theme, series, name)
+        for span in series.robots[name].states.spans:
+            if span.state is State.STALE:
+                axes.axvspan(span.start, span.end, color=theme.warning, alpha=0.18, linewidth=0)
         mark_changes(axes, theme, report)
         for k, curve in enumerate(drawn[name]):
             label = "error" if curve.neighbour is None else f"of {curve.neighbour}"
@@ -114,10 +110,12 @@ def draw_convergence(figure: Any, theme: Theme, series: Series, report: Report, 
                 axes.fill_between(curve.time, 1e-12, 3.0 * curve.std, color=colour, alpha=0.10, linewidth=0)
             axes.plot(curve.time, 3.0 * curve.std, color=colour, linewidth=0.9, linestyle=(0, (4, 2)))
             axes.plot(curve.time, curve.error, color=colour, label=label)
-        if drawn[name] and drawn[name][0].neighbour is not None:
+        first = drawn[name][0]
+        if first.neighbour is not None:
             axes.legend(loc="upper right", ncols=2, handlelength=1.0, borderaxespad=0.0)
-        else:
-            _tell_end(axes, theme, drawn[name][0], shown.unit)
+        elif len(first.error) and np.isfinite(first.error[-1]):
+            text = f"at the end {first.error[-1]:.2g} {shown.unit}, own std {first.std[-1]:.2g}"
+            axes.set_title(text, loc="right", fontsize=8, color=theme.muted)
     for axes in grid[len(names) :]:
         axes.set_visible(False)
     grid[0].set_xlim(0.0, report.duration_s)
@@ -129,7 +127,7 @@ def draw_convergence(figure: Any, theme: Theme, series: Series, report: Report, 
 
 
 def _limits(drawn: Iterable[Curve]) -> tuple[float, float]:
-    """What is worth seeing: errors pass through zero, which has no logarithm."""
+    """Return the limits of the axis of errors, which pass through zero: that has no logarithm."""
     errors, bands = [], []
     for curve in drawn:
         errors.append(curve.error[np.isfinite(curve.error) & (curve.error > 0.0)])
@@ -138,15 +136,3 @@ def _limits(drawn: Iterable[Curve]) -> tuple[float, float]:
     if not len(error) or not len(band):
         return 0.1, 1.0
     return float(0.02 * band.min()), float(2.0 * max(error.max(), band.max()))
-
-
-def _tell_end(axes: Any, theme: Theme, curve: Curve, unit: str) -> None:
-    if len(curve.error) and np.isfinite(curve.error[-1]):
-        text = f"at the end {curve.error[-1]:.2g} {unit}, own std {curve.std[-1]:.2g}"
-        axes.set_title(text, loc="right", fontsize=8, color=theme.muted)
-
-
-def _shade_stale(axes: Any, theme: Theme, series: Series, name: str) -> None:
-    for span in series.robots[name].states.spans:
-        if span.state is State.STALE:
-            axes.axvspan(span.start, span.end, color=theme.warning, alpha=0.18, linewidth=0)

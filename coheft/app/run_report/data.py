@@ -18,19 +18,19 @@ PAYLOAD_COLUMNS = (
     *("mass_kg", "com_x_m", "com_y_m", "com_z_m"),
     *(f"inertia_{axes}_kgm2" for axes in ("xx", "yy", "zz", "xy", "xz", "yz")),
 )
-"""Of ``(m, h, J packed)``."""
+"""Columns of ``(m, h, J packed)``."""
 _WRENCH = ("force_x_n", "force_y_n", "force_z_n", "torque_x_nm", "torque_y_nm", "torque_z_nm")
 _POSE = ("rotation_x_rad", "rotation_y_rad", "rotation_z_rad", "x_m", "y_m", "z_m")
 
 TABLES = {
-    "estimates": "each robot's estimate of the payload in its own frame, beside the truth; the total wrench",
+    "estimates": "each robot's estimate of the payload in its own frame, with the truth; the total wrench",
     "poses": "errors of the neighbours' grasp poses, and their standard deviations",
-    "states": "what each robot said it knew and did not, from when to when",
+    "states": "what each robot reported to know and not to know, from when to when",
     "load-changes": "every report of every robot around changes of the load",
     "pace": "simulated time, and the clock on the wall",
 }
 SUFFIXES = (".parquet", ".csv")
-"""Of their files: with pyarrow, and without."""
+"""Suffixes of their files: with pyarrow, and without."""
 
 
 def write_data(series: Series, folder: Path) -> list[Path]:
@@ -91,7 +91,7 @@ def _states(series: Series) -> Iterator[Row]:
 
 
 def _columns(prefix: str, names: tuple[str, ...], values: Array) -> Row:
-    """Columns of a vector; what is not known stays empty."""
+    """Return the columns of a vector; unknown numbers stay empty."""
     known = np.isfinite(values)
     return {
         f"{prefix}{name}": float(value) if is_known else None

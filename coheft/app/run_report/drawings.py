@@ -1,4 +1,4 @@
-"""The report's pictures, but for the errors over time."""
+"""The report's pictures, except for the errors over time."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from coheft.app.run_report.series import AFTER, BEFORE, Series
 from coheft.estimation.geometry.spatial import Array
 
 STALE_STYLE: dict[str, Any] = {"linestyle": (0, (1, 2)), "linewidth": 0.8, "label": "stale"}
-"""How lines look where a robot could not know whether its estimate still held."""
+"""Style of lines where a robot could not know whether its estimate still held."""
 
 
 def draw_overview(figure: Any, theme: Theme, series: Series, report: Report) -> None:
-    """The mass that every robot believes in, and the truth."""
+    """Draw each robot's estimate of the mass, and the truth."""
     axes = figure.subplots()
     names = robots_shown(series)
     points = list(series.robots[names[0]].points)
@@ -51,13 +51,8 @@ def draw_overview(figure: Any, theme: Theme, series: Series, report: Report) -> 
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=13, handlelength=1.2)
 
 
-def close_up_size(series: Series) -> tuple[float, float]:
-    """Width and height of ``draw_close_ups`` [inches]."""
-    return 10.0, 0.6 + 2.9 * len(series.close_ups)
-
-
 def draw_close_ups(figure: Any, theme: Theme, series: Series, report: Report) -> None:
-    """Mass and centre of mass around each change of the load, all robots in one panel."""
+    """Draw mass and centre of mass around each change of the load, all robots in one panel."""
     names = robots_shown(series)
     grid = figure.subplots(len(series.close_ups), 2, sharex=True, squeeze=False)
     for (left, right), close_up in zip(grid, series.close_ups, strict=True):
@@ -97,9 +92,9 @@ def draw_close_ups(figure: Any, theme: Theme, series: Series, report: Report) ->
 
 
 def _draw_masses(axes: Any, points: Sequence[Point], times: Array, masses: Array, style: dict[str, Any]) -> None:
-    """What one robot believed: solid, but dotted where it was stale.
+    """Draw one robot's estimates: solid, but dotted where they were stale.
 
-    A report speaks for the time since the one before it.
+    An estimate is for the time since the one before it.
     """
     stale = np.array([point.is_stale for point in points], dtype=bool)
     for chosen, more in ((~stale, {}), (stale, {**STALE_STYLE, "label": None})):
@@ -108,7 +103,7 @@ def _draw_masses(axes: Any, points: Sequence[Point], times: Array, masses: Array
 
 
 def _name_stale(axes: Any, theme: Theme, robots: Iterable[Sequence[Point]]) -> None:
-    """A place in the legend for dotted lines, if there are any."""
+    """Add dotted lines to the legend, if there are any."""
     if any(point.is_stale for points in robots for point in points):
         axes.plot([], [], color=theme.muted, **STALE_STYLE)
 
@@ -120,7 +115,7 @@ def _mark_moment(axes: Any, theme: Theme, moment: float, text: str) -> None:
 
 
 def _mass_and_com(points: Sequence[Point]) -> tuple[Array, Array, Array, Array]:
-    """Mass and its deviation [kg], error of the centre of mass and three times its deviation [mm]."""
+    """Return masses and their std [kg], errors of the centre of mass and three times their std [mm]."""
     mass = np.array([point.truth[0] - point.error[0] for point in points])
     std = np.array([point.std[0] for point in points])
     off, expected = sizes(points, COM_SHOWN.quantity)
@@ -128,7 +123,7 @@ def _mass_and_com(points: Sequence[Point]) -> tuple[Array, Array, Array, Array]:
 
 
 def _fit_masses(axes: Any, masses: Array, robots: Iterable[Sequence[Point]]) -> None:
-    """Show the estimates, and not all of a band that is many times as wide."""
+    """Limit the axis to the estimates: their bands may be many times as wide."""
     found = [point.truth[0] - point.error[0] for points in robots for point in points]
     values = np.concatenate([masses, np.array(found)[np.isfinite(found)]])
     margin = max(0.15 * float(np.ptp(values)), 0.02 * float(values.max()))
@@ -136,7 +131,7 @@ def _fit_masses(axes: Any, masses: Array, robots: Iterable[Sequence[Point]]) -> 
 
 
 def draw_consensus(figure: Any, theme: Theme, series: Series, report: Report) -> None:
-    """How far each robot's total wrench is from the measured total, beside the total itself."""
+    """Draw the difference between each robot's total wrench and the true one, and the total itself."""
     grid = figure.subplots(1, 2, sharex=True)
     names = robots_shown(series)
     for axes, title, part, unit in zip(
@@ -163,13 +158,8 @@ def draw_consensus(figure: Any, theme: Theme, series: Series, report: Report) ->
     figure.legend(*grid[0].get_legend_handles_labels(), loc="outside lower center", ncols=9, handlelength=1.2)
 
 
-def observability_size(series: Series) -> tuple[float, float]:
-    """Width and height of ``draw_observability`` [inches]."""
-    return 10.0, 1.5 + 0.28 * len(robots_shown(series))
-
-
 def draw_observability(figure: Any, theme: Theme, series: Series, report: Report) -> None:
-    """What each robot claimed to know, from when to when."""
+    """Draw each robot's states over time."""
     axes = figure.subplots()
     names = robots_shown(series)
     styles = state_styles(theme)
@@ -198,7 +188,7 @@ def draw_observability(figure: Any, theme: Theme, series: Series, report: Report
 
 
 def state_styles(theme: Theme) -> dict[State, dict[str, Any]]:
-    """How bars of each state look: the darker, the more is known."""
+    """Return the styles of bars of each state: the darker, the more is known."""
     return {
         State.STALE: {"color": theme.warning, "alpha": 1.0},
         State.FINDING_NEIGHBOURS: {"color": theme.muted, "alpha": 0.25},
@@ -211,7 +201,7 @@ def state_styles(theme: Theme) -> dict[State, dict[str, Any]]:
 
 
 def draw_pace(figure: Any, theme: Theme, series: Series, report: Report) -> None:
-    """Simulated seconds per second on the wall, over the run."""
+    """Draw simulated seconds per second of wall-clock time, over the run."""
     axes = figure.subplots()
     times, walls = np.array(list(series.pace)).reshape(-1, 2).T
     moments = np.arange(walls[0], walls[-1], max(0.5, (walls[-1] - walls[0]) / 200.0))

@@ -1,4 +1,4 @@
-"""A folder with all about a run: the page, its pictures, the data, and the report for programs."""
+"""The folder of a report: the page, its pictures, the data, and the report for programs."""
 
 from __future__ import annotations
 
@@ -9,23 +9,24 @@ from pathlib import Path
 
 from coheft.app.figures import DARK, LIGHT, Theme, figure_to
 from coheft.app.results.report import Report, write_report
-from coheft.app.run_report.data import write_data
-from coheft.app.run_report.former import remove_former
+from coheft.app.run_report.data import SUFFIXES, TABLES, write_data
 from coheft.app.run_report.page import Drawn, render_page
-from coheft.app.run_report.pictures import Picture, pictures_of
+from coheft.app.run_report.pictures import PICTURES, Picture, pictures_of
 from coheft.app.run_report.series import Series, SeriesFollower
 from coheft.errors import CoheftError, MissingPackageError
 from coheft.wire.scenario.schema import Scenario
 
 PAGE = "report.html"
+_WIDTH = 10.0
+"""Width of pictures [inches]."""
 
 
 class ReportPage(SeriesFollower):
-    """Follows a run, and then writes everything about it.
+    """Follows a run, and then writes its report.
 
     Raises:
         CoheftError: The folder cannot be made.
-        MissingPackageError: What draws or writes the page is not installed.
+        MissingPackageError: A package that draws or writes the page is not installed.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -33,7 +34,7 @@ class ReportPage(SeriesFollower):
         self._folder = folder
 
     def write(self, scenario: Scenario, clock: str, report: Report) -> Path:
-        """Write it; return the page.
+        """Write the report; return the path of the page.
 
         Raises:
             CoheftError: It cannot be written.
@@ -46,7 +47,7 @@ def prepare_folder(folder: Path) -> None:
 
     Raises:
         CoheftError: It cannot be made.
-        MissingPackageError: What draws or writes the page is not installed.
+        MissingPackageError: A package that draws or writes the page is not installed.
     """
     for package, module in (("matplotlib", "matplotlib"), ("Jinja2", "jinja2")):
         if find_spec(module) is None:
@@ -62,16 +63,16 @@ def prepare_folder(folder: Path) -> None:
 
 
 def write_folder(folder: Path, scenario: Scenario, clock: str | None, series: Series, report: Report) -> Path:
-    """Write everything about a run, in place of a former report in the folder; return the page.
+    """Write a report, in place of a former one in the folder; return the path of the page.
 
-    Of a recording no clock is known.
+    ``clock`` is None for a recording.
 
     Raises:
         CoheftError: It cannot be written.
     """
     page = folder / PAGE
     try:
-        remove_former(page)
+        _remove_former(page)
         write_report(report, str(folder / "report.json"))
         data = write_data(series, folder)
         drawn = []
@@ -87,6 +88,17 @@ def write_folder(folder: Path, scenario: Scenario, clock: str | None, series: Se
 
 def _draw(picture: Picture, theme: Theme, series: Series, report: Report) -> bytes:
     image = BytesIO()
-    with figure_to(image, *picture.size, theme) as figure:
+    with figure_to(image, _WIDTH, picture.height, theme) as figure:
         picture.draw(figure, theme, series, report)
     return image.getvalue()
+
+
+def _remove_former(page: Path) -> None:
+    """Remove the pictures and tables that a former page shows and names, if it is there; all else beside it stays."""
+    if not page.is_file():
+        return
+    text = page.read_text(encoding="utf-8", errors="replace")
+    pictures = [f"{name}.png" for name in PICTURES if f'id="figure-{name}"' in text]
+    tables = [f"{name}{suffix}" for name in TABLES for suffix in SUFFIXES if f"<dt>{name}{suffix}</dt>" in text]
+    for name in (*pictures, *tables):
+        (page.parent / name).unlink(missing_ok=True)

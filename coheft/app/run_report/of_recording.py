@@ -1,4 +1,4 @@
-"""The report of a run that was recorded."""
+"""The report of a recorded run."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from coheft.wire.scenario.schema import Scenario
 
 
 def report_recording(path: Path, folder: Path) -> Path:
-    """Write the page, pictures and data of a recording into a folder; return the page.
+    """Write the page, pictures and data of a recording into a folder; return the path of the page.
 
     Args:
-        path: What 'coheft run --record' wrote.
-        folder: Where everything goes; it is made.
+        path: A recording made by 'coheft run --record'.
+        folder: The folder, which is made.
 
     Raises:
         RecordingError: It cannot be read, or holds too little of a run.
-        CoheftError: Nothing can be written there.
-        MissingPackageError: What reads, draws or writes is not installed.
+        CoheftError: The folder cannot be written.
+        MissingPackageError: A package that reads, draws or writes is not installed.
     """
     recording = read_recording(path)
     scenario = _scenario(path, recording.scenario)

@@ -1,4 +1,4 @@
-"""The report as one page that needs nothing but itself."""
+"""The report as one HTML page that needs no other file."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
+from msgspec import structs
 
 from coheft.app.results.judge import Verdict
 from coheft.app.results.report import Report
@@ -29,7 +30,7 @@ SECTIONS = {
     "errors": "Errors over time",
     "changes": "When the load changes",
     "consensus": "What the robots agree on",
-    "observability": "What could be told, and when",
+    "observability": "What was observable, and when",
     "timing": "Timing",
     "run": "What was run",
 }
@@ -45,7 +46,7 @@ class Drawn:
 
     @property
     def sources(self) -> tuple[str, str]:
-        """Both as addresses that hold the data itself."""
+        """Both as data URLs."""
         light, dark = (base64.b64encode(image).decode() for image in (self.light, self.dark))
         return f"data:image/png;base64,{light}", f"data:image/png;base64,{dark}"
 
@@ -53,7 +54,7 @@ class Drawn:
 def render_page(
     scenario: Scenario, clock: str | None, series: Series, report: Report, drawn: Sequence[Drawn], data: Sequence[Path]
 ) -> str:
-    """The whole page, in HTML; of a recording no clock is known, and nothing is said about time on the wall."""
+    """Return the whole page, in HTML; for a recording there is no clock, and no section about wall-clock time."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     environment = Environment(
@@ -66,6 +67,8 @@ def render_page(
     robots: dict[Verdict, list[str]] = {verdict: [] for verdict in Verdict}
     for name, robot in report.robots.items():
         robots[robot.verdict].append(name)
+    payload = structs.replace(scenario.payload, surface="")  # which is no setting
+    unobservable = list(unobservable_rows(series))
     return environment.get_template("page.html.jinja").render(
         scenario=scenario,
         report=report,
@@ -81,8 +84,8 @@ def render_page(
         pictures=drawn,
         scene=scene_json(series),
         boxes=series.scene.boxes,
-        unseen=list(unseen_rows(series))[:_MOST_ROWS],
-        unseen_left=max(0, len(list(unseen_rows(series))) - _MOST_ROWS),
+        unobservable=unobservable[:_MOST_ROWS],
+        rows_left=max(0, len(unobservable) - _MOST_ROWS),
         clock=clock,
         pace=list(series.pace),
         problems=series.problems,
@@ -90,14 +93,14 @@ def render_page(
         is_endless=scenario.duration >= MAX_DURATION,
         most_robots=MOST_ROBOTS,
         versions=versions(),
-        scenario_text=msgspec.json.format(msgspec.json.encode(_without_surface(scenario))).decode(),
+        scenario_text=msgspec.json.format(msgspec.json.encode(structs.replace(scenario, payload=payload))).decode(),
         data=[(path.name, TABLES[path.stem]) for path in data],
         thinned=max(robot.points.every for robot in series.robots.values()),
     )
 
 
 def _rows(report: Report) -> dict[str, list[tuple[str, str, str, str, str]]]:
-    """The table's rows of each robot, and below them those of each estimator that ran beside its own."""
+    """Return the table's rows of each robot, and below them those of each estimator that ran beside its own."""
     rows = {}
     for name, robot in report.robots.items():
         rows[name] = robot_rows(robot)
@@ -105,8 +108,8 @@ def _rows(report: Report) -> dict[str, list[tuple[str, str, str, str, str]]]:
     return rows
 
 
-def unseen_rows(series: Series) -> Iterable[tuple[str, str, str, str, str]]:
-    """What could not be told and why not: what, why, who, from, to; the same of several robots in one row."""
+def unobservable_rows(series: Series) -> Iterable[tuple[str, str, str, str, str]]:
+    """Yield what was not observable: what, why, robots, from, to; the same of several robots in one row."""
     when: dict[tuple[str, str], dict[str, tuple[float, float]]] = {}
     for name, robot in series.robots.items():
         for span in robot.states.spans:
@@ -121,12 +124,6 @@ def unseen_rows(series: Series) -> Iterable[tuple[str, str, str, str, str]]:
 
 
 def _kind(text: str) -> tuple[str, str]:
-    """What a sentence is about, without its numbers, and the advice at its end."""
+    """Return what a sentence is about, without its numbers, and the advice at its end."""
     what, _, why = text.rpartition(": ")
     return (what.partition(",")[0], why) if what else (text, "")
-
-
-def _without_surface(scenario: Scenario) -> Scenario:
-    """What a payload from a file looks like is no setting."""
-    payload = msgspec.structs.replace(scenario.payload, surface="")
-    return msgspec.structs.replace(scenario, payload=payload)

@@ -1,4 +1,4 @@
-"""What all of the report's pictures share: who is shown, and what is marked."""
+"""What the report's pictures share: the robots that are shown, and marks."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from coheft.app.results.report import Report
 from coheft.app.run_report.series import Series
 
 MOST_ROBOTS = 24
-"""So many robots are drawn at most."""
+"""Largest number of robots that are drawn."""
 _MOST_CHANGES = 50
 
 
 def robots_shown(series: Series) -> list[str]:
-    """Robots that are drawn: all, or evenly spread ones of many."""
+    """Return the robots that are drawn: all, or evenly spread ones of many."""
     names = list(series.robots)
     if len(names) <= MOST_ROBOTS:
         return names
@@ -24,13 +24,13 @@ def robots_shown(series: Series) -> list[str]:
 
 
 def use_logarithm(axes: Any) -> None:
-    """Powers of ten, written out."""
+    """Use a logarithmic scale with powers of ten that are written out."""
     axes.set_yscale("log")
     axes.yaxis.set_major_formatter("{x:g}")
     axes.minorticks_off()
 
 
 def mark_changes(axes: Any, theme: Theme, report: Report) -> None:
-    """Dotted lines where the load changed."""
+    """Draw dotted lines where the load changed."""
     for change in report.load_changes[:_MOST_CHANGES]:
         axes.axvline(change.at_s, color=theme.muted, linewidth=0.9, linestyle=":")

@@ -1,4 +1,4 @@
-"""What the scene of a report shows: the payload, who holds it, and how it moved, as JSON for the script of the page."""
+"""The scene of a report: the payload, the robots and the motion, as JSON for the script of the page."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _DIGITS = 4
 
 
 def scene_json(series: Series) -> str:
-    """JSON that may stand in a page. Lengths are in metres, times in seconds, quaternions have the scalar first."""
+    """Return JSON for a page. Lengths are in metres, times in seconds, quaternions have the scalar first."""
     scene = series.scene
     links = [[a, b] for a in scene.robots for b in scene.neighbours.get(a, []) if a < b]
     moments = list(series.moments)
@@ -45,7 +45,7 @@ def scene_json(series: Series) -> str:
 
 
 def _loads(moments: list[Moment]) -> list[tuple[float, Any]]:
-    """Since when what lay on the payload, only where that changed; one that leaks stays the same load."""
+    """Return the loads on the payload and the times at which they changed; one that leaks stays the same load."""
     changes: list[tuple[float, Any]] = []
     before: list[int] = []
     for moment in moments:

@@ -1,4 +1,4 @@
-"""What happened in a run over time, kept while it goes on, in memory that does not grow with it."""
+"""What happened in a run over time, in memory that does not grow with its duration."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from coheft.wire.messages.structs import Estimate, Problem
 from coheft.wire.messages.truth import LoadState, Truth
 
 _POINTS = 20_000
-"""Of all robots together."""
+"""Number of points that are kept, of all robots together."""
 _MOMENTS = 4_000
-"""Kept of the pace."""
+"""Number of moments of the pace that are kept."""
 _SHOWN = 1_000
-"""Moments of the scene."""
+"""Number of moments of the scene that are kept."""
 _CLOSE_UPS = 6
 _PROBLEMS = 100
 BEFORE, AFTER = 0.5, 3.0
-"""How much of the time around a change of the load is shown close up [s]."""
+"""Time before and after a change of the load that a close-up shows [s]."""
 
 
 @dataclass(eq=False)
@@ -36,9 +36,9 @@ class CloseUp:
     """The time around one change of the load.
 
     Attributes:
-        at: When the load changed [s].
-        masses: True mass of the payload over time, [s] and [kg].
-        points: Every estimate of every robot.
+        at: Time of the change [s].
+        masses: Times [s] and true masses of the payload [kg].
+        points: All estimates of each robot.
     """
 
     at: float
@@ -48,13 +48,13 @@ class CloseUp:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Moment:
-    """Where the payload was, and what lay on it.
+    """The payload's pose and the loads on it at a time.
 
     Attributes:
-        time: [s].
-        position: Of its frame in the world, shape (3,) [m].
+        time: The time [s].
+        position: Position of its frame in the world, shape (3,) [m].
         quaternion: Its orientation, scalar first, shape (4,).
-        loads: On the payload.
+        loads: The loads.
     """
 
     time: float
@@ -68,7 +68,8 @@ class RobotSeries:
 
     Attributes:
         points: Some of them, evenly spread.
-        states: What it said of its knowledge.
+        states: Its states.
+        recent: The newest ones.
     """
 
     def __init__(self, capacity: int) -> None:
@@ -79,16 +80,16 @@ class RobotSeries:
 
 @dataclass(eq=False)
 class Series:
-    """All that is drawn.
+    """All data that the report draws.
 
     Attributes:
-        scene: Who held the payload where.
-        robots: By name, in the scene's order.
-        moments: Of the payload, some of them, evenly spread.
-        close_ups: Of the first changes of the load.
-        pace: Simulated time, and the clock on the wall when that was heard [s]; empty of a recording.
-        problems: What was refused: when in the simulated time, by whom, what; the first ones.
-        problem_count: How many there were.
+        scene: The scene, with the grasps.
+        robots: Each robot's estimates, by name, in the scene's order.
+        moments: Poses of the payload, some of them, evenly spread.
+        close_ups: The first changes of the load.
+        pace: Simulated times, and the wall-clock times of their arrival [s]; empty for a recording.
+        problems: The first problems that processes reported, with their simulated times.
+        problem_count: Number of all problems.
     """
 
     scene: Scene
@@ -104,15 +105,15 @@ class SeriesFollower(Follower):
     """Follows a run, and keeps what the report draws.
 
     Attributes:
-        series: What it has kept.
-        is_live: Whether the run goes on while it is heard, so that it has a pace; a recording has none.
+        series: The data so far.
+        is_live: Whether the run is in progress, so that it has a pace; a recording has none.
     """
 
     series: Series
     is_live = True
 
     def begin(self, status: Status) -> None:
-        """The clock runs."""
+        """See ``Follower.begin``."""
         names = status.scene.robots
         capacity = max(100, _POINTS // len(names))
         self.series = Series(status.scene, {name: RobotSeries(capacity) for name in names})
@@ -120,7 +121,7 @@ class SeriesFollower(Follower):
         self._masses: deque[tuple[float, float]] = deque(maxlen=500)
 
     def hear(self, news: News) -> None:
-        """Take in what an observer has heard."""
+        """See ``Follower.hear``."""
         match news:
             case Truth():
                 self._add_truth(news)

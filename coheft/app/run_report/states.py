@@ -1,4 +1,4 @@
-"""What a robot said it knew, and what it did not, from when to when."""
+"""The states that a robot reported, as spans of time."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ _MOST = 400
 
 @dataclass(frozen=True, slots=True)
 class Span:
-    """A time in which what a robot said of its knowledge stayed the same.
+    """A time in which a robot reported the same about its knowledge.
 
     Attributes:
         start: When it began [s].
         end: When it ended [s].
-        state: How far the robot was.
-        not_observable: What its motion had not shown.
+        state: The robot's state.
+        not_observable: What was not observable from the motion so far.
         reasons: Why its estimate was not valid.
     """
 
@@ -31,19 +31,19 @@ class Span:
 
 
 class Spans:
-    """The spans of one robot, as far as its estimates have come."""
+    """The spans of one robot up to its newest estimate."""
 
     def __init__(self) -> None:
         self.spans: list[Span] = []
 
     def add(self, estimate: Estimate) -> None:
-        """Take in the next estimate: it speaks for the time since the one before."""
+        """Add the next estimate, which is for the time since the one before."""
         start = self.spans[-1].end if self.spans else 0.0
-        said = Span(start, estimate.time, State.of(estimate), tuple(estimate.not_observable), tuple(estimate.reasons))
-        if self.spans and said == replace(self.spans[-1], start=said.start, end=said.end):
-            self.spans[-1] = replace(self.spans[-1], end=said.end)
+        new = Span(start, estimate.time, State.of(estimate), tuple(estimate.not_observable), tuple(estimate.reasons))
+        if self.spans and new == replace(self.spans[-1], start=new.start, end=new.end):
+            self.spans[-1] = replace(self.spans[-1], end=new.end)
             return
-        self.spans.append(said)
+        self.spans.append(new)
         if len(self.spans) > _MOST:
             shortest = min(range(1, _MOST), key=lambda k: self.spans[k].end - self.spans[k].start)
             self.spans[shortest - 1] = replace(self.spans[shortest - 1], end=self.spans[shortest].end)

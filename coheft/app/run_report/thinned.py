@@ -1,4 +1,4 @@
-"""Series that go on for as long as they like, in memory that does not."""
+"""Series of any length in limited memory."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ class Thinned(Generic[T]):
     """Evenly spread items of a series: all of them, then every second, every fourth, …; and always the last.
 
     Args:
-        capacity: Number of items that are kept at most, but for the last.
+        capacity: Largest number of items that are kept, apart from the last.
 
     Attributes:
-        every: One in so many is kept.
+        every: One of so many items is kept.
     """
 
     def __init__(self, capacity: int) -> None:
@@ -26,7 +26,7 @@ class Thinned(Generic[T]):
         self._last: T | None = None
 
     def add(self, item: T) -> None:
-        """Take in the next item."""
+        """Add the next item."""
         self._last = item
         if self._seen % self.every == 0:
             if len(self._items) == self._capacity:

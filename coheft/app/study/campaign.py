@@ -14,7 +14,8 @@ from coheft.app.study.report import Cell, StudyReport, summarise
 from coheft.app.study.trial import Moments, Trial, run_trial
 from coheft.errors import ScenarioError
 from coheft.wire.scenario.borders import first_border
-from coheft.wire.scenario.checks import check_noise
+from coheft.wire.scenario.checks import noise_complaints
+from coheft.wire.scenario.rules import check
 from coheft.wire.scenario.schema import Scenario
 
 _LEAST_BLOCK = 2
@@ -117,7 +118,7 @@ def make_plan(
         Moments(tuple(judged), change, after),
     )
     for _, run in plan.scenarios():
-        check_noise(run, name)
+        check(run, name, noise_complaints)
     return plan
 
 

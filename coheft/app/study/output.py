@@ -9,23 +9,10 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from coheft.app.figures import make_folder
 from coheft.app.results.report import write_report
+from coheft.app.study import tables
 from coheft.app.study.plots import plot_curves, plot_ratios
 from coheft.app.study.report import StudyReport
-from coheft.app.study.tables import (
-    HEADER,
-    LEGEND,
-    RECOVERY_HEADER,
-    accuracy_rows,
-    caption,
-    markdown,
-    recovery_rows,
-    seconds_after,
-    sentences,
-    title,
-    together,
-)
 from coheft.app.study.trial import Trial
 from coheft.app.study.varied import COLUMNS, VariedReport, rows
 from coheft.app.terminal.wide_table import print_table
@@ -36,16 +23,15 @@ _WIDTH = 7
 
 
 def write_folder(report: StudyReport, trials: Sequence[Trial], folder: Path) -> None:
-    """Write ``report.md``, its pictures and ``report.json``.
+    """Write ``report.md``, its pictures and ``report.json`` into an existing folder.
 
     Raises:
         CoheftError: The folder cannot be written, or the plotting package is not installed.
     """
-    make_folder(folder)
     pictures = {"Errors over bounds": "ratios.png", "Errors of one run over time": "curves.png"}
     write_report(report, str(folder / "report.json"))
     try:
-        (folder / "report.md").write_text(markdown(report, pictures), encoding="utf-8")
+        (folder / "report.md").write_text(tables.markdown(report, pictures), encoding="utf-8")
         plot_ratios(report, folder / "ratios.png")
         plot_curves(trials, folder / "curves.png")
     except OSError as error:
@@ -54,30 +40,31 @@ def write_folder(report: StudyReport, trials: Sequence[Trial], folder: Path) -> 
 
 def print_study(console: Console, report: StudyReport) -> None:
     """Print a study."""
-    console.print(f"{title(report)}\n")
+    console.print(f"{tables.title(report)}\n")
     for cell in report.cells:
-        print_table(console, _table(caption(cell), HEADER[:_WIDTH], accuracy_rows(cell)))
+        print_table(console, _table(tables.caption(cell), tables.HEADER[:_WIDTH], tables.accuracy_rows(cell)))
         console.print()
     if len(report.cells) > 1:
-        for line in together(report):
+        for line in tables.together(report):
             console.print(line, highlight=False)
         console.print()
-    recovery = list(recovery_rows(report.results))
+    recovery = list(tables.recovery_rows(report.results))
     if recovery:
-        print_table(console, _table(f"{seconds_after(report):g} s after the load change", RECOVERY_HEADER, recovery))
+        words = f"{tables.seconds_after(report):g} s after the load change"
+        print_table(console, _table(words, tables.RECOVERY_HEADER, recovery))
         console.print()
     for name, result in report.results.items():
-        for line in sentences(name, result):
+        for line in tables.sentences(name, result):
             console.print(line, highlight=False)
     console.print()
-    for line in LEGEND:
+    for line in tables.LEGEND:
         console.print(line, style="dim", highlight=False)
 
 
 def print_varied(console: Console, report: VariedReport) -> None:
     """Print studies of several values of a key in one table."""
     study, key = report.variants[0].study, report.variants[0].set.partition("=")[0]
-    console.print(f"{title(study)}\n")
+    console.print(f"{tables.title(study)}\n")
     words = f"RMS errors (times the bound) by {key}, noise × {study.noise_scales[0]:g}, at {study.at_s[-1]:g} s"
     print_table(console, _table(words, COLUMNS, rows(report)))
 

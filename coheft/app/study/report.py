@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -204,29 +204,29 @@ def _estimator_result(
     )
 
 
-def _accuracy(quantity: Quantity, cells: Sequence[Sequence[_Judged]]) -> Accuracy:
-    squares, full, two_step = _squares(quantity, cells)
-    return Accuracy(
-        rms=_number(root_mean(_flat(squares))),
-        bound_full=_number(root_mean(_where_known(full, squares))),
-        bound_two_step=_number(root_mean(_where_known(two_step, squares))),
-        ratio_two_step=_number(_scaled_ratio(squares, two_step).value),
-        **_named("ratio_full", _scaled_ratio(squares, full)),
-        **_named("nees", _nees(quantity, cells)),
-        missing=int(sum(np.isnan(s).sum() for s in _flat(squares))),
-    )
-
-
 _Squares = list[list[Array]]
 """Squares by cell and run."""
 
 
-def _squares(quantity: Quantity, cells: Sequence[Sequence[_Judged]]) -> tuple[_Squares, _Squares, _Squares]:
-    """Return squared errors, and their expectations by the full and the two-step bound."""
-    return (
-        [[quantity.squares(one.errors.of(quantity)) for one in cell] for cell in cells],
-        [[quantity.expected_squares(one.full.of(quantity)) for one in cell] for cell in cells],
-        [[quantity.expected_squares((one.two_step or one.full).of(quantity)) for one in cell] for cell in cells],
+def _accuracy(quantity: Quantity, cells: Sequence[Sequence[_Judged]]) -> Accuracy:
+    def expected(bound: Callable[[_Judged], Bounds]) -> _Squares:
+        return [[quantity.expected_squares(bound(one).of(quantity)) for one in cell] for cell in cells]
+
+    squares: _Squares = [[quantity.squares(one.errors.of(quantity)) for one in cell] for cell in cells]
+    full, two_step = expected(lambda one: one.full), expected(lambda one: one.two_step or one.full)
+    known = [np.isfinite(each) for each in _flat(squares)]
+
+    def root_where_known(values: _Squares) -> Number:
+        return _number(root_mean([each[k] for each, k in zip(_flat(values), known, strict=True)]))
+
+    return Accuracy(
+        rms=root_where_known(squares),
+        bound_full=root_where_known(full),
+        bound_two_step=root_where_known(two_step),
+        ratio_two_step=_number(_scaled_ratio(squares, two_step).value),
+        **_named("ratio_full", _scaled_ratio(squares, full)),
+        **_named("nees", _nees(quantity, cells)),
+        missing=int(sum(np.count_nonzero(~each) for each in known)),
     )
 
 
@@ -296,11 +296,6 @@ def _recovery(name: str, groups: Sequence[Sequence[Trial]], moments: Moments) ->
     accuracies = {q.name: _accuracy(q, cells) for q in QUANTITIES if q.of_payload}
     result = {name: msgspec.convert(each, Recovered, from_attributes=True) for name, each in accuracies.items()}
     return Recovery(seconds_after=moments.after, **result)
-
-
-def _where_known(values: _Squares, like: _Squares) -> list[Array]:
-    pairs = zip(_flat(values), _flat(like), strict=True)
-    return [np.where(np.isfinite(other), value, np.nan) for value, other in pairs]
 
 
 def _number(value: float) -> Number:

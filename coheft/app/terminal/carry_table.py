@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from rich.console import Console
-from rich.table import Table
 
 from coheft.app.results.report import CarryPhaseReport, CarryReport, LoadDropReport
-from coheft.app.terminal.wide_table import print_table
+from coheft.app.terminal.wide_table import bare_table, print_table
 
 _WHAT = {
     "alone": "each for itself",
@@ -17,14 +16,7 @@ _WHAT = {
 
 def print_carry(console: Console, report: CarryReport) -> None:
     """Print a row for each phase and a sentence for each load change."""
-    table = Table(
-        title="How the load was carried (root mean squares)",
-        title_justify="left",
-        box=None,
-        padding=(0, 2, 0, 0),
-        header_style="bold",
-        title_style="bold",
-    )
+    table = bare_table("How the load was carried (root mean squares)", gap=2)
     table.add_column("what", no_wrap=True)
     for heading in ("time, s", "off the path", "against each other"):
         table.add_column(heading, justify="right", no_wrap=True)

@@ -11,14 +11,13 @@ from rich.table import Table
 
 from coheft.app.results.errors import MOST_STDS
 from coheft.app.results.judge import RobotReport, Verdict, why_stale
-from coheft.app.results.record import EstimatorUse
 from coheft.app.results.report import LoadChangeReport, Report
 from coheft.app.results.slips import SlipReport
 from coheft.app.results.states import LACKS, State
 from coheft.app.terminal.carry_table import print_carry
 from coheft.app.terminal.digits import decimals_for, error_and_std
 from coheft.app.terminal.sensor_sentences import sensor_sentences
-from coheft.app.terminal.wide_table import print_table
+from coheft.app.terminal.wide_table import bare_table, print_table
 from coheft.estimation.geometry.spatial import Array
 
 HEADINGS = ("robot", "quantity", "truth", "estimate", "error", "own std")
@@ -49,14 +48,8 @@ def print_report(console: Console, report: Report, folder: Path) -> None:
 
 
 def _final_table(report: Report) -> Table:
-    table = Table(
-        title=f"What each robot found out about the payload ({report.duration_s:.1f} s, {report.estimator})",
-        title_justify="left",
-        box=None,
-        padding=(0, 1, 0, 0),
-        header_style="bold",
-        title_style="bold",
-    )
+    run = f"{report.duration_s:.1f} s, {report.estimator}"
+    table = bare_table(f"What each robot found out about the payload ({run})", gap=1)
     for heading in HEADINGS[:2]:
         table.add_column(heading)
     for heading in HEADINGS[2:]:
@@ -124,7 +117,12 @@ def sentences(report: Report) -> list[str]:
     return [
         *_most([_load_change_sentence(change, is_last=change is changes[-1]) for change in changes]),
         *_most([_slip_sentence(slip) for slip in report.slips]),
-        *_most([_estimator_sentence(change) for change in report.estimator_changes]),
+        *_most(
+            [
+                f"At {change.since_s:g} s all robots restarted with the estimator {change.estimator}."
+                for change in report.estimator_changes
+            ]
+        ),
         *_pose_sentence(report),
         *_not_observable_sentences(report),
         *_most([f"Stale at {', '.join(names)}: {reason}." for reason, names in why_stale(report.robots).items()]),
@@ -148,13 +146,13 @@ def _late_sentence(late_blocks: int) -> list[str]:
 
 
 def _load_change_sentence(change: LoadChangeReport, *, is_last: bool) -> str:
-    def told(first: str, verb: str, moment: float | None) -> str:
+    def when(first: str, verb: str, moment: float | None) -> str:
         return f"{first} {verb} after {moment - change.at_s:.1f} s" if moment is not None else f"Not all {verb}"
 
-    noticed = told("The last robot", "noticed", change.detected_at_s)
+    noticed = when("The last robot", "noticed", change.detected_at_s)
     if change.detected_at_s is None and all(robot.mass.estimate is None for robot in change.before_change.values()):
         noticed = "No robot knew the load yet, so there was nothing to notice"
-    recovered = told("All", "recovered", change.recovered_at_s)
+    recovered = when("All", "recovered", change.recovered_at_s)
     if change.recovered_at_s is None and not is_last:
         recovered = "The load changed again before all recovered"
     before = next((robot.mass.truth for robot in change.before_change.values()), None)
@@ -173,10 +171,6 @@ def _slip_sentence(slip: SlipReport) -> str:
         f"At {slip.at_s:g} s the grasp of {slip.robot} slipped by {slip.translation_mm:.1f} mm and "
         f"{slip.rotation_deg:.1f}°. {named}."
     )
-
-
-def _estimator_sentence(change: EstimatorUse) -> str:
-    return f"At {change.since_s:g} s all robots restarted with the estimator {change.estimator}."
 
 
 def _pose_sentence(report: Report) -> list[str]:

@@ -5,16 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from rich import progress
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    ProgressColumn,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
 from rich.table import Column
 
 _LINES = 10
@@ -24,49 +16,45 @@ _WIDTH_OF_A_BAR = 50
 
 
 @contextmanager
-def show_progress(console: Console, what: str, total: int, *, quiet: bool) -> Iterator[Callable[[int, str], None]]:
+def show_progress(console: Console, what: str, total: int) -> Iterator[Callable[[int, str], None]]:
     """Show progress while the context lasts.
 
     Args:
-        console: The console to print to.
+        console: The console to print to; a quiet one shows nothing.
         what: Name of the items that are counted.
         total: Their number.
-        quiet: Whether to show nothing.
 
     Yields:
         A function to call with the number of finished items and a remark, which may be empty.
     """
-    if quiet:
+    if console.quiet:
         yield lambda done, remark: None
     elif console.is_terminal:
-        columns: list[ProgressColumn] = [
-            TextColumn("{task.description}"),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TimeElapsedColumn(),
-            TimeRemainingColumn(),
+        columns: list[progress.ProgressColumn] = [
+            progress.TextColumn("{task.description}"),
+            progress.BarColumn(),
+            progress.MofNCompleteColumn(),
+            progress.TimeElapsedColumn(),
+            progress.TimeRemainingColumn(),
         ]
         if console.width < _WIDTH_OF_A_BAR:
-            columns = [TextColumn("{task.completed}/{task.total}, {task.description}", table_column=Column())]
-        with Progress(*columns, console=console) as progress:
-            bar = progress.add_task(what, total=total)
-            yield lambda done, remark: progress.update(bar, completed=done, description=remark or what)
+            columns = [progress.TextColumn("{task.completed}/{task.total}, {task.description}", table_column=Column())]
+        with progress.Progress(*columns, console=console) as shown:
+            bar = shown.add_task(what, total=total)
+            yield lambda done, remark: shown.update(bar, completed=done, description=remark or what)
     else:
-        yield _Lines(console, what, total)
+        yield _lines(console, what, total)
 
 
-class _Lines:
-    """Prints a line for each tenth that is done."""
+def _lines(console: Console, what: str, total: int) -> Callable[[int, str], None]:
+    """Return a function that prints a line for each tenth that is done."""
+    written = 0
 
-    def __init__(self, console: Console, what: str, total: int) -> None:
-        self._console = console
-        self._what = what
-        self._total = total
-        self._written = 0
+    def tell(done: int, remark: str) -> None:
+        nonlocal written
+        if (tenths := done * _LINES // total) > written:
+            written = tenths
+            text = f"{done} of {total} {what}{', ' * bool(remark)}{remark}"
+            console.print(text, markup=False, highlight=False, soft_wrap=True)
 
-    def __call__(self, done: int, remark: str) -> None:
-        tenths = done * _LINES // self._total
-        if tenths > self._written:
-            self._written = tenths
-            text = f"{done} of {self._total} {self._what}{', ' * bool(remark)}{remark}"
-            self._console.print(text, markup=False, highlight=False, soft_wrap=True)
+    return tell

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import re
 import time
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterable
 from typing import Self
 
 from rich.console import Console, Group, RenderableType
@@ -20,7 +21,7 @@ from coheft.app.results.states import ESTIMATORS, State
 from coheft.app.terminal.digits import seconds_of, value_and_std
 from coheft.app.terminal.wide_table import needed_width
 from coheft.wire.messages.requests import Status
-from coheft.wire.messages.structs import Estimate, Problem
+from coheft.wire.messages.structs import Problem
 from coheft.wire.messages.truth import Truth
 from coheft.wire.scenario.plugins import estimator_names
 from coheft.wire.scenario.schema import MAX_DURATION
@@ -61,9 +62,9 @@ class Display:
         """Clean up."""
 
 
-def make_display(console: Console, *, quiet: bool = False) -> Display:
-    """Make the display: none if quiet, a live table in a terminal, otherwise lines."""
-    if quiet:
+def make_display(console: Console) -> Display:
+    """Make the display: none on a quiet console, a live table in a terminal, otherwise lines."""
+    if console.quiet:
         return Display()
     return LiveDisplay(console) if console.is_terminal and not console.is_dumb_terminal else LineDisplay(console)
 
@@ -78,7 +79,7 @@ class LineDisplay(Display):
         self._periods, self._is_noticed = 1, True
         # Since when there has been a reason for being stale, and the robots for which it has been printed.
         self._since: dict[str, float] = {}
-        self._told: dict[str, set[str]] = {}
+        self._printed: dict[str, set[str]] = {}
         self._checked = 0.0
 
     def begin(self, status: Status) -> None:
@@ -96,16 +97,16 @@ class LineDisplay(Display):
         if record.time >= (self._lines + 1) * _LINE_EVERY:
             self._lines = int(record.time / _LINE_EVERY)
             self._print(_summary_line(record))
-        self._tell_of_load(record)
+        self._print_loads(record)
         if record.time >= self._checked + _CHECK_EVERY:
             self._checked = record.time
-            self._tell_stale(record)
+            self._print_stale(record)
 
     def problem(self, problem: Problem) -> None:
         """Print a problem that a process reported."""
         self._print(f"{problem.source}: {problem.text}")
 
-    def _tell_of_load(self, record: Record) -> None:
+    def _print_loads(self, record: Record) -> None:
         for period in record.periods[self._periods :]:
             self._print(f"{period.start:5.1f} s: the payload is {period.truth.payload.mass:.2f} kg now")
             self._periods, self._is_noticed = self._periods + 1, False
@@ -114,17 +115,17 @@ class LineDisplay(Display):
             self._print(f"{max(noticed.values()):5.1f} s: all robots have noticed the change")
             self._is_noticed = True
 
-    def _tell_stale(self, record: Record) -> None:
+    def _print_stale(self, record: Record) -> None:
         reasons = _why_stale(record)
         self._since = {reason: self._since.get(reason, record.time) for reason in reasons}
         for reason, names in reasons.items():
-            told = self._told.setdefault(reason, set())
-            if record.time - self._since[reason] >= _LASTING and not told.issuperset(names):
+            printed = self._printed.setdefault(reason, set())
+            if record.time - self._since[reason] >= _LASTING and not printed.issuperset(names):
                 self._print(f"{record.time:5.1f} s: {_stale_line(reason, names)}")
-                told.update(names)
-        if any(self._told.values()) and not reasons:
+                printed.update(names)
+        if any(self._printed.values()) and not reasons:
             self._print(f"{record.time:5.1f} s: no estimate is stale any more")
-        self._told = {reason: told for reason, told in self._told.items() if reason in reasons}
+        self._printed = {reason: printed for reason, printed in self._printed.items() if reason in reasons}
 
     def _print(self, text: str) -> None:
         self._console.print(text, markup=False, highlight=False, soft_wrap=True)
@@ -174,21 +175,18 @@ def _first_line(status: Status) -> str:
     return f"{status.scenario}: {robots} robots, estimator {estimators}"
 
 
-_Beliefs = dict[str, tuple[Estimate, RobotReport]]
+def _reports(record: Record) -> dict[str, RobotReport]:
+    """Return the newest estimate of each robot, compared with the truth."""
+    return {name: record.judge.robot(estimate) for name, estimate in record.beliefs.items()}
 
 
-def _beliefs(record: Record) -> _Beliefs:
-    """Return the newest estimate of each robot, and its comparison with the truth."""
-    return {name: (estimate, record.judge.robot([estimate])) for name, estimate in record.beliefs.items()}
-
-
-def _beliefs_side_by_side(record: Record) -> _Beliefs:
+def _reports_side_by_side(record: Record) -> dict[str, RobotReport]:
     """Return the same with those of each estimator that runs beside the robots' own, named after both."""
-    beside = {name: _beliefs(other) for name, other in record.beside.items()}
-    found: _Beliefs = {}
-    for robot, belief in _beliefs(record).items():
-        found[robot] = belief
-        found |= {f"{robot} {name}": beliefs[robot] for name, beliefs in beside.items() if robot in beliefs}
+    beside = {name: _reports(other) for name, other in record.beside.items()}
+    found: dict[str, RobotReport] = {}
+    for robot, report in _reports(record).items():
+        found[robot] = report
+        found |= {f"{robot} {name}": reports[robot] for name, reports in beside.items() if robot in reports}
     return found
 
 
@@ -208,21 +206,20 @@ def _stale_line(reason: str, names: list[str]) -> str:
     return f"stale {', '.join(names)}: {reason}"
 
 
-def _counts(estimates: Sequence[Estimate]) -> str:
+def _counts(reports: Iterable[RobotReport]) -> str:
     """Describe how many robots are in each state."""
-    states = [State.of(estimate) for estimate in estimates]
-    return ", ".join(f"{states.count(state)} {state}" for state in dict.fromkeys(states))
+    counts = Counter(report.state for report in reports)
+    return ", ".join(f"{count} {state}" for state, count in counts.items())
 
 
 def _found_line(record: Record) -> str:
     """Describe the robots' states and masses."""
-    beliefs = _beliefs(record)
-    line = _counts([estimate for estimate, _ in beliefs.values()])
-    masses = [report.mass for _, report in beliefs.values() if report.mass.estimate is not None]
-    if masses:
-        low, high = (pick(mass.estimate for mass in masses if mass.estimate is not None) for pick in (min, max))
-        line += f"; mass {low:.2f} to {high:.2f} kg (true {masses[0].truth:.2f})"
-    return line
+    reports = _reports(record)
+    masses = [(each.mass.estimate, each.mass.truth) for each in reports.values() if each.mass.estimate is not None]
+    if not masses:
+        return _counts(reports.values())
+    (low, _), (high, _), (_, true) = min(masses), max(masses), masses[0]
+    return f"{_counts(reports.values())}; mass {low:.2f} to {high:.2f} kg (true {true:.2f})"
 
 
 def _summary_line(record: Record) -> str:
@@ -233,64 +230,58 @@ def _summary_line(record: Record) -> str:
 
 def _picture(console: Console, record: Record, truth: Truth) -> RenderableType:
     """Return the picture of a run, with at most as many lines as the window has; in a small window a single line."""
-    beliefs = _beliefs_side_by_side(record)
+    reports = _reports_side_by_side(record)
     lines = max(_LEAST_LINES, console.height - 1)
     stale = [_stale_line(reason, names) for reason, names in _why_stale(record).items()]
     reasons = [Text(line, "yellow", no_wrap=True, overflow="ellipsis") for line in stale]
     room = lines - 2  # for progress and headings
-    reasons = _at_most(reasons, max(room - len(beliefs), room // 3))
-    shown, others = _worst(beliefs, room - len(reasons))
+    most = max(room - len(reports), room // 3)
+    if len(reasons) > most:
+        reasons[most - 1 :] = [Text(f"and {len(reasons) - most + 1} more reasons", "yellow")]
+    shown, others = _worst(reports, room - len(reasons))
     table = _live_table(shown)
     if lines >= console.height or needed_width(console, table) > console.width:
         return Text(_summary_line(record))
     return Group(_progress(record, truth), table, *others, *reasons)
 
 
-def _at_most(reasons: list[Text], count: int) -> list[Text]:
-    """Return the reasons that fit into ``count`` lines; the last line tells how many more there are."""
-    if len(reasons) <= count:
-        return reasons
-    shown = reasons[: count - 1]
-    return [*shown, Text(f"and {len(reasons) - len(shown)} more reasons", "yellow")]
-
-
-def _worst(beliefs: _Beliefs, count: int) -> tuple[_Beliefs, list[Text]]:
+def _worst(reports: dict[str, RobotReport], count: int) -> tuple[dict[str, RobotReport], list[Text]]:
     """Return the robots that fit into ``count`` lines, the worst state first, and a line about the others."""
-    if len(beliefs) <= count:
-        return beliefs, []
-    by_state = sorted(beliefs, key=lambda name: _WORST_FIRST.index(State.of(beliefs[name][0])))
+    if len(reports) <= count:
+        return reports, []
+    by_state = sorted(reports, key=lambda name: _WORST_FIRST.index(reports[name].state))
     shown, others = by_state[: count - 1], by_state[count - 1 :]
-    more = Text(f"and {len(others)} more: {_counts([beliefs[name][0] for name in others])}", "dim")
-    return {name: beliefs[name] for name in shown}, [more]
+    more = Text(f"and {len(others)} more: {_counts(reports[name] for name in others)}", "dim")
+    return {name: reports[name] for name in shown}, [more]
 
 
 def _progress(record: Record, truth: Truth) -> Table:
     row = Table.grid(padding=(0, 1))
-    if record.duration < MAX_DURATION:
-        row.add_column()  # the bar, the only column that shrinks
-    for _ in range(2):
-        row.add_column(no_wrap=True)
-    bar = ProgressBar(total=record.duration, completed=record.time, width=36)
     loads = len(truth.loads)
     load = f", {loads} load{'s' * (loads != 1)} on it" if loads else ""
-    how_far = seconds_of(record.time, record.duration)
-    cells = [how_far, f"true mass {truth.payload.mass:.2f} kg{load}"]
-    row.add_row(*([bar, *cells] if record.duration < MAX_DURATION else cells))
+    cells = [seconds_of(record.time, record.duration), f"true mass {truth.payload.mass:.2f} kg{load}"]
+    if record.duration >= MAX_DURATION:
+        row.add_row(*cells)
+    else:
+        row.add_column()  # the bar, the only column that shrinks
+        row.add_row(ProgressBar(total=record.duration, completed=record.time, width=36), *cells)
+    for column in row.columns[-2:]:
+        column.no_wrap = True
     return row
 
 
-def _live_table(beliefs: _Beliefs) -> Table:
+def _live_table(reports: dict[str, RobotReport]) -> Table:
     table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
     table.add_column("robot", no_wrap=True)
     table.add_column("state", min_width=18, no_wrap=True)
     table.add_column("mass", justify="right", min_width=19, no_wrap=True)
     table.add_column("centre of mass", justify="right", no_wrap=True)
     table.add_column("inertia", justify="right", min_width=10, no_wrap=True)
-    for name, (estimate, report) in beliefs.items():
-        mass, com, inertia, state = report.mass, report.com, report.inertia, State.of(estimate)
+    for name, report in reports.items():
+        mass, com, inertia = report.mass, report.com, report.inertia
         table.add_row(
             name,
-            Text(state, style="red" if report.contradictions else _STATE_STYLES.get(state, "dim")),
+            Text(report.state, style="red" if report.contradictions else _STATE_STYLES.get(report.state, "dim")),
             "" if mass.estimate is None else f"{value_and_std(mass.estimate, mass.std or 0.0)} kg",
             "" if com.error_mm is None else f"off {com.error_mm:.1f} mm",
             "" if inertia.error_pct is None else f"off {inertia.error_pct:.1f} %",

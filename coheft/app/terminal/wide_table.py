@@ -11,6 +11,13 @@ _ANY = 10_000
 """A width at which every table fits."""
 
 
+def bare_table(title: str, gap: int) -> Table:
+    """Return a table without lines, with a bold title and headings, and a gap between its columns."""
+    table = Table(title=title, title_justify="left", box=None, padding=(0, gap, 0, 0))
+    table.header_style = table.title_style = "bold"
+    return table
+
+
 def print_table(console: Console, table: Table) -> None:
     """Print a table of plain texts without cutting any of them.
 

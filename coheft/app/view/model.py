@@ -94,7 +94,7 @@ class ViewModel:
     def _compare(self, estimates: Iterable[Estimate]) -> None:
         """Compare estimates with the truth of their block."""
         for estimate in estimates:
-            report = self._pairing.judge.robot([estimate])
+            report = self._pairing.judge.robot(estimate)
             self._reports[estimate.robot] = report
             self._traces[estimate.robot].add(report)
 

@@ -1,45 +1,42 @@
-"""Checks that the arms of a scenario can hold the payload, and all loads that are added to it."""
+"""Rules for arms: they have to hold the payload and all loads that are added to it, and not throw it."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
-from coheft.errors import ScenarioError
 from coheft.estimation.geometry.spatial import Pose
 from coheft.estimation.rigid_body.mass_properties import Inertia, combined
 from coheft.wire.scenario.grasps import place_grasps
+from coheft.wire.scenario.rules import Complaint
 from coheft.wire.scenario.schema import LoadChange, Scenario
-from coheft.wire.scenario.stability import check_stability
+from coheft.wire.scenario.stability import stability_complaints
 from coheft.wire.scenario.strength import Strength
 
 
-def check_arms(scenario: Scenario, origin: str) -> None:
-    """Check that the arms' springs neither throw the payload nor let it fall.
-
-    Raises:
-        ScenarioError: They do.
-    """
+@np.errstate(all="ignore")
+def arm_complaints(scenario: Scenario) -> list[Complaint]:
+    """Complain about springs that throw the payload, or let it fall."""
     robots, payload = scenario.robots, scenario.payload.inertia()
     try:
-        with np.errstate(all="ignore"):
-            grasps = place_grasps(scenario)
-            check_stability(scenario, grasps, origin)
-            strength = Strength.of(grasps, robots)
-            if strength is not None:
-                _check_weights(scenario, payload, strength, origin)
-    except np.linalg.LinAlgError as error:
-        raise ScenarioError(
-            f"{origin}: key 'robots.stiffness': found {list(robots.stiffness)}, 'robots.damping' = "
-            f"{list(robots.damping)} and a payload of {payload.mass:g} kg: their motion cannot be computed; expected "
-            f"smaller or larger numbers"
-        ) from error
+        if complaints := list(stability_complaints(scenario)):
+            return complaints
+        strength = Strength.of(place_grasps(scenario), robots)
+        return [] if strength is None else list(_weight_complaints(scenario, payload, strength))
+    except np.linalg.LinAlgError:
+        complaint = (
+            f"found {list(robots.stiffness)}, 'robots.damping' = {list(robots.damping)} and a payload of "
+            f"{payload.mass:g} kg: their motion cannot be computed; expected smaller or larger numbers"
+        )
+        return [("robots.stiffness", complaint)]
 
 
-def _check_weights(scenario: Scenario, payload: Inertia, strength: Strength, origin: str) -> None:
-    """Check the payload, then each load together with the loads present when it is added."""
-    complaint = strength.complaint(payload)
-    if complaint:
-        raise ScenarioError(f"{origin}: key 'payload': found {payload.mass:g} kg, which is {complaint}")
+def _weight_complaints(scenario: Scenario, payload: Inertia, strength: Strength) -> Iterator[Complaint]:
+    """Complain about the payload, or each load together with the loads present when it is added."""
+    if complaint := strength.complaint(payload):
+        yield "payload", f"found {payload.mass:g} kg, which is {complaint}"
+        return
     there: dict[int, LoadChange] = {}
     number = 0
     for index, change in sorted(enumerate(scenario.load_changes), key=lambda each: each[1].at):
@@ -47,12 +44,10 @@ def _check_weights(scenario: Scenario, payload: Inertia, strength: Strength, ori
             there.pop(change.remove, None)
             continue
         before = combined([payload, *(_left(load, change.at) for load in there.values())])
-        complaint = strength.complaint(_left(change, change.at), before)
-        if complaint:
-            raise ScenarioError(
-                f"{origin}: key 'load_changes[{index}].mass': found {change.mass:g} kg at {list(change.position)} m, "
-                f"which is {complaint}"
-            )
+        if complaint := strength.complaint(_left(change, change.at), before):
+            found = f"found {change.mass:g} kg at {list(change.position)} m"
+            yield f"load_changes[{index}].mass", f"{found}, which is {complaint}"
+            return
         number += 1
         there[number] = change
 

@@ -16,12 +16,13 @@ import msgspec
 
 from coheft.errors import ScenarioError
 from coheft.wire.former_names import rename_sections
-from coheft.wire.scenario.change_checks import check_changes_come
-from coheft.wire.scenario.checks import check_choices, check_scenario
+from coheft.wire.scenario.change_checks import late_change_complaints
+from coheft.wire.scenario.checks import check_scenario, choice_complaints
 from coheft.wire.scenario.errors import did_you_mean, explain
-from coheft.wire.scenario.payload_extent import check_places
+from coheft.wire.scenario.payload_extent import place_complaints
 from coheft.wire.scenario.payload_file import read_files
-from coheft.wire.scenario.plugin_checks import check_settings_used
+from coheft.wire.scenario.plugin_checks import unused_settings_complaints
+from coheft.wire.scenario.rules import check
 from coheft.wire.scenario.schema import Scenario
 from coheft.wire.scenario.set_values import set_values
 
@@ -127,8 +128,7 @@ def scenario_of(table: dict[str, Any], origin: str, folder: Path = Path()) -> Sc
     except msgspec.ValidationError as error:
         raise ScenarioError(f"{origin}: {explain(error, table)}") from error
     scenario = complete_scenario(scenario, origin, folder)
-    check_changes_come(scenario, origin)
-    check_settings_used(scenario, origin)
+    check(scenario, origin, late_change_complaints, unused_settings_complaints)
     return scenario
 
 
@@ -154,8 +154,7 @@ def complete_scenario(scenario: Scenario, origin: str, folder: Path) -> Scenario
     Raises:
         ScenarioError: It cannot be used, or a file that it names cannot.
     """
-    check_choices(scenario, origin)
-    check_places(scenario, origin)
+    check(scenario, origin, choice_complaints, place_complaints)
     scenario = read_files(scenario, origin, folder)
     check_scenario(scenario, origin)
     return scenario

@@ -22,8 +22,10 @@ def _undeclared_errors(scenario: Scenario) -> list[str]:
     sensors = scenario.sensors
     if not isinstance(sensors.errors, SensorTolerance):
         return []
-    true, told = msgspec.to_builtins(sensors.errors), msgspec.to_builtins(sensors.tolerance)
-    larger = [f"{key} = {value:g} (tolerance {told[key]:g})" for key, value in true.items() if value > told[key]]
+    true, declared = msgspec.to_builtins(sensors.errors), msgspec.to_builtins(sensors.tolerance)
+    larger = [
+        f"{key} = {value:g} (tolerance {declared[key]:g})" for key, value in true.items() if value > declared[key]
+    ]
     found = []
     if larger:
         more = f" and {len(larger) - _MOST_NAMED} more" if len(larger) > _MOST_NAMED else ""

@@ -1,4 +1,4 @@
-"""The body of a model that is held: what it weighs, how far it reaches, and where its sites are.
+"""The body of a model that is held: its mass properties, its extent, and its sites.
 
 The mass properties are those that MuJoCo computes.
 """
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 
 from coheft.errors import ScenarioError, refuse_scenario
-from coheft.estimation.geometry.spatial import Array, Pose, rotation_from_quaternion, rotation_log
+from coheft.estimation.geometry.spatial import Array, Pose, rotation_log
 from coheft.estimation.rigid_body.mass_properties import Inertia, combined
 from coheft.wire.process.log import LOG
 from coheft.wire.scenario.payload import MassProperties, vector_of
@@ -47,7 +47,7 @@ class HeldBody:
 
     @classmethod
     def find(cls, model: PayloadModel, name: str | None, place: str) -> Self:
-        """The body that is named, or else the one that floats, or else the only one.
+        """Return the body that is named, or else the one that floats, or else the only one.
 
         Raises:
             ScenarioError: There is no such body, there are several, or it is not one rigid body.
@@ -77,7 +77,7 @@ class HeldBody:
         return held
 
     def mass_properties(self, place: str) -> MassProperties:
-        """Of all of it, in the body's frame.
+        """Return the mass properties of all of it, in the body's frame.
 
         Raises:
             ScenarioError: It has no mass, or mass without extent.
@@ -92,7 +92,7 @@ class HeldBody:
         return MassProperties.of(whole)
 
     def extent(self, properties: MassProperties) -> Extent:
-        """Of its shapes, or, if it has none, of a box with its mass properties."""
+        """Return the extent of its shapes, or, if it has none, of a box with its mass properties."""
         import mujoco
 
         model = self.model.compiled
@@ -108,7 +108,7 @@ class HeldBody:
         return Extent.around(np.concatenate(points)) if points else Extent.like(properties)
 
     def surface(self) -> Array:
-        """Triangles of its shapes in its frame, shape (n, 3, 3) [m]; of those for looks only, if it has such."""
+        """Return triangles of its shapes in its frame, shape (n, 3, 3) [m]; of its visual shapes, if it has any."""
         model = self.model.compiled
         shapes = list(self._shapes())
         touches = model.geom_contype | model.geom_conaffinity
@@ -117,24 +117,22 @@ class HeldBody:
         return np.concatenate(parts) if parts else np.empty((0, 3, 3))
 
     def _shapes(self) -> Iterator[tuple[int, Pose]]:
-        """Numbers of its shapes that end somewhere, and their poses in its frame."""
+        """Yield the numbers of its bounded shapes, and their poses in its frame."""
         import mujoco
 
-        model, frames = self.model.compiled, self._frames()
+        model, placed = self.model.compiled, _placed(self.model.compiled)
         unbounded = (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)
         for geom in range(model.ngeom):
-            body = model.geom_bodyid[geom]
-            if body in self.inside and model.geom_type[geom] not in unbounded:
-                on_body = _pose(model.geom_pos[geom], model.geom_quat[geom])
-                yield geom, frames[self.root].inverse() @ frames[body] @ on_body
+            if model.geom_bodyid[geom] in self.inside and model.geom_type[geom] not in unbounded:
+                yield geom, self._on_root(placed, placed.geom_xmat[geom], placed.geom_xpos[geom])
 
     def grasps(self, names: Sequence[str], extent: Extent, place: str) -> tuple[Grasp, ...]:
-        """Sites that are fixed to it, as grasps in its frame.
+        """Return sites that are fixed to it, as grasps in its frame.
 
         Raises:
             ScenarioError: There is no such site, it is named twice, or it is far outside of the body.
         """
-        model, frames = self.model.compiled, self._frames()
+        model, placed = self.model.compiled, _placed(self.model.compiled)
         sites = {model.site(site).name: site for site in range(model.nsite) if model.site_bodyid[site] in self.inside}
         grasps = []
         for count, name in enumerate(names):
@@ -143,15 +141,14 @@ class HeldBody:
             if name not in sites:
                 known = _listed(filter(None, sites))
                 refuse_scenario(place, f"found {name!r}, but body {self._name!r} has no such site; it has: {known}")
-            site = sites[name]
-            on_body = _pose(model.site_pos[site], model.site_quat[site])
-            pose = frames[self.root].inverse() @ frames[model.site_bodyid[site]] @ on_body
-            extent.check_position(place, f"site {name!r}", pose.translation)
+            pose = self._on_root(placed, placed.site_xmat[sites[name]], placed.site_xpos[sites[name]])
+            if complaint := extent.complaint(pose.translation):
+                refuse_scenario(place, f"site {name!r} {complaint}")
             grasps.append(Grasp(vector_of(pose.translation), vector_of(np.degrees(rotation_log(pose.rotation)))))
         return tuple(grasps)
 
     def remark_doubts(self, place: str) -> None:
-        """Write to the log what weighs something, but may not be meant to."""
+        """Log shapes and fillings that have mass, but may not be meant to."""
         whole = self._inertia(self.model.compiled)
         solid = self._inertia(self.model.without_looks)
         exact = self._inertia(self.model.with_exact_meshes)
@@ -205,7 +202,7 @@ class HeldBody:
         return name
 
     def _check_is_rigid(self, place: str) -> None:
-        """Check that nothing moves against it of all that is below it."""
+        """Check that no body below it moves against it."""
         import mujoco
 
         model = self.model.compiled
@@ -221,30 +218,36 @@ class HeldBody:
                 refuse_scenario(place, f"body {self._name!r} has a free joint, of {other!r} below it: {expected}")
 
     def _inertia(self, model: mujoco.MjModel | None) -> Inertia | None:
-        """In the body's frame, by a variant of the model; None if nothing of it has mass."""
+        """Return the mass properties by a variant of the model, in the body's frame; None without any mass."""
         if model is None:
             return None
-        frames = self._frames()
+        placed = _placed(model)
         parts = [
             Inertia(float(model.body_mass[body]), np.zeros(3), np.diag(model.body_inertia[body])).carried(
-                frames[self.root].inverse() @ frames[body] @ _pose(model.body_ipos[body], model.body_iquat[body])
+                self._on_root(placed, placed.ximat[body], placed.xipos[body])
             )
             for body in self.inside
             if model.body_mass[body] > 0.0
         ]
         return combined(parts) if parts else None
 
-    def _frames(self) -> list[Pose]:
-        """Pose of every body's frame in the world, with all joints at zero."""
-        model = self.model.compiled
-        frames = [Pose.identity()]
-        for body in range(1, model.nbody):
-            frames.append(frames[model.body_parentid[body]] @ _pose(model.body_pos[body], model.body_quat[body]))
-        return frames
+    def _on_root(self, placed: mujoco.MjData, rotation: Array, position: Array) -> Pose:
+        """Return a part's pose in the body's frame, from its rotation matrix (9,) and position (3,) in the world."""
+        root = Pose(placed.xmat[self.root].reshape(3, 3), placed.xpos[self.root])
+        return root.inverse() @ Pose(rotation.reshape(3, 3), position)
+
+
+def _placed(model: mujoco.MjModel) -> mujoco.MjData:
+    """Return the poses of all parts of a model in the world, as in its file."""
+    import mujoco
+
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    return data
 
 
 def _triangles(model: mujoco.MjModel, geom: int) -> Array:
-    """Of one shape, in its own frame, shape (n, 3, 3) [m]."""
+    """Return the triangles of one shape in its own frame, shape (n, 3, 3) [m]."""
     import mujoco
     import trimesh
 
@@ -278,11 +281,7 @@ def _alike(one: Inertia, other: Inertia) -> bool:
     )
 
 
-def _pose(position: Array, quaternion: Array) -> Pose:
-    return Pose(rotation_from_quaternion(quaternion), np.array(position))
-
-
 def _listed(names: Iterable[str]) -> str:
-    """Names for an error."""
+    """Format names for an error."""
     known = list(names)
     return ", ".join(known[:_NAMES_SHOWN] + ["..."] * (len(known) > _NAMES_SHOWN)) or "none"

@@ -1,4 +1,4 @@
-"""Size of a payload, and checks that grasps and loads are at plausible places.
+"""Size of a payload, and the rules that grasps and loads are at plausible places.
 
 Lengths in millimetres instead of metres are a common mistake in files, and a run with such lengths may fail late and in
 other ways.
@@ -13,9 +13,9 @@ from typing import Self
 
 import numpy as np
 
-from coheft.errors import ScenarioError
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.wire.scenario.payload import MassProperties, Payload
+from coheft.wire.scenario.rules import Complaint
 from coheft.wire.scenario.schema import Scenario
 from coheft.wire.scenario.section import pose_of
 
@@ -25,7 +25,7 @@ _SMALLEST = 0.005
 """Smallest length of a payload from a file [m]."""
 ARM_ROOM = 0.3
 """Distance from any payload at which grasps and loads are allowed [m]: wrist frames are behind the hand."""
-_UNSEEN = 10.0
+_UNKNOWN_SHAPE = 10.0
 """Factor for the extent of a payload that is given by mass properties only: light parts may extend further."""
 
 
@@ -56,7 +56,7 @@ class Extent:
         # For a box, J_x = m (y² + z²) / 12, and so on.
         edges = np.sqrt(np.maximum(6.0 / properties.mass * (moments.sum() - 2.0 * moments), 0.0))
         box = cls.around(corners(pose_of(properties.com, properties.axes_deg), edges))
-        return cls(box.lower, box.upper, _UNSEEN * box.margin)
+        return cls(box.lower, box.upper, _UNKNOWN_SHAPE * box.margin)
 
     @property
     def length(self) -> float:
@@ -68,61 +68,29 @@ class Extent:
         position = np.array(tuple(point), dtype=np.float64)
         return float(np.linalg.norm(np.maximum(0.0, np.maximum(self.lower - position, position - self.upper))))
 
-    def check_size(self, place: str, what: str, advice: str) -> None:
-        """Check that the payload is small enough to be carried.
+    def length_complaint(self, what: str, if_long: str) -> str:
+        """Describe a payload that is too long to be carried, and the possible cause; empty if it is not."""
+        if self.length <= LARGEST:
+            return ""
+        return f"{what} is {self.length:g} m long, expected at most {LARGEST:g} m: {if_long}"
 
-        Args:
-            place: Key of the scenario.
-            what: Name in errors.
-            advice: Possible cause.
-
-        Raises:
-            ScenarioError: It is too large.
-        """
-        if not self.length <= LARGEST:
-            raise ScenarioError(f"{place}: {what} is {self.length:g} m long, expected at most {LARGEST:g} m: {advice}")
-
-    def check_file_size(self, place: str, what: str, advice_if_large: str, advice_if_small: str) -> None:
-        """Check that a payload from a file has a plausible size.
-
-        Raises:
-            ScenarioError: It is too large or too small, so the file probably has another unit.
-        """
-        self.check_size(place, what, advice_if_large)
+    def file_complaint(self, what: str, if_long: str, if_short: str) -> str:
+        """Describe a payload from a file that probably has another unit; empty if its length is plausible."""
         if self.length < _SMALLEST:
-            raise ScenarioError(
-                f"{place}: {what} is {self.length:g} m long, expected at least {_SMALLEST:g} m: {advice_if_small}"
-            )
+            return f"{what} is {self.length:g} m long, expected at least {_SMALLEST:g} m: {if_short}"
+        return self.length_complaint(what, if_long)
 
-    def check_properties(self, place: str, properties: MassProperties) -> None:
-        """Check that mass properties from a file can be those of something with the shapes in it.
-
-        Raises:
-            ScenarioError: The centre of mass is too far outside, or moments of inertia are of something far larger or
-                smaller.
-        """
-        self.check_position(place, "the centre of mass", properties.com)
+    def properties_complaint(self, properties: MassProperties) -> str:
+        """Describe mass properties from a file that cannot be those of something with the shapes in it; or empty."""
+        if complaint := self.complaint(properties.com):
+            return f"the centre of mass {complaint}"
         length = Extent.like(properties).length
-        if not self.length / _UNSEEN**2 < length < _UNSEEN * self.length:
-            raise ScenarioError(
-                f"{place}: its moments of inertia are those of a box {length:.3g} m long, but its shapes are "
-                f"{self.length:.3g} m long: moments of inertia are in kg·m²"
-            )
-
-    def check_position(self, place: str, what: str, position: Iterable[float]) -> None:
-        """Check that a grasp or a load is not too far outside.
-
-        Args:
-            place: Key of the scenario.
-            what: Name in errors.
-            position: Position in the payload's frame [m].
-
-        Raises:
-            ScenarioError: It is.
-        """
-        complaint = self.complaint(position)
-        if complaint:
-            raise ScenarioError(f"{place}: {what} {complaint}")
+        if self.length / _UNKNOWN_SHAPE**2 < length <= _UNKNOWN_SHAPE * self.length:
+            return ""
+        return (
+            f"its moments of inertia are those of a box {length:.3g} m long, but its shapes are {self.length:.3g} m "
+            f"long: moments of inertia are in kg·m²"
+        )
 
     def complaint(self, position: Iterable[float]) -> str:
         """Describe what is wrong with the position of a grasp or a load [m], as the end of a sentence; empty if it is
@@ -157,39 +125,42 @@ def corners(pose: Pose, edges: Iterable[float]) -> Array:
     return moved
 
 
-def check_places(scenario: Scenario, origin: str) -> None:
-    """Check the size and the grasps of a payload that is given by boxes or mass properties.
-
-    Raises:
-        ScenarioError: A length or position is implausible.
-    """
+@np.errstate(all="ignore")
+def place_complaints(scenario: Scenario) -> list[Complaint]:
+    """Complain about the size and the grasps of a payload that is given by boxes or mass properties."""
     payload = scenario.payload
-    with np.errstate(all="ignore"):
-        extent = _extent_of(payload)
-        if extent is None:
-            return
-        if payload.properties is not None:
-            what, advice = "a box with such mass properties", "masses are in kg, moments of inertia in kg·m²"
-            extent.check_size(f"{origin}: key 'payload.properties'", what, advice)
-        else:
-            extent.check_size(f"{origin}: key 'payload.boxes'", "the payload", "sizes and positions are in metres")
-        check_holds(scenario, extent, origin)
+    extent = _extent_of(payload)
+    if extent is None:
+        return []
+    key, what, advice = "payload.boxes", "the payload", "sizes and positions are in metres"
+    if payload.properties is not None:
+        key, what = "payload.properties", "a box with such mass properties"
+        advice = "masses are in kg, moments of inertia in kg·m²"
+    complaint = extent.length_complaint(what, advice)
+    return [(key, complaint)] if complaint else list(grasp_complaints(scenario, extent))
 
 
-def check_load_places(scenario: Scenario, origin: str) -> None:
-    """Check position and size of the loads of a scenario's load changes.
+def grasp_complaints(scenario: Scenario, extent: Extent) -> Iterator[Complaint]:
+    """Complain about grasps far outside of the payload; those at sites of a model are not checked."""
+    for number, grasp in enumerate(scenario.robots.grasps):
+        if complaint := extent.complaint(grasp.position):
+            yield f"robots.grasps[{number}].position", f"found {list(grasp.position)}, which {complaint}"
+    if (perimeter := scenario.robots.perimeter) is not None:
+        width, depth = perimeter.extent
+        for side in ((width / 2.0, 0.0, 0.0), (0.0, depth / 2.0, 0.0)):
+            if complaint := extent.complaint(side):
+                yield "robots.perimeter.extent", f"found {list(perimeter.extent)}, of which a side {complaint}"
 
-    Raises:
-        ScenarioError: One is too far outside of the payload, or too large for it.
-    """
+
+def load_place_complaints(scenario: Scenario) -> Iterator[Complaint]:
+    """Complain about loads far outside of the payload, or too large for it."""
     extent = _extent_of(scenario.payload)
     for number, change in enumerate(scenario.load_changes):
         if change.mass is not None and extent is not None:
-            key = f"{origin}: key 'load_changes[{number}]"
-            extent.check_position(f"{key}.position'", f"found {list(change.position)}, which", change.position)
-            complaint = extent.size_complaint(change.size)
-            if complaint:
-                raise ScenarioError(f"{key}.size': found {list(change.size)}, which {complaint}")
+            if complaint := extent.complaint(change.position):
+                yield f"load_changes[{number}].position", f"found {list(change.position)}, which {complaint}"
+            if complaint := extent.size_complaint(change.size):
+                yield f"load_changes[{number}].size", f"found {list(change.size)}, which {complaint}"
 
 
 def _extent_of(payload: Payload) -> Extent | None:
@@ -199,24 +170,3 @@ def _extent_of(payload: Payload) -> Extent | None:
     if payload.boxes:
         return Extent.around(np.concatenate([corners(box.pose(), box.size) for box in payload.boxes]))
     return None
-
-
-def check_holds(scenario: Scenario, extent: Extent, origin: str) -> None:
-    """Check all grasps of a scenario but those at sites of a model.
-
-    Raises:
-        ScenarioError: One is too far outside of the payload.
-    """
-    for key, what, position in _holds(scenario):
-        extent.check_position(f"{origin}: key '{key}'", what, position)
-
-
-def _holds(scenario: Scenario) -> Iterator[tuple[str, str, Iterable[float]]]:
-    """Yield key, name and position of each grasp, or of the midpoints of the sides of a rim."""
-    for number, grasp in enumerate(scenario.robots.grasps):
-        yield f"robots.grasps[{number}].position", f"found {list(grasp.position)}, which", grasp.position
-    perimeter = scenario.robots.perimeter
-    if perimeter is not None:
-        width, depth = perimeter.extent
-        for side in ((width / 2.0, 0.0, 0.0), (0.0, depth / 2.0, 0.0)):
-            yield "robots.perimeter.extent", f"found {list(perimeter.extent)}, of which a side", side

@@ -13,10 +13,11 @@ import msgspec
 from coheft.errors import refuse_scenario
 from coheft.wire.scenario.payload import MassProperties, Payload
 from coheft.wire.scenario.payload_body import HeldBody
-from coheft.wire.scenario.payload_extent import Extent, check_holds
+from coheft.wire.scenario.payload_extent import Extent, grasp_complaints
 from coheft.wire.scenario.payload_mesh import filled, read_triangles
 from coheft.wire.scenario.payload_model import read_model
 from coheft.wire.scenario.payload_surface import to_text
+from coheft.wire.scenario.rules import check
 from coheft.wire.scenario.schema import Scenario
 
 _ADVICE = {
@@ -30,7 +31,7 @@ def read_files(scenario: Scenario, origin: str, folder: Path) -> Scenario:
     """Return the scenario with mass properties and grasps in place of the files and sites that it names.
 
     Args:
-        scenario: The scenario as written, see ``checks.check_choices``.
+        scenario: The scenario as written, see ``checks.choice_complaints``.
         origin: Name of the scenario's source in errors.
         folder: Folder of relative paths.
 
@@ -51,8 +52,9 @@ def read_files(scenario: Scenario, origin: str, folder: Path) -> Scenario:
         properties = body.mass_properties(place)
         extent, surface = body.extent(properties), body.surface()
         advice = "lengths in models are in metres"
-        extent.check_file_size(place, "the body", advice, advice)
-        extent.check_properties(place, properties)
+        complaint = extent.file_complaint("the body", advice, advice) or extent.properties_complaint(properties)
+        if complaint:
+            refuse_scenario(place, complaint)
         body.remark_doubts(place)
         if robots.sites:
             grasps = body.grasps(robots.sites, extent, f"{origin}: key 'robots.sites'")
@@ -65,16 +67,14 @@ def read_files(scenario: Scenario, origin: str, folder: Path) -> Scenario:
         except ValueError as error:
             refuse_scenario(place, f"{path}: {' '.join(str(error).split())}")
         extent = Extent.around(triangles.reshape(-1, 3))
-        extent.check_file_size(
-            place,
-            "the mesh",
-            f"if it is drawn in millimetres, set 'payload.scale' = {1e-3 * payload.scale:g}",
-            f"set 'payload.scale' to the length of its unit in metres, now {payload.scale:g}",
-        )
+        if_long = f"if it is drawn in millimetres, set 'payload.scale' = {1e-3 * payload.scale:g}"
+        if_short = f"set 'payload.scale' to the length of its unit in metres, now {payload.scale:g}"
+        if complaint := extent.file_complaint("the mesh", if_long, if_short):
+            refuse_scenario(place, complaint)
         properties, surface = MassProperties.of(filled(triangles, payload.mass, payload.density, place)), triangles
     else:
         return scenario
-    check_holds(scenario, extent, origin)
+    check(scenario, origin, lambda written: grasp_complaints(written, extent))
     held = Payload(properties=properties, load_slots=payload.load_slots, surface=to_text(surface))
     return msgspec.structs.replace(scenario, payload=held, robots=robots)
 

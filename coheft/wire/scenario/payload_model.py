@@ -140,10 +140,10 @@ def _fill_meshes_exactly(spec: mujoco.MjSpec) -> None:
 @contextmanager
 def _warnings_to_log(path: Path) -> Iterator[None]:
     """Write MuJoCo's warnings to the log."""
-    with warnings.catch_warnings(record=True) as heard, _without_log_file():
+    with warnings.catch_warnings(record=True) as caught, _without_log_file():
         warnings.simplefilter("always")
         yield
-    for text in dict.fromkeys(" ".join(str(warning.message).split()) for warning in heard):
+    for text in dict.fromkeys(" ".join(str(warning.message).split()) for warning in caught):
         LOG.warning("coheft: %s: MuJoCo warns: %s", path, text)
 
 

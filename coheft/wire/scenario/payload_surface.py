@@ -1,4 +1,4 @@
-"""What a payload from a file looks like: some hundred triangles, for views. Nothing is computed from them."""
+"""The surface of a payload from a file: some hundred triangles, for views only."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ import numpy as np
 from coheft.estimation.geometry.spatial import Array
 
 MOST = 1500
-"""Triangles that are kept: they travel with every answer of the server."""
+"""Largest number of triangles: they are part of every answer of the server."""
 _CELLS = (128, 96, 64, 48, 32, 24, 16, 12, 8, 6, 4, 2)
-"""Along the longest edge; vertices in one cell become one."""
+"""Numbers of cells along the longest edge; vertices in one cell become one."""
 
 
 def coarse(triangles: Array) -> Array:
-    """A surface of at most ``MOST`` triangles that looks like this one, shape (n, 3, 3) to (k, 3, 3) [m]."""
+    """Return a similar surface of at most ``MOST`` triangles, shape (n, 3, 3) to (k, 3, 3) [m]."""
     for cells in _CELLS:
         if len(triangles) <= MOST:
             break
@@ -38,12 +38,12 @@ def _clustered(triangles: Array, cells: int) -> Array:
 
 
 def to_text(triangles: Array) -> str:
-    """As a scenario holds it: base 64 of little-endian numbers in single precision."""
+    """Return a surface as a scenario holds it: base 64 of little-endian numbers in single precision."""
     return base64.b64encode(coarse(triangles).astype("<f4").tobytes()).decode()
 
 
 def from_text(text: str) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
-    """What ``to_text`` made, shape (k, 3, 3) [m].
+    """Return the triangles that ``to_text`` has encoded, shape (k, 3, 3) [m].
 
     Raises:
         ValueError: It is something else.

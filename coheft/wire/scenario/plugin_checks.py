@@ -1,13 +1,14 @@
-"""What must hold for estimators and motions, and for the settings of your own ones."""
+"""Rules for estimators and motions, and for the settings of your own ones."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
-from coheft.errors import ScenarioError, one_line
+from coheft.errors import one_line
 from coheft.wire.former_names import present
 from coheft.wire.scenario.errors import did_you_mean
 from coheft.wire.scenario.plugins import SECTIONS, Kind, available, estimator_names, is_available
+from coheft.wire.scenario.rules import Complaint
 from coheft.wire.scenario.schema import Scenario
 from coheft.wire.scenario.toml_value import as_toml
 
@@ -15,67 +16,53 @@ _KEYS: dict[Kind, str] = {"estimator": "estimator", "motion": "motion.own"}
 """Where a scenario names which it uses."""
 
 
-def check_plugins(scenario: Scenario, origin: str) -> None:
-    """Check that estimator and motion are there, and that settings are of something that is.
-
-    Raises:
-        ScenarioError: One is not.
-    """
+def plugin_complaints(scenario: Scenario) -> Iterator[Complaint]:
+    """Complain about estimators and motions that are not there, and settings of such, or that are of no use."""
     estimators = estimator_names(scenario.estimator)
-    _check_different(estimators, origin)
+    twice = [name for name in dict.fromkeys(estimators) if estimators.count(name) > 1]
+    if twice:
+        yield "estimator", f"found '{twice[0]}' twice, expected different estimators side by side"
     chosen: list[tuple[Kind, str | None]] = [("motion", scenario.motion.own)]
     chosen += [("estimator", name) for name in estimators]
     for kind, name in chosen:
         if name is not None and not is_available(kind, name):
-            key, there = _KEYS[kind], available(kind)
-            raise ScenarioError(
-                f"{origin}: key '{key}': found {name!r}, expected one of: {', '.join(there) or 'none'}."
-                f"{did_you_mean(name, there)} Your own must be installed first, see docs/own.md"
+            there = available(kind)
+            yield (
+                _KEYS[kind],
+                f"found {name!r}, expected one of: {', '.join(there) or 'none'}.{did_you_mean(name, there)} Your own "
+                f"must be installed first, see docs/own.md",
             )
     for name, table in scenario.settings.items():
+        key = f"settings.{one_line(name)}"
         if present(name) in SECTIONS and name != scenario.motion.own:
-            raise ScenarioError(
-                f"{origin}: key 'settings.{name}': these tables are for estimators and motions of your own; settings "
-                f"of '{name}' go under [{SECTIONS[present(name)]}]"
+            yield (
+                key,
+                f"these tables are for estimators and motions of your own; settings of '{name}' go under "
+                f"[{SECTIONS[present(name)]}]",
             )
         if not (is_available("estimator", name) or is_available("motion", name)):
             there = [*available("estimator"), *available("motion")]
-            raise ScenarioError(
-                f"{origin}: key 'settings.{one_line(name)}': there is no such estimator or motion."
-                f"{did_you_mean(name, there)} There are: {', '.join(there)}"
-            )
+            hint = did_you_mean(name, there)
+            yield key, f"there is no such estimator or motion.{hint} There are: {', '.join(there)}"
         for place, value in leaves(table, f"settings.{name}"):
             if not isinstance(value, bool | float | str) and not (isinstance(value, int) and abs(value) < 2**63):
-                raise ScenarioError(
-                    f"{origin}: key '{place}': expected a number of 64 bits, text, true or false; found "
-                    f"{as_toml(value)}"
-                )
+                yield place, f"expected a number of 64 bits, text, true or false; found {as_toml(value)}"
 
 
-def _check_different(estimators: list[str], origin: str) -> None:
-    twice = [name for name in dict.fromkeys(estimators) if estimators.count(name) > 1]
-    if twice:
-        raise ScenarioError(
-            f"{origin}: key 'estimator': found '{twice[0]}' twice, expected different estimators side by side"
-        )
-
-
-def check_settings_used(scenario: Scenario, origin: str) -> None:
-    """Check that no settings are of what the scenario does not use.
+def unused_settings_complaints(scenario: Scenario) -> Iterator[Complaint]:
+    """Complain about settings of what the scenario does not use.
 
     A run with another estimator than its scenario says may well leave some out.
-
-    Raises:
-        ScenarioError: Some are.
     """
     motion = scenario.motion.own
     for name in scenario.settings:
         if name not in (*estimator_names(scenario.estimator), motion):
             keys = [f'{key} = "{name}"' for kind, key in _KEYS.items() if is_available(kind, name)]
             own_motion = "no motion of your own" if motion is None else f"the motion '{motion}'"
-            raise ScenarioError(
-                f"{origin}: key 'settings.{name}': found settings of what this scenario does not use: its estimator is "
-                f"'{scenario.estimator}', and it names {own_motion}. Leave them out, or add {' or '.join(keys)}"
+            yield (
+                f"settings.{name}",
+                f"found settings of what this scenario does not use: its estimator is '{scenario.estimator}', and it "
+                f"names {own_motion}. Leave them out, or add {' or '.join(keys)}",
             )
 
 

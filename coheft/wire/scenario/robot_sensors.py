@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Literal, NamedTuple
 
-from coheft.errors import ScenarioError
 from coheft.estimation.measurement import Positive, SensorNoise
 from coheft.estimation.tolerance import SensorTolerance
 from coheft.wire.scenario.section import Section
@@ -52,22 +51,16 @@ class OtherSensors(Section, frozen=True):
         )
 
 
-def check_named(others: Sequence[OtherSensors], names: Sequence[str], place: str) -> None:
-    """Check that sensors are given for robots of the team only, and once for each.
+def named_complaints(others: Sequence[OtherSensors], names: Sequence[str]) -> Iterator[tuple[str, str]]:
+    """Complain about sensors of robots that are not in the team, or are there twice, as a rule of a scenario does.
 
     Args:
         others: Sensors that differ.
         names: Names of the team's robots.
-        place: What to begin an error with; the key of ``others`` follows.
-
-    Raises:
-        ScenarioError: They are not.
     """
-    seen = list[str]()
     for number, each in enumerate(others):
-        where = f"{place} 'sensors.of[{number}].robot': found {each.robot!r}"
+        key, found = f"sensors.of[{number}].robot", f"found {each.robot!r}"
         if each.robot not in names:
-            raise ScenarioError(f"{where}, expected one of the robots {', '.join(names)}")
-        if each.robot in seen:
-            raise ScenarioError(f"{where} a second time, expected each robot once: put all its keys into one section")
-        seen.append(each.robot)
+            yield key, f"{found}, expected one of the robots {', '.join(names)}"
+        if any(each.robot == other.robot for other in others[:number]):
+            yield key, f"{found} a second time, expected each robot once: put all its keys into one section"

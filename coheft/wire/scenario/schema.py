@@ -284,8 +284,8 @@ class Scenario(Section, frozen=True):
                 return self.sensors.tolerance
             case "none":
                 return SensorTolerance()
-            case told:
-                return told
+            case given:
+                return given
 
     def robot_errors(self) -> list[SensorTolerance]:
         """Return standard deviations from which the true errors of each robot's sensors are drawn."""

@@ -97,17 +97,12 @@ def put_value(table: dict[str, Any], key: str, value: object, where: str) -> Non
     *path, last = [int(part[1:-1]) if part[0] == "[" else part for part in parts]
     node: Any = table
     for depth, part in enumerate(path):
-        node = _inner(node, part, f"{where}: key '{_joined(path[:depth])}'")
+        _check(node, part, f"{where}: key '{_joined(path[:depth])}'")
+        if isinstance(node, dict) and node.get(part) is None:  # a missing section
+            node[part] = {}
+        node = node[part]
     _check(node, last, f"{where}: key '{_joined(path)}'")
     node[last] = value
-
-
-def _inner(node: Any, part: str | int, where: str) -> Any:
-    """Return the value at a part of a key; missing sections are added."""
-    _check(node, part, where)
-    if isinstance(node, dict) and node.get(part) is None:
-        node[part] = {}
-    return node[part]
 
 
 def _check(node: Any, part: str | int, where: str) -> None:

@@ -1,34 +1,29 @@
-"""Check that the arms are not too stiff, or damped too strongly, for the time step of the physics."""
+"""The rule that arms are not too stiff, or damped too strongly, for the time step of the physics."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from coheft.errors import ScenarioError
 from coheft.estimation.geometry.spatial import Array, Pose
+from coheft.wire.scenario.grasps import place_grasps
+from coheft.wire.scenario.rules import Complaint
 from coheft.wire.scenario.schema import PHYSICS_RATE, Scenario
 
 _ROUNDING = 1e-6
 
 
-def check_stability(scenario: Scenario, grasps: Sequence[Pose], origin: str) -> None:
-    """Refuse arms with which the simulation would be unstable.
+def stability_complaints(scenario: Scenario) -> Iterator[Complaint]:
+    """Complain about arms with which the simulation would be unstable, and name values with which it would not.
 
-    Args:
-        scenario: The scenario. Seven-joint arms are not checked.
-        grasps: Grasps of all robots in the payload's frame.
-        origin: Name of the scenario's source in errors.
-
-    Raises:
-        ScenarioError: They are too stiff, or damped too strongly. The message names values that are not.
+    Seven-joint arms are not checked.
     """
     payload, robots = scenario.payload.inertia(), scenario.robots
     if robots.arms == "seven-joint":
         return
-    mass = payload.spatial()
+    mass, grasps = payload.spatial(), place_grasps(scenario)
     springs = np.linalg.solve(mass, gains_at_payload(grasps, robots.stiffness)).astype(np.float64)
     dampers = np.linalg.solve(mass, gains_at_payload(grasps, robots.damping)).astype(np.float64)
     if _growth(springs, dampers) <= 1.0 + _ROUNDING:
@@ -37,11 +32,12 @@ def check_stability(scenario: Scenario, grasps: Sequence[Pose], origin: str) -> 
     share = min(1.0, PHYSICS_RATE / float(np.abs(np.linalg.eigvals(dampers)).max(initial=1e-300)))
     while _growth(share * springs, share * dampers) > 1.0 + _ROUNDING:
         share *= 0.5
-    raise ScenarioError(
-        f"{origin}: key 'robots.stiffness': the robots' arms are too stiff, or damped too strongly, for so light a "
-        f"payload ({payload.mass:.3g} kg): it would fly apart. Found robots.stiffness = {_told(robots.stiffness)} and "
-        f"robots.damping = {_told(robots.damping)}; "
-        f"{_told(robots.stiffness, share)} and {_told(robots.damping, share)} would do"
+    yield (
+        "robots.stiffness",
+        f"the robots' arms are too stiff, or damped too strongly, for so light a payload ({payload.mass:.3g} kg): it "
+        f"would fly apart. Found robots.stiffness = {_in_file(robots.stiffness)} and robots.damping = "
+        f"{_in_file(robots.damping)}; {_in_file(robots.stiffness, share)} and {_in_file(robots.damping, share)} would "
+        f"do",
     )
 
 
@@ -66,7 +62,7 @@ def _growth(springs: Array, dampers: Array) -> float:
     return float(np.abs(np.linalg.eigvals(step)).max())
 
 
-def _told(gains: tuple[float, float], share: float = 1.0) -> str:
+def _in_file(gains: tuple[float, float], share: float = 1.0) -> str:
     """Format a value as in a scenario's file; rounded down to two digits if it is scaled."""
     shown = (gain if share == 1.0 else rounded_down(share * gain) for gain in gains)
     return f"[{', '.join(f'{gain:g}' for gain in shown)}]"

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
@@ -36,24 +35,6 @@ _WATCHED = 10.0
 """Time after which a payload that has not been lost will not be lost by its weight [s]."""
 _HALVINGS = 5
 """Resolution of the search for the heaviest load, as a share of the range."""
-
-
-@dataclass(frozen=True, eq=False)
-class _State:
-    """State of a payload: its pose in its home frame, and its twist ``(w, v)`` in its own axes, shape (6,)."""
-
-    rotation: Array
-    position: Array
-    twist: Array
-
-    def is_within(self, share: float) -> bool:
-        """Whether the payload is within a share of the limits at which it is lost."""
-        distance, angle = float(np.linalg.norm(self.position)), float(np.linalg.norm(rotation_log(self.rotation)))
-        return distance < share * MAX_DISTANCE and angle < share * MAX_ANGLE
-
-    def moved(self, step: Array) -> tuple[Array, Array]:
-        """Return rotation and position after a small motion (6,) in its own axes."""
-        return self.rotation @ rotation_exp(step[:3]), self.position + self.rotation @ step[3:]
 
 
 class Strength:
@@ -109,8 +90,7 @@ class Strength:
         if before is not None:
             at_rest = self._at_rest(before)
             return at_rest is None or self._falls(after, at_rest, _WATCHED, share) is not None
-        home = _State(np.eye(3), np.zeros(3), np.zeros(6))
-        settled = self._falls(after, home, SETTLING_TIME, math.inf)
+        settled = self._falls(after, Pose.identity(), SETTLING_TIME, math.inf)
         return settled is not None and self._falls(after, settled, _WATCHED, share) is not None
 
     def _is_light(self, inertia: Inertia) -> bool:
@@ -122,11 +102,12 @@ class Strength:
         tilt = weight * float(np.linalg.norm(inertia.com - middle)) / max(self._least_turning, 1e-300)
         return tilt < 0.2 * MAX_ANGLE and sag + tilt * float(np.linalg.norm(middle)) < 0.2 * MAX_DISTANCE
 
-    def _pull(self, inertia: Inertia, rotation: Array, position: Array) -> Array:
+    def _pull(self, inertia: Inertia, pose: Pose) -> Array:
         """Return the wrench ``(t, f)`` of springs and weight at the payload's origin in its own axes, shape (6,)."""
         k_t, k_r = self._robots.stiffness
+        rotation = pose.rotation
         weight = -GRAVITY * inertia.mass * rotation[2]
-        shift = rotation.T @ position
+        shift = rotation.T @ pose.translation
         spread = self._products @ rotation
         force = k_t * (rotation.T @ self._sum - self._sum - self._count * shift)
         # Each spring pulls its hand to its home position, given in the payload's present frame.
@@ -134,22 +115,22 @@ class Strength:
         torque -= self._count * k_r * rotation_log(rotation)
         return np.concatenate([torque + skew(inertia.com) @ weight, force + weight])
 
-    def _at_rest(self, inertia: Inertia) -> _State | None:
-        """Return the equilibrium in the springs; None if it is not found."""
-        state = _State(np.eye(3), np.zeros(3), np.zeros(6))
+    def _at_rest(self, inertia: Inertia) -> Pose | None:
+        """Return the pose in the home frame in which the payload hangs in the springs; None if it is not found."""
+        pose = Pose.identity()
         try:
             give = np.linalg.inv(self._springs)
         except np.linalg.LinAlgError:
             return None
         for _ in range(200):
-            step = give @ self._pull(inertia, state.rotation, state.position)
-            state = _State(*state.moved(step), np.zeros(6))
+            step = give @ self._pull(inertia, pose)
+            pose = _moved(pose, step)
             if np.linalg.norm(step) < 1e-6:
-                return state
+                return pose
         return None
 
-    def _falls(self, inertia: Inertia, state: _State, seconds: float, share: float) -> _State | None:
-        """Return the state after some time, set to rest; None if the payload exceeded the share meanwhile.
+    def _falls(self, inertia: Inertia, pose: Pose, seconds: float, share: float) -> Pose | None:
+        """Return the pose of the payload some time after it was at rest; None if it exceeded the share meanwhile.
 
         It uses Euler's implicit method with the springs and dampers of the home pose, which is stable also for light
         payloads in strong springs.
@@ -159,17 +140,22 @@ class Strength:
             give = _STEP * np.linalg.inv(mass + _STEP * resistance)
         except np.linalg.LinAlgError:
             return None
+        twist = np.zeros(6)
         for _ in range(round(seconds / _STEP)):
-            twist = state.twist
             # A constant momentum rotates in the payload's frame.
             angular, linear = skew(mass[:3] @ twist), skew(mass[3:] @ twist)
-            carried = np.concatenate([angular @ twist[:3] + linear @ twist[3:], linear @ twist[:3]])
-            pull = self._pull(inertia, state.rotation, state.position) + carried
-            twist = twist + give @ (pull - resistance @ twist)
-            state = _State(*state.moved(_STEP * twist), twist)
-            if not state.is_within(share):
+            gyroscopic = np.concatenate([angular @ twist[:3] + linear @ twist[3:], linear @ twist[:3]])
+            twist = twist + give @ (self._pull(inertia, pose) + gyroscopic - resistance @ twist)
+            pose = _moved(pose, _STEP * twist)
+            distance, angle = np.linalg.norm(pose.translation), np.linalg.norm(rotation_log(pose.rotation))
+            if not (distance < share * MAX_DISTANCE and angle < share * MAX_ANGLE):
                 return None
-        return _State(state.rotation, state.position, np.zeros(6))
+        return pose
+
+
+def _moved(pose: Pose, step: Array) -> Pose:
+    """Return the pose after a small motion (6,) in its own axes."""
+    return pose @ Pose(rotation_exp(step[:3]), step[3:])
 
 
 def _axial(matrix: Array) -> Array:

@@ -1,0 +1,34 @@
+"""Files that a command writes at its end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+from coheft.errors import CoheftError
+
+
+def write_outputs(*outputs: tuple[Any, Callable[[Any], object]]) -> None:
+    """Write each output to its target, or nowhere if that is None; if one cannot be written, the others still are.
+
+    Args:
+        outputs: Pairs of a target and a function that writes to it.
+    """
+    with ExitStack() as stack:
+        for target, write in reversed(outputs):
+            if target is not None:
+                stack.callback(write, target)
+
+
+def write_text(path: Path, text: str, what: str = "") -> None:
+    """Write a text file; ``what`` describes it in errors, before its path.
+
+    Raises:
+        CoheftError: It cannot be written.
+    """
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise CoheftError(f"cannot write {what}{path}: {error.strerror}") from error

@@ -1,0 +1,68 @@
+"""Causes that are assumed are taken out of the recording."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from coheft.app.identify.choices import Options
+from coheft.app.identify.methods import identify
+from coheft.errors import RecordingError
+from coheft.estimation.batch.judge.verdict import Cause
+from coheft.estimation.batch.pose_conventions import inverse_poses
+from tests.estimation.batch_team import held_recording
+from tests.estimation.recorded_faults import (
+    Fault,
+    drifting,
+    exchanged,
+    home_turned,
+    in_home_axes,
+    late,
+    lever,
+    to_wrench,
+    turned,
+    with_fault,
+)
+from tests.estimation.test_batch_judge import SEED, deviations, slipped
+
+
+@pytest.mark.parametrize(
+    ("fault", "robots", "cause"),
+    [
+        (to_wrench(lambda wrench: wrench + [4.0, -3.0, 2.0, 0.0, 0.0, 0.0]), (), Cause.OFFSET),
+        (to_wrench(lambda wrench: wrench - wrench[:20].mean(axis=0)), ("r1", "r2", "r3"), Cause.OFFSET),
+        (to_wrench(drifting), (), Cause.DRIFT),
+        (to_wrench(lever), (), Cause.LEVER),
+        (to_wrench(lever), ("r1", "r2", "r3"), Cause.LEVER),
+        (to_wrench(lambda wrench: -1.1 * wrench), (), Cause.SCALE),
+        (to_wrench(lambda wrench: wrench * [1.1, 1.1, 1.1, 1.0, 1.0, 1.0]), (), Cause.FORCE_SCALE),
+        (to_wrench(lambda wrench: wrench * [1, 1, 1, 0.102, 0.102, 0.102]), ("r1", "r2", "r3"), Cause.MOMENT_SCALE),
+        (in_home_axes, ("r1", "r2", "r3"), Cause.BASE_AXES),
+        (to_wrench(exchanged), (), Cause.TURNED),
+        (to_wrench(late), (), Cause.CLOCK),
+        (lambda pose, wrench: (late(pose), wrench), (), Cause.CLOCK),
+        (lambda pose, wrench: (late(pose), late(wrench)), (), Cause.CLOCK),
+        (home_turned(np.array([0.05, 0.0, 0.0])), (), Cause.NOT_LEVEL),
+        (lambda pose, wrench: (inverse_poses(pose), wrench), ("r1", "r2", "r3"), Cause.INVERSE),
+    ],
+)
+def test_what_is_assumed_is_taken_out(fault: Fault, robots: tuple[str, ...], cause: Cause) -> None:
+    recording = with_fault(held_recording(SEED), fault, *robots)
+    found = identify(recording, Options(assume=cause))
+    assert found.doubts == ()
+    assert found.remarks[0].startswith(f"Corrected, as assumed ({cause}): ")
+    assert deviations(recording, found).max() < 5.0
+
+
+def test_what_cannot_be_assumed_is_refused() -> None:
+    recording = held_recording(SEED)
+    with pytest.raises(RecordingError, match="nothing is wrong with the recording"):
+        identify(recording, Options(assume="offset"))
+    wrong = with_fault(recording, to_wrench(turned))
+    with pytest.raises(RecordingError, match=r"does not explain the recording\. .* is turned against the grasp frame"):
+        identify(wrong, Options(assume="lever"))
+    with pytest.raises(RecordingError, match="it can be any of: offset, "):
+        identify(wrong, Options(assume="weather"))
+    slip = with_fault(recording, slipped(0.0, 0.005))
+    with pytest.raises(RecordingError, match="nothing says what sensors would have read without 'slip'"):
+        identify(slip, Options(assume="slip"))
