@@ -103,7 +103,10 @@ def test_noise_that_is_larger_than_was_said_is_told(tmp_path: Path, capsys: pyte
         (lambda a: {**a, "t": a["t"][::-1]}, "times must rise, but sample 2"),
         (lambda a: {name: array[:50] for name, array in a.items()}, "found 50 samples"),
         (lambda a: {name: array for name, array in a.items() if name != "rates"}, "column 'vx' is missing"),
-        (lambda a: {**a, "pose": np.where(np.arange(len(a["t"]))[:, None] == 7, np.nan, a["pose"])}, "sample 8"),
+        (
+            lambda a: {**a, "pose": np.where(np.arange(len(a["t"]))[:, None] == 7, np.nan, a["pose"])},
+            "line 9, column 'x': found 'nan'",
+        ),
         (
             lambda a: {
                 **a,
