@@ -98,13 +98,15 @@ def test_files_name_the_moment_first(tmp_path: Path) -> None:
         "t,ax,ay,az,\n0,1,2,3,\n0.1,1,2,4,\n",
         " t , ax, ay ,az\n 0 , 1,2, 3\n0.1,1,2,4 \n , , ,\n",
         "t,ax,ay,az\n0,1,2,3,\n0.1,1,2,4\n",
+        "Time,AX,AY,AZ\n0,1,2,3\n0.1,1,2,4\n",
         "# taken on Monday\n# t,ax,ay,az\n0,1,2,3\n0.1,1,2,4\n# the end\n",
     ],
-    ids=["blank lines", "commas at the end", "spaces", "some commas at the end", "comments"],
+    ids=["blank lines", "commas at the end", "spaces", "some commas at the end", "capitals", "comments"],
 )
 @pytest.mark.parametrize("name", ["r1.csv", "r1.CSV"])
 def test_csv_files_as_people_write_them(tmp_path: Path, name: str, text: str) -> None:
     (tmp_path / name).write_text(text)
+    (tmp_path / "._r1.csv").write_bytes(b"\x00\x05\x16\x07")  # of another system's archives
     (tmp_path / "r2.csv").write_text(text)
     robot = read_recording(tmp_path).robots["r1"]
     np.testing.assert_array_equal(robot.time, [0.0, 0.1])

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from coheft.errors import RecordingError
+from coheft.wire.data.checks import gravity_of
 from coheft.wire.data.file import read_recording, write_recording
 from tests.test_data_file import example, same_samples
 
@@ -73,7 +74,10 @@ def test_npz_files_that_cannot_be_used_are_refused(tmp_path: Path, changes: dict
     [
         ("t,wx,wy\n0,1,2\n", "'twist' lacks columns wz, vx, vy, vz"),
         ("t,speed\n0,1\n", "column 'speed' is unknown"),
-        ("t,ax,ay,az\n0,1,2\n", "line 2: found 3 values, expected 4"),
+        ("t,ax,ay,az\n0,1,2\n", "line 2: found 3 values, expected 4: one for each name in the first line"),
+        ("t,ax,ay,az\n0,1,2,3\n0.1,1,nan,3\n", "line 3, column 'ay': found 'nan' .in all, 1 values are not finite"),
+        ("t,ax,ay,az\n0,1,2,3\n\n0.1,1,2,3\n0.1,1,2,3\n", "line 5 is of 0.1, the one before of 0.1 .in all, 1 "),
+        ("t,ax,ay,az,T\n0,1,2,3,20\n", "columns t, T all are t"),
         ("t,ax,ay,az\n0,1,2,three\n", "line 2, column 'az': found 'three'; expected a number such as 1.5"),
         ("t,ax,ay,az\n", "expected a line with the names of columns, then numbers"),
         ("ax,ay,az\n1,2,3\n", "'t' of r1 is missing"),
@@ -189,3 +193,13 @@ def test_other_files_of_numpy_and_damaged_ones_are_refused(tmp_path: Path) -> No
             file.writestr(name, (tmp_path / "one.npy").read_bytes())
     with pytest.raises(RecordingError, match="an array is there more than once"):
         read_recording(damaged)
+
+
+@pytest.mark.parametrize(("size", "is_refused"), [(1.0, True), (9810.0, True), (1.62, False), (0.0, False)])
+def test_gravity_is_that_of_planets(size: float, is_refused: bool) -> None:
+    gravity = np.array([0.0, 0.0, -size])
+    if is_refused:
+        with pytest.raises(RecordingError, match=r"'gravity' is .* m/s², expected about 9.81"):
+            gravity_of(gravity)
+    else:
+        assert gravity_of(gravity) is gravity

@@ -11,10 +11,10 @@ from coheft.errors import RecordingError
 from coheft.wire.data.file import read_recording
 
 
-def write(folder: Path, factor: float, holds: str) -> None:
+def write(folder: Path, factor: float, holds: str, first: float = 5.0) -> None:
     """Two robots from 5 s to 25 s, in some unit."""
     for name in ("r1", "r2"):
-        lines = [f"{factor * (5.0 + k / 10.0):.17g},1,2,3" for k in range(201)]
+        lines = [f"{factor * (first + k / 10.0):.17g},1,2,3" for k in range(201)]
         (folder / f"{name}.csv").write_text("\n".join(["t,ax,ay,az", *lines]))
     (folder / "holds.csv").write_text(f"start,end\n{holds}\n")
 
@@ -41,7 +41,9 @@ def test_npz_files_have_them_as_well(tmp_path: Path, caplog: pytest.LogCaptureFi
     assert "'holds': holds are from 6000 to 12000: taken for milliseconds" in caplog.text
 
 
-def test_holds_of_another_recording_are_refused(tmp_path: Path) -> None:
-    write(tmp_path, 1.0, "100,110")
-    with pytest.raises(RecordingError, match=r"holds.csv: holds are from 100 to 110, but samples from 5 s to 25 s"):
+@pytest.mark.parametrize("first", [0.0, 5.0])
+def test_holds_of_another_recording_are_refused(tmp_path: Path, first: float) -> None:
+    """Holds of some milliseconds are none."""
+    write(tmp_path, 1.0, "100,110", first)
+    with pytest.raises(RecordingError, match=r"holds.csv: holds are from 100 to 110, but samples from "):
         read_recording(tmp_path)

@@ -83,6 +83,13 @@ def test_shells_inside_out_are_refused(far: float) -> None:
         filled(surface, 1.0, None, "x")
 
 
+@pytest.mark.parametrize("rest", [[], [(1.0, 0.0, 0.0)]], ids=["alone", "beside another shell"])
+def test_copies_of_a_shell_are_refused(rest: list[tuple[float, float, float]]) -> None:
+    surface = np.concatenate([box(0.0, 0.0, 0.0), *(box(*middle) for middle in rest), box(0.0, 0.0, 0.0)])
+    with pytest.raises(ScenarioError, match=f"12 of its {len(surface)} triangles are copies of others"):
+        filled(surface, None, 500.0, "x")
+
+
 def test_triangles_that_do_not_agree_are_refused() -> None:
     surface = box(0.0, 0.0, 0.0)
     surface[0] = surface[0, ::-1]

@@ -101,6 +101,41 @@ def test_shapes_for_their_looks_are_remarked(tmp_path: Path, caplog: pytest.LogC
     assert "6.4 kg of 19.2 kg, 33%, are of shapes that collide with nothing" in caplog.text
 
 
+def test_looks_in_a_body_of_their_own_are_remarked(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    looks = PLATE.replace("400", "200").replace("/>", ' contype="0" conaffinity="0"/>')
+    load(tmp_path, world(f'<body name="b"><freejoint/>{PLATE}<body name="looks">{looks}</body></body>'))
+    assert "6.4 kg of 19.2 kg, 33%, are of shapes that collide with nothing" in caplog.text
+
+
+def test_shapes_that_overlap_are_remarked(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    def beside(attribute: str) -> str:
+        return world(f'<body name="b"><freejoint/>{PLATE}{PLATE.replace("/>", f" {attribute}/>")}</body>')
+
+    assert load(tmp_path, beside('group="3"')).payload.inertia().mass == pytest.approx(2.0 * PLATE_MASS)
+    assert "shapes overlap" in caplog.text
+    assert "about 50.0% of their volume is counted twice" in caplog.text
+    caplog.clear()
+    load(tmp_path, beside('group="3"').replace("<mujoco>", '<mujoco><compiler inertiagrouprange="3 3"/>'))
+    load(tmp_path, beside('pos=".8 0 0"'))
+    assert caplog.text == ""
+
+
+@pytest.mark.parametrize(
+    ("faces", "words"),
+    [(slice(1, None), "its surface is not closed: 3 edges"), (slice(None, None, -1), "its surface is inside out")],
+)
+def test_meshes_without_an_inside_are_remarked(
+    faces: slice, words: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    box = trimesh.creation.box((0.4, 0.3, 0.2))
+    corners = box.faces[faces] if faces.step is None else box.faces[:, ::-1]
+    trimesh.Trimesh(box.vertices, corners, process=False).export(tmp_path / "box.obj")
+    body = world('<body name="b"><freejoint/><geom type="mesh" mesh="box" density="500"/></body>')
+    load(tmp_path, body.replace("<mujoco>", '<mujoco><asset><mesh name="box" file="box.obj"/></asset>'))
+    assert f"mesh 'box': {words}" in caplog.text
+    assert "MuJoCo fills it all the same" in caplog.text
+
+
 def test_a_body_that_collides_with_nothing_is_not_remarked(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     looks = PLATE.replace("/>", ' contype="0" conaffinity="0"/>')
     load(tmp_path, world(f'<body name="b"><freejoint/>{looks}</body>'))
@@ -132,7 +167,11 @@ def test_meshes_that_are_not_filled_exactly_are_remarked(
 
 @pytest.mark.parametrize(
     ("at", "inertia", "message"),
-    [("100 0 0", 0.1, "the centre of mass is 99.8 m outside"), ("0 0 0", 1e5, "of a box .* but its shapes are 0.4 m")],
+    [
+        ("100 0 0", 0.1, "the centre of mass is 99.8 m outside"),
+        ("0 0 0", 1e5, "of a box .* but its shapes are 0.4 m"),
+        ("0 0 0", 1e-6, "of a box 0.001 m long, but its shapes are 0.4 m"),
+    ],
 )
 def test_mass_properties_in_other_units_than_shapes_are_refused(
     at: str, inertia: float, message: str, tmp_path: Path

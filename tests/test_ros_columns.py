@@ -64,6 +64,28 @@ def test_topics_are_brought_to_the_same_times(tmp_path: Path, caplog: pytest.Log
     np.testing.assert_allclose(found.payload.inertia.com, [0.5, 0.0, 0.0], atol=1e-4)
 
 
+@pytest.mark.parametrize(("seconds", "rest"), [("secs", "nsecs"), ("sec", "nanosec")])
+def test_stamps_may_be_in_two_columns(tmp_path: Path, seconds: str, rest: str) -> None:
+    """As programs for bags write them, with names of topics in those of files."""
+    time = np.arange(0.0, 16.0, 0.01)
+    for name in bar.ENDS:
+        for channel, topic, values in (
+            ("pose", "tool-pose", bar.poses(time, name)),
+            ("wrench", "ft_sensor-wrench", bar.wrenches(time)),
+        ):
+            header = ["Time", f"header.stamp.{seconds}", f"header.stamp.{rest}", "header.frame_id", *NAMES[channel]]
+            lines = [",".join(header)]
+            for at, row in zip(time, values.tolist(), strict=True):
+                whole = int(START + at + 1e-6)
+                nanoseconds = round((START + at - whole) * 1e9)
+                lines.append(",".join([f"{START + at + 0.02}", str(whole), str(nanoseconds), "tool0", *map(repr, row)]))
+            (tmp_path / f"{name}-{topic}.csv").write_text("\n".join(lines))
+    recording = read_recording(tmp_path)
+    assert set(recording.names) == set(bar.ENDS)
+    assert recording.rate == pytest.approx(100.0, rel=1e-3)
+    np.testing.assert_allclose(recording.stacked("pose")[0, 100], bar.poses(time, recording.names[0])[100], atol=1e-4)
+
+
 def test_without_stamps_the_times_of_receiving_are_taken_and_told(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:

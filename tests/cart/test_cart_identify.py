@@ -54,6 +54,15 @@ def without_plan() -> dict[str, Array]:
     return {name: array for name, array in driven().items() if name != "planned"}
 
 
+def of_point(arrays: dict[str, Array], ahead: float) -> dict[str, Array]:
+    """Poses and rates of another point of the cart."""
+    heading, turning = arrays["pose"][:, 2], arrays["rates"][:, 2]
+    arm, aside = np.zeros((2, len(heading), 3))
+    arm[:, 0], arm[:, 1] = ahead * np.cos(heading), ahead * np.sin(heading)
+    aside[:, 0], aside[:, 1] = -arm[:, 1] * turning, arm[:, 0] * turning
+    return {"pose": arrays["pose"] + arm, "rates": arrays["rates"] + aside}
+
+
 @pytest.mark.parametrize("suffix", [".csv", ".npz", ".CSV"])
 def test_a_cart_is_found_in_a_recording(suffix: str, tmp_path: Path) -> None:
     path, report = tmp_path / f"cart{suffix}", tmp_path / "report.json"
@@ -86,11 +95,18 @@ def test_noise_that_is_larger_than_was_said_is_told(tmp_path: Path, capsys: pyte
         (lambda a: {**a, "pose": a["pose"] * [1.0, 1.0, 180.0 / np.pi]}, "theta were in degrees"),
         (lambda a: {**a, "pose": a["pose"] * [1e3, 1e3, 1.0]}, "x, y were in millimetres"),
         (lambda a: {**a, "push": -a["push"]}, "turn the signs of fx, fy, mz"),
+        (lambda a: {**a, "push": a["push"] * [1.0, 1.0, 1e3]}, "no cart with one axle moves as this one does"),
+        (lambda a: {**a, "pose": a["pose"] + [0.0, 0.0, 0.05]}, "theta is off by -2.9°"),
+        (lambda a: {**a, **of_point(a, 0.1)}, "m ahead of the axle"),
+        (lambda a: {**a, **{name: a[name] * [1.0, 1.0, -1.0] for name in ("pose", "rates")}}, "growing to the left"),
         (lambda a: {**a, "t": 1000.0 * a["t"]}, "in milliseconds"),
         (lambda a: {**a, "t": a["t"][::-1]}, "times must rise, but sample 2"),
         (lambda a: {name: array[:50] for name, array in a.items()}, "found 50 samples"),
         (lambda a: {name: array for name, array in a.items() if name != "rates"}, "column 'vx' is missing"),
-        (lambda a: {**a, "pose": np.where(np.arange(len(a["t"]))[:, None] == 7, np.nan, a["pose"])}, "sample 8"),
+        (
+            lambda a: {**a, "pose": np.where(np.arange(len(a["t"]))[:, None] == 7, np.nan, a["pose"])},
+            "line 9, column 'x': found 'nan'",
+        ),
         (
             lambda a: {
                 **a,

@@ -49,6 +49,16 @@ def home_turned(axis: Array) -> Fault:
     return fault
 
 
+def weight(mass: float) -> Fault:
+    """Of a tool that is not compensated, 5 cm above the grasp; if negative, a controller compensates too much."""
+
+    def fault(pose: Array, wrench: Array) -> tuple[Array, Array]:
+        force = Rotation.from_quat(pose[:, 3:]).inv().apply([0.0, 0.0, 9.81 * mass])
+        return pose, wrench + np.hstack([force, np.cross([0.0, 0.0, 0.05], force)])
+
+    return fault
+
+
 def turned(wrench: Array) -> Array:
     """By a mounting that is a third of a right angle off."""
     turn = Rotation.from_euler("z", 30.0, degrees=True)

@@ -73,6 +73,41 @@ def test_twists_that_repeat_themselves_are_named(of_twists: Recording) -> None:
     assert (verdict.cause, verdict.robot) == ("sensor dead", "r1")
 
 
+def test_a_gyro_that_does_not_work_is_named(of_twists: Recording) -> None:
+    wrong = of_twists.changed("twist", lambda twist: twist * [0.0, 0.0, 0.0, 1.0, 1.0, 1.0], "r2")
+    verdict = identify(wrong, Options(method="instruments")).verdict
+    assert verdict is not None
+    assert (verdict.cause, verdict.robot) == ("sensor dead", "r2")
+    assert verdict.words.startswith("angular velocities of r2")
+
+
+@pytest.mark.parametrize("method", OF_TWISTS)
+def test_accelerations_of_all_have_to_be_those_of_gravity(method: Method, of_twists: Recording) -> None:
+    """Nothing else shows their common scale, and masses are wrong by it."""
+    options = Options(method=method)
+    found = identify(of_twists.changed("acceleration", lambda a: 1.03 * a), options)
+    assert found.verdict is not None
+    assert (found.verdict.cause, found.verdict.robot) == ("motion sensor", None)
+    assert found.verdict.value == pytest.approx((1.03,), abs=2e-3)
+    assert "1.03 times what they should be" in found.doubts[0]
+    little = of_twists.changed("acceleration", lambda a: 1.005 * a)
+    accepted = identify(little, options)
+    assert accepted.doubts == ()
+    assert deviations(little, accepted) < 5.0
+
+
+def test_accelerations_in_other_axes_than_poses_are_named(team: Team, of_twists: Recording) -> None:
+    poses = recorded(team, "white", by_twists=False)
+    robots = {
+        name: replace(robot, twist=None, pose=poses.robots[name].pose) for name, robot in of_twists.robots.items()
+    }
+    wrong = replace(of_twists, robots=robots).changed("acceleration", lambda a: a * [-1.0, -1.0, 1.0], "r2")
+    verdict = identify(wrong, Options()).verdict
+    assert verdict is not None
+    assert (verdict.cause, verdict.robot) == ("motion sensor", "r2")
+    assert "turned against its poses" in verdict.words
+
+
 def test_poses_with_twists_beside_them_are_judged(team: Team, of_twists: Recording) -> None:
     poses = recorded(team, "white", by_twists=False)
     robots = {name: replace(robot, pose=poses.robots[name].pose) for name, robot in of_twists.robots.items()}

@@ -94,8 +94,39 @@ def write_bag(path: Path, topics: Sequence[Topic]) -> Path:
                 if is_ros1:
                     header = store.types["std_msgs/msg/Header"]
                     made.header = header(seq=k, stamp=made.header.stamp, frame_id="")
-                out.write(connection, stamp, (store.serialize_ros1 if is_ros1 else store.serialize_cdr)(made, kind))
+                out.write(connection, START + k, (store.serialize_ros1 if is_ros1 else store.serialize_cdr)(made, kind))
     return path
+
+
+def odometry(time: int, numbers: Array) -> ros.RosMessage:
+    types, pose = get_typestore(Stores.ROS2_JAZZY).types, pose_message(time, numbers)
+    with_covariance = types["geometry_msgs/msg/PoseWithCovariance"](pose.pose, np.zeros(36))
+    zero = types["geometry_msgs/msg/Vector3"](0.0, 0.0, 0.0)
+    still = types["geometry_msgs/msg/TwistWithCovariance"](types["geometry_msgs/msg/Twist"](zero, zero), np.zeros(36))
+    made: ros.RosMessage = types["nav_msgs/msg/Odometry"](pose.header, "tool0", with_covariance, still)
+    return made
+
+
+@pytest.mark.parametrize("with_poses", [True, False])
+def test_odometry_is_used_of_robots_without_other_poses(tmp_path: Path, with_poses: bool) -> None:
+    topics = bar_topics("/{0}/{1}")
+    others = [
+        (f"{name}_of_wheels", odometry, times, numbers) for name, make, times, numbers in topics if "pose" in name
+    ]
+    kept = [topic for topic in topics if with_poses or "pose" not in topic[0]]
+    if with_poses:  # wheels are elsewhere
+        others = [(name, make, times, numbers + [9.0, 0, 0, 0, 0, 0, 0]) for name, make, times, numbers in others]
+    found = identify(read_any(write_bag(tmp_path / "bag", [*others, *kept])))
+    assert found.doubts == ()
+    assert found.payload.inertia.mass == pytest.approx(bar.MASS, rel=1e-4)
+
+
+def test_a_clock_that_was_set_back_is_told(tmp_path: Path) -> None:
+    topics = bar_topics("/{0}/{1}")
+    name, make, times, numbers = topics[1]
+    topics[1] = (name, make, times - 3.0 * (times > 10.0), numbers)
+    with pytest.raises(RecordingError, match=rf"{name}: the stamp of message 1\d\d\d is 2.99 s before that of the one"):
+        read_any(write_bag(tmp_path / "bag", topics))
 
 
 @pytest.mark.parametrize("name", ["folder", "x.bag"])

@@ -24,6 +24,8 @@ _ARM = 0.1
 """Ratio of the torque's noise to the force's [m]."""
 _WAY = 0.5
 """Time over which poses are compared with rates [s]."""
+_ASIDE, _AHEAD, _SURELY = 0.01, 0.02, 6.0
+"""Least error of the heading [rad] and of the axle's place [m] that are told, and their significance [std]."""
 _SAME = 0.3
 """Largest difference between them, as a share of the motion."""
 _LITTLE = 0.03
@@ -92,6 +94,7 @@ def identify_cart(
         RecordingError: Poses, rates and pushes are not those of one cart.
     """
     _check_motion(recording)
+    _check_axle(recording, noise)
     grasp, lever = grasp_map(np.array(hand)), np.diag([1.0, 1.0, _ARM**2])
     pushes = recording.pushes @ grasp.T
     _check_pushes(recording, pushes)
@@ -104,9 +107,16 @@ def identify_cart(
     changes: list[float] = []
     for index, duration in enumerate(np.diff(recording.times)):
         push = Push(pushes[index], force_noise**2 * grasp @ lever @ grasp.T, float(duration), planned[index])
-        known = learner.jumps
-        learner.step(Sighting(motions[index], covariance), push)
-        changes += [float(recording.times[index])] * (learner.jumps - known)
+        known, time = learner.jumps, float(recording.times[index])
+        try:
+            with np.errstate(over="raise", invalid="raise"):
+                learner.step(Sighting(motions[index], covariance), push)
+        except (ArithmeticError, ValueError) as error:
+            raise RecordingError(
+                f"from {time:g} s on, no cart with one axle moves as this one does when it is pushed as given: check "
+                f"units (N, N·m, m, rad), axes and signs of pushes and poses, and --hand"
+            ) from error
+        changes += [time] * (learner.jumps - known)
     deviations = np.sqrt(np.diag(learner.body_covariance()))
     unknown = not_known(learner.body_covariance(), is_judged=learner.is_judged)
     body = learner.body
@@ -152,6 +162,38 @@ def _check_motion(recording: CartRecording) -> None:
     )
 
 
+def _check_axle(recording: CartRecording, noise: float) -> None:
+    """Check that the axle does not move sideways.
+
+    Raises:
+        RecordingError: It does; the message says which error of the pose would explain it.
+    """
+    ahead, aside = _in_cart(recording.poses, recording.rates)
+    motions = np.column_stack([ahead, recording.rates[:, 2]])
+    information = motions.T @ motions
+    if np.linalg.matrix_rank(information) < len(information):
+        return
+    heading, place = np.linalg.solve(information, motions.T @ aside)
+    slip, left = _rms(aside), _rms(aside - motions @ [heading, place])
+    least = _SURELY * max(noise, left) * np.sqrt(np.diag(np.linalg.inv(information)))
+    found = []
+    if abs(heading) > max(_ASIDE, least[0]):
+        found.append(f"theta is off by {np.degrees(heading):.2g}°: x has to point ahead")
+    if abs(place) > max(_AHEAD, least[1]):
+        where = "ahead of" if place > 0.0 else "behind"
+        found.append(f"the pose is that of a point {abs(place):.2g} m {where} the axle: give that of its middle")
+    if found:
+        if abs(heading) > _SAME or left > max(_SAME * slip, 3.0 * noise):
+            found = ["are x, y in metres, and theta in radians, from the floor's x to the cart's, growing to the left?"]
+        raise RecordingError(f"the axle's wheels would slip sideways, at {slip:.2g} m/s; {'; '.join(found)}")
+
+
+def _in_cart(poses: Array, rates: Array) -> tuple[Array, Array]:
+    """Velocities ahead and to the left in the cart's axes, shape (n,) each [m/s]."""
+    c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    return c * rates[:, 0] + s * rates[:, 1], c * rates[:, 1] - s * rates[:, 0]
+
+
 def _misfit(times: Array, poses: Array, rates: Array) -> float:
     """Root mean square difference between changes of poses and integrals of rates, as a share of the motion."""
     steps = np.diff(times)[:, None]
@@ -176,8 +218,7 @@ def _check_pushes(recording: CartRecording, pushes: Array) -> None:
     Raises:
         RecordingError: It has hardly moved, or it goes the other way.
     """
-    c, s = np.cos(recording.poses[:, 2]), np.sin(recording.poses[:, 2])
-    speeds = c * recording.rates[:, 0] + s * recording.rates[:, 1]
+    speeds, _ = _in_cart(recording.poses, recording.rates)
     if np.abs(speeds).max() < _PRIOR.slow:
         raise RecordingError(
             f"the cart is never faster than {np.abs(speeds).max():.2g} m/s, expected more than {_PRIOR.slow:g} m/s: "

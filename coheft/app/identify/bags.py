@@ -45,6 +45,10 @@ def _pose(pose: Any) -> tuple[float, ...]:
     return *_xyz(pose.position), *_xyz(pose.orientation), pose.orientation.w
 
 
+_OUT_OF_ORDER = 5 * 10**8
+"""Largest step back of stamps, of messages that have overtaken others [ns]."""
+IN_PLACE_OF_POSES = frozenset({"nav_msgs/msg/Odometry", "sensor_msgs/msg/Imu"})
+"""Types that are used, unless ``--topics`` names them, only of robots without poses of other types."""
 KINDS = {
     "geometry_msgs/msg/WrenchStamped": Kind("wrench", lambda m: _xyz(m.wrench.force) + _xyz(m.wrench.torque)),
     "geometry_msgs/msg/PoseStamped": Kind("pose", lambda m: _pose(m.pose)),
@@ -53,6 +57,8 @@ KINDS = {
         "pose", lambda m: (*_xyz(m.transform.translation), *_xyz(m.transform.rotation), m.transform.rotation.w)
     ),
     "geometry_msgs/msg/TwistStamped": Kind("twist", lambda m: _xyz(m.twist.angular) + _xyz(m.twist.linear)),
+    "nav_msgs/msg/Odometry": Kind("pose", lambda m: _pose(m.pose.pose)),
+    "sensor_msgs/msg/Imu": Kind("acceleration", lambda m: _xyz(m.linear_acceleration)),
     "geometry_msgs/msg/AccelStamped": Kind("acceleration", lambda m: _xyz(m.accel.linear)),
 }
 """Kinds by names of types."""
@@ -156,6 +162,13 @@ def _stream(name: str, stamps: list[int], received: list[int], values: Array) ->
             )
         LOG.warning(f"coheft: {one_line(name)}: all stamps are zero: messages are taken for measured when recorded")
         time = np.array(received, dtype=np.int64)
+    back = np.diff(time)
+    if len(back) and back.min() < -_OUT_OF_ORDER:
+        at = int(np.argmin(back)) + 1
+        raise RecordingError(
+            f"{one_line(name)}: the stamp of message {at + 1} is {-back.min() / 1e9:.3g} s before that of the one "
+            f"before: was a clock set back, or were recordings joined? Cut it there, or record again"
+        )
     time, kept = np.unique(time, return_index=True)
     if len(kept) < len(values):
         LOG.warning(

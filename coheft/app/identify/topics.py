@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 
-from coheft.app.identify.bags import KINDS, BagTopic
+from coheft.app.identify.bags import IN_PLACE_OF_POSES, KINDS, BagTopic
 from coheft.errors import RecordingError, one_line
 
 Chosen = Mapping[str, Mapping[str, str]]
@@ -62,8 +62,10 @@ def found_topics(topics: Sequence[BagTopic]) -> Chosen:
         and len({p[shared] for p in parts.values()}) == 1
     ):
         shared += 1
-    for topic in ours or usable:
-        _add(chosen, parts[topic.name][0 if ours else shared], topic)
+    for topic in sorted(ours or usable, key=lambda topic: topic.kind in IN_PLACE_OF_POSES):
+        robot = parts[topic.name][0 if ours else shared]
+        if topic.kind not in IN_PLACE_OF_POSES or "pose" not in chosen.get(robot, {}):
+            _add(chosen, robot, topic)
     chosen = {
         robot: own for robot, own in chosen.items() if "wrench" in own
     }  # others belong to tables, cameras or targets

@@ -41,6 +41,8 @@ class Signals:
         a: Proper acceleration of the origin, shape (N, n, 3) [m/s²].
         wrench: ``(f, t)`` on the payload, shape (N, n, 6); None if not recorded.
         rotation: Of ``F_i`` in the home frame, shape (N, n, 3, 3); None without poses.
+        up: ``a`` minus the acceleration of the origin according to twists: minus gravity, shape (N, n, 3) [m/s²]; None
+            if it was not computed.
     """
 
     time: Array
@@ -50,6 +52,7 @@ class Signals:
     a: Array
     wrench: Array | None
     rotation: Array | None
+    up: Array | None = None
 
     @property
     def rate(self) -> float:
@@ -162,10 +165,11 @@ def signals_of(recording: Recording, cutoff: float = PAPER_CUTOFF) -> Signals:
         rotation = None if rotation is None else rotation[:, 2:-2]
     inner = slice(lost, lost + len(time))
     w, v, alpha = twist[..., :3], twist[..., 3:], dtwist[..., :3]
+    moved = dtwist[..., 3:] + np.cross(w, v)
     if recording.has("acceleration"):
         a = low_pass(recording.stacked("acceleration"), rate, cutoff, axis=1)[:, inner]
     elif rotation is not None:
-        a = dtwist[..., 3:] + np.cross(w, v) - recording.gravity @ rotation
+        a = moved - recording.gravity @ rotation
     else:
         raise RecordingError("found neither 'pose' nor 'acceleration' of all robots: nothing tells where down is")
     wrench = low_pass(recording.stacked("wrench"), rate, cutoff, axis=1)[:, inner] if recording.has("wrench") else None
@@ -185,6 +189,7 @@ def signals_of(recording: Recording, cutoff: float = PAPER_CUTOFF) -> Signals:
         v=v[:, kept],
         alpha=alpha[:, kept],
         a=a[:, kept],
+        up=(a - moved)[:, kept],
         wrench=None if wrench is None else wrench[:, kept],
         rotation=None if rotation is None else rotation[:, kept],
     )

@@ -23,6 +23,8 @@ COLUMNS = {
 }
 """Channels of a robot and the names of their columns in CSV files."""
 TRUTH = "truth"
+_LEAST_GRAVITY, _MOST_GRAVITY = 1.5, 30.0
+"""Range of gravity on planets and moons [m/s²]."""
 
 
 def channels_of(robot: RobotRecord) -> dict[str, Array]:
@@ -63,6 +65,9 @@ def gravity_of(array: Array) -> Array:
         RecordingError: It is invalid.
     """
     _check("'gravity'", array, (3,))
+    size = float(np.linalg.norm(array))
+    if array.any() and not _LEAST_GRAVITY < size < _MOST_GRAVITY:
+        raise RecordingError(f"'gravity' is {size:g} m/s², expected about 9.81 m/s², as in [0, 0, -9.81]")
     return array
 
 

@@ -173,6 +173,12 @@ def load_arrays(path: Path) -> dict[str, Array]:
     return _as_numbers(arrays, "not an .npz file of numbers")
 
 
+_ADVICE = dict.fromkeys("mM", ": convert it with .astype('datetime64[ns]').astype('int64')") | {
+    "U": ": convert it with .astype(float)"
+}
+"""What to do with other types, by numpy's kinds."""
+
+
 def _as_numbers(arrays: Mapping[str, npt.NDArray[Any]], what: str) -> dict[str, Array]:
     """Convert an array to real numbers; ``what`` begins the error.
 
@@ -181,5 +187,8 @@ def _as_numbers(arrays: Mapping[str, npt.NDArray[Any]], what: str) -> dict[str, 
     """
     for key, array in arrays.items():
         if array.dtype.kind not in "biuf":
-            raise RecordingError(f"{what}: '{one_line(key)}' holds values of type {array.dtype}")
+            advice = _ADVICE.get(array.dtype.kind, "")
+            raise RecordingError(
+                f"{what}: '{one_line(key)}' holds values of type {array.dtype}, expected numbers{advice}"
+            )
     return {key: array.astype(np.float64) for key, array in arrays.items()}

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import BinaryIO
@@ -25,6 +26,8 @@ from coheft.wire.data.units import holds_in_seconds, span_of
 from coheft.wire.process.log import LOG
 
 _HOLDS = "holds"
+_TIMES = {"time": TIME, "timestamp": TIME}
+"""Other names of the column of times."""
 _HOLDS_HEADER = ("start", "end")
 _END = "\r\n"
 """End of a line by RFC 4180."""
@@ -67,7 +70,8 @@ def _tables(folder: Path) -> list[Path]:
     if not folder.is_dir():
         return []
     return sorted(
-        (file for file in folder.iterdir() if file.suffix.lower() == ".csv"), key=lambda file: (file.stem, file.name)
+        (f for f in folder.iterdir() if f.suffix.lower() == ".csv" and not f.name.startswith(".")),
+        key=lambda file: (file.stem, file.name),
     )
 
 
@@ -172,7 +176,10 @@ def _streams(robot: RobotRecord) -> dict[str, Stream]:
 
 
 def _robot_of(name: str, table: Table) -> RobotRecord:
-    return robot_of(name, _channels(_known(table)))
+    channels = _channels(_known(table))
+    if TIME in channels:
+        table.check_growing(channels[TIME])
+    return robot_of(name, channels)
 
 
 def read_channels(folder: Path) -> dict[str, dict[str, Array]]:
@@ -186,13 +193,14 @@ def read_channels(folder: Path) -> dict[str, dict[str, Array]]:
 
 
 def _known(table: Table) -> Table:
-    """Return a table, if all of its columns are known.
+    """Return a table with names as in ``COLUMNS``, if all of its columns are known.
 
     Raises:
-        RecordingError: A column is unknown.
+        RecordingError: A column is unknown, or there twice.
     """
     known = _header(COLUMNS)
-    unknown = [column for column in table.names if column not in known]
+    names = [_TIMES.get(column.lower(), column.lower()) for column in table.names]
+    unknown = [column for column, name in zip(table.names, names, strict=True) if name not in known]
     if "" in unknown:
         raise RecordingError(
             f"{table.file}: found a column without a name, expected one for each: pandas writes its index like that "
@@ -201,9 +209,12 @@ def _known(table: Table) -> Table:
     if unknown:
         raise RecordingError(
             f"{table.file}: column '{one_line(unknown[0])}' is unknown; found {one_line(', '.join(table.names))}; "
-            f"allowed: {', '.join(sorted(known))}, or those that 'rostopic echo -p' writes"
+            f"allowed: {', '.join(sorted(known))}, or those that 'rostopic echo -p' writes: rename it, or remove it"
         )
-    return table
+    twice = [column for column, name in zip(table.names, names, strict=True) if names.count(name) > 1]
+    if twice:
+        raise RecordingError(f"{table.file}: columns {', '.join(twice)} all are {names[table.names.index(twice[0])]}")
+    return replace(table, names=tuple(names))
 
 
 def _channels(table: Table) -> dict[str, Array]:

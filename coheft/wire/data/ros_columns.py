@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import re
 
-import numpy as np
-
 from coheft.errors import RecordingError, one_line
 from coheft.estimation.batch.alignment import Stream
 from coheft.estimation.geometry.spatial import Array
@@ -14,6 +12,9 @@ from coheft.wire.process.log import LOG
 
 _RECEIVED = "%time"
 _STAMP = "header.stamp"
+_SECONDS = ("header.stamp.secs", "header.stamp.sec")
+_NANOSECONDS = ("header.stamp.nsecs", "header.stamp.nanosec")
+"""Stamps in two columns, as bagpy and others write them; without the prefix."""
 _FIELD = "field."
 _TO_SECONDS = 1e-9
 _PARTS = {
@@ -32,7 +33,7 @@ _OTHER_NAMES = {
 _WORDS = frozenset(
     [
         *("wrench", "wrenches", "ft", "force", "forces", "torque", "pose", "poses", "tcp", "twist", "velocity"),
-        *("accel", "acceleration", "imu", "stamped", "topic"),
+        *("accel", "acceleration", "imu", "stamped", "topic", "sensor", "sensors", "tool", "tool0", "raw", "filtered"),
     ]
 )
 """Words in a file's name that belong to the topic, not to the robot."""
@@ -40,7 +41,9 @@ _WORDS = frozenset(
 
 def is_of_ros(table: Table) -> bool:
     """Whether a table has the columns of a ROS topic."""
-    return table.names[0] == _RECEIVED or any(name.startswith(_FIELD) for name in table.names)
+    return table.names[0] == _RECEIVED or any(
+        name.startswith(_FIELD) or name.endswith(_SECONDS) for name in table.names
+    )
 
 
 def robot_named(stem: str) -> str:
@@ -73,9 +76,6 @@ def streams_of(table: Table) -> dict[str, Stream]:
                 f"{', '.join(_FIELD + name for name in missing)}; found {_listed(table)}"
             )
         values = table.numbers([columns[name] for name in wanted])
-        bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
-        if len(bad):
-            raise RecordingError(f"{table.file}: line {table.rows[bad[0]][0]}: found a number that is not finite")
         found[channel] = values
     if not found:
         expected = "; ".join(
@@ -110,6 +110,12 @@ def _known_columns(table: Table) -> dict[str, str]:
 
 def _times(table: Table) -> Array:
     """Return the times of samples, shape (n,) [s]."""
+    whole, rest = (_ending(table, ends) for ends in (_SECONDS, _NANOSECONDS))
+    if whole and rest:
+        seconds, nanoseconds = table.numbers([whole, rest]).T
+        table.check_growing(seconds * 1e9 + nanoseconds, " ns")
+        split: Array = seconds + nanoseconds * _TO_SECONDS
+        return split
     stamps = [name for name in table.names if name.endswith(_STAMP)]
     names = [*stamps[:1], *(name for name in (_RECEIVED,) if name in table.names)]
     if not names:
@@ -125,15 +131,13 @@ def _times(table: Table) -> Array:
         time = times[:, 1]
     elif names[0] == _RECEIVED:
         LOG.warning(f"coheft: {table.file}: no {_FIELD}{_STAMP}: taken from {_RECEIVED}, when messages were received")
-    falling = np.flatnonzero(~(np.diff(time) > 0.0))
-    if len(falling):
-        at = int(falling[0]) + 1
-        raise RecordingError(
-            f"{table.file}: line {table.rows[at][0]} is of {time[at]:.0f} ns, the one before of {time[at - 1]:.0f} ns "
-            f"(in all, {len(falling)} are not later than the one before); expected times that grow: sort the lines, "
-            f"and remove what is there twice"
-        )
+    table.check_growing(time, " ns")
     return time * _TO_SECONDS
+
+
+def _ending(table: Table, ends: tuple[str, ...]) -> str | None:
+    """The first column whose name has one of these ends."""
+    return next((name for name in table.names if name.endswith(ends)), None)
 
 
 def _listed(table: Table) -> str:

@@ -31,7 +31,7 @@ class Table:
         """Return some of the columns, shape (n, columns).
 
         Raises:
-            RecordingError: A value is not a number; the message names line and column.
+            RecordingError: A value is not a finite number; the message names line and column.
         """
         places = [self.names.index(name) for name in names]
         found = np.empty((len(self.rows), len(names)))
@@ -45,7 +45,29 @@ class Table:
                     f"{self.file}: line {line}, column '{one_line(column)}': found '{one_line(value)}'; expected a "
                     f"number such as 1.5"
                 ) from None
+        bad = np.argwhere(~np.isfinite(found))
+        if len(bad):
+            (line, row), column = self.rows[bad[0, 0]], bad[0, 1]
+            raise RecordingError(
+                f"{self.file}: line {line}, column '{one_line(names[column])}': found '{row[places[column]]}' (in all, "
+                f"{len(bad)} values are not finite); expected a number: fill gaps, or keep a part without"
+            )
         return found
+
+    def check_growing(self, time: Array, unit: str = "") -> None:
+        """Check that times (n,) of the rows grow; ``unit`` is for the message.
+
+        Raises:
+            RecordingError: They do not; the message names the line.
+        """
+        falling = np.flatnonzero(~(np.diff(time) > 0.0))
+        if len(falling):
+            at = int(falling[0]) + 1
+            raise RecordingError(
+                f"{self.file}: line {self.rows[at][0]} is of {time[at]:.16g}{unit}, the one before of "
+                f"{time[at - 1]:.16g}{unit} (in all, {len(falling)} are not later than the one before); expected times "
+                f"that grow: sort the lines, and remove what is there twice"
+            )
 
 
 def read_table(path: Path) -> Table:
@@ -90,7 +112,10 @@ def read_table(path: Path) -> Table:
     for line, row in lines[1:]:
         values = row[:-1] if len(row) == len(header) + 1 and not row[-1].strip() else row
         if len(values) != len(header):
-            raise RecordingError(f"{path.name}: line {line}: found {len(values)} values, expected {len(header)}")
+            raise RecordingError(
+                f"{path.name}: line {line}: found {len(values)} values, expected {len(header)}: one for "
+                f"each name in the first line, which is '{one_line(','.join(header))}'"
+            )
         rows.append((line, values))
     return Table(path.name, tuple(header), rows)
 

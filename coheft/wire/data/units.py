@@ -15,6 +15,8 @@ _UNITS = ((1.0, "seconds"), (1e-3, "milliseconds"), (1e-6, "microseconds"), (1e-
 _SLOWEST = 0.25
 """Longest time between samples that is useful [s]."""
 _ROUNDING = 1e-9
+_SHORTEST = 0.2
+"""Shortest hold by which another unit than seconds is recognised [s]."""
 
 
 def samples_in_seconds(name: str, time: Array) -> Array:
@@ -64,8 +66,9 @@ def holds_in_seconds(
     array = np.array(holds)
     slack = _ROUNDING * max(map(abs, span)) + _SLOWEST
     starts, ends = (np.outer([factor for factor, _ in _UNITS], times) for times in array.T)
-    within = np.count_nonzero((starts >= span[0] - slack) & (ends <= span[1] + slack), axis=1)
-    touching = np.count_nonzero((ends > span[0]) & (starts < span[1]), axis=1)
+    is_long = (ends - starts >= _SHORTEST) | (np.arange(len(_UNITS)) == 0)[:, None]
+    within = np.count_nonzero((starts >= span[0] - slack) & (ends <= span[1] + slack) & is_long, axis=1)
+    touching = np.count_nonzero((ends > span[0]) & (starts < span[1]) & is_long, axis=1)
     best = int(np.argmax(within if within.any() else touching))
     if not within[best] and not touching[best]:
         raise RecordingError(

@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from coheft.errors import refuse_scenario
+from coheft.errors import ScenarioError, refuse_scenario
 from coheft.estimation.geometry.spatial import Array, Pose, rotation_log
 from coheft.estimation.rigid_body.mass_properties import Inertia, combined
 from coheft.wire.process.log import LOG
 from coheft.wire.scenario.payload import MassProperties, vector_of
 from coheft.wire.scenario.payload_extent import Extent, corners
+from coheft.wire.scenario.payload_mesh import check_surface, overlap_of
 from coheft.wire.scenario.payload_model import PayloadModel
 from coheft.wire.scenario.schema import Grasp
 
@@ -165,6 +166,34 @@ class HeldBody:
                 f"coheft: {place}: MuJoCo fills meshes by a rule that is exact for convex ones only, which makes "
                 f"{whole.mass:.4g} kg; up to their surfaces there would be {exact.mass:.4g} kg with other moments of "
                 f"inertia, as 'payload.mesh' has it: give these meshes inertia=\"exact\" if that is meant"
+            )
+
+        self._remark_shapes(place)
+
+    def _remark_shapes(self, place: str) -> None:
+        """Write to the log which of the shapes that have mass are not closed, and which overlap."""
+        import mujoco
+
+        model = self.model.compiled
+        solid = []
+        for geom, pose in self._shapes():
+            if geom not in self.model.weighing:
+                continue
+            triangles = _triangles(model, geom) @ pose.rotation.T + pose.translation
+            if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
+                try:
+                    check_surface(triangles, f"{place}: mesh {model.mesh(model.geom_dataid[geom]).name!r}")
+                except ScenarioError as error:
+                    LOG.warning(f"coheft: {error}; MuJoCo fills it all the same, so that its mass may be wrong")
+                    continue
+            if model.geom_contype[geom] or model.geom_conaffinity[geom]:
+                solid.append(triangles)
+        twice, where = overlap_of(solid, np.concatenate(solid)) if solid else (0.0, None)
+        volume = sum(float(np.linalg.det(shape - shape.mean(axis=(0, 1))).sum()) / 6.0 for shape in solid)
+        if where is not None and twice > _SMALL_DIFFERENCE * volume:
+            LOG.warning(
+                f"coheft: {place}: shapes overlap, {where}: about {twice / volume:.1%} of their volume is counted "
+                f"twice, as MuJoCo does; if some are for collisions only, give them mass = 0"
             )
 
     @property

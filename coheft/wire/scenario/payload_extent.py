@@ -85,7 +85,7 @@ class Extent:
         if complaint := self.complaint(properties.com):
             return f"the centre of mass {complaint}"
         length = Extent.like(properties).length
-        if length <= _UNKNOWN_SHAPE * self.length:
+        if self.length / _UNKNOWN_SHAPE**2 < length <= _UNKNOWN_SHAPE * self.length:
             return ""
         return (
             f"its moments of inertia are those of a box {length:.3g} m long, but its shapes are {self.length:.3g} m "

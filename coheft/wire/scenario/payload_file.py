@@ -20,6 +20,12 @@ from coheft.wire.scenario.payload_surface import to_text
 from coheft.wire.scenario.rules import check
 from coheft.wire.scenario.schema import Scenario
 
+_ADVICE = {
+    "decoder": "expected MJCF, .xml, or URDF, .urdf: run xacro first, and convert other formats",
+    "package:/": "packages of ROS are not known here: give the path relative to this file",
+}
+"""What to do about MuJoCo's errors, by a part of their texts."""
+
 
 def read_files(scenario: Scenario, origin: str, folder: Path) -> Scenario:
     """Return the scenario with mass properties and grasps in place of the files and sites that it names.
@@ -39,7 +45,9 @@ def read_files(scenario: Scenario, origin: str, folder: Path) -> Scenario:
         try:
             model = read_model(path)
         except ValueError as error:
-            refuse_scenario(place, f"{path}: MuJoCo cannot use it: {' '.join(str(error).split())}")
+            reason = " ".join(str(error).split())
+            advice = next((f"; {words}" for sign, words in _ADVICE.items() if sign in reason), "")
+            refuse_scenario(place, f"{path}: MuJoCo cannot use it: {reason}{advice}")
         body = HeldBody.find(model, payload.body, f"{origin}: key 'payload.body'")
         properties = body.mass_properties(place)
         extent, surface = body.extent(properties), body.surface()

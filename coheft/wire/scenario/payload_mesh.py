@@ -84,9 +84,7 @@ def filled(triangles: Array, mass: float | None, density: float | None, place: s
     """
     import trimesh
 
-    faces, points = _faces(triangles)
-    _check_closed(faces, place)
-    _check_shells(triangles, _shells(faces), place)
+    points = check_surface(triangles, place)
     with np.errstate(all="ignore"):
         middle = points.mean(axis=0)  # avoids a loss of digits far from the frame's origin
         solid = trimesh.triangles.mass_properties(triangles - middle)
@@ -97,6 +95,19 @@ def filled(triangles: Array, mass: float | None, density: float | None, place: s
     if not is_solid:
         refuse_scenario(place, f"it encloses {volume:g} m³, which has no extent in some direction")
     return whole
+
+
+def check_surface(triangles: Array, place: str) -> Array:
+    """Check that a surface encloses something once; return its vertices, shape (m, 3). Arguments as of ``filled``.
+
+    Raises:
+        ScenarioError: It does not.
+    """
+    faces, points = _faces(triangles)
+    _check_closed(faces, place)
+    _check_copies(faces, place)
+    _check_shells(triangles, _shells(faces), place)
+    return points
 
 
 def _faces(triangles: Array) -> tuple[IntArray, Array]:
@@ -137,6 +148,20 @@ def _check_closed(faces: IntArray, place: str) -> None:
         )
 
 
+def _check_copies(faces: IntArray, place: str) -> None:
+    """Check that no triangle is there twice, on the same side; shells that touch have one on either side."""
+    first = np.argmin(faces, axis=1)[:, None]
+    sorted_faces = np.take_along_axis(faces, (first + np.arange(3)) % 3, axis=1)
+    _, counts = np.unique(sorted_faces, axis=0, return_counts=True)
+    copies = int(np.sum(counts - 1))
+    if copies and copies > np.count_nonzero((faces == np.roll(faces, 1, axis=1)).any(axis=1)):
+        refuse_scenario(
+            place,
+            f"{copies} of its {len(faces)} triangles are copies of others, so that what they enclose would "
+            f"count twice: remove the copies",
+        )
+
+
 def _shells(faces: IntArray) -> IntArray:
     """Return the number of every triangle's shell (n,): triangles belong together if an edge is only theirs."""
     number, way, triangle = _edges(faces)
@@ -162,7 +187,7 @@ def _check_shells(triangles: Array, shell_of: IntArray, place: str) -> None:
                 f"outside, and the other way round only around a cavity",
             )
     solid = [shells[number] for number in np.flatnonzero(volumes > 0.0)]
-    twice, where = _overlap(solid, triangles)
+    twice, where = overlap_of(solid, triangles)
     if where is not None:
         LOG.warning(
             f"coheft: {place}: shells of its surface overlap, {where}: about {twice / volumes.sum():.1%} of its volume "
@@ -181,7 +206,7 @@ def _points_inside(shell: Array) -> Array:
     return inside
 
 
-def _overlap(solid: list[Array], triangles: Array) -> tuple[float, str | None]:
+def overlap_of(solid: list[Array], triangles: Array) -> tuple[float, str | None]:
     """Return the volume that is in at least two shells, and a description of its place; None if there is none."""
     if len(solid) < 2:
         return 0.0, None

@@ -26,6 +26,7 @@ class PayloadModel:
     Attributes:
         compiled: The model; its bodies have unique names.
         floating: Bodies that have a free joint.
+        weighing: Shapes from which MuJoCo computes mass properties.
         without_looks: The model with massless visual shapes, which collide with nothing; None if it cannot be compiled.
         with_exact_meshes: The same, where meshes are filled up to their surfaces, which MuJoCo does by default for
             convex ones only; None if their surfaces have no inside.
@@ -33,6 +34,7 @@ class PayloadModel:
 
     compiled: mujoco.MjModel
     floating: tuple[int, ...]
+    weighing: tuple[int, ...]
     without_looks: mujoco.MjModel | None
     with_exact_meshes: mujoco.MjModel | None
 
@@ -58,9 +60,25 @@ def read_model(path: Path) -> PayloadModel:
         for number, body in enumerate(bodies, start=1):
             body.name = body.name or f"body {number}"
         compiled = spec.compile()
+    weighing = tuple(geom.id for body in bodies if _weighs_by_shapes(spec, body) for geom in _weighing(spec, body))
     return PayloadModel(
-        compiled, tuple(floating), _variant(spec, _leave_out_looks), _variant(spec, _fill_meshes_exactly)
+        compiled, tuple(floating), weighing, _variant(spec, _leave_out_looks), _variant(spec, _fill_meshes_exactly)
     )
+
+
+def _weighs_by_shapes(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> bool:
+    import mujoco
+
+    always = spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
+    return bool(always or not body.explicitinertial)
+
+
+def _weighing(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> Iterator[mujoco.MjsGeom]:
+    """Shapes of a body that have mass."""
+    lowest, highest = spec.compiler.inertiagrouprange
+    for geom in body.geoms:
+        if lowest <= geom.group <= highest and geom.mass != 0.0 and (geom.mass > 0.0 or geom.density > 0.0):
+            yield geom
 
 
 def _variant(spec: mujoco.MjSpec, change: Callable[[mujoco.MjSpec], None]) -> mujoco.MjModel | None:
@@ -75,8 +93,11 @@ def _variant(spec: mujoco.MjSpec, change: Callable[[mujoco.MjSpec], None]) -> mu
 
 
 def _leave_out_pictures(spec: mujoco.MjSpec) -> None:
-    """Give every texture one colour, so that no image is read."""
+    """Give every texture one colour, so that no image is read, and take off skins."""
     import mujoco
+
+    for skin in spec.skins:
+        spec.delete(skin)
 
     for texture in spec.textures:
         texture.file, texture.cubefiles = "", [""] * 6
@@ -99,10 +120,10 @@ def _take_off_free_joint(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> bool:
 
 
 def _leave_out_looks(spec: mujoco.MjSpec) -> None:
-    """Make visual shapes, which collide with nothing, massless, except in bodies that have no others."""
+    """Make visual shapes, which collide with nothing, massless, except in moving bodies that have no others."""
     for body in spec.bodies:
         looks = [geom for geom in body.geoms if not (geom.contype or geom.conaffinity)]
-        if len(looks) < len(body.geoms):
+        if len(looks) < len(body.geoms) or not body.joints:
             for geom in looks:
                 geom.mass = 0.0
 

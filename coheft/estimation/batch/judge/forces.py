@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from coheft.estimation.batch.judge.evidence import Evidence
 from coheft.estimation.batch.judge.mend import MENDABLE, mend
-from coheft.estimation.batch.judge.sensors import silent_sensor
+from coheft.estimation.batch.judge.motions import gravity_factors
+from coheft.estimation.batch.judge.sensors import FORCES, MOMENTS, missing_axis, silent_sensor
 from coheft.estimation.batch.judge.suspects import Suspect, Suspects, forces_instead
 from coheft.estimation.batch.judge.verdict import Cause, Verdict
 from coheft.estimation.batch.judge.words import angle_deg, is_ambiguous, is_unit_of_all, words_of
@@ -29,10 +30,14 @@ _SLACK = 0.5
 """Added to the limit of the excess when a fault has been estimated along, in deviations."""
 _CONFIRMED = 6
 """Number of faults that are confirmed by correcting the recording."""
+_ALMOST = 0.05
+"""Difference of a factor from minus one that calibration may explain."""
 _CLOSE = 10.0
 """Faults whose gains differ by less are nearly equally likely."""
 _HIDING = (Cause.OFFSET, Cause.LEVER, Cause.SCALE, Cause.FORCE_SCALE, Cause.CLOCK, Cause.GRAVITY)
 """Faults that sensors may well have without being noticed."""
+_OF_CALIBRATION = (Cause.COMPENSATED, Cause.TIME)
+"""Faults that small calibration errors look like: no misfit, no fault."""
 _LEVEL, _SURE = 0.5, 6.0
 """Home frames are not level if they differ by more than this angle [degrees] and this multiple of its deviation."""
 
@@ -58,16 +63,22 @@ def judge_forces(evidence: Evidence, assumed: str | None) -> Verdict:
     found = suspects.all()
     if assumed == Cause.FORCE_SCALE:
         found += [forces_instead(one) for one in found if is_unit_of_all(one)]
-    sure = [one for one in found if one.gain > _GAIN]
-    if not sure and not (plain.excess > _EXCESS and misfit.share() > _SHARE):
+    is_misfit = plain.excess > _EXCESS
+    sure = [one for one in found if one.gain > _GAIN and (is_misfit or one.cause not in _OF_CALIBRATION)]
+    if not sure and not (is_misfit and misfit.share() > _SHARE):
         return _accepted(evidence, plain, found, assumed)
-    silent = silent_sensor(recording, evidence.cutoff)  # a factor of thousands would amplify its noise to forces
+    silent = missing_axis(recording, FORCES) or silent_sensor(recording, evidence.cutoff)
     if silent is not None:
         return silent
     mending = [one for one in sure if _mends(one, plain.excess)]
     as_assumed = [one for one in mending if one.cause == assumed]
-    best = _confirmed(as_assumed or mending, evidence, homes) or next(iter(as_assumed or sure), None)
+    confirmed = _confirmed(as_assumed or mending, evidence, homes)
+    best = next(iter([*confirmed, *as_assumed, *sure]), None)
     misfits = f"forces differ from any rigid body's by {np.sqrt(plain.inside):.2g} times what noise explains"
+    if best not in mending or best.cause is Cause.MOMENT_SCALE:
+        missing = missing_axis(recording, MOMENTS)  # hands that turn freely exert none
+        if missing is not None:
+            return missing
     if best not in mending:
         second = next(one for one in found[1:] if one.cause is not found[0].cause)
         return Verdict(
@@ -83,10 +94,15 @@ def judge_forces(evidence: Evidence, assumed: str | None) -> Verdict:
     second = next(one for one in others if one in mending or one.gain < best.gain)  # others leave more than noise
     robot, words = words_of(best, recording, misfit)
     margin = best.gain - second.gain
-    is_open = is_ambiguous(best, recording) or (is_unit_of_all(best) and best.cause != assumed)
+    is_shared = best.cause is Cause.MOMENT_SCALE  # moments of robots may be alike
+    alike = [one for one in confirmed[1:] if is_shared and one.cause is best.cause]
+    is_open = bool(alike) or is_ambiguous(best, recording) or (is_unit_of_all(best) and best.cause != assumed)
     mass = None if is_open else _mass_of(best.fit)
     with_it = "" if mass is None else f". With it estimated along, the mass is {mass[0]:.4g} kg (std {mass[1]:.2g} kg)"
     rest = f"; another fault, {second.cause.value}, explains it nearly as well" if margin < _CLOSE else ""
+    if alike:
+        robot = None
+        rest = "".join(f"; or {words_of(one, recording, misfit)[1]}" for one in alike) + rest
     return replace(
         _verdict_of(best, robot, homes),
         words=f"{misfits}. One fault explains this: {words}{rest}{with_it}",
@@ -105,14 +121,14 @@ def _verdict_of(suspect: Suspect, robot: str | None, homes: Array) -> Verdict:
     return Verdict(suspect.cause, robot, (*suspect.value.tolist(), *when), gravity=gravity)
 
 
-def _confirmed(suspects: Sequence[Suspect], evidence: Evidence, homes: Array) -> Suspect | None:
-    """Find the likeliest fault whose correction leaves a right recording, also by the noise that sensors then have.
+def _confirmed(suspects: Sequence[Suspect], evidence: Evidence, homes: Array) -> list[Suspect]:
+    """Find the likeliest faults whose correction leaves a right recording, also by the noise that sensors then have.
 
     A unit that is a thousand times too small makes the noise look a thousand times larger, which hides all else. Among
-    nearly equally likely faults, the one is chosen whose correction makes the robots' sensors most alike.
+    nearly equally likely faults, those are chosen whose correction makes the robots' sensors most alike.
     """
-    confirmed: list[tuple[int, Suspect]] = []
-    for suspect in suspects[:_CONFIRMED]:
+    confirmed: list[tuple[tuple[int, bool], Suspect]] = []
+    for suspect in sorted(suspects, key=_is_odd)[:_CONFIRMED]:
         if (confirmed and suspect.gain < confirmed[0][1].gain - _CLOSE) or suspect.cause not in MENDABLE:
             break
         name = None if suspect.robot is None else evidence.recording.names[suspect.robot]
@@ -121,8 +137,15 @@ def _confirmed(suspects: Sequence[Suspect], evidence: Evidence, homes: Array) ->
         if without.plain.excess < _EXCESS + _SLACK:
             sizes = [[np.trace(own[:3, :3]), np.trace(own[3:, 3:])] for own in without.noise]
             unlike = np.ptp(0.5 * np.log(np.array(sizes) + 1e-300), axis=0).max()
-            confirmed.append((round(float(unlike)), suspect))
-    return min(confirmed, key=lambda one: one[0])[1] if confirmed else None
+            confirmed.append(((round(float(unlike)), _is_odd(suspect)), suspect))
+    least = min((rank for rank, _ in confirmed), default=None)
+    return [suspect for rank, suspect in confirmed if rank == least]
+
+
+def _is_odd(suspect: Suspect) -> bool:
+    """Whether readings would have the opposite sign and also another unit."""
+    is_scale = suspect.cause in (Cause.SCALE, Cause.FORCE_SCALE, Cause.MOMENT_SCALE)
+    return is_scale and suspect.value[0] < 0.0 and abs(suspect.value[0] + 1.0) > _ALMOST
 
 
 def _accepted(evidence: Evidence, plain: Fit, suspects: Sequence[Suspect], assumed: str | None) -> Verdict:
@@ -138,6 +161,10 @@ def _accepted(evidence: Evidence, plain: Fit, suspects: Sequence[Suspect], assum
         for suspect in suspects
         if (suspect.cause in hiding or suspect.cause == assumed) and suspect.gain > -np.inf
     )
+    if evidence.recording.has("acceleration"):
+        scale = float(np.mean(gravity_factors(evidence))) - 1.0
+        theta = plain.solution[:BODY_NUMBERS]
+        hidden += ((Cause.MOTION, scale**2 * np.outer(theta, theta)),)
     return Verdict(hidden=hidden)
 
 

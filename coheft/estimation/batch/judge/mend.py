@@ -23,6 +23,7 @@ MENDABLE = (
     Cause.MOMENT_SCALE,
     Cause.BASE_AXES,
     Cause.TURNED,
+    Cause.EXCHANGED,
     Cause.CLOCK,
     Cause.LENGTH_SCALE,
     Cause.GRAVITY,
@@ -70,6 +71,8 @@ def mend(recording: Recording, verdict: Verdict, poses: Sequence[Pose]) -> Recor
             return recording
         case Cause.TURNED:
             return recording.changed("wrench", partial(_rotated, rotations=value.reshape(1, 3, 3)), name)
+        case Cause.EXCHANGED:
+            return recording.changed("wrench", lambda wrench: wrench[:, [3, 4, 5, 0, 1, 2]], name)
         case Cause.CLOCK:
             for channel in verdict.channels:
                 recording = recording.changed(channel, partial(_earlier, time=recording.time, delay=value[0]), name)

@@ -21,6 +21,10 @@ from coheft.estimation.geometry.spatial import Array, skew
 
 _EXCESS, _SHARE, _MENDED = 4.5, 0.03, 0.02
 """As in ``forces``: deviations that are no chance, share of the motion that matters, share that a fault may leave."""
+_OTHER_GRAVITY = 0.01
+"""Relative difference from gravity that is more than that of places and of accelerometers."""
+_OTHER_DOWN = 5.0
+"""Largest angle between gravity in accelerations and in poses [degrees]."""
 _CHANNELS = (
     ("angular velocities", "rad/s", slice(0, 3)),
     ("velocities", "m/s", slice(3, 6)),
@@ -49,7 +53,62 @@ def judge_motions(evidence: Evidence) -> Verdict | None:
         f"what {whose} measures of its motion differs from what others measure by {view.ratio:.2g} times what noise "
         f"explains. {'One fault explains this' if is_mended else 'The likeliest fault'}: its {fault}"
     )
+    if not is_mended:
+        words += (
+            ", which leaves much. Are twists (angular first) and accelerations all in the axes of the grasp frame, not "
+            "of the home frame, of its origin, and simultaneous?"
+        )
     return Verdict(Cause.MOTION, name, words=words, ratio=view.ratio)
+
+
+def gravity_factors(evidence: Evidence) -> Array:
+    """How large each robot's accelerations are at rest, in multiples of gravity, shape (N,)."""
+    assert evidence.signals.up is not None
+    sizes: Array = np.linalg.norm(evidence.signals.up, axis=-1).mean(axis=1)
+    return sizes / float(np.linalg.norm(evidence.recording.gravity))
+
+
+def _angles_to_gravity(evidence: Evidence) -> Array:
+    """Median angle between each robot's accelerations at rest and the vertical of its poses, shape (N,) [degrees]."""
+    up, rotation = evidence.signals.up, evidence.signals.rotation
+    assert up is not None
+    if rotation is None:
+        return np.zeros(len(up))
+    vertical = -(evidence.recording.gravity @ rotation)
+    along, aside = np.sum(up * vertical, axis=-1), np.linalg.norm(np.cross(up, vertical), axis=-1)
+    angles: Array = np.degrees(np.median(np.arctan2(aside, along), axis=1))
+    return angles
+
+
+def judge_gravity(evidence: Evidence) -> Verdict | None:
+    """Find accelerations that would be those of another gravity; None if there are none.
+
+    All masses would be off by the same factor, and nothing else would show it.
+    """
+    if not evidence.recording.has("acceleration"):
+        return None
+    factors, names = gravity_factors(evidence), evidence.recording.names
+    away = _angles_to_gravity(evidence)
+    if away.max() > _OTHER_DOWN:
+        name = names[int(np.argmax(away))]
+        words = (
+            f"accelerations of {name} are turned against its poses, by {away.max():.3g} degrees: give them in the axes "
+            f"of the grasp frame; or its home frame is not level"
+        )
+        return Verdict(Cause.MOTION, name, (float(away.max()),), words)
+    wrong = [name for name, factor in zip(names, factors, strict=True) if abs(factor - 1.0) > _OTHER_GRAVITY]
+    if not wrong:
+        return None
+    factor = float(factors[np.argmax(np.abs(factors - 1.0))])
+    size = float(np.linalg.norm(evidence.recording.gravity))
+    return Verdict(
+        Cause.MOTION,
+        wrong[0] if len(wrong) == 1 else None,
+        (factor,),
+        f"accelerations of {', '.join(wrong)} are {factor * size:.4g} m/s² without what twists say of the motion, "
+        f"expected {size:.4g}, which is gravity: they are {factor:.4g} times what they should be, or their times or "
+        f"those of the twists are wrong",
+    )
 
 
 class _View:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from coheft.estimation.batch.judge.band import white_level
@@ -11,8 +13,15 @@ from coheft.estimation.geometry.spatial import Array
 
 _NOISE_ALONE = 1.5
 """Mean square of readings, in multiples of their noise's, below which they are nothing but noise."""
-_MOTIONS = {"pose": ("poses", 0.005), "twist": ("twists", 0.05), "acceleration": ("accelerations", 0.5)}
-"""Words, and the least change of another robot's first three columns meanwhile [m, rad/s, m/s²]."""
+FORCES, MOMENTS = ("fx", "fy", "fz"), ("mx", "my", "mz")
+_AXES = FORCES + MOMENTS
+_MOTIONS = (
+    ("pose", slice(0, 7), "poses", 0.005),
+    ("twist", slice(0, 3), "angular velocities", 0.05),
+    ("twist", slice(3, 6), "velocities", 0.05),
+    ("acceleration", slice(0, 3), "accelerations", 0.5),
+)
+"""Columns, and the least change of another robot's first three of them meanwhile [m, rad/s, m/s, m/s²]."""
 
 
 def stuck_sensor(recording: Recording) -> Verdict | None:
@@ -30,10 +39,10 @@ def stuck_sensor(recording: Recording) -> Verdict | None:
 
 def stuck_motion(recording: Recording) -> Verdict | None:
     """Find a robot whose motion repeats itself while another one moves; encoders at rest may repeat themselves."""
-    for channel, (what, least) in _MOTIONS.items():
+    for channel, columns, what, least in _MOTIONS:
         if not recording.has(channel):
             continue
-        samples = recording.stacked(channel)
+        samples = recording.stacked(channel)[..., columns]
         for name, own in zip(recording.names, samples, strict=True):
             first, count = _longest_repeat(own)
             meanwhile = np.linalg.norm(np.ptp(samples[:, first : first + count, :3], axis=1), axis=1)
@@ -50,6 +59,16 @@ def silent_sensor(recording: Recording, cutoff: float) -> Verdict | None:
             return Verdict(
                 Cause.DEAD, name, (0.0,), f"forces of {name} are nothing but noise: its sensor does not work"
             )
+    return None
+
+
+def missing_axis(recording: Recording, axes: Sequence[str]) -> Verdict | None:
+    """Find a sensor whose readings along some of these axes (``fx``, …) are the same all the time."""
+    for name, wrench in zip(recording.names, recording.stacked("wrench"), strict=True):
+        missing = [axis for axis in axes if np.ptp(wrench[:, _AXES.index(axis)]) == 0.0]
+        if missing:
+            words = f"{', '.join(missing)} of {name} are exactly the same all the time: were they measured?"
+            return Verdict(Cause.DEAD, name, (0.0,), words)
     return None
 
 

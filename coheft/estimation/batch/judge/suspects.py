@@ -25,6 +25,7 @@ from coheft.estimation.geometry.spatial import Array, skew
 _STEP = 0.06
 """Duration of a change of the load [s]."""
 _LONGEST_DELAY, _DELAY_STEP, _DELAY_FOUND = 0.5, 0.05, 2e-4
+_SLOWEST = 5.0
 _TURNS = 8
 _TURNED = 1e-6
 
@@ -78,9 +79,13 @@ class Suspects:
 
     def all(self) -> list[Suspect]:
         """All faults, the likeliest first."""
-        found = [*self._offset(), *self._levers(), *self._scales(), *self._clocks(), *self._turned(), *self._changes()]
+        found = [*self._offset(), *self._levers(), *self._scales(), *self._clocks()]
+        found += [*self._turned(), *self._exchanged(), *self._changes()]
         if self._misfit.signals.rotation is not None:
-            found += [*self._axes(), self._no_weight(), self.direction_of_gravity()]
+            found += [*self._axes(), self._weight(), self.direction_of_gravity()]
+            recording = self._misfit.evidence.recording
+            if not recording.has("twist") and not recording.has("acceleration"):
+                found.append(self._time())
         return sorted(found, key=lambda suspect: -suspect.gain)
 
     def _suspect(self, cause: Cause, robot: int | None, fit: Fit, unknowns: int, value: Array | None = None) -> Suspect:
@@ -150,15 +155,42 @@ class Suspects:
             fit = self._misfit.fit(total=self._misfit.total_with(robots, turned))
             yield self._suspect(Cause.BASE_AXES, robot, fit, 1)
 
+    def _exchanged(self) -> Iterator[Suspect]:
+        """One robot's moments given as forces and forces as moments; if all have it, it is found before."""
+        for robot in range(self._count):
+            total = self._misfit.total_with([robot], self._misfit.wrenches[..., [3, 4, 5, 0, 1, 2]])
+            yield self._suspect(Cause.EXCHANGED, robot, self._misfit.fit(total=total), 1)
+
     def _turned(self) -> Iterator[Suspect]:
         """Sensors whose axes are rotated or exchanged."""
         for robot, robots in self._one_or_all:
             axes, fit = fit_turned(self._misfit, robots)
             yield self._suspect(Cause.TURNED, robot, fit, 3, axes.ravel())
 
-    def _no_weight(self) -> Suspect:
-        """Forces without the weight: a controller has compensated it."""
-        return self._suspect(Cause.COMPENSATED, None, self._misfit.fit(regressor=self._regressor(np.zeros(3))), 1)
+    def _weight(self) -> Suspect:
+        """Weight of something that does not move along, or, if negative, without what moves along."""
+        return self._suspect(Cause.COMPENSATED, None, self._misfit.fit(self._regressor_at_rest()[..., :4]), 4)
+
+    def _time(self) -> Suspect:
+        """Times in a wrong unit: forces of inertia grow with the square of the factor, the weight does not."""
+        at_rest = self._regressor_at_rest()
+        moving, factor = self._misfit.regressor - at_rest, 1.0
+        for _ in range(_TURNS):
+            scaled = at_rest + factor * moving
+            body = self._misfit.fit(regressor=scaled).solution
+            fit = self._misfit.fit((moving @ body)[..., None], regressor=scaled)
+            step = float(np.clip(fit.solution[BODY_NUMBERS], -0.5 * factor, factor))
+            factor += step
+            if abs(step) < _TURNED * factor:
+                break
+        found = self._suspect(Cause.TIME, None, fit, 1, np.array([np.sqrt(factor)]))
+        return found if 1.0 / _SLOWEST < found.value[0] < _SLOWEST else replace(found, gain=-np.inf)
+
+    def _regressor_at_rest(self) -> Array:
+        """The body's regressor (n, 6, 10) for its weight alone."""
+        still = np.zeros_like(self._misfit.motion)
+        still[:, BODY_A] = -self._gravity_in_body
+        return regressor(still)
 
     def _regressor(self, gravity: Array) -> Array:
         """The body's regressor (n, 6, 10) with this gravity (3,) in the first robot's home frame."""

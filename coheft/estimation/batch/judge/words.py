@@ -49,14 +49,21 @@ def words_of(suspect: Suspect, recording: Recording, misfit: WrenchMisfit) -> tu
             return name, f"the wrench of {whose} is in the axes of the home frame, not of the grasp frame"
         case Cause.TURNED:
             return name, turned_words(value.reshape(3, 3), whose)
+        case Cause.EXCHANGED:
+            return name, f"what {whose} gives as forces are moments, and the other way round: swap the columns"
         case Cause.DRIFT:
             return _drift_words(value[6:], recording, misfit)
         case Cause.COMPENSATED:
-            return None, "forces do not carry the weight: a controller has compensated it"
+            return _weight_words(value, recording, misfit)
         case Cause.CLOCK:
             late = "late" if value[0] > 0.0 else "early"
             clocks = f"wrenches of {whose} are {abs(1000.0 * value[0]):.3g} ms {late} against poses"
             return name, clocks if name else f"{clocks}, or poses of some robot are off in time"
+        case Cause.TIME:
+            return None, (
+                f"times are {value[0]:.4g} times as long as forces say: another unit or rate, or gravity is not "
+                f"{np.linalg.norm(recording.gravity):.4g} m/s²"
+            )
         case Cause.GRAVITY:
             angle = angle_deg(value, recording.gravity)
             return None, f"home frames are all tilted, by {angle:.3g} degrees against gravity"
@@ -88,6 +95,18 @@ def _drift_words(drift: Array, recording: Recording, misfit: WrenchMisfit) -> tu
     return name, (
         f"the zero of {name}'s sensor drifts, by ({f[0]:.2f}, {f[1]:.2f}, {f[2]:.2f}) N and ({t[0]:.3f}, {t[1]:.3f}, "
         f"{t[2]:.3f}) N·m per minute (another robot's could instead, with moments that go with it)"
+    )
+
+
+def _weight_words(value: Array, recording: Recording, misfit: WrenchMisfit) -> tuple[str | None, str]:
+    mass = float(value[0])
+    away = [float(np.linalg.norm(value[1:] / mass - pose.translation)) for pose in misfit.poses]
+    near = f"{recording.names[int(np.argmin(away))]} is nearest, at {min(away):.2g} m from its grasp frame"
+    if mass < 0.0:
+        return None, f"forces do not carry the weight of {-mass:.3g} kg: a controller has compensated it ({near})"
+    return None, (
+        f"forces also carry {mass:.3g} kg that do not move with the load ({near}): a tool, whose weight is not "
+        f"compensated, or something else that the load is connected with"
     )
 
 
