@@ -61,7 +61,7 @@ class NeighbourInbox:
         self._incarnations = dict.fromkeys(sorted(neighbours), 0)
         self._waiting: dict[tuple[str, int, int], list[NeighbourMessage]] = {}
         self._last: dict[str, int] = {}
-        self._seen = {name: set[int]() for name in self._incarnations}  # blocks of the latest incarnation's messages
+        self._used = {name: set[int]() for name in self._incarnations}  # blocks of the latest incarnation's messages
         self._misfits: set[str] = set()
         self._checked: dict[str, LinkState] = {}
 
@@ -92,12 +92,12 @@ class NeighbourInbox:
                 problems.append(f"refused from {message.sender}, block {message.block}: {problem}")
                 continue
             if message.incarnation != self._incarnations[message.sender]:
-                self._seen[message.sender].clear()
+                self._used[message.sender].clear()
             self._incarnations[message.sender] = message.incarnation
             gossip += message.gossip
             if takes_late and self._is_late(index, message) and fits(message.channels):
                 late.append(message)
-                self._last[message.sender] = index
+                self._note_use(index, message)
             if message.block >= index - 1:
                 waiting = self._waiting.setdefault((message.sender, message.incarnation, message.block), [])
                 if len(waiting) < _MAX_PER_BLOCK:
@@ -107,7 +107,8 @@ class NeighbourInbox:
             found = self._waiting.get((name, incarnation, index - 1))
             fitting = next((message for message in found or () if fits(message.channels)), None)
             if fitting is not None:
-                used[name], self._last[name] = fitting, index
+                used[name] = fitting
+                self._note_use(index, fitting)
                 self._misfits.discard(name)
             elif found and name not in self._misfits:
                 self._misfits.add(name)  # reported once, until one of its messages fits
@@ -125,14 +126,16 @@ class NeighbourInbox:
         return self._last[name]
 
     def _is_late(self, index: int, message: NeighbourMessage) -> bool:
-        """Whether a message comes too late, and for the first time."""
-        seen, oldest = self._seen[message.sender], max(0, index - 1 - LATE)
-        is_new = message.block >= oldest and message.block not in seen
-        if is_new:
-            seen.add(message.block)
-        if len(seen) > 2 * LATE:
-            self._seen[message.sender] = {block for block in seen if block >= oldest}
-        return is_new and message.block < index - 1
+        """Whether a message comes too late, and none of its block has been used."""
+        oldest = max(0, index - 1 - LATE)
+        return oldest <= message.block < index - 1 and message.block not in self._used[message.sender]
+
+    def _note_use(self, index: int, message: NeighbourMessage) -> None:
+        used = self._used[message.sender]
+        used.add(message.block)
+        self._last[message.sender] = index
+        if len(used) > 2 * LATE:
+            self._used[message.sender] = {block for block in used if block >= index - 1 - LATE}
 
     def _problem(self, index: int, message: NeighbourMessage) -> str | None:
         """Return why a message is invalid, None if it is valid."""

@@ -198,3 +198,13 @@ def test_late_messages_of_a_former_life_are_left_out() -> None:
     assert [each.block for each in inbox.take(102, [message("b", 98, incarnation=1)], takes_late=True).late] == [98]
     (new,) = inbox.take(103, [message("b", 98, incarnation=2)], takes_late=True).late
     assert new.incarnation == 2
+
+
+def test_a_message_that_cannot_be_read_does_not_keep_out_the_right_one_of_its_block() -> None:
+    inbox = NeighbourInbox(NEIGHBOURS)
+    wrong = replace(message("b", 99), channels={"x": np.zeros((2, 1))})
+    for index, coming in ((100, [wrong]), (101, []), (102, [message("b", 99), wrong])):
+        taken = inbox.take(index, coming, lambda channels: channels["x"].ndim == 1, takes_late=True)
+    assert [each.channels["x"].ndim for each in taken.late] == [1]
+    assert inbox.last_heard("b") == 102
+    assert inbox.take(103, [message("b", 99)], takes_late=True).late == []
