@@ -38,8 +38,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
-    """One more than there are cores: tests with processes wait for much of their time."""
-    return (os.cpu_count() or 1) + 1
+    """Two more than there are cores: tests with processes wait for much of their time."""
+    return (os.cpu_count() or 1) + 2
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -51,10 +51,10 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def _rank(item: pytest.Item) -> int:
-    """Pages come first, which take up to a minute each, then processes, then other slow tests: so that no worker is
-    left with a long one at the end, when the others have nothing to do any more.
+    """Pages and browsers come first, which take up to a minute each, then processes, then other slow tests: so that no
+    worker is left with a long one at the end, when the others have nothing to do any more.
     """
-    if item.path.name == "test_docs.py":
+    if item.path.name in ("test_docs.py", "test_view.py"):
         return 0
     if "integration" in item.path.parts:
         return 1
