@@ -5,10 +5,18 @@ from __future__ import annotations
 import msgspec
 import pytest
 
+from coheft.agents.efficient.session import Session
+from coheft.agents.efficient.settings import Guards
 from coheft.app.run.inprocess import run_in_process
+from coheft.estimation.measurement import SensorNoise
+from coheft.estimation.moments.fit_settings import FitSettings
+from coheft.estimation.moments.rows import RowNoise
+from coheft.estimation.moments.sensor_errors import SensorErrors
+from coheft.estimation.moments.unknowns import Unknowns
 from coheft.estimation.tolerance import SensorDrift
 from coheft.wire.messages.structs import Estimate
 from coheft.wire.scenario.file import load_scenario
+from tests.efficient.rows import LOAD, PERIOD, POSES, made_up_rows
 
 
 def estimates(drift: SensorDrift, seed: int, duration: float) -> list[Estimate]:
@@ -39,3 +47,48 @@ def test_a_gyro_that_wanders_fast_does_not_contradict_the_others() -> None:
     found = estimates(SensorDrift(gyro=0.024), 603, 9.0)
     late = [estimate.status == "valid" for estimate in found if estimate.time > 4.0]
     assert sum(late) / len(late) > 0.9
+
+
+def drifting_session() -> Session:
+    """A robot that has taken two seconds of rows, and knows that torque sensors drift."""
+    noise = RowNoise.of_samples(SensorNoise(), 20, 1000.0)
+    settings = FitSettings(noise, PERIOD, torque_offset=0.02, drift=SensorDrift(torque=0.02))
+    session = Session(len(POSES), 0, settings, Guards())
+    for number, row in enumerate(made_up_rows(100)):
+        session.take(number, row)
+    return session
+
+
+def test_sensors_drift_before_another_team_begins() -> None:
+    soon, late = drifting_session().prior(0.0), drifting_session().prior(60.0)
+    assert soon is not None
+    assert late is not None
+    offset = Unknowns(len(POSES), SensorErrors()).offset
+    known, less = (prior.evidence.information[offset, offset].diagonal()[3:] for prior in (soon, late))
+    assert (less < 0.7 * known).all()
+
+
+def test_sensors_drift_while_rows_are_missing() -> None:
+    session = drifting_session()
+    assert session.estimate is not None
+    offset = session.estimate.body.unknowns.offset
+    later = made_up_rows(40, first=3000)
+    for number, row in enumerate(later, 3000):
+        session.take(number, row)
+    deviations = session.estimate.covariance[offset, offset].diagonal()[3:] ** 0.5
+    whole = drifting_session()
+    for number, row in enumerate(made_up_rows(40, first=100), 100):
+        whole.take(number, row)
+    assert whole.estimate is not None
+    assert (deviations > 1.2 * whole.estimate.covariance[offset, offset].diagonal()[3:] ** 0.5).all()
+
+
+def test_a_new_load_is_soon_fitted_to_more_rows_although_sensors_drift() -> None:
+    session, load = drifting_session(), 1.3 * LOAD
+    fits = set[float]()
+    for number, row in enumerate(made_up_rows(60, load=load, first=100), 100):
+        session.take(number, row)
+        if session.changes and session.estimate is not None and session.estimate.state.load is not None:
+            fits.add(float(session.estimate.state.load[6]))
+    assert len(session.changes) == 1
+    assert len(fits) > 4
