@@ -7,12 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from coheft.agents.efficient.innovations import Innovations
 from coheft.agents.efficient.session import Session
 from coheft.agents.efficient.settings import Guards
 from coheft.agents.efficient.stages import Stage
 from coheft.estimation.geometry.spatial import Array, Pose, rotation_exp, rotation_log
 from coheft.estimation.measurement import SensorNoise
+from coheft.estimation.moments.chapter import Chapter
 from coheft.estimation.moments.fit_settings import FitSettings
+from coheft.estimation.moments.row_buffer import RowBuffer
 from coheft.estimation.moments.rows import FORCE, ROW_SIZE, TORQUE, A, RowNoise, V, W
 from tests.efficient.rows import LOAD, PERIOD, POSES, made_up_rows
 
@@ -147,3 +150,22 @@ def test_of_two_slips_each_is_named() -> None:
     found = fed(rows)
     assert [slip.robot for slip in found.slips] == [1, 3]
     assert largest_error(found, tuple(again)) < 5.0
+
+
+def test_the_offsets_of_gyros_are_those_from_before_a_slip() -> None:
+    noise = RowNoise.of_samples(SensorNoise(), 20, 1000.0)
+    settings, rows = FitSettings(noise, PERIOD), made_up_rows(60)
+    rows[:, 24:27] += 3.0 * noise.kinematics[0, :3]
+    session = Session(len(POSES), 0, settings, replace(Guards(), misfit=1e-300, contradiction=1e-300, energy=1e9))
+    for number, row in enumerate(rows):
+        session.take(number, row)
+    estimate, before = session.estimate, session._known.innovations
+    assert estimate is not None
+    slip = np.zeros(estimate.body.unknowns.size)
+    slip[estimate.body.unknowns.poses[2]] = 0.1
+    body = settings.body(estimate.state.moved(slip, estimate.body.unknowns, 6.0))
+    after = replace(estimate, body=body)
+    chapter = Chapter(RowBuffer(rows.shape[1], False), settings)
+    kept, wrong = (Innovations(after, chapter, past).excess for past in (before.past_before_slip, before.past))
+    assert np.abs(before.excess).max() > 1.0
+    assert np.abs(kept - before.excess).max() < 0.2 * np.abs(wrong - before.excess).max()
