@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +20,10 @@ _FASTER = 1.5
 _ALIAS = 0.4
 """with this share of the common rate as cutoff."""
 _FEWEST = 4
+_LOST = 0.1
+"""Time at either end that only some sensors cover, which is left out without a remark [s]."""
+_SHOWN = 4
+"""Largest number of gaps that are named."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +87,7 @@ def aligned(streams: Mapping[str, Mapping[str, Stream]]) -> tuple[dict[str, Robo
             raise RecordingError(f"all sensors together cover {start:g} s to {end:g} s: too little. Record for longer")
         time = start + step * np.arange(count, dtype=np.float64)
         remarks.append(
-            f"sensors have different times: they are resampled at {1.0 / step:.4g} samples per second, the rate of "
+            f"{_differences(named.values())}: all are resampled at {1.0 / step:.4g} samples per second, the rate of "
             f"{slowest}"
         )
     robots = {
@@ -91,6 +95,17 @@ def aligned(streams: Mapping[str, Mapping[str, Stream]]) -> tuple[dict[str, Robo
         for robot, own in streams.items()
     }
     return robots, remarks
+
+
+def _differences(streams: Collection[Stream]) -> str:
+    """How the times of sensors are not the same regular ones, in words."""
+    steps = np.concatenate([np.diff(stream.time) for stream in streams])
+    first = next(iter(streams))
+    are_same = all(np.array_equal(stream.time, first.time) for stream in streams)
+    return (
+        f"samples are not taken at {'regular' if are_same else 'the same regular'} times, but {1e3 * steps.min():.4g} "
+        f"to {1e3 * steps.max():.4g} ms after one another"
+    )
 
 
 def _covered(streams: Mapping[str, Stream]) -> tuple[float, float, list[str]]:
@@ -110,7 +125,10 @@ def _covered(streams: Mapping[str, Stream]) -> tuple[float, float, list[str]]:
         if over > start and begin < end
     )
     if not gaps:
-        return start, end, []
+        lost = max(max(s.time[-1] - end, start - s.time[0]) for s in streams.values())
+        if lost < _LOST:
+            return start, end, []
+        return start, end, [f"only the time that all sensors cover is used, from {start:.3f} s to {end:.3f} s"]
     # Gaps may overlap: a part begins where all previous gaps have ended.
     parts, since = [], start
     for begin, over, _ in gaps:
@@ -118,14 +136,19 @@ def _covered(streams: Mapping[str, Stream]) -> tuple[float, float, list[str]]:
         since = max(since, over)
     parts.append((since, end))
     start, end = max(parts, key=lambda part: part[1] - part[0])
-    begin, over, name = max(gaps, key=lambda gap: gap[1] - gap[0])
-    many = f", the longest of {len(gaps)} gaps" if len(gaps) > 1 else ""
+    spans = list(dict.fromkeys((begin, over) for begin, over, _ in gaps))
+    longest = sorted(sorted(spans, key=lambda span: span[0] - span[1])[:_SHOWN])
+    more = f" and in {len(spans) - _SHOWN} shorter gaps" if len(spans) > _SHOWN else ""
+    names = list(dict.fromkeys(name for _, _, name in gaps))
+    whose = f"{', '.join(names)} {'have' if len(names) > 1 else 'has'} no"
+    whose = "there are no" if len(names) == len(streams) else whose
+    listed = ", ".join(f"from {begin:.3f} s to {over:.3f} s" for begin, over in longest)
     return (
         start,
         end,
         [
-            f"{name} has no samples from {begin:.3f} s to {over:.3f} s{many}: only the longest part without gaps is "
-            f"used, from {start:.3f} s to {end:.3f} s"
+            f"{whose} samples {listed}{more}: only the longest part without gaps is used, from {start:.3f} s to "
+            f"{end:.3f} s"
         ],
     )
 

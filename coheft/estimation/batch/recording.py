@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -141,6 +141,20 @@ class Recording:
     def span(self) -> str:
         """Begin and end, in words."""
         return f"{self.time[0]:g} s to {self.time[-1]:g} s"
+
+
+def is_regular(times: Sequence[Array]) -> bool:
+    """Whether robots were sampled at the same regular times.
+
+    Args:
+        times: Times of each robot's samples, shape (n,) each, n at least 2 [s].
+    """
+    steps = np.diff(times[0])
+    return (
+        len({len(time) for time in times}) == 1
+        and all(np.ptp(np.diff(time)) <= 2.0 * _TIME_TOLERANCE * np.diff(time).mean() + 1e-9 for time in times)
+        and all(np.abs(time - times[0]).max() <= _TIME_TOLERANCE * steps.mean() + 1e-9 for time in times)
+    )
 
 
 def check_recording(recording: Recording) -> None:

@@ -5,12 +5,37 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
+import numpy as np
+
 from coheft.estimation.batch.alignment import Stream, aligned
-from coheft.estimation.batch.recording import RobotRecord
+from coheft.estimation.batch.recording import CHANNELS, RobotRecord, check_samples, is_regular
 from coheft.wire.process.log import LOG
 
 _EPOCH = 1e8
 """Larger times are those of a clock that counts from 1970 [s]: three years."""
+
+
+def streams_of_robot(robot: RobotRecord) -> dict[str, Stream]:
+    """Return a robot's recorded channels separately."""
+    found = {channel: getattr(robot, channel) for channel in CHANNELS}
+    return {channel: Stream(robot.time, values) for channel, values in found.items() if values is not None}
+
+
+def at_common_times(robots: Mapping[str, RobotRecord]) -> dict[str, RobotRecord]:
+    """Resample robots whose times are unsteady, have gaps, or differ from robot to robot; others stay as they are.
+
+    Raises:
+        RecordingError: There are too few samples, or no time that all robots cover, or samples are not valid.
+    """
+    times = [robot.time for robot in robots.values()]
+    if not times or any(len(time) < 2 or np.diff(time).min() <= 0.0 for time in times) or is_regular(times):
+        return dict(robots)
+    for name, robot in robots.items():
+        check_samples(name, robot)
+    found, remarks = aligned({name: streams_of_robot(robot) for name, robot in robots.items()})
+    for remark in remarks:
+        LOG.warning(f"coheft: {remark}")
+    return found
 
 
 def align(streams: Mapping[str, Mapping[str, Stream]]) -> tuple[dict[str, RobotRecord], float]:

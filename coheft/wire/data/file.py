@@ -18,6 +18,7 @@ from coheft.errors import RecordingError, one_line
 from coheft.estimation.batch.recording import GRAVITY, Recording, check_recording
 from coheft.estimation.geometry.spatial import Array
 from coheft.wire.data.checks import TIME, TRUTH, channels_of, gravity_of, holds_of, noise_of, robot_of, truth_of
+from coheft.wire.data.common_times import at_common_times
 from coheft.wire.data.folder import read_folder, write_folder
 from coheft.wire.data.replace import replace_files
 from coheft.wire.data.units import holds_in_seconds, span_of
@@ -136,7 +137,7 @@ def recording_of(arrays: Mapping[str, npt.ArrayLike]) -> Recording:
     truth = tables.pop(TRUTH, {})
     if not tables:
         raise RecordingError(f"no robots in it; expected arrays ROBOT/{TIME} and ROBOT/CHANNEL of each")
-    robots = {name: robot_of(name, table) for name, table in tables.items()}
+    robots = at_common_times({name: robot_of(name, table) for name, table in tables.items()})
     return Recording(
         robots=robots,
         gravity=_gravity(shared),

@@ -18,7 +18,7 @@ from coheft.estimation.batch.alignment import Stream
 from coheft.estimation.batch.recording import Recording, RobotRecord
 from coheft.estimation.geometry.spatial import Array
 from coheft.wire.data.checks import COLUMNS, TIME, channels_of, holds_of, robot_of
-from coheft.wire.data.common_times import align
+from coheft.wire.data.common_times import align, at_common_times, streams_of_robot
 from coheft.wire.data.replace import replace_files
 from coheft.wire.data.ros_columns import is_of_ros, robot_named, streams_of
 from coheft.wire.data.table import Table, read_table
@@ -145,12 +145,12 @@ def _read_robots(files: Sequence[Path]) -> tuple[dict[str, RobotRecord], float]:
     """Return robots by name, and the start of their times [s]: not 0 if clocks count from 1970, as in ROS."""
     tables = {file: read_table(file) for file in files}
     if not any(is_of_ros(table) for table in tables.values()):
-        return {file.stem: _robot_of(file.stem, table) for file, table in tables.items()}, 0.0
+        return at_common_times({file.stem: _robot_of(file.stem, table) for file, table in tables.items()}), 0.0
     streams: dict[str, dict[str, Stream]] = {}
     for file, table in tables.items():
         is_topic = is_of_ros(table)
         name = robot_named(file.stem) if is_topic else file.stem
-        found = streams_of(table) if is_topic else _streams(_robot_of(name, table))
+        found = streams_of(table) if is_topic else streams_of_robot(_robot_of(name, table))
         own = streams.setdefault(name, {})
         for channel, stream in found.items():
             if channel in own:
@@ -167,12 +167,6 @@ def _read_robots(files: Sequence[Path]) -> tuple[dict[str, RobotRecord], float]:
         )
     LOG.warning(f"coheft: files are taken for topics as 'rostopic echo -p' writes them, by their names of {each}")
     return align(streams)
-
-
-def _streams(robot: RobotRecord) -> dict[str, Stream]:
-    """Return a robot's recorded channels separately."""
-    found = {channel: getattr(robot, channel) for channel in COLUMNS}
-    return {channel: Stream(robot.time, values) for channel, values in found.items() if values is not None}
 
 
 def _robot_of(name: str, table: Table) -> RobotRecord:

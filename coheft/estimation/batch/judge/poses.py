@@ -15,6 +15,8 @@ _SURE = 6.0
 """Standard deviations beyond which a difference is no chance."""
 _STRETCHED = 5e-4
 """Relative difference of lengths that does not matter."""
+_FINEST = 1e-6
+"""Effect on poses that no sensor resolves, but rounding may have [m]."""
 _LATE = 1e-3
 """Difference of clocks that does not matter [s]."""
 
@@ -57,9 +59,10 @@ def _stretched(evidence: Evidence, views: Views) -> Verdict | None:
         return None
     names, (count, batches) = evidence.recording.names, views.rest.shape[:2]
     gains, factors, deviations = np.empty((3, count))
+    columns = np.empty((count, batches, 6))
     for robot, positions in enumerate(views.positions):
         column = np.hstack([np.zeros((batches, 3)), positions]) * views.scale
-        column = column - views.basis @ np.einsum("biq,bi->q", views.basis, column)
+        columns[robot] = column = column - views.basis @ np.einsum("biq,bi->q", views.basis, column)
         size = float(np.sum(column**2))
         own = views.rest[robot] * count / (count - 1)
         excess = float(np.sum(column * own)) / size
@@ -71,7 +74,8 @@ def _stretched(evidence: Evidence, views: Views) -> Verdict | None:
         gains[robot], factors[robot], deviations[robot] = excess**2 * size, 1.0 + excess, np.sqrt(variance)
     worst = int(np.argmax(gains))
     factor, std, culprit = float(factors[worst]), float(deviations[worst]), evidence.culprit(worst)
-    if abs(factor - 1.0) < max(_SURE * std, _STRETCHED):
+    effect = abs(factor - 1.0) * np.sqrt(np.mean((columns[worst] / views.scale) ** 2))
+    if abs(factor - 1.0) < max(_SURE * std, _STRETCHED) or effect < _FINEST:
         return None
     other = "" if culprit else f", or those of {names[1 - worst]} {1.0 / factor:.4g} times"
     return Verdict(
