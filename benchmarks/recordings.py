@@ -27,6 +27,7 @@ from coheft.app.identify.methods import identify
 from coheft.errors import RecordingError
 from coheft.estimation.batch.identification import Identification
 from coheft.estimation.batch.judge.mend import MENDABLE
+from coheft.estimation.batch.judge.verdict import ALL
 from coheft.estimation.batch.recording import Recording
 
 _FAR, _SURE, _ROBOTS = 5.0, 10.0, 3
@@ -43,7 +44,9 @@ class Trial(msgspec.Struct):
         seconds: CPU time of the identification [s].
         is_refuted: Whether the recording was refuted or refused.
         cause: The named cause.
-        is_right: Whether cause and robot are right; None if there is none to name.
+        is_right: Whether cause and robot are right, or the robot is among those that are named; None if there is none
+            to name.
+        is_open: Whether several robots are named.
         margin: Margin over the second best cause.
         off: Largest error in standard deviations of an accepted result, or of one with ``--assume``.
         words: Text of the verdict.
@@ -57,6 +60,7 @@ class Trial(msgspec.Struct):
     is_refuted: bool
     cause: str = ""
     is_right: tuple[bool, bool] | None = None
+    is_open: bool = False
     margin: float = 0.0
     off: float | None = None
     words: str = ""
@@ -124,9 +128,10 @@ def try_recording(what: str, seed: int, method: Method | None = None) -> Trial:
     elif verdict is None or not verdict.is_refuted:
         trial.words = found.doubts[0]
     else:
+        trial.is_open = bool(verdict.rivals)
         trial.cause, trial.margin, trial.words = str(verdict.cause), verdict.margin, verdict.words
         if case.causes:
-            trial.is_right = verdict.cause in case.causes, verdict.robot == case.robot
+            trial.is_right = verdict.cause in case.causes, (case.robot or ALL) in verdict.candidates
         is_told = case.robot is None or not verdict.is_open
         if trial.is_right is not None and trial.is_right[0] and verdict.cause in MENDABLE and is_told:
             adopted = identify(recording, Options(method=options.method, assume=verdict.cause))
@@ -174,7 +179,8 @@ def summary(what: str, trials: list[Trial]) -> str:
     if named:
         words.append(f"named rightly {sum(one[0] for one in named)} of {len(named)} with a margin above {_SURE:g}")
     if whose:
-        words.append(f"robot right {sum(whose)} of {len(whose)}")
+        several = sum(trial.is_open for trial in refuted if trial.is_right is not None and trial.robots >= _ROBOTS)
+        words.append(f"robot right {sum(whose)} of {len(whose)} ({several} times among several)")
     if adopted:
         words.append(f"adopted within {_FAR:g} std {sum(adopted)} of {len(adopted)}")
     return "; ".join(words)

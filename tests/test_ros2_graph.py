@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from coheft.app.recording import ros
-from coheft.app.ros2.graph import Seen, reasons, seen_in
+from coheft.app.ros2.graph import Seen, reasons, seen_in, shared
 from coheft.app.ros2.names import Node, Topic, attachment, check_ros_names, namespace_of
 from coheft.app.ros2.node import open_node, typed_topic
 from coheft.errors import CoheftError, LinkError
@@ -74,7 +74,14 @@ def test_tokens_of_others_are_read() -> None:
 @pytest.mark.parametrize(
     ("published", "reason"),
     [
-        ([], "/r1/wrench: not published, nor anything else of type geometry_msgs/WrenchStamped, in ROS domain 0"),
+        (
+            [],
+            "/r1/wrench: no node publishes anything by this router: do nodes run, with RMW_IMPLEMENTATION=",
+        ),
+        (
+            [publisher(LOG)],
+            "/r1/wrench: not published, nor anything else of type geometry_msgs/WrenchStamped, in ROS domain 0",
+        ),
         ([publisher(WRENCH)], "/r1/wrench: node /arm has a publisher, but nothing comes from it"),
         (
             [publisher(typed_topic("/r1/wrench", "geometry_msgs/msg/Wrench"))],
@@ -106,6 +113,18 @@ def test_tokens_of_others_are_read() -> None:
 def test_what_is_published_instead_is_told(published: list[str], reason: str) -> None:
     (line,) = reasons([WRENCH], seen_in(published), domain=0)
     assert reason in line
+
+
+def test_topics_of_other_robots_are_in_no_ones_place() -> None:
+    seen = seen_in([publisher(typed_topic("/r2/wrench", WRENCH.kind))])
+    (line,) = reasons([WRENCH], seen, 0, {"/r1/wrench", "/r2/wrench"})
+    assert "not published, nor anything else" in line
+
+
+def test_topics_with_several_publishers_are_told() -> None:
+    seen = seen_in([publisher(WRENCH), publisher(WRENCH, node="ft"), publisher(WRENCH, 7)])
+    assert shared([WRENCH], seen, 7) == []
+    assert shared([WRENCH], seen, 0) == ["/r1/wrench has 2 publishers, nodes /arm, /ft: expected one, end the others"]
 
 
 def test_topics_with_the_same_reason_share_a_line() -> None:

@@ -86,7 +86,8 @@ class VerdictReport(msgspec.Struct, frozen=True):
     Attributes:
         refuted: Whether it does not.
         cause: The fault, or "unknown" if no single one explains the recording; empty if there is none.
-        robot: The robot that has the fault; None if it is no single one.
+        robot: The robot that has the fault; None if it is no single one, or if it is not known which one.
+        candidates: If it is not known which one, those that are nearly equally likely: robots, or "all robots".
         value: Parameters of the fault, see ``coheft.estimation.batch.judge.suspects``.
         ratio: Size of the residuals, in multiples of what noise explains.
         margin: Twice the log likelihood ratio to the second likeliest fault.
@@ -100,6 +101,7 @@ class VerdictReport(msgspec.Struct, frozen=True):
     refuted: bool
     cause: str
     robot: str | None
+    candidates: list[str]
     value: list[float]
     ratio: float
     margin: float
@@ -158,7 +160,8 @@ def _verdict(found: Identification) -> VerdictReport | None:
     return VerdictReport(
         refuted=verdict.is_refuted,
         cause=verdict.cause,
-        robot=verdict.robot,
+        robot=None if verdict.rivals else verdict.robot,
+        candidates=list(verdict.candidates) if verdict.rivals else [],
         value=list(verdict.value),
         ratio=verdict.ratio,
         margin=verdict.margin,

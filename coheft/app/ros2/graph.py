@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 
 from coheft.app.ros2.names import Topic
@@ -53,22 +53,42 @@ def seen_in(tokens: Iterable[str]) -> list[Seen]:
     return found
 
 
-def reasons(silent: Sequence[Topic], seen: Sequence[Seen], domain: int) -> list[str]:
+def shared(topics: Sequence[Topic], seen: Sequence[Seen], domain: int) -> list[str]:
+    """Describe topics that several nodes publish, whose messages are mixed; arguments as of ``reasons``."""
+    lines = []
+    for topic in topics:
+        nodes = sorted(one_line(each.node) for each in seen if each.topic == topic.name and each.domain == domain)
+        if len(nodes) > 1:
+            lines.append(
+                f"{topic.name} has {len(nodes)} publishers, nodes {', '.join(nodes)}: expected one, end the others"
+            )
+    return lines
+
+
+def reasons(
+    silent: Sequence[Topic], seen: Sequence[Seen], domain: int, own: Collection[str] = frozenset()
+) -> list[str]:
     """Describe why no messages arrive on some topics: a line for each reason, with all topics to which it applies.
 
     Args:
         silent: The topics, with the expected types.
         seen: Nodes and publishers.
         domain: Domain in which messages are expected.
+        own: Names of all topics that are expected, which are in no other's place.
     """
     publishers = [each for each in seen if each.topic]
+    if not publishers:
+        return [
+            f"{', '.join(topic.name for topic in silent)}: no node publishes anything by this router: do nodes run, "
+            f"with RMW_IMPLEMENTATION=rmw_zenoh_cpp?"
+        ]
     lines: dict[str, list[str]] = {}
     for topic in silent:
-        lines.setdefault(_reason(topic, publishers, domain), []).append(topic.name)
+        lines.setdefault(_reason(topic, publishers, domain, own), []).append(topic.name)
     return [f"{', '.join(names)}: {reason}" for reason, names in lines.items()]
 
 
-def _reason(topic: Topic, publishers: Sequence[Seen], domain: int) -> str:
+def _reason(topic: Topic, publishers: Sequence[Seen], domain: int, own: Collection[str]) -> str:
     expected = _short(topic.kind)
     same_name = [each for each in publishers if each.topic == topic.name]
     here = [each for each in same_name if each.domain == domain]
@@ -93,10 +113,16 @@ def _reason(topic: Topic, publishers: Sequence[Seen], domain: int) -> str:
         return (
             f"not published, but {', '.join(map(one_line, elsewhere))} is: remap it, or choose --namespace {namespace}"
         )
-    others = sorted({each.topic for each in publishers if each.domain == domain and each.kind == topic.kind})
+    others = sorted(
+        {
+            each.topic
+            for each in publishers
+            if each.domain == domain and each.kind == topic.kind and each.topic not in own
+        }
+    )
     if others:
         more = " and others" if len(others) > _SHOWN else ""
-        return f"not published; of type {expected} there is {', '.join(map(one_line, others[:_SHOWN]))}{more}"
+        return f"not published; of type {expected} there is {', '.join(map(one_line, others[:_SHOWN]))}{more}: remap it"
     domains = sorted({each.domain for each in publishers})
     if domain in domains or not domains:
         return f"not published, nor anything else of type {expected}, in ROS domain {domain}"

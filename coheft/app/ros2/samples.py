@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from coheft.app.recording import ros
+from coheft.app.ros2.pace import Pace
 from coheft.app.ros2.stamps import Stamps
 from coheft.errors import MessageError
 from coheft.estimation.geometry.spatial import Array
@@ -72,12 +73,14 @@ class BlockBuilder:
         given_up: Number of blocks that were never complete.
         counts: Measurements that have arrived since the last complete block, by stream.
         behind: Time by which the last of these is older than the next possible block [s]; 0 if it is not.
+        paces: The pace of each stream.
     """
 
     def __init__(self, robot: str, rate: int, block: int, epoch: int, stamps: Stamps) -> None:
         self.given_up = 0
         self.counts = dict.fromkeys(STREAMS, 0)
         self.behind = 0.0
+        self.paces = {stream: Pace() for stream in STREAMS}
         self._robot = robot
         self._stamps = stamps
         self._rate, self._block, self._epoch = rate, block, epoch
@@ -97,6 +100,7 @@ class BlockBuilder:
             MessageError: Its stamp is too far in the future.
         """
         self.counts[stream] += 1
+        self.paces[stream].note(time, arrival)
         self.behind = 0.0
         self._stamps.check(self._robot, time, arrival)
         sample = (2 * (time - self._epoch) * self._rate + 10**9) // (2 * 10**9)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Hashable, Iterable, Mapping
 from functools import partial
 from typing import NoReturn
 
@@ -12,8 +12,11 @@ import zenoh
 
 from coheft.app.recording import ros
 from coheft.app.ros2.bridge import Bridge
-from coheft.app.ros2.graph import reasons
+from coheft.app.ros2.contents import Contents
+from coheft.app.ros2.graph import reasons, shared
+from coheft.app.ros2.names import Topic
 from coheft.app.ros2.node import RosNode, typed_topic
+from coheft.app.ros2.pace import words_of
 from coheft.app.ros2.readings import Readings
 from coheft.app.ros2.samples import STREAMS, BlockBuilder
 from coheft.app.ros2.stamps import LIMIT, Stamps
@@ -51,7 +54,7 @@ class Team:
         self._node = node
         self._inbox = inbox
         self._tell = tell
-        self._told: set[str] = set()
+        self._told: set[Hashable] = set()
         self._links: dict[str, RobotLink] = {}
         self._configs: dict[str, AgentConfig] = {}
         self._next: dict[str, int] = {}
@@ -130,8 +133,10 @@ class Team:
             name: BlockBuilder(name, agent.rate, agent.block, self._epoch, stamps)
             for name, agent in self._configs.items()
         }
+        contents = Contents({name: agent.rate / agent.block for name, agent in self._configs.items()})
         fed_at = dict.fromkeys(builders, time.monotonic())
         refused_at = dict.fromkeys(((name, stream) for name in builders for stream in STREAMS), -math.inf)
+        next_look = time.monotonic() + _SILENCE
         while True:
             for robot, stream, stamp, values, arrival in self._readings.take(_POLL):
                 try:
@@ -143,8 +148,15 @@ class Team:
                     continue
                 if block is not None:
                     self._feed(robot, *block)
+                    contents.note(robot, *block)
                     fed_at[robot] = time.monotonic()
             self._hear_agents(0.0)
+            if time.monotonic() > next_look:
+                next_look = time.monotonic() + _SILENCE
+                self._tell_paces(builders)
+                rate = min(agent.rate for agent in self._configs.values())
+                if complaint := contents.complaint(rate):
+                    self._complain(complaint, "contents")
             unfed = [name for name, moment in fed_at.items() if time.monotonic() > moment + _SILENCE]
             for name in unfed:
                 fed_at[name] = time.monotonic()
@@ -221,16 +233,36 @@ class Team:
         stamp = self._epoch + first * 10**9 // config.rate
         self._node.publish(f"/{name}/reference/wrench", ros.wrench(stamp, name, reference.wrench))
 
-    def _complain(self, text: str) -> None:
-        if text not in self._told and len(self._told) < _LINES:
-            self._told.add(text)
+    def _complain(self, text: str, about: Hashable = None) -> None:
+        """Print a complaint, unless it, or another one about the same, has been printed."""
+        about = about or text
+        if about not in self._told and len(self._told) < _LINES:
+            self._told.add(about)
             self._tell(text)
+
+    def _tell_paces(self, builders: Mapping[str, BlockBuilder]) -> None:
+        """Report streams whose stamps are wrong, and those that several nodes publish."""
+        paces = {name: builder.paces for name, builder in builders.items()}
+        for about, words in words_of(paces, {name: self._configs[name].rate for name in builders}).items():
+            self._complain(words, about)
+        if self._node.has_router:
+            for line in shared(self._topics(builders), self._node.seen(), self._node.domain):
+                self._complain(line)
+
+    def _topics(self, names: Iterable[str]) -> list[Topic]:
+        """Return the topics of some robots."""
+        return [
+            typed_topic(self._node.full(f"/{name}/{stream}"), what.kind)
+            for name in names
+            for stream, what in STREAMS.items()
+        ]
 
     def _tell_silence(self, streams: Iterable[tuple[str, str]]) -> None:
         """Report streams without measurements, and what is published instead."""
         if silent := [each for each in streams if each not in self._readings.came]:
             topics = [typed_topic(self._node.full(f"/{name}/{kind}"), STREAMS[kind].kind) for name, kind in silent]
-            for reason in reasons(topics, self._node.seen(), self._node.domain):
+            own = {topic.name for topic in self._topics(self._links)}
+            for reason in reasons(topics, self._node.seen(), self._node.domain, own):
                 self._complain(f"nothing has come on {reason}")
 
 

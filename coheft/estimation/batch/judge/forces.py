@@ -13,7 +13,7 @@ from coheft.estimation.batch.judge.mend import MENDABLE, mend
 from coheft.estimation.batch.judge.motions import gravity_factors
 from coheft.estimation.batch.judge.sensors import FORCES, MOMENTS, missing_axis, silent_sensor
 from coheft.estimation.batch.judge.suspects import Suspect, Suspects, forces_instead
-from coheft.estimation.batch.judge.verdict import Cause, Verdict
+from coheft.estimation.batch.judge.verdict import ALL, Cause, Verdict
 from coheft.estimation.batch.judge.words import angle_deg, is_ambiguous, is_unit_of_all, words_of
 from coheft.estimation.batch.judge.wrench_misfit import BODY_NUMBERS, Fit, WrenchMisfit
 from coheft.estimation.geometry.spatial import Array
@@ -34,6 +34,10 @@ _ALMOST = 0.05
 """Difference of a factor from minus one that calibration may explain."""
 _CLOSE = 10.0
 """Faults whose gains differ by less are nearly equally likely."""
+_OFF = 0.2
+"""Home frames that are off by more than this share of the largest angle are not level."""
+_ALIKE = 2.0
+"""Largest difference in standard deviations between loads that are the same, whichever robot is corrected."""
 _HIDING = (Cause.OFFSET, Cause.LEVER, Cause.SCALE, Cause.FORCE_SCALE, Cause.CLOCK, Cause.GRAVITY)
 """Faults that sensors may well have without being noticed."""
 _OF_CALIBRATION = (Cause.COMPENSATED, Cause.TIME)
@@ -90,21 +94,29 @@ def judge_forces(evidence: Evidence, assumed: str | None) -> Verdict:
             margin=found[0].gain - second.gain,
             second=second.cause.value,
         )
-    others = (one for one in found if one.cause is not best.cause)
-    second = next(one for one in others if one in mending or one.gain < best.gain)  # others leave more than noise
+    unlike = (one for one in found if one.cause is not best.cause)
+    second = next(one for one in unlike if one in mending or one.gain < best.gain)  # others leave more than noise
     robot, words = words_of(best, recording, misfit)
+    if best.cause is Cause.GRAVITY:
+        off, wrong = _not_level(homes @ recording.gravity, best.value, evidence)
+        if 0 < len(wrong) < len(off):
+            robot = wrong[0] if len(wrong) == 1 else None
+            words = f"the home frame of {', '.join(wrong)} is tilted, by {max(off):.3g} degrees against gravity"
     margin = best.gain - second.gain
-    is_shared = best.cause is Cause.MOMENT_SCALE  # moments of robots may be alike
-    alike = [one for one in confirmed[1:] if is_shared and one.cause is best.cause]
-    is_open = bool(alike) or is_ambiguous(best, recording) or (is_unit_of_all(best) and best.cause != assumed)
+    is_open = is_ambiguous(best, recording) or (is_unit_of_all(best) and best.cause != assumed)
+    alike = [] if is_open else [one for one in confirmed if one is not best and one.cause is best.cause]
+    is_open = is_open or any(_apart(best.fit, one.fit) > _ALIKE for one in alike)
     mass = None if is_open else _mass_of(best.fit)
     with_it = "" if mass is None else f". With it estimated along, the mass is {mass[0]:.4g} kg (std {mass[1]:.2g} kg)"
+    rivals: tuple[str, ...] = ()
     rest = f"; another fault, {second.cause.value}, explains it nearly as well" if margin < _CLOSE else ""
     if alike:
-        robot = None
-        rest = "".join(f"; or {words_of(one, recording, misfit)[1]}" for one in alike) + rest
+        others = [words_of(one, recording, misfit) for one in alike]
+        rest = "".join(f"; or {each}" for _, each in others) + ": which of these is not known" + rest
+        rivals = tuple(name or ALL for name, _ in others)
     return replace(
         _verdict_of(best, robot, homes),
+        rivals=rivals,
         words=f"{misfits}. One fault explains this: {words}{rest}{with_it}",
         ratio=float(np.sqrt(plain.inside)),
         margin=margin,
@@ -112,6 +124,13 @@ def judge_forces(evidence: Evidence, assumed: str | None) -> Verdict:
         mass=mass,
         is_open=is_open,
     )
+
+
+def _apart(one: Fit, other: Fit) -> float:
+    """Largest difference between two fits of the load, in standard deviations."""
+    known = slice(BODY_NUMBERS)
+    std = np.sqrt(np.maximum(np.diag(one.covariance)[known], 1e-300))
+    return float(np.max(np.abs(one.solution[known] - other.solution[known]) / std))
 
 
 def _verdict_of(suspect: Suspect, robot: str | None, homes: Array) -> Verdict:
@@ -197,6 +216,13 @@ def _homes(misfit: WrenchMisfit) -> Array:
     return np.array([Rotation.from_matrix(seen[0] @ own.swapaxes(-1, -2)).mean().as_matrix() for own in seen])
 
 
+def _not_level(down: Array, gravity: Array, evidence: Evidence) -> tuple[list[float], list[str]]:
+    """Angles [degrees] between directions down (N, 3) and gravity (3,), and the names of the robots that are off."""
+    off = [angle_deg(one, gravity) for one in down]
+    least = max(_OFF * max(off), _SURE * np.degrees(evidence.turns))
+    return off, [name for name, angle in zip(evidence.recording.names, off, strict=True) if angle > least]
+
+
 def _level(homes: Array, evidence: Evidence, suspects: Suspects, plain: Fit) -> Verdict | None:
     """Find home frames whose z axes are not parallel; forces tell which of them are not level."""
     recording = evidence.recording
@@ -213,8 +239,7 @@ def _level(homes: Array, evidence: Evidence, suspects: Suspects, plain: Fit) -> 
             f"frames, and not the other way round? Are wrenches in the axes of the grasp frames?"
         )
         return Verdict(Cause.UNKNOWN, words=words, ratio=ratio)
-    off = [angle_deg(one, by_forces.value) for one in down]
-    wrong = [name for name, angle in zip(recording.names, off, strict=True) if angle > 0.2 * max(off)]
+    off, wrong = _not_level(down, by_forces.value, evidence)
     who = ", ".join(wrong)
     mass, std = _mass_of(by_forces.fit)
     return Verdict(

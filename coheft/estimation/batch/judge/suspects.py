@@ -22,6 +22,8 @@ from coheft.estimation.batch.judge.wrench_misfit import BODY_NUMBERS, REWEIGHTIN
 from coheft.estimation.geometry.body_motion import BODY_A
 from coheft.estimation.geometry.spatial import Array, skew
 
+_HEAVY = 3.0
+"""A load has a mass of at least so many of its standard deviations."""
 _STEP = 0.06
 """Duration of a change of the load [s]."""
 _LONGEST_DELAY, _DELAY_STEP, _DELAY_FOUND = 0.5, 0.05, 2e-4
@@ -70,9 +72,8 @@ class Suspects:
             (None, indices),
         ]
         if misfit.signals.rotation is not None:
-            rotations = [self._body_rotations(robot) for robot in range(self._count)]
-            self._rotations = rotations[0]
-            self._gravity_in_body = np.mean([gravity @ own for own in rotations], axis=0)
+            self._rotations = [self._body_rotations(robot) for robot in range(self._count)]
+            self._gravity_in_body = np.mean([gravity @ own for own in self._rotations], axis=0)
             """Gravity in the body frame, mean over the robots, shape (n, 3)."""
         self._unknown_cost = float(np.log(misfit.plain.residual.size))
         self._robot_cost = 2.0 * float(np.log(self._count))
@@ -91,7 +92,8 @@ class Suspects:
     def _suspect(self, cause: Cause, robot: int | None, fit: Fit, unknowns: int, value: Array | None = None) -> Suspect:
         cost = unknowns * self._unknown_cost + (self._robot_cost if robot is not None else 0.0)
         # A fault with which the load would have no mass is impossible.
-        gain = self._misfit.plain.misfit - fit.misfit - cost if fit.solution[0] > 0.0 else -np.inf
+        has_mass = fit.solution[0] > _HEAVY * np.sqrt(max(float(fit.covariance[0, 0]), 0.0))
+        gain = self._misfit.plain.misfit - fit.misfit - cost if has_mass else -np.inf
         return Suspect(cause, robot, fit, gain, fit.solution[BODY_NUMBERS:] if value is None else value)
 
     def _offset(self) -> Iterator[Suspect]:
@@ -195,8 +197,14 @@ class Suspects:
     def _regressor(self, gravity: Array) -> Array:
         """The body's regressor (n, 6, 10) with this gravity (3,) in the first robot's home frame."""
         motion = self._misfit.motion.copy()
-        motion[:, BODY_A] += self._gravity_in_body - gravity @ self._rotations
+        motion[:, BODY_A] += self._gravity_in_body - self._in_body(gravity)
         return regressor(motion)
+
+    def _in_body(self, vector: Array) -> Array:
+        """A vector (3,) in the first home frame, in the body frame: mean over the robots, shape (n, 3)."""
+        seen = [vector @ home @ own for home, own in zip(self._homes, self._rotations, strict=True)]
+        result: Array = np.mean(seen, axis=0)
+        return result
 
     def _body_rotations(self, robot: int) -> Array:
         """Rotations of the body frame in a robot's home frame, shape (n, 3, 3)."""
@@ -220,7 +228,7 @@ class Suspects:
         for _ in range(_TURNS):
             basis = np.linalg.svd(gravity[None])[2][1:]
             body = self._misfit.fit(regressor=self._regressor(gravity)).solution
-            pulls = np.stack([-np.cross(axis, gravity) @ self._rotations for axis in basis], axis=-1)
+            pulls = np.stack([-self._in_body(np.cross(axis, gravity)) for axis in basis], axis=-1)
             columns = np.concatenate([body[0] * pulls, np.cross(body[1:4], pulls, axisb=1, axisc=1)], axis=1)
             fit = self._misfit.fit(columns, regressor=self._regressor(gravity))
             turn = np.clip(fit.solution[BODY_NUMBERS:], -0.5, 0.5)

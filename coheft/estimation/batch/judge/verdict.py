@@ -37,13 +37,17 @@ class Cause(StrEnum):
     """No single fault explains the recording."""
 
 
+ALL = "all robots"
+
+
 @dataclass(frozen=True, eq=False)
 class Verdict:
     """The verdict on a recording.
 
     Attributes:
         cause: The fault; empty if none was found.
-        robot: The robot that has it; None if all have it, or if it is not known which one.
+        robot: The robot that has it; None if all have it, or if it is not known which one. With ``rivals``, the
+            likeliest.
         value: The fault's parameters, see ``Suspect.value``.
         words: The verdict as a sentence; empty if no fault was found.
         ratio: Size of the residuals, in multiples of what noise explains.
@@ -54,6 +58,7 @@ class Verdict:
         is_open: Whether two corrections are equally likely, so that none is made: either of two robots may be at fault,
             or either all forces or all moments are in another unit.
         channels: Channels of the robot that are late, if the fault is a clock's.
+        rivals: Others that are nearly as likely to have the fault: names of robots, or ``ALL``.
         gravity: Gravity in all home frames according to the forces, shape (N, 3) [m/s²], if its direction is the fault.
         hidden: What may be wrong without being noticed, if no fault was found: by fault, the covariance (10, 10) that
             it would add to ``theta`` in the body frame.
@@ -69,6 +74,7 @@ class Verdict:
     mass: tuple[float, float] | None = None
     is_open: bool = False
     channels: tuple[str, ...] = ("wrench",)
+    rivals: tuple[str, ...] = ()
     gravity: Array | None = None
     hidden: tuple[tuple[Cause, Array], ...] = ()
 
@@ -76,3 +82,8 @@ class Verdict:
     def is_refuted(self) -> bool:
         """Whether a fault was found, so that the estimate is not to be trusted."""
         return self.cause != ""
+
+    @property
+    def candidates(self) -> tuple[str, ...]:
+        """Those that may have the fault: names of robots, or ``ALL``."""
+        return (self.robot or ALL, *self.rivals)
