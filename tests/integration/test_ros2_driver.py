@@ -79,11 +79,13 @@ class Robots:
     Attributes:
         wanted: Stamp of the latest reference by robot; the first ones may be lost.
         estimates: The latest estimate by robot.
+        session: Their session.
     """
 
     def __init__(self, ros: zenoh.Session, names: list[str]) -> None:
         self.wanted = dict.fromkeys(names, 0)
         self.estimates: dict[str, Any] = {}
+        self.session = ros
         self._publishers = {
             (name, stream): ros.declare_publisher(f"0/{name}/{stream}/{kind}")
             for name in names
@@ -242,6 +244,12 @@ def test_the_driver_of_a_secure_team_says_what_it_waits_for_and_what_makes_no_se
         assert "refused from /r1/wrench: not a geometry_msgs/msg/WrenchStamped" in command.said()
         assert "refused from /r1/twist: twist contains 6 numbers that are not finite" in command.said()
         assert "r2: no complete block for 4 s; since the last one there came 1 of wrench, 0 of twist" in command.said()
+        team.end("r3")
+        wait_until(lambda: "the agent of r3 is gone; waiting for it" in command.said(), "that it is gone")
+        team.start("r3", AGENT, plan.agents["r3"])
+        wait_until(lambda: "the agent of r3 is back" in command.said(), "that it is back")
+        ros.close()
+        wait_until(lambda: "the router of ROS 2 is gone; waiting for it" in command.said(), "that the router is gone")
         assert command.interrupt() == 130
         assert "Traceback" not in command.said()
 
@@ -319,6 +327,32 @@ def test_drivers_of_one_team_begin_together_and_say_what_each_arm_shall_do(tmp_p
             assert (robots.wanted[name] - epoch) % (sensors.block * period) == 0
         for command in commands:
             assert command.interrupt() == 130, command.said()
+
+
+def test_an_epoch_of_another_clock_is_refused(tmp_path: Path) -> None:
+    plan, measured = measured_team(duration=0.1)
+    paths = plan.write(tmp_path)
+    port = free_port()
+    with ExitStack() as stack:
+        robots = Robots(stack.enter_context(router(port)), list(plan.agents))
+        arguments = ["-m", "coheft", "ros2-driver", *paths[1:], "--endpoint", f"tcp/127.0.0.1:{port}", "--epoch", "5"]
+        command = stack.enter_context(started(arguments, tmp_path / "driver.txt"))
+        team = Team(plan, Keys(plan.run), tmp_path, robots.session, {})
+        for name, config in plan.agents.items():
+            team.start(name, AGENT, config)
+            stack.callback(team.end, name)
+        wait_until(lambda: "waiting for measurements" in command.said(), "the driver")
+
+        def has_ended() -> bool:
+            for name in plan.agents:
+                robots.measure(name, "wrench", START, measured.samples[0, 0])
+            return command.process.poll() is not None
+
+        wait_until(has_ended, "its end")
+        assert command.process.returncode == 1
+        assert "--epoch 5.000 is 1.79e+09 s before the robots' stamps" in command.said()
+        for name in plan.agents:
+            assert team.exit_status(name) == 0, team.log(name)
 
 
 def test_the_driver_refuses_what_is_no_agent(tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ from coheft.app.ros2.readings import Readings
 from coheft.app.ros2.samples import STREAMS, BlockBuilder
 from coheft.app.ros2.stamps import LIMIT, Stamps
 from coheft.app.run.heard import check_estimate
-from coheft.errors import MessageError, one_line
+from coheft.errors import CoheftError, MessageError, one_line
 from coheft.estimation.geometry.spatial import Array, quaternion_from_rotation, rotation_exp
 from coheft.wire.config import AgentConfig, AgentProcessConfig
 from coheft.wire.messages.structs import Estimate, EstimateBeside, Measurements, Message, Problem, Reference
@@ -35,6 +35,8 @@ _SILENCE = 4.0
 """Time without progress after which a message is printed [s]."""
 _PATIENCE = 5.0
 """Time to wait for robots that send no measurements while others do [s]."""
+_LONGEST = 10**6 * 10**9
+"""Longest time from the epoch to the first measurements [ns]: agents count samples from there."""
 _SLOW, _MANY = 0.8, 20
 """Share of the others' measurements below which a sensor is slow, and the number of measurements for this check."""
 _LINES = 20
@@ -61,6 +63,8 @@ class Team:
         self._readings = Readings(self._complain)
         self._epoch = 0
         self._bridge = Bridge(node)
+        self._had_router = True
+        self._gone: set[str] = set()
 
     def add(self, config: AgentProcessConfig, session: zenoh.Session, guard: Guard | None) -> None:
         """Add a robot, whose agent dials a session."""
@@ -98,6 +102,9 @@ class Team:
 
         Returns:
             What stamps can be right from now on.
+
+        Raises:
+            CoheftError: The epoch is that of another clock than the robots'.
         """
         self._readings.forget()
         stamps = Stamps(len(self._links))
@@ -123,6 +130,11 @@ class Team:
                     self._tell(stamps.disagreement)
                 elif newest is not None and epoch is not None:
                     self._tell(f"robots measure; by their stamps, block 0 begins in {(epoch - newest) / 1e9:.1f} s")
+        if epoch is not None and newest - epoch > _LONGEST:
+            raise CoheftError(
+                f"--epoch {epoch / 1e9:.3f} is {(newest - epoch) / 1e9:.3g} s before the robots' stamps, the newest "
+                f"{newest / 1e9:.3f}, expected at most {_LONGEST / 1e9:g} s: give seconds of the robots' clocks"
+            )
         if epoch is None:
             self._set_epoch(newest + max(agent.block * 10**9 // agent.rate for agent in self._configs.values()))
         return stamps
@@ -195,8 +207,19 @@ class Team:
                 case Refused(name, error):
                     self._complain(f"refused from {name}: {error}")
                 case LinkChange(name, count):
-                    self._links[name].note_links(count)
+                    self._note_links(name, count)
             event = self._inbox.receive(0.0)
+
+    def _note_links(self, name: str, count: int) -> None:
+        """Note the number of an agent's processes, and tell when it goes and comes back."""
+        link = self._links[name]
+        if link.is_linked and not count:
+            self._gone.add(name)
+            self._tell(f"the agent of {name} is gone; waiting for it")
+        elif count and name in self._gone:
+            self._gone.remove(name)
+            self._tell(f"the agent of {name} is back")
+        link.note_links(count)
 
     def _take(self, name: str, message: Message) -> None:
         """Pass on an agent's message.
@@ -241,11 +264,14 @@ class Team:
             self._tell(text)
 
     def _tell_paces(self, builders: Mapping[str, BlockBuilder]) -> None:
-        """Report streams whose stamps are wrong, and those that several nodes publish."""
+        """Report streams whose stamps are wrong, those that several nodes publish, and a router that goes or comes."""
         paces = {name: builder.paces for name, builder in builders.items()}
         for about, words in words_of(paces, {name: self._configs[name].rate for name in builders}).items():
             self._complain(words, about)
-        if self._node.has_router:
+        if self._node.has_router != self._had_router:
+            self._had_router = not self._had_router
+            self._tell("the router is back" if self._had_router else "the router of ROS 2 is gone; waiting for it")
+        if self._had_router:
             for line in shared(self._topics(builders), self._node.seen(), self._node.domain):
                 self._complain(line)
 

@@ -28,6 +28,8 @@ _MENDINGS = 2
 """Number of corrections: a late clock of the poses is corrected first, then by forces that of the wrenches."""
 _SURELY = 3.0
 """Standard deviations."""
+_KGF, _LBF = 9.80665, 4.4482216
+"""Other units of force [N]."""
 _UNSEEN = "motion and gravity do not show where all robots hold the load, or that it has a weight"
 
 
@@ -164,7 +166,10 @@ def _common_scale(payload: Payload) -> tuple[str, ...]:
     """Remind of a common scale, which no recording shows, with a density by which to judge it."""
     if not (payload.is_seen("mass") and payload.is_seen("inertia")):
         return ()
+    mass, std = payload.inertia.mass, float(payload.std[0])
     return (
-        f"No recording shows a common factor of all forces and moments, such as another unit. Check the density: a "
+        f"No motion shows a common factor of all forces and moments: the standard deviation of the mass, {std:.2g} kg, "
+        f"holds only if they are in N and N·m and their scales are right. Each 1 % would be {0.01 * mass:.2g} kg; "
+        f"with forces in kgf the mass would be {_KGF * mass:.3g} kg, in lbf {_LBF * mass:.3g} kg. Check the density: a "
         f"solid ellipsoid with these mass properties would have at least {solid_density(payload, _SURELY):,.0f} kg/m³.",
     )
