@@ -132,7 +132,7 @@ def try_recording(what: str, seed: int, method: Method | None = None) -> Trial:
         trial.cause, trial.margin, trial.words = str(verdict.cause), verdict.margin, verdict.words
         if case.causes:
             trial.is_right = verdict.cause in case.causes, (case.robot or ALL) in verdict.candidates
-        is_told = case.robot is None or not verdict.is_open
+        is_told = not verdict.is_open or (case.robot is None and not verdict.rivals)
         if trial.is_right is not None and trial.is_right[0] and verdict.cause in MENDABLE and is_told:
             adopted = identify(recording, Options(method=options.method, assume=verdict.cause))
             trial.off = None if adopted.doubts else deviations(recording, adopted)

@@ -18,7 +18,7 @@ from coheft.estimation.batch.judge.forces import judge_forces
 from coheft.estimation.batch.judge.mend import MENDABLE, mend
 from coheft.estimation.batch.judge.motions import judge_gravity, judge_motions
 from coheft.estimation.batch.judge.poses import judge_poses
-from coheft.estimation.batch.judge.sensors import stuck_motion, stuck_sensor
+from coheft.estimation.batch.judge.sensors import spiking_sensor, stuck_motion, stuck_sensor
 from coheft.estimation.batch.judge.verdict import Cause, Verdict
 from coheft.estimation.batch.payload import Payload
 from coheft.estimation.batch.pose_conventions import inverse_poses
@@ -93,7 +93,7 @@ def judge(evidence: Evidence, assumed: str | None = None) -> Verdict:
     Raises:
         ValueError: There are too few samples, or too few per second, to tell noise from motion.
     """
-    by_motion = stuck_sensor(evidence.recording) or judge_poses(evidence)
+    by_motion = stuck_sensor(evidence.recording) or spiking_sensor(evidence.recording) or judge_poses(evidence)
     by_motion = by_motion or judge_motions(evidence) or judge_gravity(evidence)
     if by_motion is not None:
         return by_motion

@@ -1,4 +1,4 @@
-"""Checks for poses in another convention: another order of the quaternions, or inverse poses.
+"""Checks for poses in another convention: another order of the quaternions, inverse poses, or other axes.
 
 Quaternions with the real part first, read in the other order, are the inverses of the right ones up to constant
 rotations: the robots still turn together, but positions do not move accordingly. The same holds if one robot's poses,
@@ -7,8 +7,10 @@ or only its quaternions, are inverse. If all robots' poses are inverse, only for
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
+from itertools import permutations, product
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -23,6 +25,8 @@ _MISFIT = 0.3
 """Share of the velocities that may remain unexplained."""
 _BETTER = 3.0
 """Factor by which another convention has to reduce the unexplained share."""
+_EXPLAINED = 0.15
+"""Largest share that another convention may leave unexplained."""
 _GOOD = 0.05
 """Choices that leave less are equivalent: either of two robots may have inverse poses."""
 
@@ -42,10 +46,25 @@ def _inverse_quaternions(poses: Array) -> Array:
     return poses * [1.0, 1.0, 1.0, -1.0, -1.0, -1.0, 1.0]
 
 
+def _other_axes() -> Iterator[tuple[Callable[[Array], Array], str, str]]:
+    """Positions whose axes are exchanged, or have other signs."""
+    for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
+        if order == (0, 1, 2) and min(signs) > 0.0:
+            continue
+        names = " ".join(f"{'-' if sign < 0.0 else ''}{'xyz'[axis]}" for axis, sign in zip(order, signs, strict=True))
+        convert = partial(_with_axes, columns=[*order, 3, 4, 5, 6], signs=[*signs, 1.0, 1.0, 1.0, 1.0])
+        yield convert, f"with positions {names} in place of x y z", "Exchange the columns, or change their signs"
+
+
+def _with_axes(poses: Array, columns: list[int], signs: list[float]) -> Array:
+    return poses[:, columns] * signs
+
+
 _CONVENTIONS: tuple[tuple[Callable[[Array], Array], str, str], ...] = (
     (_real_part_last, "with quaternions in the order qw qx qy qz", "Move the real part to the end"),
     (inverse_poses, "as inverses, poses of the home frame in the grasp frame,", "Invert them"),
     (_inverse_quaternions, "with inverse quaternions", "Change the signs of qx qy qz"),
+    *_other_axes(),
 )
 """Conversions from other conventions, with words for the convention and the remedy."""
 
@@ -74,7 +93,7 @@ def check_conventions(recording: Recording, cutoff: float, signals: Signals) -> 
             (_misfit(np.where(choice[:, None, None], other, given)), choice, how, what_to_do) for choice in choices
         ]
     least, _, how, what_to_do = min(tried, key=lambda one: one[0])
-    if least * _BETTER > found:
+    if least * _BETTER > found or least > _EXPLAINED:
         return
     alike = [choice for misfit, choice, words, _ in tried if words == how and misfit < max(_GOOD, _BETTER * least)]
     names = ", or of ".join(

@@ -14,6 +14,7 @@ from coheft.wire.process.log import LOG
 _UNITS = ((1.0, "seconds"), (1e-3, "milliseconds"), (1e-6, "microseconds"), (1e-9, "nanoseconds"))
 _SLOWEST = 0.25
 """Longest time between samples that is useful [s]."""
+_INDEX = "; numbers of samples are no times"
 _ROUNDING = 1e-9
 _SHORTEST = 0.2
 """Shortest hold by which another unit than seconds is recognised [s]."""
@@ -33,7 +34,7 @@ def samples_in_seconds(name: str, time: Array) -> Array:
         if step * factor <= _SLOWEST < 1e3 * step * factor:
             LOG.warning(
                 f"coheft: 't' of {name} grows by {step:g} from sample to sample: taken for {unit}, which makes "
-                f"{1.0 / (step * factor):.4g} samples per second"
+                f"{1.0 / (step * factor):.4g} samples per second{_INDEX if step == 1.0 else ''}"
             )
             return time * factor
     return time

@@ -38,9 +38,12 @@ _OFF = 0.2
 """Home frames that are off by more than this share of the largest angle are not level."""
 _ALIKE = 2.0
 """Largest difference in standard deviations between loads that are the same, whichever robot is corrected."""
-_HIDING = (Cause.OFFSET, Cause.LEVER, Cause.SCALE, Cause.FORCE_SCALE, Cause.CLOCK, Cause.GRAVITY)
+_HIDING = (
+    *(Cause.OFFSET, Cause.LEVER, Cause.SCALE, Cause.FORCE_SCALE, Cause.CLOCK, Cause.GRAVITY),
+    Cause.LENGTH_SCALE,
+)
 """Faults that sensors may well have without being noticed."""
-_OF_CALIBRATION = (Cause.COMPENSATED, Cause.TIME)
+_OF_CALIBRATION = (Cause.COMPENSATED, Cause.TIME, Cause.LENGTH_SCALE)
 """Faults that small calibration errors look like: no misfit, no fault."""
 _LEVEL, _SURE = 0.5, 6.0
 """Home frames are not level if they differ by more than this angle [degrees] and this multiple of its deviation."""

@@ -15,6 +15,10 @@ _SURE = 6.0
 """Standard deviations beyond which a difference is no chance."""
 _STRETCHED = 5e-4
 """Relative difference of lengths that does not matter."""
+_CALIBRATED = 0.2
+"""Largest relative error of lengths that may be one of several calibration errors."""
+_MOST = 0.9
+"""Share of large differences that a wrong scale has to explain."""
 _FINEST = 1e-6
 """Effect on poses that no sensor resolves, but rounding may have [m]."""
 _LATE = 1e-3
@@ -77,6 +81,9 @@ def _stretched(evidence: Evidence, views: Views) -> Verdict | None:
     effect = abs(factor - 1.0) * np.sqrt(np.mean((columns[worst] / views.scale) ** 2))
     if abs(factor - 1.0) < max(_SURE * std, _STRETCHED) or effect < _FINEST:
         return None
+    is_large = bool(evidence.suspicions) or abs(factor - 1.0) > _CALIBRATED
+    if is_large and gains[worst] * count / (count - 1) < _MOST * np.sum(views.rest**2):
+        return None  # something else is wrong, which lengths explain a part of
     other = "" if culprit else f", or those of {names[1 - worst]} {1.0 / factor:.4g} times"
     return Verdict(
         Cause.LENGTH_SCALE,

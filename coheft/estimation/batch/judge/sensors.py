@@ -1,4 +1,4 @@
-"""Sensors that do not work: they repeat a reading, or return nothing but noise."""
+"""Sensors that do not work: they repeat a reading, lose samples, or return nothing but noise."""
 
 from __future__ import annotations
 
@@ -13,6 +13,10 @@ from coheft.estimation.geometry.spatial import Array
 
 _NOISE_ALONE = 1.5
 """Mean square of readings, in multiples of their noise's, below which they are nothing but noise."""
+_SPIKE, _USUAL = 8.0, 0.1
+"""Jumps of single samples, in multiples of the median second difference, at least this share of its deviation."""
+_MATTERS = 0.001
+"""Share of all forces that jumps have to make up."""
 FORCES, MOMENTS = ("fx", "fy", "fz"), ("mx", "my", "mz")
 _AXES = FORCES + MOMENTS
 _MOTIONS = (
@@ -48,6 +52,27 @@ def stuck_motion(recording: Recording) -> Verdict | None:
             meanwhile = np.linalg.norm(np.ptp(samples[:, first : first + count, :3], axis=1), axis=1)
             if count > recording.rate and meanwhile.max() > least:
                 return _stuck(recording, name, what, first, count)
+    return None
+
+
+def spiking_sensor(recording: Recording) -> Verdict | None:
+    """Find a sensor whose forces jump for single samples: zeros for lost ones, or disturbances."""
+    for name, wrench in zip(recording.names, recording.stacked("wrench"), strict=True):
+        forces = wrench[:, :3]
+        before, after = np.diff(forces, axis=0)[:-1], -np.diff(forces, axis=0)[1:]
+        usual = np.maximum(np.median(np.abs(before + after), axis=0), _USUAL * np.std(before + after, axis=0))
+        usual = np.maximum(usual, np.min(np.abs(before), axis=0, initial=np.inf, where=before != 0.0))  # of one digit
+        there_and_back = np.where(before * after > 0.0, np.minimum(np.abs(before), np.abs(after)), 0.0)
+        sizes = np.where(there_and_back > _SPIKE * usual, there_and_back, 0.0).max(axis=1)
+        if sizes.sum() < _MATTERS * np.linalg.norm(forces, axis=1).sum():
+            continue
+        worst = int(np.argmax(sizes))
+        words = (
+            f"forces of {name} jump for single samples, {np.count_nonzero(sizes)} times, most at "
+            f"{recording.time[worst + 1]:.2f} s, by {sizes[worst]:.3g} N: lost samples that are given as zero, or "
+            f"disturbances? Leave these samples out"
+        )
+        return Verdict(Cause.DEAD, name, (float(recording.time[worst + 1]),), words)
     return None
 
 

@@ -20,15 +20,15 @@ from coheft.estimation.batch.judge.turned import fit_turned
 from coheft.estimation.batch.judge.verdict import Cause
 from coheft.estimation.batch.judge.wrench_misfit import BODY_NUMBERS, REWEIGHTINGS, Fit, WrenchMisfit
 from coheft.estimation.geometry.body_motion import BODY_A
-from coheft.estimation.geometry.spatial import Array, skew
+from coheft.estimation.geometry.spatial import Array, Pose, skew
 
 _HEAVY = 3.0
 """A load has a mass of at least so many of its standard deviations."""
 _STEP = 0.06
 """Duration of a change of the load [s]."""
 _LONGEST_DELAY, _DELAY_STEP, _DELAY_FOUND = 0.5, 0.05, 2e-4
-_SLOWEST = 5.0
-_TURNS = 8
+_SLOWEST = 12.0
+_TURNS, _TIME_TURNS = 8, 14
 _TURNED = 1e-6
 
 
@@ -86,7 +86,7 @@ class Suspects:
             found += [*self._axes(), self._weight(), self.direction_of_gravity()]
             recording = self._misfit.evidence.recording
             if not recording.has("twist") and not recording.has("acceleration"):
-                found.append(self._time())
+                found += [self._time(), self._lengths()]
         return sorted(found, key=lambda suspect: -suspect.gain)
 
     def _suspect(self, cause: Cause, robot: int | None, fit: Fit, unknowns: int, value: Array | None = None) -> Suspect:
@@ -177,7 +177,7 @@ class Suspects:
         """Times in a wrong unit: forces of inertia grow with the square of the factor, the weight does not."""
         at_rest = self._regressor_at_rest()
         moving, factor = self._misfit.regressor - at_rest, 1.0
-        for _ in range(_TURNS):
+        for _ in range(_TIME_TURNS):
             scaled = at_rest + factor * moving
             body = self._misfit.fit(regressor=scaled).solution
             fit = self._misfit.fit((moving @ body)[..., None], regressor=scaled)
@@ -187,6 +187,25 @@ class Suspects:
                 break
         found = self._suspect(Cause.TIME, None, fit, 1, np.array([np.sqrt(factor)]))
         return found if 1.0 / _SLOWEST < found.value[0] < _SLOWEST else replace(found, gain=-np.inf)
+
+    def _lengths(self) -> Suspect:
+        """Lengths of all robots in a wrong unit: accelerations and lever arms have it, gravity and moments do not."""
+        turning = [Pose(pose.rotation, np.zeros(3)) for pose in self._misfit.poses]
+        without_arms = total_wrench(self._misfit.wrenches, turning)
+        by_arms, share = self._misfit.total - without_arms, 1.0
+        still = self._misfit.motion.copy()
+        still[:, BODY_A] = -self._gravity_in_body
+        not_shifted = regressor(still)
+        shifted = self._misfit.regressor - not_shifted
+        for _ in range(_TIME_TURNS):
+            scaled, total = not_shifted + share * shifted, without_arms + share * by_arms
+            body = self._misfit.fit(regressor=scaled, total=total).solution
+            fit = self._misfit.fit((shifted @ body - by_arms)[..., None], regressor=scaled, total=total)
+            step = float(np.clip(fit.solution[BODY_NUMBERS], -0.5 * share, share))
+            share += step
+            if abs(step) < _TURNED * share:
+                break
+        return self._suspect(Cause.LENGTH_SCALE, None, fit, 1, np.array([1.0 / share]))
 
     def _regressor_at_rest(self) -> Array:
         """The body's regressor (n, 6, 10) for its weight alone."""

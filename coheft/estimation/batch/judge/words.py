@@ -64,6 +64,8 @@ def words_of(suspect: Suspect, recording: Recording, misfit: WrenchMisfit) -> tu
                 f"times are {value[0]:.4g} times as long as forces say: another unit or rate, or gravity is not "
                 f"{np.linalg.norm(recording.gravity):.4g} m/s²"
             )
+        case Cause.LENGTH_SCALE:
+            return None, f"lengths of all robots are {value[0]:.4g} times what they should be: another unit"
         case Cause.GRAVITY:
             angle = angle_deg(value, recording.gravity)
             return None, f"home frames are all tilted, by {angle:.3g} degrees against gravity"
