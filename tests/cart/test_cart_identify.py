@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from coheft.app.cart.explain import explanation
 from coheft.app.cli.base import EXIT_ERROR
 from coheft.app.cli.main import run_command_line
 from coheft.errors import RecordingError
@@ -95,7 +96,9 @@ def test_noise_that_is_larger_than_was_said_is_told(tmp_path: Path, capsys: pyte
         (lambda a: {**a, "pose": a["pose"] * [1.0, 1.0, 180.0 / np.pi]}, "theta were in degrees"),
         (lambda a: {**a, "pose": a["pose"] * [1e3, 1e3, 1.0]}, "x, y were in millimetres"),
         (lambda a: {**a, "push": -a["push"]}, "turn the signs of fx, fy, mz"),
-        (lambda a: {**a, "push": a["push"] * [1.0, 1.0, 1e3]}, "no cart with one axle moves as this one does"),
+        (lambda a: {**a, "pose": a["pose"][:, [1, 0, 2]]}, "would fit if x and y, or vx and vy, were exchanged"),
+        (lambda a: {**a, "t": 1.1 * a["t"]}, "poses change 0.909 times as much as rates say"),
+        (lambda a: {**a, "push": a["push"] * [1.0, 1.0, -1.0]}, "everything would fit if mz had the opposite sign"),
         (lambda a: {**a, "pose": a["pose"] + [0.0, 0.0, 0.05]}, "theta is off by -2.9°"),
         (lambda a: {**a, **of_point(a, 0.1)}, "m ahead of the axle"),
         (lambda a: {**a, **{name: a[name] * [1.0, 1.0, -1.0] for name in ("pose", "rates")}}, "growing to the left"),
@@ -121,8 +124,31 @@ def test_files_of_another_meaning_are_refused_with_what_would_do(
 ) -> None:
     assert callable(change)
     path = write_csv(tmp_path / "cart.csv", change(without_plan()))
-    assert run_command_line(["cart", "identify", str(path)]) == EXIT_ERROR
+    hand = ["--hand", str(HAND[0]), str(HAND[1])]
+    assert run_command_line(["cart", "identify", str(path), *hand]) == EXIT_ERROR
     assert words in " ".join(capsys.readouterr().err.split())
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda push: push[:, [1, 0, 2]], "everything would fit if fx and fy were exchanged"),
+        (lambda push: push * [1.0, 1.0, 1e3], "everything would fit if mz were in N·mm"),
+    ],
+)
+def test_what_fits_with_another_meaning_is_told(change: object, words: str, tmp_path: Path) -> None:
+    assert callable(change)
+    arrays = without_plan()
+    path, report = write_csv(tmp_path / "cart.csv", {**arrays, "push": change(arrays["push"])}), tmp_path / "r.json"
+    hand = ["--hand", str(HAND[0]), str(HAND[1])]
+    assert run_command_line(["cart", "identify", str(path), *hand, "--quiet", "--json", str(report)]) == 3
+    doubts = json.loads(report.read_text())["doubts"]
+    assert words in doubts
+    recording = read_cart_recording(path)
+    assert explanation(recording, HAND, lambda *_: False) == ""
+    kept = []
+    explanation(recording, HAND, lambda thin, _: bool(kept.append(len(thin.times))))
+    assert max(kept) == 160  # ten a second
 
 
 def test_other_files_are_refused(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import msgspec
 import numpy as np
 
+from coheft.app.cart.explain import explanation
 from coheft.errors import RecordingError
 from coheft.estimation.cart.contact import grasp_map
 from coheft.estimation.cart.filter import MOTION_SIZE, Push, Sighting
@@ -28,6 +29,8 @@ _ASIDE, _AHEAD, _SURELY = 0.01, 0.02, 6.0
 """Least error of the heading [rad] and of the axle's place [m] that are told, and their significance [std]."""
 _SAME = 0.3
 """Largest difference between them, as a share of the motion."""
+_OTHER_PACE, _BETTER = 0.02, 2.0
+"""Relative difference of times that is told, and by how much the right ones have to fit better."""
 _LITTLE = 0.03
 """Motions below this are not compared [m, rad]."""
 
@@ -70,6 +73,11 @@ class CartIdentification(msgspec.Struct, frozen=True):
         """Whether all quantities are known, and measurements are as good as stated."""
         return not self.doubts and not any(quantity.not_known for quantity in self.quantities.values())
 
+    @property
+    def is_contradicted(self) -> bool:
+        """Whether the cart does not move as it is pushed."""
+        return bool(self.changes_s) or any("unknown force" in doubt for doubt in self.doubts)
+
 
 def identify_cart(
     recording: CartRecording,
@@ -80,7 +88,7 @@ def identify_cart(
     noise: float,
     force_noise: float,
 ) -> CartIdentification:
-    """Run the learner over a recording.
+    """Run the learner over a recording; if this does not fit, say what would.
 
     Args:
         recording: The recording.
@@ -93,8 +101,36 @@ def identify_cart(
     Raises:
         RecordingError: Poses, rates and pushes are not those of one cart.
     """
+
+    def run(given: CartRecording, point: tuple[float, float]) -> CartIdentification:
+        return _identified(given, mass=mass, com=com, hand=point, noise=noise, force_noise=force_noise)
+
+    def is_known(given: CartRecording, point: tuple[float, float]) -> bool:
+        return run(given, point).is_known
+
     _check_motion(recording)
     _check_axle(recording, noise)
+    try:
+        found = run(recording, hand)
+    except RecordingError as error:
+        other = explanation(recording, hand, is_known)
+        raise RecordingError(f"{error}; {other}" if other else str(error)) from error
+    if found.is_known or not found.is_contradicted:
+        return found
+    other = explanation(recording, hand, is_known)
+    return msgspec.structs.replace(found, doubts=[*found.doubts, *([other] if other else [])])
+
+
+def _identified(
+    recording: CartRecording,
+    *,
+    mass: float,
+    com: tuple[float, float],
+    hand: tuple[float, float],
+    noise: float,
+    force_noise: float,
+) -> CartIdentification:
+    """Run the learner once; arguments and errors as of ``identify_cart``."""
     grasp, lever = grasp_map(np.array(hand)), np.diag([1.0, 1.0, _ARM**2])
     pushes = recording.pushes @ grasp.T
     _check_pushes(recording, pushes)
@@ -141,6 +177,12 @@ def _check_motion(recording: CartRecording) -> None:
     """
     times, poses, rates = recording.times, recording.poses, recording.rates
     if _misfit(times, poses, rates) < _SAME:
+        factor = _pace(times, poses, rates)
+        least, better = (min(_misfits(t, poses, rates), default=0.0) for t in (times, factor * times))
+        if abs(factor - 1.0) > _OTHER_PACE and _BETTER * better < least:
+            raise RecordingError(
+                f"poses change {factor:.3g} times as much as rates say: times, or the rates, are in another unit"
+            )
         return
     c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
     turned = np.column_stack([c * rates[:, 0] - s * rates[:, 1], s * rates[:, 0] + c * rates[:, 1], rates[:, 2]])
@@ -151,15 +193,24 @@ def _check_motion(recording: CartRecording) -> None:
         "they would fit if theta were in degrees: give it in radians": (poses * radians, rates),
         "they would fit if omega were in degrees per second: give it in rad/s": (poses, rates * radians),
         "they would fit if theta and omega were in degrees: give them in radians": (poses * radians, rates * radians),
+        "they would fit if x and y, or vx and vy, were exchanged": (poses[:, [1, 0, 2]], rates),
         "they would fit if x, y were in millimetres: give them in metres": (poses * meters, rates),
     }
-    misfits = {words: _misfit(times, *each) for words, each in explanations.items()}
+    moving = len(_misfits(times, poses, rates))
+    shares = {words: _misfits(times, *each) for words, each in explanations.items()}
+    misfits = {words: max(each, default=0.0) if len(each) == moving else np.inf for words, each in shares.items()}
     best = min(misfits, key=lambda words: misfits[words])
     reason = best if misfits[best] < _SAME else "check units, axes, and that both have the same clock"
     raise RecordingError(
         f"rates are not those of poses: over {_WAY:g} s they differ by {100 * _misfit(times, poses, rates):.0f} % of "
         f"the motion; {reason}"
     )
+
+
+def _pace(times: Array, poses: Array, rates: Array) -> float:
+    """How much poses change, in multiples of what rates say."""
+    moved, said = _changes(times, poses, rates)
+    return float(np.sum(moved[:, :2] * said[:, :2]) / max(float(np.sum(said[:, :2] ** 2)), 1e-300))
 
 
 def _check_axle(recording: CartRecording, noise: float) -> None:
@@ -196,16 +247,26 @@ def _in_cart(poses: Array, rates: Array) -> tuple[Array, Array]:
 
 def _misfit(times: Array, poses: Array, rates: Array) -> float:
     """Root mean square difference between changes of poses and integrals of rates, as a share of the motion."""
-    steps = np.diff(times)[:, None]
-    integral = np.vstack([np.zeros((1, 3)), np.cumsum(0.5 * (rates[1:] + rates[:-1]) * steps, axis=0)])
-    ahead = max(1, round(_WAY / float(np.median(steps))))
-    moved, said = poses[ahead:] - poses[:-ahead], integral[ahead:] - integral[:-ahead]
+    return max(_misfits(times, poses, rates), default=0.0)
+
+
+def _misfits(times: Array, poses: Array, rates: Array) -> list[float]:
+    """The same for translations and for rotations, without those that are too small."""
+    moved, said = _changes(times, poses, rates)
     shares = []
     for part in (slice(0, 2), slice(2, 3)):
         size = max(_rms(moved[:, part]), _rms(said[:, part]))
         if size > _LITTLE:
             shares.append(_rms(moved[:, part] - said[:, part]) / size)
-    return max(shares, default=0.0)
+    return shares
+
+
+def _changes(times: Array, poses: Array, rates: Array) -> tuple[Array, Array]:
+    """Changes of poses over ``_WAY``, and those that rates say, shape (k, 3) each."""
+    steps = np.diff(times)[:, None]
+    integral = np.vstack([np.zeros((1, 3)), np.cumsum(0.5 * (rates[1:] + rates[:-1]) * steps, axis=0)])
+    ahead = max(1, round(_WAY / float(np.median(steps))))
+    return poses[ahead:] - poses[:-ahead], integral[ahead:] - integral[:-ahead]
 
 
 def _rms(values: Array) -> float:
