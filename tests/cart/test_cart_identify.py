@@ -148,7 +148,7 @@ def test_what_fits_with_another_meaning_is_told(change: object, words: str, tmp_
     assert explanation(recording, HAND, lambda *_: False) == ""
     kept = []
     explanation(recording, HAND, lambda thin, _: bool(kept.append(len(thin.times))))
-    assert max(kept) == 160  # ten a second
+    assert max(kept) == 200
 
 
 def test_other_files_are_refused(tmp_path: Path) -> None:
