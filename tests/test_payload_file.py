@@ -192,6 +192,22 @@ def test_a_mesh_in_millimetres_without_its_scale_is_refused(tmp_path: Path) -> N
         assert str(error.value).endswith(f"drawn in millimetres, set 'payload.scale' = {advised}")
 
 
+@pytest.mark.parametrize(
+    ("amount", "words"),
+    [
+        ("scale = 0.0254\nmass = 6.0", "kg/m³, expected 0.5 to 23000: 'payload.scale' is the length of its unit"),
+        ("scale = 0.001\ndensity = 2.7", "of 2.7 kg/m³, expected 10 to 23000: .* densities in kg/m³"),
+        ("scale = 0.001\nmass = 6000.0", "kg/m³, expected 0.5 to 23000: .* masses are in kg"),
+    ],
+)
+def test_meshes_that_would_be_lighter_than_air_or_denser_than_gold_are_refused(
+    amount: str, words: str, tmp_path: Path
+) -> None:
+    write_stl(tmp_path / "part.stl", TRIANGLES)
+    with pytest.raises(ScenarioError, match=words):
+        load(tmp_path, f'mesh = "part.stl"\n{amount}')
+
+
 def test_a_model_in_millimetres_is_refused(tmp_path: Path) -> None:
     model_file(tmp_path, '<body name="part"><geom type="box" size="200 100 50" mass="4"/></body>')
     with pytest.raises(ScenarioError, match=r"'payload.mjcf': the body is 400 m long, .* are in metres"):

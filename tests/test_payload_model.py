@@ -153,16 +153,16 @@ def test_meshes_that_are_not_filled_exactly_are_remarked(
         ]
     )
     ell.export(tmp_path / "ell.obj")
-    body = world('<body name="b"><freejoint/><geom type="mesh" mesh="ell" density="1000"/></body>')
+    body = world('<body name="b"><freejoint/><geom type="mesh" mesh="ell" density="1200"/></body>')
     model = body.replace("<mujoco>", f'<mujoco><asset><mesh name="ell" file="ell.obj"{inertia}/></asset>')
     mass = load(tmp_path, model).payload.inertia().mass
     if inertia:
-        assert mass == pytest.approx(7.0, rel=1e-6)
+        assert mass == pytest.approx(8.4, rel=1e-6)
         assert caplog.text == ""
     else:
-        assert mass > 8.0
+        assert mass > 9.6
         assert "by a rule that is exact for convex ones only" in caplog.text
-        assert "there would be 7 kg" in caplog.text
+        assert "there would be 8.4 kg" in caplog.text
 
 
 @pytest.mark.parametrize(
@@ -192,3 +192,28 @@ def test_other_units_are_refused(size: float, tmp_path: Path) -> None:
         ScenarioError, match=r"the body is .* m long, expected at (least|most) .*: lengths in models are"
     ):
         load(tmp_path, model)
+
+
+@pytest.mark.parametrize(
+    ("shape", "compiler", "words"),
+    [
+        ('density="250"', "", ""),
+        ('mass="6"', "", ""),
+        ("", "", "24 kg of 24 kg are of shapes that MuJoCo fills with 1000 kg/m³, as it does if a file gives neither"),
+        ('mass="6"', '<compiler boundmass="7"/>', "boundmass, boundinertia or balanceinertia of its compiler change"),
+        ('mass="6"', '<compiler boundmass="5" balanceinertia="true"/>', ""),
+    ],
+)
+def test_mass_that_a_file_does_not_say_is_remarked(
+    shape: str, compiler: str, words: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    body = f'<body name="b"><freejoint/><geom type="box" size="0.2 0.15 0.1" {shape}/></body>'
+    load(tmp_path, world(body).replace("<mujoco>", f"<mujoco>{compiler}"))
+    assert words in caplog.text
+    assert bool(words) == bool(caplog.text)
+
+
+def test_expressions_in_a_urdf_are_named(tmp_path: Path) -> None:
+    text = '<robot name="r"><link name="l"><inertial><mass value="${m}"/></inertial></link></robot>'
+    with pytest.raises(ScenarioError, match="expected numbers: if there are expressions, run xacro first"):
+        load(tmp_path, text, "part.urdf")

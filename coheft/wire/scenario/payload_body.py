@@ -18,7 +18,7 @@ from coheft.wire.process.log import LOG
 from coheft.wire.scenario.payload import MassProperties, vector_of
 from coheft.wire.scenario.payload_extent import Extent, corners
 from coheft.wire.scenario.payload_mesh import check_surface, overlap_of
-from coheft.wire.scenario.payload_model import PayloadModel
+from coheft.wire.scenario.payload_model import DEFAULT_DENSITY, PayloadModel
 from coheft.wire.scenario.schema import Grasp
 
 if TYPE_CHECKING:
@@ -154,6 +154,7 @@ class HeldBody:
         exact = self._inertia(self.model.with_exact_meshes)
         if whole is None:
             return
+        self._remark_what_is_not_written(place, whole)
         looks = whole.mass - solid.mass if solid is not None else 0.0
         if looks > _SMALL_SHARE * whole.mass:
             LOG.warning(
@@ -169,6 +170,22 @@ class HeldBody:
             )
 
         self._remark_shapes(place)
+
+    def _remark_what_is_not_written(self, place: str, whole: Inertia) -> None:
+        """Log mass that MuJoCo chooses, as the file does not say it, and what it enlarges."""
+        given = self._inertia(self.model.without_defaults)
+        chosen = whole.mass - (given.mass if given is not None else 0.0)
+        if chosen > _SMALL_SHARE * whole.mass:
+            LOG.warning(
+                f"coheft: {place}: {chosen:.4g} kg of {whole.mass:.4g} kg are of shapes that MuJoCo fills with "
+                f"{DEFAULT_DENSITY:g} kg/m³, as it does if a file gives neither mass nor density: give one"
+            )
+        written = self._inertia(self.model.as_written)
+        if written is None or not _alike(whole, written):
+            LOG.warning(
+                f"coheft: {place}: boundmass, boundinertia or balanceinertia of its compiler change its mass "
+                f"properties: they are not those in the file"
+            )
 
     def _remark_shapes(self, place: str) -> None:
         """Write to the log which of the shapes that have mass are not closed, and which overlap."""

@@ -22,6 +22,7 @@ from coheft.wire.scenario.schema import Scenario
 
 _ADVICE = {
     "decoder": "expected MJCF, .xml, or URDF, .urdf: run xacro first, and convert other formats",
+    "bad format in attribute": "expected numbers: if there are expressions, run xacro first",
     "package:/": "packages of ROS are not known here: give the path relative to this file",
 }
 """What to do about MuJoCo's errors, by a part of their texts."""

@@ -23,6 +23,8 @@ from coheft.wire.process.log import LOG
 
 IntArray = npt.NDArray[np.integer]
 
+_LIGHTEST, _LEAST_DENSITY, _DENSEST = 0.5, 10.0, 23_000.0
+"""Densities of closed boxes, of materials, and of the densest one [kg/m³]."""
 _SAME_VERTEX = 1e-6
 """Vertices are the same if they are closer than this share of the largest coordinate; files hold seven digits."""
 _BESIDE = 1e-4
@@ -49,10 +51,13 @@ def read_triangles(path: Path) -> Array:
     try:
         surface = trimesh.load_mesh(path, process=False, skip_materials=True)
     except Exception as error:  # the readers may raise anything
-        raise ValueError(f"it cannot be read as {path.suffix or 'a mesh'}: {error or type(error).__name__}") from error
+        raise ValueError(
+            f"it cannot be read as {path.suffix or 'a mesh'} ({error or type(error).__name__}): is it whole? Expected "
+            f"triangles in .stl, .obj or .ply: convert other formats"
+        ) from error
     triangles = np.array(getattr(surface, "triangles", ()), dtype=np.float64)
     if triangles.size == 0:
-        raise ValueError("it has no triangles")
+        raise ValueError("it has no triangles: is it whole?")
     if not np.all(np.isfinite(triangles)):
         raise ValueError("it has coordinates that are no numbers")
     return triangles
@@ -94,6 +99,14 @@ def filled(triangles: Array, mass: float | None, density: float | None, place: s
         is_solid = np.all(np.isfinite(whole.tensor)) and np.all(np.linalg.eigvalsh(whole.pseudo_inertia()) > 0.0)
     if not is_solid:
         refuse_scenario(place, f"it encloses {volume:g} m³, which has no extent in some direction")
+    lightest, filling = _LIGHTEST if density is None else _LEAST_DENSITY, amount / volume
+    if not lightest < filling < _DENSEST:
+        refuse_scenario(
+            place,
+            f"it encloses {volume:.3g} m³ of {filling:.3g} kg/m³, expected {lightest:g} to {_DENSEST:g}: "
+            f"'payload.scale' is the length of its unit in metres, 0.0254 for inches; masses are in kg, densities in "
+            f"kg/m³",
+        )
     return whole
 
 

@@ -10,6 +10,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,6 +18,10 @@ from coheft.wire.process.log import LOG
 
 if TYPE_CHECKING:
     import mujoco
+
+
+DEFAULT_DENSITY = 1000.0
+"""Density with which MuJoCo fills shapes [kg/m³]."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +35,10 @@ class PayloadModel:
         without_looks: The model with massless visual shapes, which collide with nothing; None if it cannot be compiled.
         with_exact_meshes: The same, where meshes are filled up to their surfaces, which MuJoCo does by default for
             convex ones only; None if their surfaces have no inside.
+        without_defaults: The model without shapes that have neither a mass nor a density of their own, which MuJoCo
+            fills with ``DEFAULT_DENSITY``; None if nothing is left.
+        as_written: The model as if its compiler did not enlarge masses and moments of inertia; None if it is
+            impossible then.
     """
 
     compiled: mujoco.MjModel
@@ -37,6 +46,8 @@ class PayloadModel:
     weighing: tuple[int, ...]
     without_looks: mujoco.MjModel | None
     with_exact_meshes: mujoco.MjModel | None
+    without_defaults: mujoco.MjModel | None
+    as_written: mujoco.MjModel | None
 
 
 def read_model(path: Path) -> PayloadModel:
@@ -62,7 +73,13 @@ def read_model(path: Path) -> PayloadModel:
         compiled = spec.compile()
     weighing = tuple(geom.id for body in bodies if _weighs_by_shapes(spec, body) for geom in _weighing(spec, body))
     return PayloadModel(
-        compiled, tuple(floating), weighing, _variant(spec, _leave_out_looks), _variant(spec, _fill_meshes_exactly)
+        compiled,
+        tuple(floating),
+        weighing,
+        without_looks=_variant(spec, _leave_out_looks),
+        with_exact_meshes=_variant(spec, _fill_meshes_exactly),
+        without_defaults=_variant(spec, _leave_out_defaults),
+        as_written=_variant(spec, _enlarge_nothing),
     )
 
 
@@ -126,6 +143,19 @@ def _leave_out_looks(spec: mujoco.MjSpec) -> None:
         if len(looks) < len(body.geoms) or not body.joints:
             for geom in looks:
                 geom.mass = 0.0
+
+
+def _leave_out_defaults(spec: mujoco.MjSpec) -> None:
+    for body in spec.bodies:
+        if _weighs_by_shapes(spec, body):
+            for geom in body.geoms:
+                if isnan(geom.mass) and geom.density == DEFAULT_DENSITY:
+                    geom.mass = 0.0
+
+
+def _enlarge_nothing(spec: mujoco.MjSpec) -> None:
+    compiler = spec.compiler
+    compiler.boundmass, compiler.boundinertia, compiler.balanceinertia = 0.0, 0.0, False
 
 
 def _fill_meshes_exactly(spec: mujoco.MjSpec) -> None:
