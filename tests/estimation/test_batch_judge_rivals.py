@@ -50,6 +50,16 @@ def test_noise_of_one_robots_orientation_is_no_tilt_of_all_homes() -> None:
     assert verdict.cause != "gravity"
 
 
+@pytest.mark.parametrize(
+    ("kind", "seed", "cause"), [("compensated", 955131, "weight compensated"), ("dead", 955147, "sensor dead")]
+)
+def test_what_explains_everything_is_named_before_what_explains_much(kind: str, seed: int, cause: str) -> None:
+    case = faulty(kind, seed, by_twists=False)
+    verdict = identify(case.recording).verdict
+    assert verdict is not None
+    assert (verdict.cause, verdict.robot) == (cause, case.robot)
+
+
 def test_a_load_that_may_have_no_mass_is_no_explanation() -> None:
     verdict = identify(faulty("load change", 931157, by_twists=False).recording).verdict
     assert verdict is not None

@@ -80,7 +80,8 @@ def judge_forces(evidence: Evidence, assumed: str | None) -> Verdict:
     mending = [one for one in sure if _mends(one, plain.excess)]
     as_assumed = [one for one in mending if one.cause == assumed]
     confirmed = _confirmed(as_assumed or mending, evidence, homes)
-    best = next(iter([*confirmed, *as_assumed, *sure]), None)
+    unmendable = [one for one in mending[:1] if one.cause not in MENDABLE]
+    best = next(iter([*confirmed, *as_assumed, *unmendable, *sure]), None)
     misfits = f"forces differ from any rigid body's by {np.sqrt(plain.inside):.2g} times what noise explains"
     if best not in mending or best.cause is Cause.MOMENT_SCALE:
         missing = missing_axis(recording, MOMENTS)  # hands that turn freely exert none

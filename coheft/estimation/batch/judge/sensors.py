@@ -11,7 +11,7 @@ from coheft.estimation.batch.judge.verdict import Cause, Verdict
 from coheft.estimation.batch.recording import Recording
 from coheft.estimation.geometry.spatial import Array
 
-_NOISE_ALONE = 1.5
+_NOISE_ALONE = 2.5
 """Mean square of readings, in multiples of their noise's, below which they are nothing but noise."""
 _SPIKE, _USUAL = 8.0, 0.1
 """Jumps of single samples, in multiples of the median second difference, at least this share of its deviation."""
