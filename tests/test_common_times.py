@@ -10,6 +10,7 @@ import pytest
 
 from coheft.app.identify.methods import identify
 from coheft.errors import RecordingError
+from coheft.estimation.batch.alignment import Stream, aligned
 from coheft.estimation.geometry.spatial import Array
 from coheft.wire.data.checks import COLUMNS
 from coheft.wire.data.file import read_recording
@@ -69,6 +70,19 @@ def test_unsteady_times_are_resampled_and_told(
     assert found.doubts == ()
     assert found.payload.inertia.mass == pytest.approx(bar.MASS, rel=3e-4)
     np.testing.assert_allclose(found.payload.inertia.com, [0.5, 0.0, 0.0], atol=3e-4)
+
+
+def test_samples_that_are_too_close_for_splines_are_merged() -> None:
+    """With noise, a spline through them would swing far beyond it."""
+    rng = np.random.default_rng(1)
+    time = np.sort(REGULAR + 0.01 * rng.normal(scale=0.4, size=len(REGULAR)))
+    noise = rng.normal(size=(len(time), 6))
+    streams = {name: {"wrench": Stream(time, noise)} for name in ("left", "right")}
+    robots, _ = aligned(streams)
+    wrench = robots["left"].wrench
+    assert wrench is not None
+    assert wrench.std() < 2.0
+    assert np.abs(wrench).max() < 12.0
 
 
 def test_regular_times_stay_as_they_are(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

@@ -60,6 +60,14 @@ def test_plain_least_squares_finds_all_but_the_inertia(vibrating: Recording) -> 
     assert errors[8:].max() < -0.3
 
 
+def test_the_bias_of_plain_least_squares_is_counted_in(vibrating: Recording) -> None:
+    found = identify(vibrating, Options(method="batch"))
+    assert vibrating.truth is not None
+    error = found.payload.inertia.central() - vibrating.truth.loads[0][1].central()
+    assert np.max(np.abs(error) / found.payload.std) < 5.0
+    assert any("standard deviations of noise: they include this difference" in remark for remark in found.remarks)
+
+
 def test_only_noise_keeps_inertias_from_being_exact() -> None:
     """Via points are fast: plain central differences would make inertias 0.2 % too large."""
     scenario = scenario_of("a", "vibration", 1)

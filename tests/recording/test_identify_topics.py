@@ -80,6 +80,45 @@ def test_arms_are_found_in_files_of_other_software(
     np.testing.assert_allclose(found.payload.inertia.com, [0.5, 0.0, 0.0], atol=1e-4)
 
 
+def restamped(change: Callable[[int], int]) -> list[Topic]:
+    """The bar's topics with other stamps than times."""
+
+    def made(message: Callable[..., ros.RosMessage]) -> Callable[..., ros.RosMessage]:
+        return lambda time, numbers: message(change(time), numbers)
+
+    return [(name, made(message), time, numbers) for name, message, time, numbers in bar_topics("/{0}/{1}")]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda time: time // 10**6, "/left/ft: stamps advance by .*e-06 s while .* s pass: in another unit?"),
+        (lambda time: time // 10**9 * 10**9, "/left/ft: many stamps are equal to the one before"),
+        (lambda time: time // 10**9 * 10**9 + time % 10**9 // 1000, "/left/ft: stamps are bunched"),
+        (lambda _: START, "/left/ft: stamps stand still"),
+    ],
+)
+def test_stamps_that_are_no_times_are_named(tmp_path: Path, change: Callable[[int], int], words: str) -> None:
+    topics = sorted(restamped(change), key=lambda topic: topic[0])
+    with pytest.raises(RecordingError, match=words.replace("/left/ft", "/(left|right)/(ft|pose)")):
+        read_any(write_topics(tmp_path / "x.mcap", topics))
+
+
+def test_robots_without_wrenches_are_told(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    time = np.arange(0.0, 20.0, 0.01)
+    third = ("/third/pose", pose_message, time, bar.poses(time, "left"))
+    recording = read_any(write_topics(tmp_path / "x.mcap", [*bar_topics("/{0}/{1}"), third]))
+    assert recording.names == ("left", "right")
+    assert "left out, for there is no wrench beside them: third: pose" in caplog.text
+
+
+def test_a_bag_without_metadata_is_named_by_its_file(tmp_path: Path) -> None:
+    folder = write_bag(tmp_path / "folder", bar_topics("/{0}/{1}"))
+    (folder / "metadata.yaml").unlink()
+    with pytest.raises(RecordingError, match=r"a bag without metadata.yaml: name its file instead, .*folder.db3"):
+        read_any(folder)
+
+
 def write_bag(path: Path, topics: Sequence[Topic]) -> Path:
     """The same as a bag of ROS 2, in a folder, or of ROS 1, by other software."""
     is_ros1 = path.suffix == ".bag"

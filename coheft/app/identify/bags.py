@@ -18,6 +18,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from coheft.app.recording import ros
 from coheft.app.recording.mcap_records import is_finished
+from coheft.app.ros2.pace import Pace
 from coheft.errors import RecordingError, one_line
 from coheft.estimation.batch.alignment import Stream
 from coheft.estimation.geometry.spatial import Array
@@ -45,6 +46,10 @@ def _pose(pose: Any) -> tuple[float, ...]:
     return *_xyz(pose.position), *_xyz(pose.orientation), pose.orientation.w
 
 
+_LOOKED_AT = 500
+"""Number of the first messages whose stamps are checked."""
+_DISTINCT = 0.2
+"""Share of different stamps with which messages were merely recorded several times."""
 _OUT_OF_ORDER = 5 * 10**8
 """Largest step back of stamps, of messages that have overtaken others [ns]."""
 IN_PLACE_OF_POSES = frozenset({"nav_msgs/msg/Odometry", "sensor_msgs/msg/Imu"})
@@ -146,6 +151,27 @@ class Bag:
         }
 
 
+def _check_stamps(name: str, stamps: list[int], received: list[int]) -> None:
+    """Check that stamps are times of measurements.
+
+    Raises:
+        RecordingError: They stand still, lack nanoseconds, or are in another unit.
+    """
+    stamps, received = stamps[:_LOOKED_AT], received[:_LOOKED_AT]
+    pace = Pace()
+    for stamp, arrival in zip(stamps, received, strict=True):
+        pace.note(stamp, arrival)
+    fault = pace.fault(1.0)
+    if fault is None or fault.kind not in ("still", "equal", "bunched", "unit"):
+        return
+    is_slow = max(stamps) - min(stamps) < max(received) - min(
+        received
+    )  # times of writing tell nothing if they are fast
+    is_double = fault.kind == "equal" and len(set(stamps)) > _DISTINCT * len(stamps)
+    if not is_double and (is_slow or fault.kind != "unit"):
+        raise RecordingError(f"{one_line(name)}: {fault.words}")
+
+
 def _stream(name: str, stamps: list[int], received: list[int], values: Array) -> Stream:
     """The messages of a topic in the order of their stamps, without duplicates.
 
@@ -162,6 +188,8 @@ def _stream(name: str, stamps: list[int], received: list[int], values: Array) ->
             )
         LOG.warning(f"coheft: {one_line(name)}: all stamps are zero: messages are taken for measured when recorded")
         time = np.array(received, dtype=np.int64)
+    else:
+        _check_stamps(name, stamps, received)
     back = np.diff(time)
     if len(back) and back.min() < -_OUT_OF_ORDER:
         at = int(np.argmin(back)) + 1

@@ -35,6 +35,9 @@ def read_any(path: Path, topics: Sequence[str] = ()) -> Recording:
         from coheft.app.identify.recorded_topics import read_topics
 
         return read_topics(path, topics)
+    bags = sorted(file for file in path.iterdir() if file.suffix in _OF_TOPICS) if path.is_dir() else []
+    if bags:
+        raise RecordingError(f"{path}: a bag without {_METADATA}: name its file instead, {bags[0]}")
     if topics:
         raise UsageError(
             f"--topics chooses among those of an MCAP file or a bag of ROS, but {path} is none: leave it out"

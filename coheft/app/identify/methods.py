@@ -20,6 +20,8 @@ from coheft.estimation.batch.signals import CUTOFF, PAPER_CUTOFF
 from coheft.estimation.batch.statics import Statics
 
 _BEST = Options()
+_BIASED = 2.0
+"""Bias of plain least squares that counts, in standard deviations."""
 
 
 def suitable(recording: Recording) -> Method:
@@ -96,7 +98,7 @@ def fitted(
     """Identify the load by a method without judging the recording; arguments and errors as of ``identify``."""
     match method:
         case "batch":
-            return identify_batch(recording, options.cutoff or PAPER_CUTOFF, statics)
+            return _with_bias(identify_batch(recording, options.cutoff or PAPER_CUTOFF, statics), recording)
         case "static":
             return identify_statics(statics or Statics.of_recording(recording))
         case "instruments":
@@ -109,6 +111,23 @@ def fitted(
             if options.method is None and found.noise_ratio > MOST_NOISE:
                 found = _without_noise(recording, options, found)
     return found if statics is None else with_statics(found, statics)
+
+
+def _with_bias(found: Identification, recording: Recording) -> Identification:
+    """Add to the covariance of plain least squares how far they are from a fit without their bias."""
+    try:
+        other = identify_with_instruments(recording, CUTOFF)
+    except RecordingError:
+        return found
+    bias = found.payload.inertia.central() - other.payload.inertia.central()
+    seen = [one.payload.is_seen(quantity) for quantity in ("mass", "com", "inertia") for one in (found, other)]
+    bias *= np.repeat([all(seen[:2]), all(seen[2:4]), all(seen[4:])], [1, 3, 6])
+    ratio = float(np.max(np.abs(bias) / found.payload.std))
+    if ratio < _BIASED:
+        return found
+    payload = replace(found.payload, covariance=found.payload.covariance + np.outer(bias, bias))
+    remark = f"By that comparison, up to {ratio:.1f} standard deviations of noise: they include this difference."
+    return replace(found, payload=payload, remarks=(*found.remarks, remark))
 
 
 def _without_noise(recording: Recording, options: Options, refuted: Identification) -> Identification:

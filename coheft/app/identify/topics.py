@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 
 from coheft.app.identify.bags import IN_PLACE_OF_POSES, KINDS, BagTopic
 from coheft.errors import RecordingError, one_line
+from coheft.wire.process.log import LOG
 
 Chosen = Mapping[str, Mapping[str, str]]
 """Names of topics by robot and channel."""
@@ -66,9 +67,13 @@ def found_topics(topics: Sequence[BagTopic]) -> Chosen:
         robot = parts[topic.name][0 if ours else shared]
         if topic.kind not in IN_PLACE_OF_POSES or "pose" not in chosen.get(robot, {}):
             _add(chosen, robot, topic)
-    chosen = {
-        robot: own for robot, own in chosen.items() if "wrench" in own
-    }  # others belong to tables, cameras or targets
+    others = {robot: own for robot, own in chosen.items() if "wrench" not in own}  # tables, cameras or targets
+    chosen = {robot: own for robot, own in chosen.items() if "wrench" in own}
+    if others and len(chosen) > 1:
+        LOG.warning(
+            f"coheft: left out, for there is no wrench beside them: {_each(others)}; if one of these is a robot that "
+            f"holds the load, its force is missing, and the results are wrong"
+        )
     if not _is_team(chosen):
         raise RecordingError(
             f"found robots by the names of topics: {_each(chosen)}; expected at least two that measure the same, "

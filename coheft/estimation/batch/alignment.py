@@ -19,6 +19,8 @@ _FASTER = 1.5
 """Sensors that are faster than the common rate by this factor are filtered before they are resampled,"""
 _ALIAS = 0.4
 """with this share of the common rate as cutoff."""
+_CLOSE = 0.3
+"""Samples that are closer than this share of the mean step are merged."""
 _FEWEST = 4
 _LOST = 0.1
 """Time at either end that only some sensors cover, which is left out without a remark [s]."""
@@ -128,7 +130,8 @@ def _covered(streams: Mapping[str, Stream]) -> tuple[float, float, list[str]]:
         lost = max(max(s.time[-1] - end, start - s.time[0]) for s in streams.values())
         if lost < _LOST:
             return start, end, []
-        return start, end, [f"only the time that all sensors cover is used, from {start:.3f} s to {end:.3f} s"]
+        clocks = f". Are the clocks of {first} and {last} set alike?" if lost > end - start else ""
+        return start, end, [f"only the time that all sensors cover is used, from {start:.3f} s to {end:.3f} s{clocks}"]
     # Gaps may overlap: a part begins where all previous gaps have ended.
     parts, since = [], start
     for begin, over, _ in gaps:
@@ -164,6 +167,18 @@ def _common_times(streams: Iterable[Stream], start: float, end: float) -> Array 
     return regular if all(np.abs(time - regular).max() <= _SAME * step for time in times) else None
 
 
+def _merged(time: Array, values: Array, least: float) -> tuple[Array, Array]:
+    """Means of samples within less than a time [s]: splines through samples that are too close would swing."""
+    if np.diff(time).min() >= least:
+        return time, values
+    starts = [0]
+    for k, at in enumerate(time):
+        if at - time[starts[-1]] >= least:
+            starts.append(k)
+    counts = np.diff([*starts, len(time)])
+    return np.add.reduceat(time, starts) / counts, np.add.reduceat(values, starts) / counts[:, None]
+
+
 def _at(stream: Stream, time: Array, is_pose: bool) -> Array:
     """Values (m, width) at other times (m,) with equal steps."""
     from scipy.interpolate import CubicSpline  # servers write recordings without it
@@ -173,10 +188,12 @@ def _at(stream: Stream, time: Array, is_pose: bool) -> Array:
     own, values = stream.time, stream.values
     if is_pose:
         values = np.hstack([values[:, :3], without_jumps(values[None, :, 3:])[0]])
+    own, values = _merged(own, values, _CLOSE * stream.step)
     step = float((time[-1] - time[0]) / (len(time) - 1))
     if step > _FASTER * stream.step:
-        own = np.arange(own[0], own[-1], stream.step)
-        values = low_pass(CubicSpline(stream.time, values)(own), 1.0 / stream.step, _ALIAS / step)
+        regular = np.arange(own[0], own[-1], stream.step)
+        values = low_pass(CubicSpline(own, values)(regular), 1.0 / stream.step, _ALIAS / step)
+        own = regular
     found: Array = values if np.array_equal(own, time) else CubicSpline(own, values)(time)
     if is_pose:
         with np.errstate(over="ignore"):

@@ -100,7 +100,7 @@ def read_table(path: Path) -> Table:
             f"{path.name}: found '{one_line(header[0])}' as the first line, expected names separated by commas: save "
             f"it again as 'CSV UTF-8 (comma delimited)', with decimal points"
         )
-    if all(map(_is_number, header)):
+    if 2 * sum(map(_is_number, header)) > len(header):
         raise RecordingError(f"{path.name}: the first line holds numbers, expected the names of the columns")
     twice = [name for name in header if header.count(name) > 1]
     if twice:
