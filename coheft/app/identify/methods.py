@@ -20,6 +20,8 @@ from coheft.estimation.batch.signals import CUTOFF, PAPER_CUTOFF
 from coheft.estimation.batch.statics import Statics
 
 _BEST = Options()
+_TENSOR = 4
+"""Place of the inertia after mass and centre of mass."""
 _BIASED = 2.0
 """Bias of plain least squares that counts, in standard deviations."""
 
@@ -114,14 +116,15 @@ def fitted(
 
 
 def _with_bias(found: Identification, recording: Recording) -> Identification:
-    """Add to the covariance of plain least squares how far they are from a fit without their bias."""
+    """Add to the covariance of plain least squares how far their inertia is from a fit without their bias."""
     try:
         other = identify_with_instruments(recording, CUTOFF)
     except RecordingError:
         return found
+    if not (found.payload.is_seen("inertia") and other.payload.is_seen("inertia")):
+        return found
     bias = found.payload.inertia.central() - other.payload.inertia.central()
-    seen = [one.payload.is_seen(quantity) for quantity in ("mass", "com", "inertia") for one in (found, other)]
-    bias *= np.repeat([all(seen[:2]), all(seen[2:4]), all(seen[4:])], [1, 3, 6])
+    bias[:_TENSOR] = 0.0  # mass and centre of mass are those of holds
     ratio = float(np.max(np.abs(bias) / found.payload.std))
     if ratio < _BIASED:
         return found

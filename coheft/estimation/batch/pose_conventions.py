@@ -64,7 +64,6 @@ _CONVENTIONS: tuple[tuple[Callable[[Array], Array], str, str], ...] = (
     (_real_part_last, "with quaternions in the order qw qx qy qz", "Move the real part to the end"),
     (inverse_poses, "as inverses, poses of the home frame in the grasp frame,", "Invert them"),
     (_inverse_quaternions, "with inverse quaternions", "Change the signs of qx qy qz"),
-    *_other_axes(),
 )
 """Conversions from other conventions, with words for the convention and the remedy."""
 
@@ -86,14 +85,17 @@ def check_conventions(recording: Recording, cutoff: float, signals: Signals) -> 
         return
     count = len(given)
     choices = [np.ones(count, dtype=np.bool_), *np.eye(count, dtype=np.bool_)]
-    tried = []
-    for convert, how, what_to_do in _CONVENTIONS:
-        other = _twists(recording.changed("pose", convert), cutoff)
-        tried += [
-            (_misfit(np.where(choice[:, None, None], other, given)), choice, how, what_to_do) for choice in choices
-        ]
-    least, _, how, what_to_do = min(tried, key=lambda one: one[0])
-    if least * _BETTER > found or least > _EXPLAINED:
+    for conventions in (_CONVENTIONS, tuple(_other_axes())):  # mirrored positions of few robots may fit as well
+        tried = []
+        for convert, how, what_to_do in conventions:
+            other = _twists(recording.changed("pose", convert), cutoff)
+            tried += [
+                (_misfit(np.where(choice[:, None, None], other, given)), choice, how, what_to_do) for choice in choices
+            ]
+        least, _, how, what_to_do = min(tried, key=lambda one: one[0])
+        if least * _BETTER <= found and least <= _EXPLAINED:
+            break
+    else:
         return
     alike = [choice for misfit, choice, words, _ in tried if words == how and misfit < max(_GOOD, _BETTER * least)]
     names = ", or of ".join(
