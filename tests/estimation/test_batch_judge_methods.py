@@ -201,6 +201,14 @@ def test_whose_moments_are_in_another_unit_is_named() -> None:
     assert (verdict.cause, verdict.robot) == ("moment scale", "r2")
 
 
+def test_vibrations_are_not_taken_for_white_noise() -> None:
+    recording = recorded(draw_team(955006), "vibrating", by_twists=True)
+    found = identify(recording)
+    assert found.doubts == ()
+    assert deviations(recording, found) < 5.0
+    assert any("--method likelihood does not suit it" in remark for remark in found.remarks)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("index", range(len(LISTED)))
 def test_every_listed_fault_is_refuted_or_harmless(index: int) -> None:

@@ -12,7 +12,7 @@ from coheft.estimation.batch.calibration import Tolerances
 from coheft.estimation.batch.identification import Identification
 from coheft.estimation.batch.identify import identify_batch, identify_with_instruments
 from coheft.estimation.batch.identify_poses import identify_poses
-from coheft.estimation.batch.identify_sensors import MOST_NOISE, identify_sensors
+from coheft.estimation.batch.identify_sensors import identify_sensors
 from coheft.estimation.batch.identify_statics import identify_statics, with_statics
 from coheft.estimation.batch.judged import judged
 from coheft.estimation.batch.recording import Recording
@@ -20,6 +20,9 @@ from coheft.estimation.batch.signals import CUTOFF, PAPER_CUTOFF
 from coheft.estimation.batch.statics import Statics
 
 _BEST = Options()
+_SUITABLE = 1.12
+"""Largest residuals, in multiples of what noise explains, with which maximum likelihood is chosen: if they are larger,
+noise is not white, and its standard deviations are too small."""
 _TENSOR = 4
 """Place of the inertia after mass and centre of mass."""
 _BIASED = 2.0
@@ -110,7 +113,7 @@ def fitted(
             found = identify_poses(recording, tolerances, options.cutoff or CUTOFF)
         case "likelihood":
             found = identify_sensors(recording)
-            if options.method is None and found.noise_ratio > MOST_NOISE:
+            if options.method is None and found.noise_ratio > _SUITABLE:
                 found = _without_noise(recording, options, found)
     return found if statics is None else with_statics(found, statics)
 
