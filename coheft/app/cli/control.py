@@ -125,11 +125,11 @@ def watch(*, run: options.RunFolder = None) -> None:
     """Watch a run in progress until it ends."""
     from rich.console import Console
 
-    from coheft.app.run.folder import find_run
+    from coheft.app.run.folder import locate_run
     from coheft.app.run.launch import watch as watch_run
     from coheft.app.terminal.screen import make_display
 
-    print(watch_run(find_run(run), make_display(Console())))
+    print(watch_run(*locate_run(run), make_display(Console())))
 
 
 @app.command(group=CONTROL)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,7 +13,7 @@ import msgspec
 from coheft.app.results.record import Record
 from coheft.app.results.report import Report, RunInfo, build_report
 from coheft.app.run.beat import beating
-from coheft.app.run.folder import RunFile, announce, announced, has_gone
+from coheft.app.run.folder import RunEnd, RunFile, announce, announced, has_gone, note_end, noted_end
 from coheft.app.run.follower import Follower
 from coheft.app.run.fork_server import ForkServer
 from coheft.app.run.observer import Observer, observe
@@ -22,7 +22,7 @@ from coheft.app.run.processes import Processes, make_fork_server
 from coheft.app.run.restarts import Restarts
 from coheft.app.terminal.screen import Display
 from coheft.app.terminal.standard_output import check_standard_output
-from coheft.errors import LinkError
+from coheft.errors import CoheftError, LinkError
 from coheft.wire.messages.requests import Status, StatusRequest
 from coheft.wire.messages.structs import Problem
 from coheft.wire.scenario.plugins import estimator_names
@@ -88,6 +88,8 @@ def launch(
             for follower in followers:
                 follower.begin(first)
             status = _follow(audience, observer, processes, again, is_saving=plan.server.save_data is not None)
+            with suppress(CoheftError):  # for instance a full disk, which must not cost the report
+                note_end(folder, RunEnd(status.time))
             for follower in followers:
                 follower.end(status)
     if record.truth is None or record.silent:
@@ -200,8 +202,13 @@ def _follow(
     return status
 
 
-def watch(run_file: RunFile, display: Display) -> str:
+def watch(folder: Path, run_file: RunFile, display: Display) -> str:
     """Show a run that another process supervises until it has ended; return a sentence that says when that was.
+
+    Args:
+        folder: Folder of the run.
+        run_file: Its addresses.
+        display: Shows it.
 
     Raises:
         LinkError: The server does not answer, or reports that the run was aborted.
@@ -231,12 +238,18 @@ def watch(run_file: RunFile, display: Display) -> str:
                 _explain_silence(status, display)
                 continue
             if run_file.pids and has_gone(run_file):  # a supervisor never restarts its server
+                if (end := noted_end(folder)) is not None:  # a process that is busy or stopped misses last messages
+                    return _ended_at(end.time)
                 raise LinkError(f"the run was aborted: its server ended after {audience.record.time:.1f} s")
             observer.check_server()
             display.note("the server does not answer")
     if status.failure:  # the display has shown it
         raise LinkError(f"the run was aborted at {status.time:.2f} s")
-    return f"the run has ended at {status.time:.2f} s"
+    return _ended_at(status.time)
+
+
+def _ended_at(time: float) -> str:
+    return f"the run has ended at {time:.2f} s"
 
 
 def _explain_silence(status: Status, display: Display) -> None:
