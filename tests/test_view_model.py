@@ -15,7 +15,9 @@ from coheft.app.view.timeline import Timeline
 from coheft.app.view.traces import WINDOW
 from coheft.wire.messages.requests import Status
 from coheft.wire.messages.structs import LoadChangeNotice, Problem
+from coheft.wire.messages.told import changed_link, set_clock
 from coheft.wire.messages.truth import LoadState
+from coheft.wire.scenario.network import LinkQuality
 from tests.synthetic_run import BLOCK, HEAVY, LIGHT, ROBOTS, SCENE, STD, changing_run, estimate, truth
 
 STATUS = Status(
@@ -165,3 +167,28 @@ def test_numbers_have_as_many_digits_as_their_std_says_something_about() -> None
     model.hear(msgspec.structs.replace(said, payload=sure))
     for text in (words.team(model, "r1"), words.belief(model.report("r1"), model.beliefs["r1"])):
         assert not re.search(r">(± )?0\.0+<", text), text
+
+
+def test_what_the_operator_has_disturbed_is_shown_until_it_is_restored_or_its_agent_restarts() -> None:
+    model, lossy = ViewModel(STATUS), LinkQuality(loss=0.2)
+    model.note_pids({"r1": 1, "r2": 2})
+    assert words.disturbances(model) == ""
+    for source, text in (
+        ("r1", changed_link("r2", lossy)),
+        ("r2", changed_link("r1", lossy)),
+        ("r3", changed_link("r2", LinkQuality(delay=0.1))),
+        ("server", set_clock("r2", 0.003)),
+    ):
+        model.hear(Problem(source=source, text=text))
+    text = words.disturbances(model)
+    for line in (
+        "r1-r2: 20 % lost, others 0 s late",
+        "r2 to r3: 0 % lost, others 0.1 s late",
+        "clock of r2: 0.003 s ahead",
+    ):
+        assert f"<div>{line}</div>" in text
+    model.note_pids({"r1": 3, "r2": 2})
+    assert "r1 to r2: 20 %" in words.disturbances(model), "r1 receives everything in time, and r2 does not"
+    for source, text in (("r2", changed_link("r1", LinkQuality())), ("server", set_clock("r2", 0.0))):
+        model.hear(Problem(source=source, text=text))
+    assert list(model.disturbances) == [("r2", "r3")]

@@ -168,13 +168,15 @@ def locate_run(folder: Path | None = None, *, acts: bool = False) -> tuple[Path,
     if folder is not None:
         if len(folder.parts) == 1 and not folder.exists() and (among_runs := runs_folder() / folder).is_dir():
             folder = among_runs
-        run_file = _read(folder)
+        run_file = read_run_file(folder)
         if run_file is None or not _is_listening(run_file.server):
             expected = ": expected the folder of a run, or, for 'coheft view', a recording that ends with .mcap"
             raise CoheftError(f"no run is in progress in {folder}{expected if folder.is_file() else ''}")
         return folder, run_file
     places = [path.parent for path in runs_folder().glob(f"*/{RUN_FILE}")]
-    found = [(place, run_file) for place in places if (run_file := _read(place)) and _is_listening(run_file.server)]
+    found = [
+        (place, run_file) for place in places if (run_file := read_run_file(place)) and _is_listening(run_file.server)
+    ]
     if not found:
         raise CoheftError(
             "no run is in progress; start one with 'coheft run', or name the folder of another run: --run DIR"
@@ -197,11 +199,11 @@ def locate_run(folder: Path | None = None, *, acts: bool = False) -> tuple[Path,
 
 def _is_in_progress(folder: Path) -> bool:
     """Whether the run of a folder is in progress."""
-    run_file = _read(folder)
+    run_file = read_run_file(folder)
     return run_file is not None and _is_listening(run_file.server)
 
 
-def _read(folder: Path) -> RunFile | None:
+def read_run_file(folder: Path) -> RunFile | None:
     """Return the run file in a folder, with absolute paths; None if it is missing or incomplete."""
     try:
         run_file = msgspec.json.decode((folder / RUN_FILE).read_bytes(), type=RunFile)

@@ -74,6 +74,19 @@ def loads(states: Iterable[LoadState]) -> str:
     return small(" · ".join(map(load, states)))
 
 
+def disturbances(model: ViewModel) -> str:
+    """List the links and clocks that are disturbed; a link once if it is in both directions alike."""
+    found, lines = model.disturbances, []
+    for one, other in model.edges:
+        there, back = found.get((one, other), ""), found.get((other, one), "")
+        if there and there == back:
+            lines.append(f"{one}-{other}: {there}")
+            continue
+        lines += [f"{a} to {b}: {what}" for a, b, what in ((one, other, there), (other, one, back)) if what]
+    lines += [f"clock of {robot}: {found[robot,]}" for robot in model.scene.robots if (robot,) in found]
+    return _filled("disturbances", lines)
+
+
 def small(text: str) -> str:
     """Return a line below a button or a list."""
     return _filled("small", text)
