@@ -10,6 +10,7 @@ from pathlib import Path
 
 import msgspec
 
+from coheft.app.names import few
 from coheft.app.results.record import Record
 from coheft.app.results.report import Report, RunInfo, build_report
 from coheft.app.run.beat import beating
@@ -34,6 +35,7 @@ _GATHER = 0.03
 fast it is, and the end of a process is noticed within 50 ms."""
 _START_LIMIT = 60.0
 _COMMENT_AFTER = 5.0
+_COMMENT_EVERY = 2.0
 _SILENCE = 2.0
 _STOPPED = 2.0
 _FINAL_MESSAGES = 1.0
@@ -144,6 +146,7 @@ def _wait_for_start(observer: Observer, again: Restarts, display: Display) -> St
     number.
     """
     began = moved_at = time.monotonic()
+    comment_at = began + _COMMENT_AFTER
     waiting_for = [SERVER]
     while time.monotonic() < moved_at + _START_LIMIT:
         again.check(has_begun=False)
@@ -153,10 +156,11 @@ def _wait_for_start(observer: Observer, again: Restarts, display: Display) -> St
                 return status
             if status.waiting_for != waiting_for:
                 waiting_for, moved_at = status.waiting_for, time.monotonic()
-        if time.monotonic() > began + _COMMENT_AFTER:
-            display.note(f"waiting for {', '.join(waiting_for)}")
+        if time.monotonic() > comment_at:
+            comment_at = time.monotonic() + _COMMENT_EVERY
+            display.note(f"waiting for {few(waiting_for)}")
         time.sleep(_POLL)
-    raise LinkError(f"after {time.monotonic() - began:.0f} s there is still no link with {', '.join(waiting_for)}")
+    raise LinkError(f"after {time.monotonic() - began:.0f} s there is still no link with {few(waiting_for)}")
 
 
 def _follow(
@@ -186,6 +190,7 @@ def _follow(
                 processes.wait_for_all_but(SERVER, _AGENTS_END)
             elif status is not None:
                 _explain_silence(status, audience.display)
+                news = time.monotonic()  # the next explanation comes a while later
     processes.check()
     deadline = time.monotonic() + _FINAL_MESSAGES
     while time.monotonic() < deadline and not audience.record.complete:
@@ -256,4 +261,4 @@ def _explain_silence(status: Status, display: Display) -> None:
     if status.state == "paused":
         display.note(f"paused at {status.time:.2f} s; 'coheft resume' continues")
     elif status.waiting_for:
-        display.note(f"waiting for {', '.join(status.waiting_for)}")
+        display.note(f"waiting for {few(status.waiting_for)}")

@@ -9,6 +9,7 @@ from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
+from coheft.app.names import few
 from coheft.app.results.judge import RobotReport
 from coheft.app.results.states import MEANINGS, State
 from coheft.app.terminal.digits import decimals_for, seconds_of, std_text, value_and_std
@@ -61,7 +62,7 @@ def waiting_note(status: Status, *, is_still: bool) -> str:
         return ENDED
     if status.state == "paused":
         return "paused: press Resume to continue"
-    return f"waiting for {', '.join(status.waiting_for)}" if status.waiting_for and is_still else ""
+    return f"waiting for {few(status.waiting_for)}" if status.waiting_for and is_still else ""
 
 
 def load(state: LoadState) -> str:
