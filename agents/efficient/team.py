@@ -73,13 +73,13 @@ class Team:
         self._waits = max(2, config.blocks(guards.waiting)) + times.spanned - 1
         self._seals: Seals | None = None
         if signer is None:
-            self.exchange = Exchange(membership, len(lives), self.own, hops, times, errors.width - 1)
+            self.exchange = Exchange(membership, len(lives), self.own, hops, times, errors.row_size)
         else:
             from coheft.agents.efficient.seals import Seals, SealTimes
 
             seal_times = SealTimes.of_team(len(lives), hops, times, config, guards)
             window = seal_times.window(times)
-            self.exchange = Exchange(membership, len(lives), self.own, hops, times, errors.width - 1, window)
+            self.exchange = Exchange(membership, len(lives), self.own, hops, times, errors.row_size, window)
             first = times.begun_from(start)
             self._seals = Seals(self.names, self.own, first, self.exchange, times, seal_times, signer)
         self._prior: tuple[Prior, int] | None = None
@@ -93,17 +93,22 @@ class Team:
         self._unclear_since: int | None = None  # block in which a change was noticed whose cause is not known yet
 
     def begin(self, prior: Prior, anchor: int, newcomers: Sequence[str] = ()) -> None:
-        """Start the session from a prior, which newcomers are sent when their first message arrives."""
+        """Start the session from a prior, which newcomers are sent when their first message arrives.
+
+        Not if rows are signed: what a neighbour has concluded from them is not.
+        """
         self._prior = prior, anchor
-        is_told = Unknowns(len(self.names), self.settings.errors).size <= MOST_TOLD
+        is_told = self._seals is None and Unknowns(len(self.names), self.settings.errors).size <= MOST_TOLD
         self._newcomers = dict.fromkeys(newcomers, _TOLD) if is_told else {}
         self.session = Session(len(self.names), self.own, self.settings, self._guards, prior, anchor)
         self._next, self._taken = self.times.begun_from(self.start), set()
         self.noticed, self.noticed_slips = [], []
 
     def adopt(self, channels: Channels) -> None:
-        """Start from the prior in a neighbour's message, if this robot knows nothing yet."""
-        if CHANNEL in channels and self._prior is None and self.session.stage is Stage.GATHERING:
+        """Start from the prior in a neighbour's message, if this robot knows nothing yet and rows are not signed."""
+        if self._seals is not None or CHANNEL not in channels:
+            return
+        if self._prior is None and self.session.stage is Stage.GATHERING:
             found = decode(channels[CHANNEL], self.exchange.team, len(self.names), self.settings)
             if found is not None:
                 self.begin(*found, self.names)
@@ -150,7 +155,7 @@ class Team:
 
     def hear_of_change(self, index: int) -> None:
         """Pass on load changes that other robots have reported up to this block."""
-        self.session.hear_of_change(self.exchange.changed_at, self.times.begun_from(index))
+        self.session.hear_of_change(self.exchange.news_at, self.times.begun_from(index))
 
     def take(self, index: int) -> None:
         """Process all rows that are complete by now, even if an earlier one is not."""
@@ -171,7 +176,7 @@ class Team:
         del self.noticed[len(session.changes) :]
         self.noticed += [index] * (len(session.changes) - len(self.noticed))
         self.noticed_slips += [(self._unclear_since, index)] * (len(session.slips) - len(self.noticed_slips))
-        if session.suspect is None and not session.is_suspected:
+        if session.contradicting is None and not session.is_cause_open:
             self._unclear_since = None
         oldest = self.times.begun_from(index - self.exchange.window)
         while self._next in self._taken or self._next < oldest:
