@@ -14,6 +14,7 @@ from coheft.app.view.model import ViewModel
 from coheft.app.view.timeline import Timeline
 from coheft.app.view.traces import WINDOW
 from coheft.wire.messages.requests import Status
+from coheft.wire.messages.states import RunState, Validity
 from coheft.wire.messages.structs import LoadChangeNotice, Problem
 from coheft.wire.messages.told import changed_link, set_clock
 from coheft.wire.messages.truth import LoadState
@@ -22,7 +23,7 @@ from tests.synthetic_run import BLOCK, HEAVY, LIGHT, ROBOTS, SCENE, STD, changin
 
 STATUS = Status(
     scenario="three",
-    state="running",
+    state=RunState.RUNNING,
     block=0,
     time=0.0,
     duration=4.0,
@@ -131,7 +132,7 @@ def test_texts_tell_numbers_reasons_and_changes_and_let_nobody_write_html():
     change = LoadChangeNotice(noticed_at=1.5, changed_at=1.4)
     said = estimate("r1", 0, HEAVY, changes=[change])
     model.hear(truth(0, LIGHT))
-    model.hear(msgspec.structs.replace(said, status="stale", reasons=["<b>r2</b> is silent"]))
+    model.hear(msgspec.structs.replace(said, status=Validity.STALE, reasons=["<b>r2</b> is silent"]))
     model.hear(Problem(source="r1", text="refused <script>"))
     text = words.belief(model.report("r1"), model.beliefs["r1"])
     assert "10.000" in text
@@ -140,9 +141,9 @@ def test_texts_tell_numbers_reasons_and_changes_and_let_nobody_write_html():
     assert "&lt;b&gt;r2" in text
     assert "&lt;script&gt;" in words.problems(model)
     assert "stale" in words.team(model, "r1")
-    paused = msgspec.structs.replace(STATUS, state="paused")
+    paused = msgspec.structs.replace(STATUS, state=RunState.PAUSED)
     assert "resume" in words.waiting_note(paused, is_still=False).lower()
-    waits = msgspec.structs.replace(STATUS, state="running", waiting_for=["r1"])
+    waits = msgspec.structs.replace(STATUS, state=RunState.RUNNING, waiting_for=["r1"])
     assert [words.waiting_note(waits, is_still=is_still) for is_still in (False, True)] == ["", "waiting for r1"]
 
 
@@ -151,10 +152,10 @@ def test_a_load_that_is_dropped_while_time_stands_still_is_there_at_once() -> No
     model.hear(truth(0, LIGHT))
     before = model.changes
     dropped = LoadState(1, 3.0, (0.0, 0.0, 0.1), (0.1, 0.1, 0.1))
-    model.note_status(msgspec.structs.replace(STATUS, state="paused", block=1, loads=[dropped]))
+    model.note_status(msgspec.structs.replace(STATUS, state=RunState.PAUSED, block=1, loads=[dropped]))
     assert model.loads == [dropped]
     assert model.changes > before, "there is another picture to draw"
-    model.note_status(msgspec.structs.replace(STATUS, state="running", block=1, loads=[dropped]))
+    model.note_status(msgspec.structs.replace(STATUS, state=RunState.RUNNING, block=1, loads=[dropped]))
     assert model.loads == [], "while time runs, the newest truth tells"
 
 
