@@ -22,6 +22,7 @@ class Point:
     Attributes:
         time: Time of the estimate [s].
         block: Its block.
+        estimator: The estimator that made it.
         is_stale: Whether the robot could not know whether its estimate still held.
         truth: True ``(m, h, J packed)`` in ``F_i``, shape (10,).
         error: Truth minus estimate, shape (10,).
@@ -33,6 +34,7 @@ class Point:
 
     time: float
     block: int
+    estimator: str
     is_stale: bool
     truth: Array
     error: Array
@@ -67,6 +69,7 @@ def make_point(judge: Judge, estimate: Estimate) -> Point:
     return Point(
         time=estimate.time,
         block=estimate.block,
+        estimator=estimate.estimator,
         is_stale=estimate.status == "stale",
         truth=np.concatenate([[true.mass], true.com, pack_symmetric(true.tensor)]),
         error=error,

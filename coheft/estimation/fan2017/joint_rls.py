@@ -213,7 +213,7 @@ class JointRls:
     def noise_root(self) -> Array:
         """Cholesky's root of the part of the covariance that white noise causes, shape (10, 10)."""
         noise = self._of_all(self._residual_scale * self._all.inverse @ self._scatter @ self._all.inverse)
-        root: Array = np.linalg.cholesky(noise + np.diag(_SINGULAR * noise.diagonal() + _KNOWN_STD**2))
+        root: Array = np.asarray(np.linalg.cholesky(noise + np.diag(_SINGULAR * noise.diagonal() + _KNOWN_STD**2)))
         return root
 
     @property
