@@ -78,6 +78,18 @@ def test_other_graphs(name: str, graph: Graph) -> None:
         assert estimate.load_changes == []
 
 
+@pytest.mark.slow
+def test_sums_that_lag_behind_do_not_make_the_load_heavier() -> None:
+    """With 8 rounds, a ring of six keeps 4 % of what robots disagree on, and they push hard against each other."""
+    duration = 12.0
+    recording = run_with_faults(fan2017("ring6", duration=duration, load_changes=(), fan2017=Fan2017Settings(rounds=8)))
+    for report in recording.judged(duration).values():
+        assert report.mass.error_pct is not None
+        assert report.mass.error_pct < 0.12
+        assert report.mass.std is not None
+        assert abs(report.mass.estimate - report.mass.truth) < 4.0 * report.mass.std
+
+
 def test_two_robots() -> None:
     line4 = load_scenario("line4")
     robots = type(line4.robots)(grasps=line4.robots.grasps[::3])
