@@ -11,6 +11,7 @@ from coheft.app.export.found_load import FoundLoad, chosen_robot, of_estimate, o
 from coheft.app.identify.report import IdentifyReport
 from coheft.app.results.report import Report, chosen_estimator
 from coheft.errors import CoheftError, UsageError
+from coheft.wire.messages.states import RunState
 
 _PATIENCE = 5.0
 """Time to wait for an estimate of a robot [s]."""
@@ -87,5 +88,5 @@ def hear_load(folder: Path | None, robot: str | None, estimator: str | None = No
                 if isinstance(heard, Estimate) and (heard.robot, heard.estimator) == (name, chosen):
                     source = f"the run {status.scenario} ({place.name}) at {heard.time:g} s{of_chosen}"
                     return of_estimate(heard, source)
-    state = f"the run is {status.state}" if status.state != "running" else "its agent may have stopped"
+    state = f"the run is {status.state}" if status.state is not RunState.RUNNING else "its agent may have stopped"
     raise CoheftError(f"{name} has said nothing for {_PATIENCE:g} s: {state}")

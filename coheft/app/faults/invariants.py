@@ -23,6 +23,7 @@ from coheft.app.results.judge import Judge
 from coheft.app.results.quantities import payload_exists
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.wire.messages.scene import Scene
+from coheft.wire.messages.states import Validity
 from coheft.wire.messages.structs import Estimate
 from coheft.wire.scenario.borders import first_border
 
@@ -92,7 +93,7 @@ class Watch:
             if estimate is None:
                 continue
             since, self._is_off = self._off_since.pop(robot, estimate.time), False
-            if estimate.status == "valid" and self._lies.get(robot, math.inf) > estimate.time:
+            if estimate.status is Validity.VALID and self._lies.get(robot, math.inf) > estimate.time:
                 self._check_payload(estimate)
                 self._check_poses(estimate)
             if self._is_off:
