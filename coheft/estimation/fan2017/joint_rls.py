@@ -158,7 +158,7 @@ class JointRls:
                 shape (b, 12, 6): of every sample or, as it changes as slowly as the motion, of every second, third,
                 ..., from the first on.
             lag: How much is missing in ``(F, T, a, alpha)`` because sums lag behind, of the same samples, shape
-                (b, 12). Its squares add up in the moments as those of noise do, and are taken out with them.
+                (b, 12).
         """
         both = _split(*joint_regressor(w, a, alpha, force, torque), self.theta, self._known, self._free)
         self._noise.measure(np.hstack([force, torque, a, alpha]))
@@ -178,12 +178,14 @@ class JointRls:
         block = np.zeros_like(self._sums)
         block[:, : n + 1] = _over_samples(weighted, both)
         if self._is_weighted_by_state:  # basic least squares takes the regressor to be exact
-            squares = self._noise.covariance + (0.0 if lag is None else lag.T @ lag / len(lag))
-            in_regressor = np.tensordot(squares, weight @ self._by_inputs, 1)
+            in_regressor = np.tensordot(self._noise.covariance, weight @ self._by_inputs, 1)
             block[:, n + 1 :] = age_weights.sum() * _over_samples(self._by_inputs, in_regressor)[:-1]
         self._sums = decay * self._sums + block
         self._scatter = decay**2 * self._scatter + _over_samples(weighted, noise @ weighted)
-        late = self._pull(by_inputs, weighted, weight, age_weights, lag) if lag is not None else np.zeros(n)
+        late = np.zeros(n)
+        if lag is not None:  # it is in the regressor, too, so what it does does not have the mean zero
+            every = -(-len(w) // len(lag))
+            late = every * _over_samples(weighted[::every], (lag @ by_inputs.T)[:, :, None])[:, 0]
         self._pull_of_lag = decay * self._pull_of_lag + late
         self._pull_of_place *= decay
         if by_place is not None:
@@ -250,23 +252,6 @@ class JointRls:
         pull = self._all.theta - self._newest.theta
         follow = self._all.inverse @ self._old[:, : len(pull)]
         return self._of_all(np.outer(pull, pull) + follow @ self._newest.inverse @ follow.T)
-
-    def _pull(self, by_inputs: Array, weighted: Array, weight: Array, age_weights: Array, lag: Array) -> Array:
-        """What is missing in the vector of a block because of the lag, shape (n,), but for squares that are taken out.
-
-        Args:
-            by_inputs: Derivative of the residual, shape (6, 12).
-            weighted: The block's regressors with their weights, shape (B, 6, n).
-            weight: Shape (6, 6).
-            age_weights: Shape (B,).
-            lag: See ``update``.
-        """
-        every = -(-len(weighted) // len(lag))
-        regressor = weighted[::every]
-        if self._is_weighted_by_state:
-            missing = np.tensordot(lag, self._by_inputs[:, :, :-1], 1)
-            regressor = regressor + age_weights[::every, None, None] * (weight @ missing)
-        return every * _over_samples(regressor, (lag @ by_inputs.T)[:, :, None])[:, 0]
 
     def _weights_of(self, samples: int) -> tuple[float, Array]:
         """What is left of the weight of older samples, and the weights of so many new ones, shape (samples,).
