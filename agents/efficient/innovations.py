@@ -51,7 +51,7 @@ class EvaluatedRow(NamedTuple):
 
 
 class Innovations:
-    """Evaluates rows at an estimate, and the rows that are kept against the newest ones.
+    """Evaluates rows at an estimate, and tests those that are kept for a change.
 
     Args:
         estimate: The estimate.
@@ -66,8 +66,6 @@ class Innovations:
         body, buffer, load = estimate.body, chapter.buffer, estimate.state.load
         if load is None:  # residuals of wrenches are not used then
             load = np.zeros(LOAD_SIZE)
-        if not estimate.misses_poses:
-            buffer.project_at(body)
         of_all, of_load = buffer.moments()
         see = np.vstack([body.motion_map[FORCING], body.wrench_map])
         buffer.views[: buffer.count] = buffer.rows[: buffer.count] @ see.T
@@ -86,7 +84,7 @@ class Innovations:
         if past is not None:  # a mean over few rows would be as noisy as the rows that are tested
             sums, rows = sums + past.rows * past.mean, rows + past.rows
         self._rows, self._mean = rows, sums / max(rows, 1.0)
-        mean = self.evaluate(self._mean).motion
+        mean = self.evaluate(self._mean).motion  # the excess is zero up to here
         self.excess = np.where(np.arange(len(mean)) % KINEMATICS_SIZE < TWIST.stop, mean, 0.0)
 
     @property
@@ -96,7 +94,7 @@ class Innovations:
 
     @property
     def past_before_slip(self) -> Past:
-        """The same with another mean, which has the present excess whatever the poses are."""
+        """The same, with a made-up mean that gives the present excess at any poses."""
         mean = np.zeros_like(self._mean)
         mean[ROW_SIZE * self._body.count] = 1.0
         by_robot = mean[: ROW_SIZE * self._body.count].reshape(-1, ROW_SIZE)
@@ -105,15 +103,15 @@ class Innovations:
 
     def evaluate(self, row: Array) -> EvaluatedRow:
         """Evaluate an extended row (X,)."""
-        seen = self._matrix @ row
-        motion = self._body.residuals(row[None], seen[None, _MOTION:])[0] - self.excess
-        return EvaluatedRow(seen[:VIEW_SIZE], seen[VIEW_SIZE:_MOTION], motion)
+        evaluated = self._matrix @ row
+        motion = self._body.residuals(row[None], evaluated[None, _MOTION:])[0] - self.excess
+        return EvaluatedRow(evaluated[:VIEW_SIZE], evaluated[VIEW_SIZE:_MOTION], motion)
 
     def residuals(self, rows: Array) -> tuple[Array, Array]:
         """Return residuals of extended rows (n, X): of the wrench (n, 1, 6), and of motion sensors (n, N, 12)."""
-        seen = rows @ self._matrix[VIEW_SIZE:].T
-        motion = self._body.residuals(rows, seen[:, WRENCH_SIZE:]) - self.excess
-        return seen[:, None, :WRENCH_SIZE], motion.reshape(len(rows), -1, KINEMATICS_SIZE)
+        evaluated = rows @ self._matrix[VIEW_SIZE:].T
+        motion = self._body.residuals(rows, evaluated[:, WRENCH_SIZE:]) - self.excess
+        return evaluated[:, None, :WRENCH_SIZE], motion.reshape(len(rows), -1, KINEMATICS_SIZE)
 
     def gram(self, buffer: RowBuffer) -> Array:
         """Return the Gram matrix of the views of all rows of the load, shape (19, 19)."""
