@@ -282,6 +282,16 @@ def test_the_robot_with_the_anchor_may_leave_robots_that_miss_sensors() -> None:
 
 
 @pytest.mark.slow
+def test_six_unlike_robots_find_the_mass() -> None:
+    scenario = load_scenario("mixed6", ["duration=2", "load_changes=[]"])
+    assert {missing for own in scenario.robot_sensors() for missing in own.missing} == set(COLUMNS)
+    for estimate in last_estimates(scenario).values():
+        assert estimate.status == "valid"
+        assert estimate.payload is not None
+        assert abs(estimate.payload.mass - 10.0) < 5.0 * estimate.payload.covariance[0, 0] ** 0.5
+
+
+@pytest.mark.slow
 @EACH
 def test_a_fault_of_a_sensor_that_is_missing_is_none(missing: str) -> None:
     fault = SensorFault(start=1.5, end=2.0, robot="r2", sensor=missing, how="offset", size=50.0)
