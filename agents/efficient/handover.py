@@ -20,6 +20,8 @@ from coheft.estimation.moments.unknowns import LOAD_SIZE, State, Unknowns
 
 CHANNEL = "known"
 _HEAD = 4  # number of the team, index of the anchor, size of the load, whether the prior of sensor errors is in it
+_FARTHEST = 1e9
+"""Sensor errors may be so many prior deviations: as large as they are told, but 0 where a sensor is exact."""
 _MANY_ROWS = 1e6
 _LEAST_SCALE, _ROUNDING = 1e-9, 1e-6
 
@@ -76,7 +78,7 @@ def decode(numbers: npt.NDArray[Any], team: int, count: int, settings: FitSettin
     step = np.zeros(size)
     step[unknowns.eta], step[unknowns.gyros] = eta.reshape(count, -1), gyros
     evidence = Evidence.of_rows(unit * score, information, noise, _MANY_ROWS)
-    state, guess = first.moved(step, unknowns, np.inf), Guess.about(theta, float(head[2]))
+    state, guess = first.moved(step, unknowns, _FARTHEST), Guess.about(theta, float(head[2]))
     return Prior(state, guess, evidence, bool(head[3])), anchor
 
 

@@ -55,6 +55,15 @@ def test_what_is_told_is_heard(seed: int) -> None:
     np.testing.assert_allclose(same.guess.limits, prior.guess.limits)
 
 
+def test_a_robot_without_an_error_that_others_declare_stays_exact() -> None:
+    errors = SensorErrors({"force_gain": 0.01}, {}, {"force_gain": 0.02})
+    settings, prior = replace(SETTINGS, errors=errors), some_prior(np.random.default_rng(4))
+    prior = replace(prior, state=replace(prior.state, eta=np.array([[0.005], [0.0], [-0.01]])))
+    found = decode(encode(TEAM, prior, ANCHOR), TEAM, COUNT, settings)
+    assert found is not None
+    np.testing.assert_array_equal(found[0].state.eta, prior.state.eta)
+
+
 def test_nonsense_is_not_heard() -> None:
     prior = some_prior(np.random.default_rng(0))
     right = encode(TEAM, prior, ANCHOR)
