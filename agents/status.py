@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
 
 from coheft.agents.estimator import Belief
 from coheft.agents.regular import Regular
 from coheft.wire.config import AgentConfig
+from coheft.wire.messages.states import Validity
 from coheft.wire.messages.structs import Estimate, PoseEstimate
 
 _REPORT_INTERVAL = 0.1
@@ -56,9 +56,9 @@ class StatusKeeper:
             reasons = list(belief.shortfall)
             self._valid = belief
         told = self._valid or belief
-        status: Literal["starting", "valid", "stale"] = "starting"
+        status = Validity.STARTING
         if self._valid is not None:
-            status = "valid" if is_valid else "stale"
+            status = Validity.VALID if is_valid else Validity.STALE
         return Estimate(
             robot=self._config.name,
             block=index,

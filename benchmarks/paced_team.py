@@ -17,6 +17,7 @@ from coheft.app.run.plan import Plan, make_plan
 from coheft.app.run.processes import Processes
 from coheft.errors import LinkError
 from coheft.wire.messages.requests import PauseRequest, Refusal, Request, Status, StatusRequest
+from coheft.wire.messages.states import RunState
 from coheft.wire.scenario.schema import Scenario
 from coheft.wire.transport.planes import guard_observer
 from coheft.wire.transport.security import credentials_in
@@ -93,7 +94,7 @@ class PacedTeam:
             except LinkError:  # it has not begun to listen
                 time.sleep(_POLL)
                 continue
-            if status.state != "waiting" and status.time >= seconds:
+            if status.state is not RunState.WAITING and status.time >= seconds:
                 break
             time.sleep(_POLL)
         self._ask(PauseRequest(paused=True))

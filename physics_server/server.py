@@ -9,7 +9,7 @@ import math
 import time
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Literal, NoReturn
+from typing import NoReturn
 
 import zenoh
 
@@ -33,6 +33,7 @@ from coheft.wire.messages.requests import (
     StatusRequest,
     StopRequest,
 )
+from coheft.wire.messages.states import RunState
 from coheft.wire.messages.structs import Message
 from coheft.wire.process.log import LOG
 from coheft.wire.process.problem_log import ProblemLog
@@ -70,7 +71,7 @@ class Server:
         self._stopwatch = Stopwatch()
         self._simulation = Simulation(scenario, config.neighbours)
         self._estimators = EstimatorChoice(scenario)
-        self._state: Literal["waiting", "running", "paused", "finished"] = "waiting"
+        self._state = RunState.WAITING
         self._save_data = config.save_data
         self._unsaved = ""
         self._failure = ""
@@ -122,7 +123,7 @@ class Server:
             raise
         finally:
             self._stopwatch.stop()
-            self._state = "finished"
+            self._state = RunState.FINISHED
             self._robots.send_stop(self._failure or _OVER)
             try:
                 self._write_data()
@@ -168,7 +169,7 @@ class Server:
                     self._advance()
                 else:
                     event = self._inbox.receive(min(delay, _TICK))
-                if self._state == "running":
+                if self._state is RunState.RUNNING:
                     self._robots.check()
             if event is not None:
                 self._handle(event)
@@ -177,8 +178,8 @@ class Server:
     def _follow_supervisor(self) -> None:
         """Pause while the supervising process is stopped, because it would miss the rest of the run."""
         is_stopped = is_supervisor_stopped()
-        if is_stopped and self._state == "running":
-            self._state, self._is_suspended = "paused", True
+        if is_stopped and self._state is RunState.RUNNING:
+            self._state, self._is_suspended = RunState.PAUSED, True
             self._stopwatch.stop()
             LOG.info("time stands still at block %d: the run's supervisor is stopped", self._simulation.block)
         elif self._is_suspended and not is_stopped:
@@ -187,7 +188,7 @@ class Server:
 
     def _delay(self) -> float:
         """Return the time until the next block may be simulated [s]; infinite if that depends on others."""
-        if self._state != "running" or (self._waits_for_robots and self._robots.away):
+        if self._state is not RunState.RUNNING or (self._waits_for_robots and self._robots.away):
             return math.inf
         block = self._simulation.block
         answered = self._robots.answered
@@ -216,7 +217,7 @@ class Server:
 
     def _go_on(self) -> None:
         """Start or resume the run."""
-        self._state = "running"
+        self._state = RunState.RUNNING
         self._stopwatch.start()
         self._clock.start(self._simulation.block)
         self._robots.go_on()
@@ -258,7 +259,7 @@ class Server:
             ScenarioError: The estimator does not support the scenario.
             CoheftError: The request is not possible in the present state.
         """
-        if self._state == "finished":
+        if self._state is RunState.FINISHED:
             raise CoheftError(_OVER)
         match request:
             case InjectRequest():
@@ -280,12 +281,12 @@ class Server:
             case EstimatorRequest():
                 self._estimators.choose(request.estimator)
             case PauseRequest():
-                if self._state == "waiting":
+                if self._state is RunState.WAITING:
                     raise CoheftError(f"the run has not begun: waiting for {', '.join(self._robots.not_ready)}")
                 if request.paused:
-                    self._state, self._is_suspended = "paused", False
+                    self._state, self._is_suspended = RunState.PAUSED, False
                     self._stopwatch.stop()
-                elif self._state == "paused":
+                elif self._state is RunState.PAUSED:
                     self._go_on()
             case StopRequest():
                 self._stop_asked = True
@@ -303,7 +304,7 @@ class Server:
             late_blocks=robots.late_references,
             loads=self._simulation.loads,
             slots_free=self._simulation.slots_free,
-            waiting_for=robots.not_ready if self._state == "waiting" else robots.away + robots.in_debt,
+            waiting_for=robots.not_ready if self._state is RunState.WAITING else robots.away + robots.in_debt,
             estimator=self._estimators.chosen,
             estimators=self._estimators.available,
             scene=self._simulation.scene,

@@ -11,7 +11,9 @@ import pytest
 from msgspec.structs import replace
 
 from coheft.agents.agent import Agent
+from coheft.agents.efficient.handover import CHANNEL
 from coheft.agents.efficient.seals import Seal
+from coheft.agents.estimator import Channels
 from coheft.agents.process.record_check import RecordCheck
 from coheft.app.run.inprocess import TeamInProcess, measured
 from coheft.app.run.keys import make_keys
@@ -67,16 +69,22 @@ class SignedTeam(TeamInProcess):
 
     def __init__(self, scenario: Scenario, keys: Path | None) -> None:
         super().__init__(scenario)
+        self._scenario, self._keys = scenario, keys
         self._block_duration = scenario.block_duration
         self._random = random.Random(5)
         self.loses = 0.0
         self.cut = set[str]()
         self.problems: dict[str, list[str]] = {name: [] for name in self.graph}
         self._checks: dict[str, RecordCheck] = {}
-        for name, others in self.graph.items():
-            signatures = None if keys is None else Signatures("run", credentials_in(keys, name))
-            self._checks[name] = RecordCheck(name, signatures)
-            self.agents[name] = Agent(agent_config(scenario, name, others), signer=signatures)
+        for name in self.graph:
+            self.start(name, 0)
+
+    def start(self, name: str, incarnation: int) -> None:
+        """Start an agent that knows nothing."""
+        signatures = None if self._keys is None else Signatures("run", credentials_in(self._keys, name))
+        self._checks[name] = RecordCheck(name, signatures)
+        config = agent_config(self._scenario, name, self.graph[name])
+        self.agents[name] = Agent(config, incarnation, signer=signatures)
 
     def run(self, seconds: float, change: Change | None = None) -> dict[str, list[Estimate]]:
         """Estimates of a stretch, while r2 changes what it tells r1."""
@@ -168,6 +176,32 @@ def test_seals_change_no_number(keys: Path) -> None:
     secure, plain = (SignedTeam(quiet("ring3"), each).run(1.2) for each in (keys, None))
     for name, estimates in plain.items():
         assert [encode(each, "key") for each in secure[name]] == [encode(each, "key") for each in estimates]
+
+
+@pytest.mark.slow
+def test_in_the_secure_profile_a_newcomer_believes_no_conclusion_of_a_neighbour(keys: Path) -> None:
+    told: list[tuple[int, Channels]] = []
+
+    def note(said: NeighbourMessage) -> NeighbourMessage:
+        told.append((said.block, said.channels))
+        return said
+
+    def handed_over(said: NeighbourMessage) -> NeighbourMessage:
+        known = {name: array for block, each in told if block == said.block for name, array in each.items()}
+        return replace(
+            said, channels=dict(said.channels) | {CHANNEL: known[CHANNEL]} if CHANNEL in known else said.channels
+        )
+
+    def restarted(keys: Path | None, change: Change | None) -> list[Estimate]:
+        team = SignedTeam(quiet("ring3"), keys)
+        team.run(1.6)
+        team.start("r1", 1)
+        return team.run(0.5, change)["r1"]
+
+    assert any(each.payload is not None for each in restarted(None, note))
+    assert any(CHANNEL in each for _, each in told)
+    secure = restarted(keys, handed_over)
+    assert all(each.payload is None for each in secure)
 
 
 @pytest.mark.slow

@@ -20,7 +20,8 @@ from coheft.estimation.moments.derivatives import MotionDerivatives
 from coheft.estimation.moments.fit import Estimate, EvaluateMoments, fit_state
 from coheft.estimation.moments.fit_settings import FitSettings, Guess
 from coheft.estimation.moments.likelihood import wrench_evidence
-from coheft.estimation.moments.moments import RowMoments, wrench_moments
+from coheft.estimation.moments.moments import wrench_moments
+from coheft.estimation.moments.projected import ProjectedMoments
 from coheft.estimation.moments.row_buffer import RowBuffer
 from coheft.estimation.moments.start import first_load, first_poses, poses_by_motion
 from coheft.estimation.moments.suspects import SLIP
@@ -216,7 +217,7 @@ class Knowledge:
         """
         load = now.state.load
         assert load is not None
-        moments = wrench_moments(now.body, RowMoments.of(self.buffer.window(place)))
+        moments = wrench_moments(now.body, ProjectedMoments.of(self.buffer.window(place), now.body))
         newest = wrench_evidence(now.body, MotionDerivatives.at(now.body), moments, load)
         return surprise(newest, self.covariance_now(now), now.body.unknowns.theta)
 

@@ -93,17 +93,22 @@ class Team:
         self._unclear_since: int | None = None  # block in which a change was noticed whose cause is not known yet
 
     def begin(self, prior: Prior, anchor: int, newcomers: Sequence[str] = ()) -> None:
-        """Start the session from a prior, which newcomers are sent when their first message arrives."""
+        """Start the session from a prior, which newcomers are sent when their first message arrives.
+
+        Not if rows are signed: what a neighbour has concluded from them is not.
+        """
         self._prior = prior, anchor
-        is_told = Unknowns(len(self.names), self.settings.errors).size <= MOST_TOLD
+        is_told = self._seals is None and Unknowns(len(self.names), self.settings.errors).size <= MOST_TOLD
         self._newcomers = dict.fromkeys(newcomers, _TOLD) if is_told else {}
         self.session = Session(len(self.names), self.own, self.settings, self._guards, prior, anchor)
         self._next, self._taken = self.times.begun_from(self.start), set()
         self.noticed, self.noticed_slips = [], []
 
     def adopt(self, channels: Channels) -> None:
-        """Start from the prior in a neighbour's message, if this robot knows nothing yet."""
-        if CHANNEL in channels and self._prior is None and self.session.stage is Stage.GATHERING:
+        """Start from the prior in a neighbour's message, if this robot knows nothing yet and rows are not signed."""
+        if self._seals is not None or CHANNEL not in channels:
+            return
+        if self._prior is None and self.session.stage is Stage.GATHERING:
             found = decode(channels[CHANNEL], self.exchange.team, len(self.names), self.settings)
             if found is not None:
                 self.begin(*found, self.names)

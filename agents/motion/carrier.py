@@ -20,6 +20,7 @@ from coheft.estimation.rigid_body.feedforward import load_shares, weight_deviati
 from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.estimation.rigid_body.unseen import middle_and_size
 from coheft.wire.config import AgentConfig
+from coheft.wire.messages.states import Validity
 from coheft.wire.messages.structs import Estimate
 from coheft.wire.scenario.carry import Carry
 
@@ -69,7 +70,7 @@ class Carrier:
             grasps: ``pose_j_in_ref`` of all robots that hold the load.
         """
         own = self._config.name
-        if estimate.status != "valid" or own not in grasps:
+        if estimate.status is not Validity.VALID or own not in grasps:
             return
         self._pose_in_ref = grasps[own]
         poses = [self._pose_in_ref.inverse() @ pose for pose in grasps.values()]

@@ -22,6 +22,7 @@ from coheft.estimation.measurement import SAMPLE_SIZE, MeasurementBlock
 from coheft.wire.config import AgentProcessConfig
 from coheft.wire.messages.codec import check_field
 from coheft.wire.messages.requests import DisturbRequest
+from coheft.wire.messages.states import Validity
 from coheft.wire.messages.structs import Estimate, Hello, Measurements, Message, NeighbourMessage, Ready
 from coheft.wire.process.log import LOG
 from coheft.wire.process.supervised import COMMENT_AFTER, supervised_main
@@ -305,8 +306,8 @@ class AgentProcess:
                 link.forget()
             text = f"lost the link with {SERVER} after block {self._block}"
             self._outside.problems.tell(text)
-            if self._last_estimate is not None and self._last_estimate.status == "valid":
-                self._outside.estimate.send(structs.replace(self._last_estimate, status="stale", reasons=[text]))
+            if self._last_estimate is not None and self._last_estimate.status is Validity.VALID:
+                self._outside.estimate.send(structs.replace(self._last_estimate, status=Validity.STALE, reasons=[text]))
 
     def _report_links(self) -> None:
         """Report neighbours that have become silent, or are back, to observers.

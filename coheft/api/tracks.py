@@ -13,6 +13,7 @@ from coheft.app.results.judge import Judge, standard_deviations
 from coheft.app.results.states import State
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.rigid_body.mass_properties import Inertia, unpack_symmetric
+from coheft.wire.messages.states import Validity
 from coheft.wire.messages.structs import Estimate, PayloadEstimate
 
 
@@ -98,7 +99,7 @@ def robot_result(judge: Judge, robot: str, kept: Sequence[tuple[Estimate, Inerti
     return RobotResult(
         time=np.array([estimate.time for estimate in estimates]),
         state=np.array([str(State.of(estimate)) for estimate in estimates], dtype=np.str_),
-        valid=np.array([estimate.status == "valid" for estimate in estimates], dtype=np.bool_),
+        valid=np.array([estimate.status is Validity.VALID for estimate in estimates], dtype=np.bool_),
         converged=np.array([estimate.is_converged for estimate in estimates], dtype=np.bool_),
         mass=Track(*mass),
         com=Track(*com),

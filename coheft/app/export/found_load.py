@@ -11,6 +11,7 @@ from coheft.app.results.report import Report
 from coheft.errors import CoheftError
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.rigid_body.mass_properties import Inertia, unpack_symmetric
+from coheft.wire.messages.states import Validity
 from coheft.wire.messages.structs import Estimate
 
 _ROUNDING = 1e-9
@@ -129,8 +130,8 @@ def chosen_robot(robot: str | None, names: list[str]) -> str:
     return name
 
 
-def _check_status(robot: str, status: str, reasons: list[str]) -> None:
-    if status != "valid":
+def _check_status(robot: str, status: Validity, reasons: list[str]) -> None:
+    if status is not Validity.VALID:
         raise CoheftError(
             f"the estimate of {robot} is {status}, not valid, and is not exported: "
             f"{'; '.join(reasons) or 'it has not found the load yet'}"

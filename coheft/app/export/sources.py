@@ -11,6 +11,7 @@ from coheft.app.export.found_load import FoundLoad, chosen_robot, of_estimate, o
 from coheft.app.identify.report import IdentifyReport
 from coheft.app.results.report import Report
 from coheft.errors import CoheftError
+from coheft.wire.messages.states import RunState
 
 _PATIENCE = 5.0
 """Time to wait for an estimate of a robot [s]."""
@@ -65,5 +66,5 @@ def hear_load(folder: Path | None, robot: str | None) -> FoundLoad:
             for news in observer.collect(status.scene, 0.1):
                 if isinstance(news, Estimate) and news.robot == name:
                     return of_estimate(news, f"the run {status.scenario} ({place.name}) at {news.time:g} s")
-    state = f"the run is {status.state}" if status.state != "running" else "its agent may have stopped"
+    state = f"the run is {status.state}" if status.state is not RunState.RUNNING else "its agent may have stopped"
     raise CoheftError(f"{name} has said nothing for {_PATIENCE:g} s: {state}")

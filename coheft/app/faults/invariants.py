@@ -24,6 +24,7 @@ from coheft.app.results.judge import Judge
 from coheft.app.results.quantities import payload_exists
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.wire.messages.scene import Scene
+from coheft.wire.messages.states import Validity
 from coheft.wire.messages.structs import Estimate
 from coheft.wire.scenario.borders import first_border
 
@@ -97,7 +98,7 @@ class Watch:
                 continue
             since, self._is_off = self._off_since.pop(robot, estimate.time), False
             is_judged = self._lies.get(robot, math.inf) > estimate.time and not self._has_just_slipped(estimate)
-            if estimate.status == "valid" and is_judged:
+            if estimate.status is Validity.VALID and is_judged:
                 self._check_payload(estimate)
                 self._check_poses(estimate)
             if self._is_off:

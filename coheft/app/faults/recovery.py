@@ -23,6 +23,7 @@ from coheft.app.faults.invariants import Violation
 from coheft.app.faults.run import FaultyBlock
 from coheft.app.faults.schedule import Crash, FaultSchedule, Lie, Partition, Release
 from coheft.consensus.graph import build_graph, diameter
+from coheft.wire.messages.states import Validity
 from coheft.wire.messages.structs import Estimate
 from coheft.wire.scenario.schema import LoadChange
 
@@ -99,7 +100,7 @@ class Recovery:
             if outbox.estimate is not None:
                 self._latest[robot] = outbox.estimate
                 self.published += 1
-                self.stale += outbox.estimate.status == "stale"
+                self.stale += outbox.estimate.status is Validity.STALE
         for robot in [name for name in self._latest if name not in block.outboxes]:
             del self._latest[robot]
         self._now = block.truth.time
@@ -166,7 +167,7 @@ class Recovery:
         return False
 
     def _is_valid(self, robot: str) -> bool:
-        return robot in self._latest and self._latest[robot].status == "valid"
+        return robot in self._latest and self._latest[robot].status is Validity.VALID
 
     def _lacks_motion(self, robot: str) -> bool:
         """Whether the robot is valid, or reports insufficient motion as the only reason why it is not."""

@@ -8,9 +8,10 @@ from coheft.app.recording import ros
 from coheft.app.recording.ros import RosMessage
 from coheft.app.results.states import State
 from coheft.estimation.geometry.spatial import Pose
+from coheft.wire.messages.states import Validity
 from coheft.wire.messages.structs import Estimate
 
-_LEVELS = {"starting": ros.DOUBTFUL, "valid": ros.OK, "stale": ros.STALE}
+_LEVELS = {Validity.STARTING: ros.DOUBTFUL, Validity.VALID: ros.OK, Validity.STALE: ros.STALE}
 
 
 def estimate_messages(time: int, estimate: Estimate, total_time: int) -> Iterator[tuple[str, RosMessage]]:

@@ -62,4 +62,4 @@ class LogBook:
         if state != self._states.get(name):
             self._states[name] = state
             reasons = f": {'; '.join(estimate.reasons)}" if estimate.reasons else ""
-            yield Line(name, ros.WARN if state == "stale" else ros.INFO, f"is {state}{reasons}")
+            yield Line(name, ros.WARN if state is State.STALE else ros.INFO, f"is {state}{reasons}")

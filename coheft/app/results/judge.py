@@ -5,7 +5,7 @@ from __future__ import annotations
 import bisect
 from collections.abc import Iterable, Mapping
 from enum import StrEnum
-from typing import Literal, Self
+from typing import Self
 
 import msgspec
 import numpy as np
@@ -15,6 +15,7 @@ from coheft.app.results.states import State
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.rigid_body.mass_properties import Inertia, unpack_symmetric
 from coheft.wire.messages.scene import Scene
+from coheft.wire.messages.states import Validity
 from coheft.wire.messages.structs import Estimate, PayloadEstimate, SensorErrorEstimate
 from coheft.wire.messages.truth import Truth
 
@@ -115,7 +116,7 @@ class RobotReport(msgspec.Struct, frozen=True):
     converged: bool
     converged_at_s: float | None
     not_observable: list[str]
-    status: Literal["starting", "valid", "stale"] = "starting"
+    status: Validity = Validity.STARTING
     reasons: list[str] = []
     state: State = State.FINDING_NEIGHBOURS
     sensor_errors: list[SensorErrorEstimate] = []
@@ -123,7 +124,7 @@ class RobotReport(msgspec.Struct, frozen=True):
 
     def as_of_now(self, belief: Estimate) -> RobotReport:
         """Return this report with the robot's present status: it may have become silent since."""
-        is_valid = belief.status == "valid"
+        is_valid = belief.status is Validity.VALID
         return msgspec.structs.replace(
             self,
             status=belief.status,
@@ -137,7 +138,7 @@ class RobotReport(msgspec.Struct, frozen=True):
         """Whether the robot has converged, by its own report and by the truth."""
         if self.contradictions:
             return Verdict.CONTRADICTED
-        return Verdict.CONVERGED if self.converged and self.status == "valid" else Verdict.NOT_CONVERGED
+        return Verdict.CONVERGED if self.converged and self.status is Validity.VALID else Verdict.NOT_CONVERGED
 
 
 class Judge:
@@ -223,7 +224,7 @@ class Judge:
 
     def contradictions(self, estimate: Estimate) -> list[Contradiction]:
         """Return the quantities whose errors contradict the standard deviations of a valid estimate."""
-        if estimate.status != "valid":
+        if estimate.status is not Validity.VALID:
             return []
         found: dict[str, Array] = {}
         if (payload := estimate.payload) is not None:
@@ -247,7 +248,7 @@ def why_stale(robots: Mapping[str, Estimate | RobotReport]) -> dict[str, list[st
     """Return the reasons why estimates are stale, with the robots that give them."""
     names: dict[str, list[str]] = {}
     for name, robot in robots.items():
-        for reason in robot.reasons if robot.status == "stale" else ():
+        for reason in robot.reasons if robot.status is Validity.STALE else ():
             names.setdefault(reason, []).append(name)
     return names
 

@@ -11,6 +11,7 @@ from coheft.app.results.slips import SlipRecord
 from coheft.app.run.heard import News
 from coheft.app.run.pairing import Pairing
 from coheft.wire.messages.scene import Scene
+from coheft.wire.messages.states import Validity
 from coheft.wire.messages.structs import Estimate, EstimateBeside
 from coheft.wire.messages.truth import Truth
 
@@ -150,4 +151,4 @@ def as_of_now(estimate: Estimate, truth: Truth | None) -> Estimate:
     if truth is None or truth.block - estimate.block <= SILENT:
         return estimate
     reason = f"no estimate of {estimate.robot} since {estimate.time:.2f} s"
-    return msgspec.structs.replace(estimate, status="stale", reasons=[reason])
+    return msgspec.structs.replace(estimate, status=Validity.STALE, reasons=[reason])

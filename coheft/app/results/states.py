@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from enum import StrEnum
 
+from coheft.wire.messages.states import Validity
 from coheft.wire.messages.structs import Estimate
 
 ESTIMATORS = {
@@ -27,7 +28,7 @@ class State(StrEnum):
     @staticmethod
     def of(estimate: Estimate) -> State:
         """Return the state that the estimate reports, whether or not the estimate is correct."""
-        if estimate.status == "stale":
+        if estimate.status is Validity.STALE:
             return State.STALE
         if estimate.phase == "poses" and estimate.payload is None:
             return State.FINDING_NEIGHBOURS

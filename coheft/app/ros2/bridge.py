@@ -16,6 +16,7 @@ from coheft.app.run.heard import News
 from coheft.app.run.observer import observe
 from coheft.wire.messages.requests import StatusRequest
 from coheft.wire.messages.scene import Scene
+from coheft.wire.messages.states import RunState
 from coheft.wire.messages.structs import Estimate, EstimateBeside, Problem
 from coheft.wire.messages.truth import Truth
 
@@ -100,7 +101,7 @@ def bridge_run(run_file: RunFile, endpoint: str, domain: int, tell: Callable[[st
         bridge.show_scene(scene)
         tell(f"node {node.name} in ROS domain {domain}, by the router at {endpoint}; Ctrl-C ends it, the run goes on")
         had_router = True
-        while status.state != "finished":
+        while status.state is not RunState.FINISHED:
             news = observer.collect(scene, _SILENCE)
             for item in news:
                 if isinstance(item, Truth):

@@ -24,6 +24,7 @@ from coheft.app.terminal.screen import Display
 from coheft.app.terminal.standard_output import check_standard_output
 from coheft.errors import LinkError
 from coheft.wire.messages.requests import Status, StatusRequest
+from coheft.wire.messages.states import RunState
 from coheft.wire.messages.structs import Problem
 from coheft.wire.scenario.plugins import estimator_names
 from coheft.wire.transport.planes import SERVER
@@ -147,7 +148,7 @@ def _wait_for_start(observer: Observer, again: Restarts, display: Display) -> St
         again.check(has_begun=False)
         status = observer.status()
         if status is not None:
-            if status.state != "waiting":
+            if status.state is not RunState.WAITING:
                 return status
             if status.waiting_for != waiting_for:
                 waiting_for, moved_at = status.waiting_for, time.monotonic()
@@ -180,7 +181,7 @@ def _follow(
             news = time.monotonic()
         elif time.monotonic() > news + _SILENCE:
             status = observer.status()
-            if processes.ended(SERVER) or (status is not None and status.state == "finished"):
+            if processes.ended(SERVER) or (status is not None and status.state is RunState.FINISHED):
                 processes.wait_for_all_but(SERVER, _AGENTS_END)
             elif status is not None:
                 _explain_silence(status, audience.display)
@@ -213,12 +214,12 @@ def watch(run_file: RunFile, display: Display) -> str:
         status = observer.ask(StatusRequest())
         display.note(f"watching {status.scenario}, {status.time:.1f} s of {status.duration:g} s are over")
         display.begin(status)
-        if status.state != "running":
+        if status.state is not RunState.RUNNING:
             _explain_silence(status, display)
         beside = estimator_names(status.estimator)[1:]
         audience = Audience(Record(status.scene, status.duration, beside=beside), display)
         news = time.monotonic()
-        while status.state != "finished":
+        while status.state is not RunState.FINISHED:
             check_standard_output()
             if audience.collect(observer):
                 news = time.monotonic()
@@ -240,7 +241,7 @@ def watch(run_file: RunFile, display: Display) -> str:
 
 
 def _explain_silence(status: Status, display: Display) -> None:
-    if status.state == "paused":
+    if status.state is RunState.PAUSED:
         display.note(f"paused at {status.time:.2f} s; 'coheft resume' continues")
     elif status.waiting_for:
         display.note(f"waiting for {', '.join(status.waiting_for)}")

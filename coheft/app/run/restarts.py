@@ -9,6 +9,7 @@ from coheft.app.run.observer import Observer
 from coheft.app.run.processes import Child, Processes
 from coheft.app.terminal.screen import Display
 from coheft.errors import CoheftError
+from coheft.wire.messages.states import RunState
 from coheft.wire.messages.structs import Problem
 from coheft.wire.process.supervised import UNUSABLE
 from coheft.wire.transport.planes import SERVER
@@ -64,4 +65,4 @@ class Restarts:
         while (status := self.observer.status()) is None:
             if self.observer.has_lost_server or self.processes.ended(SERVER):
                 return False
-        return status.state in ("running", "paused")
+        return status.state in (RunState.RUNNING, RunState.PAUSED)

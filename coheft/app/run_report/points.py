@@ -12,6 +12,7 @@ from coheft.app.results.judge import Judge, standard_deviations
 from coheft.app.results.quantities import Quantity
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.rigid_body.mass_properties import pack_symmetric
+from coheft.wire.messages.states import Validity
 from coheft.wire.messages.structs import Estimate
 
 
@@ -67,7 +68,7 @@ def make_point(judge: Judge, estimate: Estimate) -> Point:
     return Point(
         time=estimate.time,
         block=estimate.block,
-        is_stale=estimate.status == "stale",
+        is_stale=estimate.status is Validity.STALE,
         truth=np.concatenate([[true.mass], true.com, pack_symmetric(true.tensor)]),
         error=error,
         std=std,

@@ -14,6 +14,7 @@ from coheft.app.view.geometry import extent, rotation_to, stands
 from coheft.app.view.model import ViewModel
 from coheft.estimation.geometry.spatial import Array, quaternion_from_rotation
 from coheft.wire.messages.scene import Scene
+from coheft.wire.messages.states import Validity
 
 
 class Arms:
@@ -74,7 +75,7 @@ class Arms:
         """Colour hands by the status of their robots' estimates, and the arm of the chosen robot."""
         names = model.scene.robots
         beliefs = model.beliefs
-        statuses = tuple(beliefs[name].status if name in beliefs else "starting" for name in names)
+        statuses = tuple(beliefs[name].status if name in beliefs else Validity.STARTING for name in names)
 
         def paint_hands() -> None:
             self._hands.batched_colors = np.array([colours.STATUS[status] for status in statuses], dtype=np.uint8)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from coheft.wire.messages.states import Validity
+
 Colour = tuple[int, int, int]
 
 ACCENT: Colour = (56, 189, 248)
@@ -22,7 +24,7 @@ ARM: Colour = (203, 213, 225)
 JOINT: Colour = (71, 85, 105)
 STAND: Colour = (51, 65, 85)
 
-STATUS: dict[str, Colour] = {"starting": WAITING, "valid": GOOD, "stale": BAD}
+STATUS = {Validity.STARTING: WAITING, Validity.VALID: GOOD, Validity.STALE: BAD}
 LINK: dict[str, Colour] = {"up": GOOD, "silent": BAD, "unknown": WAITING}
 
 

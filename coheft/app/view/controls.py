@@ -28,6 +28,7 @@ from coheft.wire.messages.requests import (
     Request,
     StopRequest,
 )
+from coheft.wire.messages.states import RunState
 
 _NOTE_SECONDS = 6.0
 _TAKE_AWAY = "Take a load away"
@@ -115,7 +116,7 @@ class Controls:
 
         @self._pause.on_click
         def _(event: Any) -> None:
-            pause = self._model.status.state != "paused"
+            pause = self._model.status.state is not RunState.PAUSED
             self._ask(event, PauseRequest(paused=pause), "paused" if pause else "resumed")
 
         @stop.on_click
@@ -179,7 +180,7 @@ class Controls:
     def update(self) -> None:
         """Update the controls to the state of the run."""
         status = self._model.status
-        self._pause.label = "Resume" if status.state == "paused" else "Pause"
+        self._pause.label = "Resume" if status.state is RunState.PAUSED else "Pause"
         loads = self._model.loads
         self._loads.show(loads)
         if self._remove.disabled != (not loads):

@@ -19,6 +19,7 @@ from coheft.app.view.model import ViewModel
 from coheft.app.view.page import FRAME, Page
 from coheft.app.view.server import open_server
 from coheft.wire.messages.requests import Status, StatusRequest
+from coheft.wire.messages.states import RunState
 
 _STATUS_EVERY = 0.5
 _STILL = 1.0
@@ -98,7 +99,7 @@ def _follow(observer: Observer, model: ViewModel, page: Page, controls: Controls
                 model.note_status(status)
                 if controls is not None:
                     controls.update()
-                if status.state == "finished":
+                if status.state is RunState.FINISHED:
                     end_at = min(end_at, now + _LAST_NEWS)
         if model.time != seen:
             moved_at, seen = now, model.time

@@ -15,6 +15,7 @@ from coheft.app.run.pairing import Pairing
 from coheft.app.view.traces import Trace
 from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.wire.messages.requests import Status
+from coheft.wire.messages.states import RunState
 from coheft.wire.messages.structs import Estimate, EstimateBeside, Problem
 from coheft.wire.messages.truth import LoadState, Truth
 from coheft.wire.scenario.plugins import estimator_names
@@ -107,7 +108,7 @@ class ViewModel:
     def loads(self) -> list[LoadState]:
         """Loads on the payload, from the server's latest message: while paused, the status is newer than the truth."""
         truth, status = self.truth, self.status
-        if truth is None or (status.state == "paused" and status.block > truth.block):
+        if truth is None or (status.state is RunState.PAUSED and status.block > truth.block):
             return status.loads
         return truth.loads
 

@@ -12,6 +12,7 @@ from coheft.app.run.heard import News
 from coheft.app.view.model import ViewModel
 from coheft.app.view.traces import WINDOW
 from coheft.wire.messages.requests import Status
+from coheft.wire.messages.states import RunState
 
 
 class Timeline:
@@ -52,6 +53,6 @@ class Timeline:
 
     def note_playing(self, playing: bool) -> None:
         """Set the state in the model's status: running, paused or finished."""
-        state = "running" if playing else "paused" if self.time < self.end else "finished"
+        state = RunState.RUNNING if playing else RunState.PAUSED if self.time < self.end else RunState.FINISHED
         if self.model.status.state != state:
             self.model.note_status(msgspec.structs.replace(self.model.status, state=state))

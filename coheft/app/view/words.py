@@ -15,6 +15,7 @@ from coheft.app.terminal.digits import decimals_for, seconds_of, std_text, value
 from coheft.app.view import colours
 from coheft.app.view.model import ViewModel
 from coheft.wire.messages.requests import Status
+from coheft.wire.messages.states import RunState, Validity
 from coheft.wire.messages.structs import Estimate
 from coheft.wire.messages.truth import LoadState
 from coheft.wire.scenario.schema import MAX_DURATION
@@ -57,9 +58,9 @@ def header(model: ViewModel, note: str = "") -> str:
 
 def waiting_note(status: Status, *, is_still: bool) -> str:
     """Return why the run does not advance; empty if it does, or waits only briefly."""
-    if status.state == "finished":
+    if status.state is RunState.FINISHED:
         return ENDED
-    if status.state == "paused":
+    if status.state is RunState.PAUSED:
         return "paused: press Resume to continue"
     return f"waiting for {', '.join(status.waiting_for)}" if status.waiting_for and is_still else ""
 
@@ -124,7 +125,7 @@ def team(model: ViewModel, chosen: str) -> str:
         payload = estimate.payload if estimate is not None else None
         known = value_and_std(payload.mass, payload.covariance[0, 0] ** 0.5, 2) if payload is not None else "–"
         mass, _, std = known.partition(" ± ")
-        status, state = ("starting", "") if estimate is None else (estimate.status, State.of(estimate))
+        status, state = (Validity.STARTING, "") if estimate is None else (estimate.status, State.of(estimate))
         robots.append((name, status, state, mass, std))
     return _filled("team", robots, chosen)
 

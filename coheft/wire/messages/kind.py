@@ -21,9 +21,9 @@ MALFORMED = (msgspec.DecodeError, ValueError, struct.error, RecursionError)
 """Exceptions that decoding raises for invalid bytes; ``RecursionError`` for excessive nesting."""
 _NEXT_ARRAY = msgspec.msgpack.Ext(1, b"")
 """Placeholder of an array among the fields: the first one stands for the first array, and so on."""
-_KNOWN = 256
-"""Largest number of starts of a kind that are kept: enough for the records of all robots that neighbours forward."""
-_LONGEST_KNOWN = 2**13
+_KNOWN = 2**13
+"""Largest number of starts of a kind that are kept: 48 agents in one process forward all records of each other."""
+_LONGEST_KNOWN = 2**11
 """Longer starts are not kept [B]."""
 
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 from msgspec.structs import force_setattr
 
 from coheft.wire.former_names import keep_present, present
 from coheft.wire.messages.scene import Scene
+from coheft.wire.messages.states import RunState
 from coheft.wire.messages.structs import Message
 from coheft.wire.messages.truth import LoadState
 from coheft.wire.scenario.network import LinkQuality
@@ -100,7 +101,7 @@ class Status(Message, frozen=True):
     code: ClassVar[int] = 40
 
     scenario: str
-    state: Literal["waiting", "running", "paused", "finished"]
+    state: RunState
     block: int
     time: float
     duration: float

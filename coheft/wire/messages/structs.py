@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 
 from coheft.wire.former_names import keep_present
+from coheft.wire.messages.states import Validity
 
 
 class Message(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -273,9 +274,7 @@ class Estimate(Message, frozen=True):
         load_changes: Changes of the load noticed so far.
         slips: Slips of grasps noticed so far.
         problems: Number of messages refused so far.
-        status: ``starting`` until there is a first estimate of the payload. While it is ``valid``, the truth is within
-            five of its own standard deviations. ``stale``: the agent cannot know whether it still holds; payload and
-            poses are the last valid ones.
+        status: Whether the estimate may be relied upon; if it is stale, payload and poses are the last valid ones.
         reasons: Why it is not valid, or has not converged, in words, for instance "r3 is silent since 12.34 s".
         valid_block: Block to which payload and poses belong, the last valid one when stale; -1 if there is none.
         silent: Neighbours whose messages are missing.
@@ -299,7 +298,7 @@ class Estimate(Message, frozen=True):
     not_observable: list[str]
     load_changes: list[LoadChangeNotice]
     problems: int = 0
-    status: Literal["starting", "valid", "stale"] = "starting"
+    status: Validity = Validity.STARTING
     reasons: list[str] = []
     valid_block: int = -1
     silent: list[str] = []
@@ -313,7 +312,7 @@ class Estimate(Message, frozen=True):
     @property
     def is_converged(self) -> bool:
         """Whether the estimate has converged and is valid."""
-        return self.converged and self.status == "valid"
+        return self.converged and self.status is Validity.VALID
 
 
 class EstimateBeside(Message, frozen=True):
