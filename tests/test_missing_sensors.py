@@ -211,7 +211,7 @@ def session_without(places: list[int], robots: list[int], scale: float = 1.0) ->
     for number, row in enumerate(rows):
         found.take(number, row)
         outcomes.add(found.verdict.outcome)
-        assert found.suspect is None
+        assert found.contradicting is None
         assert found.undeclared is None
     return found, outcomes
 

@@ -103,9 +103,9 @@ class EfficientEstimator:
             return (_in_words(session.verdict, team.names),)
         if session.estimate is None:
             return ("the team's measurements have just begun",)
-        if team.session.suspect is not None:
-            return (f"the sensors of {team.names[team.session.suspect]} contradict the motion of the team",)
-        if session.is_suspected:
+        if team.session.contradicting is not None:
+            return (f"the sensors of {team.names[team.session.contradicting]} contradict the motion of the team",)
+        if session.is_cause_open:
             return ("either the load has changed or a grasp has slipped",)
         if not team.session.is_confirmed:
             return ("what was known before is being confirmed by new measurements",)
@@ -126,7 +126,7 @@ class EfficientEstimator:
             session, estimate = team.session, team.session.estimate
             now = (estimate, session.stage, len(session.certain_changes), len(session.slips), session.unnoticed)
             if now != self._believed:
-                self._belief, self._believed = self._said(team, estimate), now
+                self._belief, self._believed = self._belief_of(team, estimate), now
             self._belief = replace(self._belief, learned_block=team.newest)
             if team.session.total_wrench is not None:
                 to_own = team.session.estimate.state.poses[team.own].inverse().adjoint()
@@ -150,7 +150,7 @@ class EfficientEstimator:
         names, prior, anchor, newcomers = sorted(graph), None, 0, list[str]()
         start = max(index, self._gossip.changed_at)
         without = 0.0 if last is None else self._config.start_of(start) - self._config.start_of(last.newest + 1)
-        known = None if last is None else last.session.prior(max(0.0, without))
+        known = None if last is None else last.session.hand_over(max(0.0, without))
         if last is not None and known is not None:
             places = [last.places.get(each) for each in self._lives(names)]
             newcomers = [each for each, then in zip(names, places, strict=True) if then is None]
@@ -183,7 +183,7 @@ class EfficientEstimator:
         )
         return (*self._former_slips, *new)
 
-    def _said(self, team: Team, estimate: Estimate) -> Belief:
+    def _belief_of(self, team: Team, estimate: Estimate) -> Belief:
         """Return what this robot publishes of an estimate."""
         state, unknowns, own = estimate.state, estimate.body.unknowns, team.own
         claim = claim_of(team.session.claimable(estimate), own)

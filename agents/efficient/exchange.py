@@ -22,7 +22,7 @@ from coheft.estimation.moments.flexing import FLEXING_SIZE
 from coheft.estimation.moments.rows import ROW_SIZE
 
 WINDOW = 64
-"""Number of newest blocks whose rows are accepted, or twice the number of hops if that is more."""
+"""Number of newest blocks whose rows are accepted, if it is not less than the hops or the checks of seals need."""
 _LABELS, _ROWS = "labels", "rows"
 _ONE = np.ones(1)
 _SHAPES = tuple((ROW_SIZE * copies + more,) for copies in (1, 2) for more in (0, FLEXING_SIZE))
@@ -54,22 +54,22 @@ class RowMessage:
 
     Attributes:
         team: Number of the sender's team, see ``Gossip.membership``.
-        changed_at: Number of the first row with the present load, as far as the sender knows; -1 if it never changed.
+        news_at: Number of the first row after the newest change of load or grasp that the sender knows, -1 if none.
         labels: Index of the robot and number of each row, shape (k, 2).
-        rows: Shape (k, 24), or more with rates, in single precision: rounding errors are far below the noise, and occur
-            once, at the robot that measured.
+        rows: Shape (k, 24), or more with rates and flexing, in single precision: rounding errors are far below the
+            noise, and occur once, at the robot that measured.
         sender: Name of the neighbour, if this robot has received the message.
     """
 
     team: int
-    changed_at: int
+    news_at: int
     labels: npt.NDArray[np.int32]
     rows: npt.NDArray[np.float32]
     sender: str = ""
 
     def channels(self) -> dict[str, npt.NDArray[np.generic]]:
-        """Return arrays by name; the first label is ``(team, changed_at)``."""
-        head = np.array([[self.team, self.changed_at]]).astype(np.int32)
+        """Return arrays by name; the first label is ``(team, news_at)``."""
+        head = np.array([[self.team, self.news_at]]).astype(np.int32)
         return {_LABELS: np.concatenate([head, self.labels]), _ROWS: self.rows}
 
     @staticmethod
@@ -80,8 +80,8 @@ class RowMessage:
             return None
         if rows.shape[1:] not in _SHAPES or labels.shape != (len(rows) + 1, 2):
             return None
-        team, changed_at = labels[0].tolist()
-        return RowMessage(team % _TEAMS, changed_at, labels[1:], rows, sender)
+        team, news_at = labels[0].tolist()
+        return RowMessage(team % _TEAMS, news_at, labels[1:], rows, sender)
 
     def copies(self) -> Iterator[Copy]:
         """Iterate over the rows of the message."""
@@ -102,7 +102,7 @@ class Exchange:
         sealing: Number of blocks after which rows may still be compared with seals; 0 if there are no seals.
 
     Attributes:
-        changed_at: Number of a new load's first row, the newest that any robot has reported; -1 if none.
+        news_at: Number of the first row after a change, the newest that any robot has reported; -1 if none.
         window: Number of newest blocks whose rows are accepted.
         disputed: Robots of which two different rows with one number arrived, and the block in which it last happened.
         distrusted: Neighbours and the robots whose rows these sent wrongly, and the block in which it last showed.
@@ -113,7 +113,7 @@ class Exchange:
     def __init__(
         self, team: int, count: int, own: int, hops: int, times: RowTimes, size: int = ROW_SIZE, sealing: int = 0
     ) -> None:
-        self.team, self.changed_at = team, -1
+        self.team, self.news_at = team, -1
         self.disputed: dict[int, int] = {}
         self.distrusted: dict[tuple[str, int], int] = {}
         self.aside: dict[tuple[str, int, int], bytes] = {}
@@ -149,8 +149,8 @@ class Exchange:
                 continue
             if self._is_sealing:
                 self._heard.append((block, message))
-            if self.changed_at < message.changed_at < begun:
-                self.changed_at = message.changed_at
+            if self.news_at < message.news_at < begun:
+                self.news_at = message.news_at
             data = message.rows.tobytes()
             for place, (robot, number) in enumerate(message.labels.tolist()):
                 if not 0 <= robot < self._count or not oldest <= number < newest:
@@ -167,12 +167,12 @@ class Exchange:
                     if self._is_sealing:
                         self.aside.setdefault((message.sender, robot, number), row)
 
-    def tell(self, changed_at: int) -> RowMessage:
-        """Return the message for all neighbours; ``changed_at`` is the first row of the present load."""
+    def tell(self, news_at: int) -> RowMessage:
+        """Return the message for all neighbours; ``news_at`` as in ``RowMessage``."""
         told = self._told_once + self._news
         self._told_once, self._news = self._news, []
         labels = np.array([(robot, number) for robot, number, _ in told], dtype=np.int32).reshape(-1, 2)
-        return RowMessage(self.team, changed_at, labels, self._array(row for _, _, row in told))
+        return RowMessage(self.team, news_at, labels, self._array(row for _, _, row in told))
 
     def complete(self, number: int) -> Array | None:
         """Return the team's row of this number: the rows of all robots, the constant 1, and what follows rows.

@@ -20,10 +20,10 @@ from coheft.estimation.moments.unknowns import LOAD_SIZE, State, Unknowns
 
 CHANNEL = "known"
 _HEAD = 4  # number of the team, index of the anchor, size of the load, whether the prior of sensor errors is in it
-_FARTHEST = 1e9
-"""Sensor errors may be so many prior deviations: as large as they are told, but 0 where a sensor is exact."""
 _MANY_ROWS = 1e6
+"""The message does not say how many rows the evidence is from; its noise is known as well as that of so many."""
 _LEAST_SCALE, _ROUNDING = 1e-9, 1e-6
+"""Smaller scales are refused, except 0; matrices are positive semidefinite up to this share of their diagonal."""
 
 
 def encode(team: int, prior: Prior, anchor: int) -> Array:
@@ -74,12 +74,10 @@ def decode(numbers: npt.NDArray[Any], team: int, count: int, settings: FitSettin
         return None
     unit = np.divide(1.0, scale, out=np.zeros(size), where=is_scaled)
     information, noise = (matrix * np.outer(unit, unit) for matrix in (information, noise))
-    first = State.first(all_poses, errors).with_load(load)
-    step = np.zeros(size)
-    step[unknowns.eta], step[unknowns.gyros] = eta.reshape(count, -1), gyros
+    all_eta = eta.reshape(count, -1)
+    state = State(tuple(all_poses), all_eta, errors.step(all_eta) if errors.count else None, gyros, load)
     evidence = Evidence.of_rows(unit * score, information, noise, _MANY_ROWS)
-    state, guess = first.moved(step, unknowns, _FARTHEST), Guess.about(theta, float(head[2]))
-    return Prior(state, guess, evidence, bool(head[3])), anchor
+    return Prior(state, Guess.about(theta, float(head[2])), evidence, bool(head[3])), anchor
 
 
 def _whole(half: Array, size: int) -> Array:

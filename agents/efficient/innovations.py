@@ -51,7 +51,7 @@ class EvaluatedRow(NamedTuple):
 
 
 class Innovations:
-    """Evaluates rows at an estimate, and the rows that are kept against the newest ones.
+    """Evaluates rows at an estimate, and tests those that are kept for a change.
 
     Args:
         estimate: The estimate.
@@ -96,7 +96,7 @@ class Innovations:
 
     @property
     def past_before_slip(self) -> Past:
-        """The same with another mean, which has the present excess whatever the poses are."""
+        """The same, with a made-up mean that gives the present excess at any poses."""
         mean = np.zeros_like(self._mean)
         mean[ROW_SIZE * self._body.count] = 1.0
         by_robot = mean[: ROW_SIZE * self._body.count].reshape(-1, ROW_SIZE)
@@ -106,15 +106,15 @@ class Innovations:
 
     def evaluate(self, row: Array) -> EvaluatedRow:
         """Evaluate an extended row (X,)."""
-        seen = self._matrix @ row
-        motion = self._body.residuals(row[None], seen[None, _MOTION:])[0] - self.excess
-        return EvaluatedRow(seen[:VIEW_SIZE], seen[VIEW_SIZE:_MOTION], motion)
+        evaluated = self._matrix @ row
+        motion = self._body.residuals(row[None], evaluated[None, _MOTION:])[0] - self.excess
+        return EvaluatedRow(evaluated[:VIEW_SIZE], evaluated[VIEW_SIZE:_MOTION], motion)
 
     def residuals(self, rows: Array) -> tuple[Array, Array]:
         """Return residuals of extended rows (n, X): of the wrench (n, 1, 6), and of motion sensors (n, N, 12)."""
-        seen = rows @ self._matrix[VIEW_SIZE:].T
-        motion = self._body.residuals(rows, seen[:, WRENCH_SIZE:]) - self.excess
-        return seen[:, None, :WRENCH_SIZE], motion.reshape(len(rows), -1, KINEMATICS_SIZE)
+        evaluated = rows @ self._matrix[VIEW_SIZE:].T
+        motion = self._body.residuals(rows, evaluated[:, WRENCH_SIZE:]) - self.excess
+        return evaluated[:, None, :WRENCH_SIZE], motion.reshape(len(rows), -1, KINEMATICS_SIZE)
 
     def gram(self, buffer: RowBuffer) -> Array:
         """Return the Gram matrix of the views of all rows of the load, shape (19, 19)."""

@@ -33,7 +33,7 @@ _PAGES_IN_MEMORY, _KEPT_ON_PAGE = 8, 2
 _LONGEST_FADING = 20.0
 """After so many time constants without rows nothing is left of a load."""
 _LONGEST_PAGE_OF_DRIFT, _LONGEST_OF_DRIFT = 2.0, 10.0
-"""Longest step of sensor drift [s]; fits are as frequent as if rows were kept only for the second time [s]."""
+"""Longest step of sensor drift, and time of rows by which the interval between fits is chosen then [s]."""
 _EXACT_UP_TO = 12
 """Largest team whose moments are kept exactly; for larger ones moments projected at one state are faster."""
 
@@ -63,11 +63,11 @@ class Knowledge:
         self._count, self._anchor, self._settings, self._guards = count, anchor, settings, guards
         self._growth = guards.growth_of_many if settings.errors.count or count > MANY else guards.growth
         self.least = max(4, round(guards.first_rows / settings.period))
-        memory, size = settings.memory, (settings.errors.width - 1) * count + 1
+        memory, size = settings.memory, settings.errors.row_size * count + 1
         pages = [memory / _PAGES_IN_MEMORY] if memory is not None else []
         pages += [min(_LONGEST_PAGE_OF_DRIFT, settings.steady)] if settings.drift.is_any else []
         self._page = max(4, round(min(pages) / settings.period)) if pages else 0
-        self.buffer = RowBuffer(size, not self.is_exact)
+        self.buffer = RowBuffer(size, not self.is_small)
         self._chapter = Chapter(self.buffer, settings, prior)
         self.estimate: Estimate | None = None
         self._past: Past | None = None  # when the last chapter ended
@@ -83,13 +83,13 @@ class Knowledge:
         return self.estimate is None or self.estimate.misses_poses
 
     @property
-    def is_exact(self) -> bool:
-        """Whether moments are kept exactly, in which case fits are fast enough to look for rare events as well."""
+    def is_small(self) -> bool:
+        """Whether the team is small enough to keep moments exactly, and to look for rare events as well."""
         return self._count <= _EXACT_UP_TO
 
     @property
     def drift(self) -> Array:
-        """Variance by which motion sensors have drifted since their offsets, the mean innovations, were found, in units
+        """Variance of the drift of motion sensors since their offsets, the mean innovations, were determined, in units
         of the noise of rows, shape (N, 12) or (1, 12).
         """
         return self._settings.drifted_kinematics((ROWS_BEFORE + self._page) * self._settings.period)
@@ -99,7 +99,7 @@ class Knowledge:
         """Whether there are enough rows for another fit."""
         return self.buffer.load_rows >= self._next_fit
 
-    def prior(self) -> Prior | None:
+    def posterior(self) -> Prior | None:
         """Everything that is known, as a prior for another team; None if a pose or the load is unknown."""
         estimate = self.estimate
         if estimate is None or estimate.misses_poses or estimate.state.load is None:
@@ -107,13 +107,13 @@ class Knowledge:
         return self._chapter.posterior(estimate, self._guess)
 
     @property
-    def first_undeclared(self) -> int:
+    def rows_before_undeclared(self) -> int:
         """Number of rows at which undeclared sensor errors are tested for the first time."""
         return 3 * self.least
 
     def undeclared_error(self) -> UndeclaredError | None:
         """Return a sensor error with tolerance zero that the rows show, or None; large teams do not test."""
-        if self.estimate is None or not self.is_exact:
+        if self.estimate is None or not self.is_small:
             return None
         return undeclared_error(
             self.estimate, self._guess, self._chapter, self._settings, self._anchor, self._guards.undeclared
@@ -125,7 +125,7 @@ class Knowledge:
             self._set_estimate(self.estimate)
 
     def take_back(self, number: int) -> None:
-        """Remove rows with larger numbers."""
+        """Remove the rows of the present load from this number on."""
         self._next_fit -= self.buffer.take_back(number)
 
     def fit(self, before: int | None = None, keeps_motion: bool = False) -> Estimate:
@@ -241,7 +241,7 @@ class Knowledge:
             self._end_page()
 
     def bridge(self, seconds: float) -> None:
-        """Do the same for a time [s] without rows."""
+        """End the chapter and inflate its prior for a time [s] without rows."""
         estimate = self.estimate
         if self._page and estimate is not None and not estimate.misses_poses and estimate.state.load is not None:
             self._end_page(seconds)

@@ -64,12 +64,12 @@ class Monitor:
         sums[-1] += residuals
         self._rows += 1
         windows = WINDOWS[: np.searchsorted(WINDOWS, self._rows, side="right")]
-        means = (sums[-1] - sums[-1 - windows]).reshape(len(windows), self._count, KINEMATICS_SIZE)
-        squares = np.square(means)
+        summed = (sums[-1] - sums[-1 - windows]).reshape(len(windows), self._count, KINEMATICS_SIZE)
+        squares = np.square(summed)
         if self._spread is not None:
             squares /= self._spread[: len(windows)]
         squares = squares.sum(axis=2) / windows[:, None]
         place = int(squares.argmax())
         window, robot = divmod(place, self._count)
-        is_one = squares.flat[place] > self._guards.largest_contradiction
-        return Contradiction(robot, int(windows[window])) if is_one else None
+        is_contradiction = squares.flat[place] > self._guards.largest_contradiction
+        return Contradiction(robot, int(windows[window])) if is_contradiction else None

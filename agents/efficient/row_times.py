@@ -1,6 +1,6 @@
 """Division of one robot's blocks of samples into rows: several per block, or one for several blocks.
 
-row n holds the samples from n L up to (n + 1) L,    L = samples of a row; earlier by as many as it needs after it
+row n holds the samples from n L up to (n + 1) L,    L = samples of a row; shifted back by the margin that rates need
 """
 
 from __future__ import annotations

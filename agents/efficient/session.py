@@ -2,8 +2,8 @@
 
 row -> does a robot's motion contradict the team?   drop the row, and those since the contradiction began
     -> is its wrench a surprise, or is it this robot's turn?   test for a change -> fit older rows -> test again
-    -> after either: does a slipped grasp explain all rows best?   go back, with the pose of that grasp unknown
-    -> 15 % more rows than at the last fit?   fit -> do all rows fit? would a faulty sensor explain them as well?
+    -> after either: does a slipped grasp explain all rows best?   go back, with the pose of that grasp loosened
+    -> 15 or 30 % more rows than at the last fit?   fit -> do all rows fit? would a faulty sensor explain them as well?
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class Session:
         stage: What is known of the load.
         changes: For each load change, the number of the new load's first row and of the row at which it was noticed.
         slips: Slips of grasps, oldest first.
-        suspect: Index of a robot whose motion sensors contradict the others at present, or None.
+        contradicting: Index of a robot whose motion sensors contradict the others at present, or None.
         verdict: Verdict on the last fit.
         total_wrench: Total wrench about the origin of the body frame [N, N·m], mean over the newest row, shape (6,);
             None before the first row.
@@ -67,7 +67,7 @@ class Session:
 
         self._confirming = rows(guards.confirming, 3)
         self._waits, self._calm, self._drifting = rows(guards.waiting), rows(guards.calm), rows(guards.drifting)
-        self._turn, self._lasting, self._longest = rows(guards.turn), rows(guards.lasting), rows(guards.undecided)
+        self._turn, self._lasting, self._undecided = rows(guards.turn), rows(guards.lasting), rows(guards.undecided)
         self.stage = Stage.GATHERING
         self.changes: list[tuple[int, int]] = []
         self.slips: list[Slip] = []
@@ -75,9 +75,9 @@ class Session:
         self.verdict = Verdict(Outcome.FITS)
         self.total_wrench: Array | None = None
         self._undeclared = UndeclaredWatch(guards.undeclared_growth, rows(guards.undeclared_lasts))
-        self._most_suspected = rows(guards.telling_apart)
+        self._telling_apart = rows(guards.telling_apart)
         self._steps = UnnoticedStep(rows(guards.shortest), guards)
-        self._before = list[Array]()  # theta before each change
+        self._former_thetas = list[Array]()  # theta before each change
         self._told_of = self._newest = -1  # the newest change that another robot has told of; the newest row
         self._begin(Knowledge(count, anchor, settings, guards, prior))
         if prior is not None:
@@ -87,38 +87,38 @@ class Session:
         """Continue from ``known`` alone; load changes that were noticed before stay listed."""
         self._known = known
         self._monitor = Monitor(self._count, self._guards, known.drift)
-        self.suspect: int | None = None
+        self.contradicting: int | None = None
         self._load_before: KnownLoad | None = None  # before the oldest change that may still be a sensor's fault
         self._surprises, self._look_until, self._pause = 0, -1, -1
         self._steps.size = 0.0
         self._unconfirmed = 0  # so many rows must still fit what was known
         self._doubted_at, self._contradicted_at = -1, -self._confirming
         self._forgot_at = -self._calm
-        self._undeclared.begin(known.first_undeclared)
+        self._undeclared.begin(known.rows_before_undeclared)
 
     @property
     def estimate(self) -> Estimate | None:
         """Estimate of poses and load, None at first."""
         return self._known.estimate
 
-    def prior(self, missing: float) -> Prior | None:
+    def hand_over(self, missing: float) -> Prior | None:
         """Everything that is known, as the prior for another team of this robot; None if it cannot be relied upon.
 
         Args:
             missing: Time without rows until that team's first one [s].
         """
-        if self.stage is Stage.ESTIMATING and self._known.buffer.count and not self._look_for_change(self._newest):
+        if self.stage is Stage.ESTIMATING and self._known.buffer.count and not self._test_for_change(self._newest):
             self._fit_and_judge()  # the newest rows have to be judged as well
-        is_relied_upon = self.stage is Stage.ESTIMATING and self.undeclared is None and not self.is_suspected
+        is_relied_upon = self.stage is Stage.ESTIMATING and self.undeclared is None and not self.is_cause_open
         if not is_relied_upon:
             return None
         self._known.bridge(missing)
-        return self._known.prior()
+        return self._known.posterior()
 
     def claimable(self, estimate: Estimate) -> Estimate:
         """Return the estimate to publish: its covariance covers changes of the load that are not noticed yet."""
         rows = self._known.buffer.load_rows
-        return cover_drift(self._steps.cover(estimate), self._before, self.changes, rows, self._drifting)
+        return cover_drift(self._steps.cover(estimate), self._former_thetas, self.changes, rows, self._drifting)
 
     @property
     def unnoticed(self) -> float:
@@ -141,7 +141,7 @@ class Session:
         return max(self.changed_at, self.slips[-1].first if self.slips else -1)
 
     @property
-    def is_suspected(self) -> bool:
+    def is_cause_open(self) -> bool:
         """Whether the load seems to have changed, but a slip of a grasp has not been ruled out yet."""
         return self._suspicion is not None and self._suspicion.is_load
 
@@ -168,12 +168,12 @@ class Session:
         known, buffer = self._known, self._known.buffer
         is_since_load = buffer.count > buffer.start and number > buffer.numbers[buffer.start]
         self.changes = [change for change in self.changes if change[0] < number]
-        del self._before[len(self.changes) :]
+        del self._former_thetas[len(self.changes) :]
         self._suspicion, self._newest = None, number - 1
         if not is_since_load or known.misses_poses:
             self._start_over()
             return
-        known.take_back(number - 1)
+        known.take_back(number)
         if buffer.load_rows < known.least:
             self._start_over()
             return
@@ -181,11 +181,11 @@ class Session:
         self._unconfirmed = self._confirming
 
     def take(self, number: int, row: Array) -> None:
-        """Process a row of the whole team, shape (24 N + 1,) or (48 N + 1,); rows may be missing or arrive late."""
+        """Process a row of the whole team (X,), see ``Exchange.complete``; rows may be missing or arrive late."""
         self._take(number, row)
         if self._suspicion is not None:
             self._suspicion.add(number, row)
-            self._tell_apart(self._suspicion)
+            self._decide(self._suspicion)
 
     def _take(self, number: int, row: Array) -> None:
         known, buffer, guards = self._known, self._known.buffer, self._guards
@@ -199,7 +199,7 @@ class Session:
             evaluated = known.innovations.evaluate(row)
             if number == self._newest:
                 self.total_wrench = evaluated.view[FORCING_SIZE:]
-            if not self._is_believed(number, evaluated.motion):
+            if not self._check_motion(number, evaluated.motion):
                 return
             place, has_moved = buffer.add(number, row)
             buffer.views[place] = evaluated.view
@@ -212,42 +212,42 @@ class Session:
                 )
                 is_own_turn = number % self._turn == self._own * self._turn // self._count
                 is_urgent = self._surprises >= 2 or number <= self._look_until or not self.is_confirmed
-                if (is_urgent or is_own_turn) and self._look_for_change(number):
+                if (is_urgent or is_own_turn) and self._test_for_change(number):
                     return
-        if known.is_fit_due and not self._look_for_change(number):
+        if known.is_fit_due and not self._test_for_change(number):
             self._fit_and_judge()
             if self.stage is Stage.ESTIMATING and known is self._known:
                 known.fade()
 
     # --- contradictions ---
 
-    def _is_believed(self, number: int, residuals: Array) -> bool:
-        """Return whether to use a row; if robots contradict each other, remove the rows since that began."""
+    def _check_motion(self, number: int, residuals: Array) -> bool:
+        """Test a row's motion and return whether to use the row; remove the rows since a contradiction began."""
         if self._known.misses_poses:
             return True
         found = self._monitor.add(residuals)
         if found is not None:
-            is_first = self.suspect is None and number > self._contradicted_at + self._confirming
+            is_first = self.contradicting is None and number > self._contradicted_at + self._confirming
             if is_first and found.rows == 1:  # one wrong sample, or a jump that a late sensor shows a row later
                 self._contradicted_at = number
                 self._monitor.forget()
                 return False
-            if self.suspect is None or number > self._contradicted_at + self._confirming:
+            if self.contradicting is None or number > self._contradicted_at + self._confirming:
                 self._doubted_at = number
-            if self.suspect is None:
+            if self.contradicting is None:
                 numbers = self._known.buffer.numbers[: self._known.buffer.count]
-                self._suspect(int(np.searchsorted(numbers, number - found.rows, side="right")), is_load=False)
-                self._known.take_back(number - found.rows)
-            self.suspect, self._contradicted_at = found.robot, number
+                self._open_question(int(np.searchsorted(numbers, number - found.rows, side="right")), is_load=False)
+                self._known.take_back(number - found.rows + 1)
+            self.contradicting, self._contradicted_at = found.robot, number
             self._monitor.forget()
             if number - self._doubted_at > self._lasting:
                 self._start_over()
             return False
-        if self.suspect is not None and number - self._contradicted_at >= self._confirming:
-            self.suspect, self._unconfirmed = None, self._confirming
-            if not self.is_suspected:
+        if self.contradicting is not None and number - self._contradicted_at >= self._confirming:
+            self.contradicting, self._unconfirmed = None, self._confirming
+            if not self.is_cause_open:
                 self._suspicion = None
-        return self.suspect is None
+        return self.contradicting is None
 
     def _fit(self, before: int | None = None, keeps_motion: bool = False) -> Estimate:
         """Call ``Knowledge.fit`` and let the monitor sum innovations from now on."""
@@ -270,7 +270,7 @@ class Session:
                 self._start_over()
             case Outcome.NO_LOAD:
                 self._forget_load(first, Event.MISFIT, estimate)
-            case Outcome.UNDECIDED if self._newest - self.changed_at <= self._longest:
+            case Outcome.UNDECIDED if self._newest - self.changed_at <= self._undecided:
                 self.stage = TRANSITIONS[self.stage, Event.UNDECIDED]
             case _:
                 self.stage, self._load_before = TRANSITIONS[self.stage, Event.FITTED], None
@@ -283,23 +283,23 @@ class Session:
 
     # --- grasps that slip ---
 
-    def _suspect(self, place: int, is_load: bool) -> None:
+    def _open_question(self, place: int, is_load: bool) -> None:
         """Begin to compare causes: from this row on the load differs, or motions contradict, or a grasp has slipped."""
         known = self._known
         is_known = self.stage is Stage.ESTIMATING and not known.misses_poses
-        if self._suspicion is None and is_known and known.is_exact:
+        if self._suspicion is None and is_known and known.is_small:
             place = max(place, known.buffer.start)
             self._suspicion = Suspicion(known, place, self._newest, len(self.changes), is_load)
 
-    def _tell_apart(self, suspicion: Suspicion) -> None:
+    def _decide(self, suspicion: Suspicion) -> None:
         """Decide between the causes once one of them leads; after a slip, continue from what was known before it."""
-        cause, is_late = suspicion.cause(self._guards), self._newest - suspicion.noticed >= self._most_suspected
+        cause, is_late = suspicion.cause(self._guards), self._newest - suspicion.noticed >= self._telling_apart
         if cause is not None and cause.robot is not None:
             known = suspicion.known_if_slipped(self._known, cause, self._guards, self._settings.has_offset)
             if known is not None:
                 self.slips.append(Slip(cause.robot, cause.first, suspicion.noticed, self._newest))
                 self.stage, self._suspicion = TRANSITIONS[self.stage, Event.SLIPPED], None
-                del self.changes[suspicion.changes :], self._before[suspicion.changes :]
+                del self.changes[suspicion.changes :], self._former_thetas[suspicion.changes :]
                 self._begin(known)
                 self._unconfirmed = self._confirming
                 return
@@ -308,7 +308,7 @@ class Session:
 
     # --- changes of the load ---
 
-    def _look_for_change(self, number: int) -> bool:
+    def _test_for_change(self, number: int) -> bool:
         """Return whether the load has changed: a change must also show against a fit to the older rows only."""
         if self.stage is Stage.GATHERING or number < self._pause:
             return False
@@ -338,8 +338,8 @@ class Session:
         place, now = known.first_change(place, now)
         load, theta = now.state.load, now.body.unknowns.theta
         assert load is not None
-        self._suspect(place, is_load=True)
-        self._before.append(load[THETA])
+        self._open_question(place, is_load=True)
+        self._former_thetas.append(load[THETA])
         self.changes.append((int(buffer.numbers[place]), number))
         if self._load_before is None:
             self._load_before = KnownLoad(load, now.covariance[theta, theta])

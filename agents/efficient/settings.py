@@ -149,7 +149,7 @@ class Guards:
 
     @property
     def largest_excess(self) -> float:
-        """Chi-square of a sensor's excess, three degrees of freedom, less these."""
+        """Chi-square of a sensor's excess, minus the three that chance alone gives."""
         return chi_square_threshold(3, self.excess) - 3.0
 
     @property
@@ -164,12 +164,12 @@ class Guards:
 
     @property
     def largest_constant_excess(self) -> float:
-        """Chi-square of a sensor's excess beside a load, three degrees of freedom, less these."""
+        """Chi-square of a sensor's excess beside a load, minus the three that chance alone gives."""
         return chi_square_threshold(3, self.constant_excess) - 3.0
 
     @property
     def lead(self) -> float:
-        """By which the log ratio of one cause exceeds all others."""
+        """Least margin of the likeliest cause's log ratio over all others."""
         return -math.log(self.mistaken)
 
     @property

@@ -17,7 +17,7 @@ from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.unknowns import THETA
 
 _COVER = 0.5
-"""One standard deviation, as a share of a step that may or may not have occurred: five are more than the step."""
+"""Standard deviation that is added, as a share of the possible step; five of them exceed the step."""
 _ALIKE = 3.0
 """Two changes of the mass belong to one drift if neither is more than so many times the other."""
 _NOT_YET, _SINCE = 0.25, 0.5
@@ -78,6 +78,7 @@ def cover_drift(
         return estimate
     last, change = before[-1] - before[-2], load[THETA] - before[-1]
     gap = max(1, changes[-1][0] - changes[-2][0])
+    # After three times the gap without another change it has not gone on.
     is_drift = last[0] ** 2 / _ALIKE < change[0] * last[0] < last[0] ** 2 * _ALIKE
     if not is_drift or gap > longest or rows > 3 * gap:
         return estimate

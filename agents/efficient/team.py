@@ -73,13 +73,13 @@ class Team:
         self._waits = max(2, config.blocks(guards.waiting)) + times.spanned - 1
         self._seals: Seals | None = None
         if signer is None:
-            self.exchange = Exchange(membership, len(lives), self.own, hops, times, errors.width - 1)
+            self.exchange = Exchange(membership, len(lives), self.own, hops, times, errors.row_size)
         else:
             from coheft.agents.efficient.seals import Seals, SealTimes
 
             seal_times = SealTimes.of_team(len(lives), hops, times, config, guards)
             window = seal_times.window(times)
-            self.exchange = Exchange(membership, len(lives), self.own, hops, times, errors.width - 1, window)
+            self.exchange = Exchange(membership, len(lives), self.own, hops, times, errors.row_size, window)
             first = times.begun_from(start)
             self._seals = Seals(self.names, self.own, first, self.exchange, times, seal_times, signer)
         self._prior: tuple[Prior, int] | None = None
@@ -155,7 +155,7 @@ class Team:
 
     def hear_of_change(self, index: int) -> None:
         """Pass on load changes that other robots have reported up to this block."""
-        self.session.hear_of_change(self.exchange.changed_at, self.times.begun_from(index))
+        self.session.hear_of_change(self.exchange.news_at, self.times.begun_from(index))
 
     def take(self, index: int) -> None:
         """Process all rows that are complete by now, even if an earlier one is not."""
@@ -176,7 +176,7 @@ class Team:
         del self.noticed[len(session.changes) :]
         self.noticed += [index] * (len(session.changes) - len(self.noticed))
         self.noticed_slips += [(self._unclear_since, index)] * (len(session.slips) - len(self.noticed_slips))
-        if session.suspect is None and not session.is_suspected:
+        if session.contradicting is None and not session.is_cause_open:
             self._unclear_since = None
         oldest = self.times.begun_from(index - self.exchange.window)
         while self._next in self._taken or self._next < oldest:

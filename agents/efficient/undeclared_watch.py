@@ -9,8 +9,8 @@ from coheft.estimation.moments.undeclared import UndeclaredError
 class UndeclaredWatch:
     """Tests for undeclared errors at growing intervals.
 
-    Two tests in a row have to find the same error. It is over when as many rows do not show it any more; the first time
-    a shorter while is enough.
+    Two tests in a row have to find the same error. It is over once as many rows in succession are free of it as it was
+    found with; the first time, after ``lasts`` rows at most.
 
     Args:
         growth: The next test is due when the number of rows has grown by this factor.
@@ -29,7 +29,7 @@ class UndeclaredWatch:
     def begin(self, first: int) -> None:
         """Start again with other rows; the first test is due at so many."""
         self._next = first
-        self._suspect: tuple[int, str] | None = None  # found by the last test
+        self._last_found: tuple[int, str] | None = None
 
     def test(self, known: Knowledge) -> bool:
         """Test if it is due; return whether an error has been found, after which estimation has to start over."""
@@ -37,15 +37,15 @@ class UndeclaredWatch:
         if rows < self._next or known.misses_poses:
             return False
         self._next = round(self._growth * rows)
-        found, before = known.undeclared_error(), self._suspect
-        self._suspect = None if found is None else (found.robot, found.kind)
+        found, before = known.undeclared_error(), self._last_found
+        self._last_found = None if found is None else (found.robot, found.kind)
         if found is None:
             if rows >= self._over_with:
                 self.found = None
                 if rows > 2 * self._found_with:
                     self._found_with = 0
             return False
-        if self._suspect != before:  # a sensor may have been faulty for a while only
+        if self._last_found != before:  # a sensor may have been faulty for a while only
             self._next = 0
             return False
         is_again = self._found_with > 0

@@ -10,6 +10,7 @@ import operator
 from collections.abc import Callable, Collection, Mapping
 from typing import Any, TypeVar
 
+import msgspec
 import numpy as np
 
 from coheft.agents.estimator import Belief
@@ -20,12 +21,19 @@ from coheft.estimation.geometry.uncertain_pose import UncertainPose
 from coheft.wire.messages.array_block import MAX_DIMENSIONS
 from coheft.wire.messages.codec import check_choice
 from coheft.wire.messages.estimate_checks import check_number, check_numbers, check_payload, check_pose
-from coheft.wire.messages.structs import LoadChangeNotice, PayloadEstimate, PoseEstimate
+from coheft.wire.messages.structs import (
+    LoadChangeNotice,
+    PayloadEstimate,
+    PoseEstimate,
+    SensorErrorEstimate,
+    SlipNotice,
+)
 
 _PER_ARRAY = 32
 """Upper bound of the bytes per array in a message, besides its name and its numbers."""
 
 T = TypeVar("T")
+S = TypeVar("S", LoadChangeNotice, SensorErrorEstimate, SlipNotice)
 
 
 def plain_channels(returned: object, largest: int) -> dict[str, Array]:
@@ -114,9 +122,11 @@ def plain_belief(returned: object, index: int, neighbours: Collection[str]) -> B
         total_block=_block(returned.total_block, index, "total_block"),
         total_wrench=total_wrench,
         not_observable=_texts(returned.not_observable, "not_observable"),
-        load_changes=_plain_changes(returned.load_changes),
+        load_changes=_plain_items(returned.load_changes, LoadChangeNotice, "load_changes"),
         learned_block=_block(returned.learned_block, index, "learned_block"),
         grasps=returned.grasps,
+        sensor_errors=_plain_items(returned.sensor_errors, SensorErrorEstimate, "sensor_errors"),
+        slips=_plain_items(returned.slips, SlipNotice, "slips"),
         shortfall=_texts(returned.shortfall, "shortfall"),
     )
 
@@ -164,15 +174,21 @@ def _plain_poses(poses: object, neighbours: Collection[str]) -> dict[str, Uncert
     return plain
 
 
-def _plain_changes(changes: object) -> tuple[LoadChangeNotice, ...]:
+def _plain_items(items: object, kind: type[S], place: str) -> tuple[S, ...]:
+    """Convert structs of texts and numbers."""
     plain = []
-    for change in _sequence(changes, "load_changes"):
-        if not isinstance(change, LoadChangeNotice):
-            raise MessageError(f"load_changes contains {_kind(change)}, expected a LoadChangeNotice for each change")
-        noticed, changed = _number(change.noticed_at, "noticed_at"), _number(change.changed_at, "changed_at")
-        check_number(noticed, "noticed_at")
-        check_number(changed, "changed_at")
-        plain.append(LoadChangeNotice(noticed, changed))
+    for item in _sequence(items, place):
+        if not isinstance(item, kind):
+            raise MessageError(f"{place} contains {_kind(item)}, expected a {kind.__name__} each")
+        values: dict[str, Any] = {}
+        for field in msgspec.structs.fields(kind):
+            value = getattr(item, field.name)
+            if field.type is str:
+                [values[field.name]] = _texts((value,), field.name)
+            else:
+                values[field.name] = _number(value, field.name)
+                check_number(values[field.name], field.name)
+        plain.append(kind(**values))
     return tuple(plain)
 
 

@@ -108,7 +108,7 @@ def test_rows_and_news_of_another_team_are_left_out() -> None:
     exchange = Exchange(TEAM, COUNT, 0, HOPS, EACH_BLOCK)
     heard(exchange, (1, 9), team=TEAM + 1)
     assert len(exchange.tell(-1).rows) == 0
-    assert exchange.changed_at == -1
+    assert exchange.news_at == -1
 
 
 def test_the_first_row_of_a_robot_and_block_counts() -> None:
@@ -148,10 +148,10 @@ def test_the_newest_change_of_the_load_is_heard_of() -> None:
     exchange = Exchange(TEAM, COUNT, 0, HOPS, EACH_BLOCK)
     nothing = RowMessage(TEAM, 4, np.zeros((0, 2), dtype=np.int32), np.zeros((0, ROW_SIZE), dtype=np.float32))
     exchange.hear([nothing], 10)
-    exchange.hear([replace(nothing, changed_at=2)], 10)
-    assert exchange.changed_at == 4
-    exchange.hear([replace(nothing, changed_at=10)], 10)  # of a row that has not been measured yet
-    assert exchange.changed_at == 4
+    exchange.hear([replace(nothing, news_at=2)], 10)
+    assert exchange.news_at == 4
+    exchange.hear([replace(nothing, news_at=10)], 10)  # of a row that has not been measured yet
+    assert exchange.news_at == 4
 
 
 def test_a_message_survives_as_arrays_and_anything_else_is_none() -> None:
@@ -159,7 +159,7 @@ def test_a_message_survives_as_arrays_and_anything_else_is_none() -> None:
     channels = message.channels()
     again = RowMessage.of_channels(channels)
     assert again is not None
-    assert (again.team, again.changed_at) == (TEAM, 3)
+    assert (again.team, again.news_at) == (TEAM, 3)
     np.testing.assert_array_equal(again.rows, message.rows)
     assert RowMessage.of_channels({}) is None
     for name, array in channels.items():

@@ -56,7 +56,7 @@ class Case:
             if number in self.missing:
                 continue
             session.take(number, row)
-            is_clear = session.suspect is None and not session.is_suspected
+            is_clear = session.contradicting is None and not session.is_cause_open
             if session.stage is Stage.ESTIMATING and is_clear and session.is_confirmed:
                 history.valid.append(number)
                 history.errors.append(_error(session, self.loads[number] if self.loads else LOAD))

@@ -20,15 +20,19 @@ from coheft.estimation.moments.unknowns import State, Unknowns
 TEAM, COUNT, ANCHOR = 9, 3, 1
 SETTINGS = FitSettings(RowNoise.of_samples(SensorNoise(), 10, 500.0), 0.02, SensorErrors({"force_gain": 0.01}))
 
+UNEQUAL = replace(
+    SETTINGS, errors=SensorErrors(*({"force_gain": size, "torque_gain": 0.01} for size in (0.01, 0.0, 0.02)))
+)
+"""One robot's forces are exact."""
 SCALE = 4 + 10 + COUNT * (Pose.SIZE + SETTINGS.errors.count) + 3 + 16
 """Where the scale of the first unknown is told."""
 
 
-def some_prior(rng: np.random.Generator) -> Prior:
-    unknowns = Unknowns(COUNT, SETTINGS.errors)
+def some_prior(rng: np.random.Generator, errors: SensorErrors = SETTINGS.errors) -> Prior:
+    unknowns = Unknowns(COUNT, errors)
     poses = [Pose.exp(rng.normal(size=6)) for _ in range(COUNT)]
-    state = State.first(poses, SETTINGS.errors).with_load(rng.normal(size=16))
-    state = state.moved(0.01 * rng.normal(size=unknowns.size), unknowns, np.inf)
+    state = State.first(poses, errors).with_load(rng.normal(size=16))
+    state = state.moved(0.01 * rng.normal(size=unknowns.size), unknowns, 6.0)
     root, noise = rng.normal(size=(2, unknowns.size, unknowns.size))
     root[:, unknowns.poses[2]] = noise[:, unknowns.poses[2]] = 0.0  # a robot of which nothing is known
     score = rng.normal(size=unknowns.size)
@@ -37,10 +41,11 @@ def some_prior(rng: np.random.Generator) -> Prior:
     return Prior(state, Guess.about(np.arange(1.0, 11.0), 0.7), evidence, has_expectations=True)
 
 
+@pytest.mark.parametrize("settings", [SETTINGS, UNEQUAL], ids=["alike", "unequal"])
 @pytest.mark.parametrize("seed", range(3))
-def test_what_is_told_is_heard(seed: int) -> None:
-    prior = some_prior(np.random.default_rng(seed))
-    found = decode(encode(TEAM, prior, ANCHOR), TEAM, COUNT, SETTINGS)
+def test_what_is_told_is_heard(seed: int, settings: FitSettings) -> None:
+    prior = some_prior(np.random.default_rng(seed), settings.errors)
+    found = decode(encode(TEAM, prior, ANCHOR), TEAM, COUNT, settings)
     assert found is not None
     same, anchor = found
     assert anchor == ANCHOR
@@ -53,15 +58,6 @@ def test_what_is_told_is_heard(seed: int) -> None:
     for name in ("eta", "gyros", "load"):
         np.testing.assert_allclose(getattr(same.state, name), getattr(prior.state, name), atol=1e-15)
     np.testing.assert_allclose(same.guess.limits, prior.guess.limits)
-
-
-def test_a_robot_without_an_error_that_others_declare_stays_exact() -> None:
-    errors = SensorErrors({"force_gain": 0.01}, {}, {"force_gain": 0.02})
-    settings, prior = replace(SETTINGS, errors=errors), some_prior(np.random.default_rng(4))
-    prior = replace(prior, state=replace(prior.state, eta=np.array([[0.005], [0.0], [-0.01]])))
-    found = decode(encode(TEAM, prior, ANCHOR), TEAM, COUNT, settings)
-    assert found is not None
-    np.testing.assert_array_equal(found[0].state.eta, prior.state.eta)
 
 
 def test_nonsense_is_not_heard() -> None:

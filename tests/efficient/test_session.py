@@ -109,8 +109,8 @@ def test_a_robot_whose_sensor_is_off_is_named_and_its_rows_are_not_learned_from(
     for number, row in enumerate(rows):
         found.take(number, row)
         if 152 < number < 170:
-            assert found.suspect == 1
-    assert found.suspect is None
+            assert found.contradicting == 1
+    assert found.contradicting is None
     assert_right(found)
     clean = fed(np.delete(made_up_rows(200), range(150, 170), axis=0))
     np.testing.assert_allclose(state_of(found), state_of(clean), atol=2e-2)
@@ -122,9 +122,9 @@ def test_a_single_row_that_contradicts_is_left_out_and_the_second_one_makes_a_su
     found, suspected = session(), []
     for number, row in enumerate(rows):
         found.take(number, row)
-        if found.suspect is not None:
+        if found.contradicting is not None:
             suspected.append(number)
-            assert found.suspect == 1
+            assert found.contradicting == 1
     assert suspected[0] == 182
     without = fed(np.delete(rows, [150, 180, 182], axis=0))
     np.testing.assert_allclose(state_of(found), state_of(without), atol=2e-2)
@@ -181,7 +181,7 @@ def test_rows_that_came_with_a_contradiction_are_taken_back() -> None:
     before = found._known.buffer.count
     for number in range(100, 104):
         found.take(number, rows[number])
-    assert found.suspect == 1
+    assert found.contradicting == 1
     assert found._known.buffer.count < before + 3
 
 

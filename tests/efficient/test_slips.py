@@ -45,7 +45,7 @@ def fed(rows: Array, guards: Guards | None = None) -> Session:
 
 
 def is_valid(found: Session) -> bool:
-    is_clear = found.suspect is None and not found.is_suspected
+    is_clear = found.contradicting is None and not found.is_cause_open
     return found.stage is Stage.ESTIMATING and is_clear and found.is_confirmed
 
 
@@ -122,7 +122,7 @@ def test_what_cannot_be_told_apart_counts_as_another_load_after_a_while() -> Non
     assert told.certain_changes
     assert told.slips == []
     waiting = fed(rows, replace(doubting, telling_apart=1e9))
-    assert waiting.is_suspected
+    assert waiting.is_cause_open
     assert waiting.certain_changes == []
 
 

@@ -105,8 +105,8 @@ class Look(NamedTuple):
     Attributes:
         place: Place of the first row after the likeliest change.
         size: Its statistic over the threshold for the probability ``FALSE_ALARM``.
-        step: By how much the estimate of the mass is off if the mass has made the small step, among those that are
-            significant, that makes this largest [kg]; 0 if none is, None if there are too few rows.
+        step: Largest error of the estimated mass that any significant small step would mean [kg]; 0 if there is none,
+            None if there are too few rows.
     """
 
     place: int

@@ -3,7 +3,7 @@
     prior of the next chapter = (evidence of this one's rows + its prior), with what has changed loosened by Q
 
 A new load is ``Q_theta = infinity``, and then only the moments of wrenches end, because the poses stay what they are.
-A grasp that slipped is ``Q_pose = infinity``, drift is ``q dt``. Robots that leave are eliminated, robots that join are
+A slip is ``Q_pose = (2°, 20 mm)^2``, drift is ``q dt``. Robots that leave are eliminated, robots that join are
 not known. Quadratics stay around the state of their time, and are moved to the present one.
 """
 

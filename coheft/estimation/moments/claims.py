@@ -1,6 +1,8 @@
 """What a robot publishes of load and poses: only what is known, in its own grasp frame.
 
 (m, h, J) in F_i,    covariance = D P D^T,    published as far as all directions are seen: 0, 1, 4 or 10 numbers
+
+While any pose is less certain than ``CLAIM_LIMITS``, at most the mass is published.
 """
 
 from __future__ import annotations
@@ -31,7 +33,7 @@ class Claim:
         known: How many numbers of ``(m, h, J)`` are known: 0, 1, 4 or 10.
         covariance: Their covariance, shape (known, known).
         unseen: What is not known, and which motion would show it, in words.
-        hidden_poses: Whether each robot's pose is unknown, shape (N,).
+        hidden_poses: Whether each robot's pose is less certain than ``CLAIM_LIMITS``, shape (N,).
     """
 
     inertia: Inertia | None

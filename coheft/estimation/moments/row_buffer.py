@@ -2,7 +2,7 @@
 
     moments of all = moments of former loads + moments of the present load
 
-Rows may come in any order; each goes where it belongs.
+Rows may come in any order; each goes where it belongs. One that comes after its chapter has ended counts for nothing.
 """
 
 from __future__ import annotations
@@ -89,7 +89,8 @@ class RowBuffer:
                 self._former = self._former + self.moments_of(row[None])
         elif place < self._summed:
             self._load = self._load + self.moments_of(row[None])
-        self._summed += number < self._since or place < self._summed
+        if number < self._since or place < self._summed:
+            self._summed += 1
         return place, is_full
 
     def moments(self) -> tuple[Moments, Moments]:
@@ -131,9 +132,9 @@ class RowBuffer:
             self._former = ProjectedMoments.at(body, self._former)
 
     def take_back(self, number: int) -> int:
-        """Remove rows with larger numbers, as if they had never arrived; return how many."""
+        """Remove the rows of the present load from this number on, as if they had never arrived; return how many."""
         self._sum_up()
-        first = int(np.searchsorted(self.numbers[: self.count], number, side="right"))
+        first = int(np.searchsorted(self.numbers[: self.count], number, side="left"))
         first = max(first, self.start)
         taken = self.count - first
         if first < self._summed:

@@ -1,4 +1,4 @@
-"""Rows: the means of one robot's samples over up to 20 ms, in its own grasp frame.
+"""Rows: the means of one robot's samples over up to 20 ms (100 ms in large teams), in its own grasp frame.
 
     row = (mean w, mean v, mean a, slope of w, mean f, mean t, mean of w w^T packed),   24 numbers
 
@@ -12,7 +12,7 @@ Where sensors may be late, a row is followed by its rates: how much it would cha
 samples a moment later. For means these are the changes from the beginning of the row to its end, so they are right even
 where something jumps in between. Their noise is independent of that of the row.
 
-The slope of the gyro, a least-squares line through the block, is the angular acceleration up to a share
+The slope of the gyro, a least-squares line through the row, is the angular acceleration up to a share
 ``(2 pi f T)^2 / 60``. Its noise is independent of that of the mean.
 """
 
@@ -38,7 +38,7 @@ PRODUCTS = slice(18, 24)
 KINEMATICS_SIZE, WRENCH_SIZE = 12, 6
 
 LONGEST = 0.02
-"""Duration of a row [s]."""
+"""Longest duration of a row in teams of up to 32 [s]."""
 _FASTEST, _FAST_TURNING, _TIMES = 2.0, 10.0, 3.0
 """Frequency [Hz] and angular acceleration [rad/s²] of a fast motion. Its effect on slopes does not average out, so it
 counts as noise that is so many times larger."""

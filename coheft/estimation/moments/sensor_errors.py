@@ -2,7 +2,9 @@
 
     true row = T x,    x = (row, 1, rates of the row, flexing),    T <- exp(sum_k eta_k E_k) T
 
-Every generator ``E_k`` has a few entries ``(to, from, factor)``, see ``_generators``.
+Every generator ``E_k`` has a few entries ``(to, from, factor)``, see ``_generators``. ``eta`` corrects readings: the
+error of the sensor is ``-eta``, its delay ``+eta``.
+
 Constant errors of gyros, forces and torques are not among ``eta``. Only their sums over the team matter, and these are
 unknowns of the team. Constant errors of velocities do not matter at all, because means of twists are removed.
 
@@ -106,6 +108,11 @@ class SensorErrors:
     def count(self) -> int:
         """Number of parameters of one robot, ``q``."""
         return len(self.names)
+
+    @property
+    def row_size(self) -> int:
+        """Length of one robot's row with what follows it, without the constant."""
+        return self.width - 1
 
     def _generators(self, kind: str) -> list[list[Entry]]:
         """Entries of each parameter of a kind."""

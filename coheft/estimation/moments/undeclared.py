@@ -67,7 +67,7 @@ def undeclared_error(
     body = replace(settings, errors=errors).body(_with_errors(estimate.state, errors))
     every, own = body.unknowns, np.flatnonzero([name in told.names for name in errors.names])
     is_tested = np.array([[name in _TESTED and name not in known for name in errors.names] for known in names_told])
-    others = _places(unknowns, every, own)
+    others = _places(every, own)
 
     rows = evidence_of(body, chapter.evaluation()(body))
     before = chapter.prior_evidence(estimate.body)
@@ -118,7 +118,7 @@ def _with_errors(state: State, errors: SensorErrors) -> State:
     return State(state.poses, eta, calibration, state.gyros, state.load)
 
 
-def _places(few: Unknowns, many: Unknowns, own: Indices) -> Indices:
-    """Indices of a fit's unknowns among those with more sensor errors."""
+def _places(many: Unknowns, own: Indices) -> Indices:
+    """Indices of a fit's unknowns, with its sensor errors ``own``, among those with more of them."""
     by_robot = np.hstack([many.poses, many.eta[:, own]])
     return np.concatenate([by_robot.ravel(), np.arange(many.gyros.start, many.size)])

@@ -269,7 +269,7 @@ class Estimate(Message, frozen=True):
         poses: Neighbours' grasp frames in ``F_i``.
         total_block: Block to which ``total_wrench`` belongs, -1 if none.
         total_wrench: Total wrench (6,) about the origin of ``F_i``, as sensors read it, at the end of ``total_block``:
-            with ``efficient`` the mean over its newest row, with ``seed`` of its last sample.
+            with ``efficient`` the mean over its newest row, with ``fan2017`` of its last sample.
         not_observable: Descriptions of parameters that the motion so far does not show.
         load_changes: Changes of the load noticed so far.
         slips: Slips of grasps noticed so far.
@@ -318,7 +318,7 @@ class Estimate(Message, frozen=True):
 class EstimateBeside(Message, frozen=True):
     """Agent to observers: an estimate made beside the robot's own, on the same samples, by the estimator it names."""
 
-    code: ClassVar[int] = 22
+    code: ClassVar[int] = 23
 
     estimate: Estimate
 

@@ -37,7 +37,7 @@ class Fitted:
 def buffer_of(rows: Array, settings: FitSettings, count: int, is_projected: bool = False) -> RowBuffer:
     buffer = RowBuffer(rows.shape[1], is_projected)
     add_rows(buffer, rows)
-    assert count * (settings.errors.width - 1) + 1 == rows.shape[1]
+    assert count * settings.errors.row_size + 1 == rows.shape[1]
     return buffer
 
 
@@ -67,7 +67,7 @@ def fit_from(state: State, chapter: Chapter, settings: FitSettings, anchor: int 
 
 def fit(rows: Array, settings: FitSettings = IDEAL, anchor: int = 0, is_projected: bool = False) -> Fitted:
     """Of rows (n, 24 N + 1), or more with what follows them."""
-    count = rows.shape[1] // (settings.errors.width - 1)
+    count = rows.shape[1] // settings.errors.row_size
     chapter = Chapter(buffer_of(rows, settings, count, is_projected), settings)
     state = poses_of(chapter, settings, count, anchor)
     if is_projected:

@@ -55,7 +55,7 @@ class Naive:
         return everything, gone
 
     def take_back(self, number: int) -> int:
-        taken = {each for each in self.kept if each > number and each >= self.since}
+        taken = {each for each in self.kept if each >= number and each >= self.since}
         self.kept = [each for each in self.kept if each not in taken]
         self.load = [each for each in self.load if each not in taken]
         return len(taken)
