@@ -9,12 +9,13 @@ Modules are loaded only when they are used.
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
-
 __version__ = "0.1.0"
+TYPE_CHECKING = False
+"""True for type checkers. Importing it from ``typing`` takes 5 ms, in which Ctrl-C would print a traceback."""
 
 if TYPE_CHECKING:
+    from typing import Any
+
     from coheft import estimators
     from coheft.api.export import export
     from coheft.api.files import load
@@ -91,6 +92,8 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:
     """Load a public name when it is used."""
+    from importlib import import_module
+
     if name in _MODULES:
         return getattr(import_module(_MODULES[name]), name)
     if name == "estimators":

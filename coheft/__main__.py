@@ -3,12 +3,24 @@
 from __future__ import annotations
 
 import os
-import signal
 import sys
-from types import FrameType
 
 _STATUS = 130
 """Exit status after Ctrl-C, equal to that in ``coheft.app.cli.base``, which is not loaded yet."""
+
+
+def _leave(*_: object) -> None:
+    """Exit at once, while modules are being loaded."""
+    try:
+        os.write(2, b"stopped\n")
+    finally:
+        os._exit(_STATUS)
+
+
+try:
+    import signal
+except KeyboardInterrupt:
+    _leave()
 
 
 def main() -> None:
@@ -23,6 +35,7 @@ def main() -> None:
 
     guard_standard_streams()
     from coheft.app.cli.main import run_command_line
+    from coheft.wire.process.leave import leave
 
     try:
         for number in heard:
@@ -31,15 +44,7 @@ def main() -> None:
     except KeyboardInterrupt:  # just before or after the command handles it
         print("stopped", file=sys.stderr)
         status = _STATUS
-    sys.exit(status)
-
-
-def _leave(number: int, frame: FrameType | None) -> None:
-    """Exit at once, while modules are being loaded."""
-    try:
-        os.write(2, b"stopped\n")
-    finally:
-        os._exit(_STATUS)
+    leave(status)
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from coheft.wire.messages.requests import (
+    ClockRequest,
     EstimatorRequest,
     HoldRequest,
     InjectRequest,
@@ -26,6 +27,8 @@ def in_words(request: Message) -> str:
             return f"use the estimator {estimator!r}"
         case PauseRequest(paused=paused):
             return "pause the run" if paused else "resume the run"
+        case ClockRequest(robot=robot, ahead=ahead):
+            return f"set the clock of {robot} {ahead:g} s ahead"
         case StopRequest():
             return "stop the run"
     return f"a request of kind {type(request).__name__}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Mapping
 
 import mujoco
@@ -19,6 +20,8 @@ _KINDS = {
     "velocity": mujoco.mjtSensor.mjSENS_VELOCIMETER,
     "acceleration": mujoco.mjtSensor.mjSENS_ACCELEROMETER,
 }
+LATEST = 1.0
+"""Largest value to which a clock may be set during a run [s]."""
 READINGS = 3 * len(_KINDS)
 """Number of readings of the engine's sensors per robot."""
 
@@ -63,8 +66,11 @@ class Sensors:
         self._alike = np.exp(-1.0 / (correlation * scenario.sensors.rate)) if correlation else 0.0
         self._noise_before: Array | None = None
         self._grasps = CompliantGrasps(errors.compliances, scenario.sensors.rate)
-        self._late = errors.delays * scenario.sensors.rate  # in samples
-        self._past: Array | None = None  # the newest exact samples, as many as the largest delay needs
+        self._rate = scenario.sensors.rate
+        self._late = errors.delays * self._rate  # in samples
+        # Exact samples of the last blocks, as many as the largest delay may need.
+        longest = max(LATEST * self._rate, self._late.max())
+        self._past: deque[Array] = deque(maxlen=1 + int(longest) // scenario.sensors.block)
 
     def measure(self, kinematics: Array, wrenches: Array) -> Array:
         """Return one block of measurements; draws the noise of the robots' next B samples.
@@ -98,6 +104,12 @@ class Sensors:
             measured[robot][:, columns] = 0.0
         return measured
 
+    def set_clock(self, robot: int, ahead: float) -> None:
+        """From the next block on this robot's samples are older than their stamps by ``ahead`` [s], in addition to its
+        delays.
+        """
+        self._late[robot] = (self._errors.delays[robot] + ahead) * self._rate
+
     def begin_anew(self, robot: int) -> None:
         """This robot lets go, takes hold, or slips before the next block."""
         self._grasps.begin_anew(robot)
@@ -115,12 +127,15 @@ class Sensors:
 
     def _delayed(self, exact: Array) -> Array:
         """Return exact values at the delayed times, shape (N, B, 15), linearly interpolated between samples."""
+        earlier = list(self._past) or [exact[:, :1]]
+        self._past.append(exact)
         if not self._late.any():
             return exact
-        kept = int(np.ceil(self._late.max()))
-        past = np.repeat(exact[:, :1], kept, axis=1) if self._past is None else self._past
-        known, samples = np.concatenate([past, exact], axis=1), exact.shape[1]
-        self._past = known[:, samples:]
+        kept, samples = int(np.ceil(self._late.max())), exact.shape[1]
+        past = np.concatenate(earlier[-1 - kept // samples :], axis=1)
+        if past.shape[1] < kept:  # the run begins at rest
+            past = np.concatenate([np.repeat(past[:, :1], kept - past.shape[1], axis=1), past], axis=1)
+        known, kept = np.concatenate([past, exact], axis=1), past.shape[1]
         result = np.empty_like(exact)
         for robot, late in enumerate(self._late):
             for columns, each in zip((KINEMATICS, WRENCH), late, strict=True):

@@ -23,6 +23,7 @@ from coheft.physics_server.simulation import Simulation
 from coheft.wire.config import ServerConfig
 from coheft.wire.data.file import write_recording
 from coheft.wire.messages.requests import (
+    ClockRequest,
     EstimatorRequest,
     HoldRequest,
     InjectRequest,
@@ -35,6 +36,7 @@ from coheft.wire.messages.requests import (
 )
 from coheft.wire.messages.states import RunState
 from coheft.wire.messages.structs import Message
+from coheft.wire.messages.told import set_clock
 from coheft.wire.process.log import LOG
 from coheft.wire.process.problem_log import ProblemLog
 from coheft.wire.process.supervised import COMMENT_AFTER, is_supervisor_stopped, supervised_main
@@ -266,10 +268,8 @@ class Server:
                 self._simulation.inject(request.mass, request.position, request.size)
             case RemoveRequest():
                 self._simulation.remove(request.load)
-            case HoldRequest(robot=robot, holding=True) if robot in self._simulation.holders:
-                raise CoheftError(f"{robot} already holds the payload")
-            case HoldRequest(robot=robot, holding=False) if robot in self._simulation.idle:
-                raise CoheftError(f"{robot} has already released the payload")
+            case HoldRequest(robot=robot, holding=holding) if self._simulation.holds(robot) == holding:
+                raise CoheftError(f"{robot} {'already holds' if holding else 'has already released'} the payload")
             case HoldRequest(robot=robot, holding=True):
                 self._simulation.grasp(robot)
             case HoldRequest(robot=robot):
@@ -288,6 +288,9 @@ class Server:
                     self._stopwatch.stop()
                 elif self._state is RunState.PAUSED:
                     self._go_on()
+            case ClockRequest():
+                self._simulation.set_clock(request.robot, request.ahead)
+                self._problems.tell(set_clock(request.robot, request.ahead))
             case StopRequest():
                 self._stop_asked = True
 

@@ -21,7 +21,7 @@ from coheft.physics_server.load_schedule import LoadSchedule
 from coheft.physics_server.loads import Loads
 from coheft.physics_server.scene import PAYLOAD, PAYLOAD_HOME, build_model, home_name
 from coheft.physics_server.sensor_errors import SensorErrors
-from coheft.physics_server.sensors import READINGS, Sensors
+from coheft.physics_server.sensors import LATEST, READINGS, Sensors
 from coheft.physics_server.stepping import step
 from coheft.wire.messages.scene import BoxShape, Scene
 from coheft.wire.messages.structs import Measurements, Reference
@@ -149,10 +149,13 @@ class Simulation:
         """Robots that hold the payload."""
         return [name for name, is_holding in zip(self._names, self._is_holding, strict=True) if is_holding]
 
-    @property
-    def idle(self) -> list[str]:
-        """Robots that do not hold the payload."""
-        return [name for name, is_holding in zip(self._names, self._is_holding, strict=True) if not is_holding]
+    def holds(self, robot: str) -> bool:
+        """Whether a robot holds the payload.
+
+        Raises:
+            SimulationError: There is no such robot.
+        """
+        return bool(self._is_holding[self._number(robot)])
 
     def inject(self, mass: float, position: Vector, size: Vector = (0.1, 0.1, 0.1), leak: float = 0.0) -> LoadState:
         """Add a load to the payload before the next block, see ``Loads.put``.
@@ -193,11 +196,28 @@ class Simulation:
         """
         self._set_holding(robot, True)
 
-    def _set_holding(self, robot: str, holding: bool) -> None:
+    def set_clock(self, robot: str, ahead: float) -> None:
+        """Set a robot's clock before the next block.
+
+        Args:
+            robot: The robot.
+            ahead: How far it is ahead [s], see ``ClockRequest``.
+
+        Raises:
+            SimulationError: There is no such robot, or ``ahead`` is not from 0 to 1 s.
+        """
+        if not 0.0 <= ahead <= LATEST:
+            raise SimulationError(f"a clock may be 0 to {LATEST:g} s ahead, not {ahead:g} s")
+        self._sensors.set_clock(self._number(robot), ahead)
+
+    def _number(self, robot: str) -> int:
         if robot not in self._names:
             raise SimulationError(f"there is no robot {robot}: the robots are {', '.join(self._names)}")
+        return self._names.index(robot)
+
+    def _set_holding(self, robot: str, holding: bool) -> None:
+        number = self._number(robot)
         self._arms.set_holding(robot, holding)
-        number = self._names.index(robot)
         if self._is_holding[number] != holding:
             self._sensors.begin_anew(number)
         self._is_holding[number] = holding

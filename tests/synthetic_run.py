@@ -12,6 +12,7 @@ from coheft.app.results.report import RunInfo
 from coheft.estimation.geometry.spatial import Array, Pose, quaternion_from_rotation
 from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.wire.messages.scene import Scene
+from coheft.wire.messages.states import Validity
 from coheft.wire.messages.structs import Estimate, LoadChangeNotice, PayloadEstimate, PoseEstimate
 from coheft.wire.messages.truth import LoadState, PayloadTruth, Truth
 
@@ -85,7 +86,7 @@ def estimate(
         total_wrench=(1.0 + wrench_error) * carry.adjoint() @ total_wrench(block - 4),
         not_observable=[] if payload is not None else ["mass: too little motion"],
         load_changes=list(changes),
-        status="valid" if payload is not None else "starting",
+        status=Validity.VALID if payload is not None else Validity.STARTING,
     )
 
 

@@ -20,6 +20,7 @@ from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.measurement import ACCELERATION, SAMPLE_SIZE
 from coheft.physics_server.simulation import Simulation
 from coheft.wire.config import AgentConfig, agent_config
+from coheft.wire.messages.states import Validity
 from coheft.wire.messages.structs import Estimate, PayloadEstimate
 from coheft.wire.scenario.carry import Carry
 from coheft.wire.scenario.checks import check_scenario
@@ -136,7 +137,7 @@ def test_two_robots_at_a_rod_hold_half_of_it_each() -> None:
 
 def test_what_is_not_known_well_is_not_used() -> None:
     np.testing.assert_array_equal(Arm().push(8.0, deviation=1.0), 0.0)
-    np.testing.assert_array_equal(Arm().push(8.0, status="starting"), 0.0)
+    np.testing.assert_array_equal(Arm().push(8.0, status=Validity.STARTING), 0.0)
 
 
 @pytest.mark.parametrize(("axis", "is_used"), [(1, True), (2, False)])
@@ -154,7 +155,7 @@ def test_what_is_not_known_along_gravity_does_not_matter_however_the_load_lies(a
 def test_the_last_good_estimate_stays() -> None:
     arm = Arm()
     good = arm.push(8.0)
-    np.testing.assert_allclose(arm.push(3.0, status="stale"), good, atol=0.01)
+    np.testing.assert_allclose(arm.push(3.0, status=Validity.STALE), good, atol=0.01)
     np.testing.assert_allclose(arm.push(3.0, deviation=1.0), good, atol=0.01)
     np.testing.assert_allclose(arm.push(10.0), 1.25 * good, atol=0.02)
 

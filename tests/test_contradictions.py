@@ -19,6 +19,7 @@ from coheft.app.terminal.screen import LiveDisplay
 from coheft.app.view import words
 from coheft.estimation.geometry.spatial import Pose
 from coheft.estimation.rigid_body.mass_properties import Inertia
+from coheft.wire.messages.states import Validity
 from coheft.wire.messages.structs import Estimate
 from tests.synthetic_run import GRASPS, HEAVY, INFO, SCENE, STD, estimate, recorded, truth
 
@@ -57,7 +58,7 @@ def test_an_error_beyond_four_own_standard_deviations_contradicts_a_valid_estima
 
 def test_an_estimate_that_calls_itself_stale_claims_nothing() -> None:
     wrong = estimate("r1", 9, off_by(9.0))
-    assert judged(msgspec.structs.replace(wrong, status="stale")) == []
+    assert judged(msgspec.structs.replace(wrong, status=Validity.STALE)) == []
 
 
 def test_poses_of_neighbours_are_compared_with_their_own_std() -> None:

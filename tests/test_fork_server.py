@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -110,6 +111,17 @@ def test_none_is_left_when_whoever_asked_for_them_is_killed(fork_server: ForkSer
         pids = list(map(int, asker.stdout.readline().split()))
         asker.kill()
     wait_until(lambda: not any(map(_goes_on, pids)), "their ends")
+
+
+def test_who_changes_their_mind_does_not_wait_for_modules(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """For instance with Ctrl-C right after the start."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "slow.py").write_text("open('begun', 'w')\nimport time\ntime.sleep(60)")
+    fork_server = ForkServer(["slow"], os.environ)
+    wait_until((tmp_path / "begun").exists, "the import")
+    began = time.monotonic()
+    fork_server.close()
+    assert time.monotonic() - began < 0.9
 
 
 def _goes_on(pid: int) -> bool:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from coheft.errors import SimulationError
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.tolerance import SENSORS, SHAPES, SensorDrift, SensorTolerance
@@ -173,6 +174,34 @@ def test_delays_do_not_depend_on_the_block():
     errors = SensorTolerance(clock=0.004, wrench_delay=0.002)
     small, large = (with_errors(scenario(block=block), errors=errors) for block in (4, 20))
     np.testing.assert_allclose(measured(small, 80)[:, :20], measured(large, 80)[:, :20], atol=1e-9)
+
+
+@pytest.mark.parametrize("told", [SensorTolerance(), SensorTolerance(clock=0.004, wrench_delay=0.002)])
+def test_a_clock_that_is_set_during_a_run_delays_one_robot_from_the_next_block_on(told: SensorTolerance):
+    chosen = with_errors(scenario(rate=500, block=4), errors=told)
+    now, drawn = Simulation(chosen), SensorErrors.drawn(chosen, 3).delays
+    move = excitation(chosen)
+    read = [samples(run(now, move, 20))]
+    now.set_clock("r2", 0.011)
+    read.append(samples(run(now, move, 20)))
+    now.set_clock("r2", 0.0)
+    read.append(samples(run(now, move, 10)))
+    truth, times = measured(scenario(rate=500, block=4), 200), np.arange(200) / 500
+    ahead = 0.011 * ((times >= 0.16) & (times < 0.32))
+    for robot in range(3):
+        for column in range(15):
+            then = times - drawn[robot, int(column >= 9)] - (ahead if robot == 1 else 0.0)
+            expected = np.interp(then, times, truth[robot, :, column])
+            np.testing.assert_allclose(np.hstack(read)[robot, :, column], expected, atol=1e-9)
+
+
+def test_a_clock_that_cannot_be_set_is_explained():
+    simulation = Simulation(scenario())
+    for ahead in (-0.001, 1.5, np.nan):
+        with pytest.raises(SimulationError, match="a clock may be 0 to 1 s ahead"):
+            simulation.set_clock("r1", ahead)
+    with pytest.raises(SimulationError, match="there is no robot r9"):
+        simulation.set_clock("r9", 0.1)
 
 
 @pytest.mark.parametrize("arms", ["impedance", "seven-joint"])

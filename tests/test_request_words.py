@@ -6,6 +6,7 @@ import pytest
 
 from coheft.physics_server.request_words import in_words
 from coheft.wire.messages.requests import (
+    ClockRequest,
     EstimatorRequest,
     HoldRequest,
     InjectRequest,
@@ -28,6 +29,7 @@ from coheft.wire.messages.structs import Message
         (PauseRequest(paused=True), "pause the run"),
         (PauseRequest(paused=False), "resume the run"),
         (StopRequest(), "stop the run"),
+        (ClockRequest(robot="r2", ahead=0.003), "set the clock of r2 0.003 s ahead"),
         (StatusRequest(), "a request of kind StatusRequest"),
     ],
 )

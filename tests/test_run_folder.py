@@ -9,7 +9,19 @@ from pathlib import Path
 import pytest
 
 from coheft.app.cli.cart import log_folders
-from coheft.app.run.folder import RUN_FILE, RunFile, announced, find_run, make_run_folder, runs_folder, split_endpoint
+from coheft.app.run.folder import (
+    END_FILE,
+    RUN_FILE,
+    RunEnd,
+    RunFile,
+    announced,
+    find_run,
+    make_run_folder,
+    note_end,
+    noted_end,
+    runs_folder,
+    split_endpoint,
+)
 from coheft.app.run.hosts import free_ports
 from coheft.errors import CoheftError
 
@@ -125,3 +137,15 @@ def test_a_folder_here_comes_before_one_of_the_same_name_among_the_runs(
             find_run(Path("mine"))
         with announced(tmp_path / "mine", RunFile(run="coheft-1", server=endpoint, agents={})):
             assert find_run(Path("mine")).run == "coheft-1"
+
+
+def test_how_a_run_has_ended_stays_in_its_folder_until_the_next_one_begins(tmp_path):
+    run_file = RunFile("run", "tcp/127.0.0.1:1", {})
+    with announced(tmp_path, run_file):
+        assert noted_end(tmp_path) is None
+        note_end(tmp_path, RunEnd(12.5))
+    assert noted_end(tmp_path) == RunEnd(12.5)
+    with announced(tmp_path, run_file):
+        assert noted_end(tmp_path) is None
+    (tmp_path / END_FILE).write_text("{")
+    assert noted_end(tmp_path) is None

@@ -14,6 +14,7 @@ from coheft.app.results.record import Record
 from coheft.app.terminal.digits import value_and_std
 from coheft.app.terminal.screen import Display, LineDisplay, LiveDisplay, make_display
 from coheft.wire.messages.scene import Scene
+from coheft.wire.messages.states import Validity
 from coheft.wire.messages.structs import Estimate, Problem
 from tests.escapes import COLOUR, SEQUENCE
 from tests.recording.runs import BEGIN
@@ -72,7 +73,7 @@ def test_without_a_terminal_there_are_plain_lines(record: Record) -> None:
 
 
 def stale(robot: str, block: int, reason: str) -> Estimate:
-    return msgspec.structs.replace(estimate(robot, block, HEAVY), status="stale", reasons=[reason])
+    return msgspec.structs.replace(estimate(robot, block, HEAVY), status=Validity.STALE, reasons=[reason])
 
 
 def test_a_terminal_shows_who_is_stale_and_why(record: Record) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from coheft.app.run.folder import RunFile
 from coheft.app.run.hosts import free_ports
 from coheft.app.view import words
 from coheft.errors import CoheftError
@@ -11,9 +12,13 @@ from coheft.wire.messages.truth import LoadState
 
 pytest.importorskip("viser", reason="the view needs viser: install 'coheft[view]'")
 
+from coheft.app.view.disturbing import Disturbing
 from coheft.app.view.door import Door
 from coheft.app.view.load_choice import LoadChoice
+from coheft.app.view.model import ViewModel
 from coheft.app.view.server import open_server
+from tests.test_view_model import STATUS
+from tests.waiting import wait_until
 
 
 def load(number: int, mass: float) -> LoadState:
@@ -69,3 +74,13 @@ def test_the_first_load_is_chosen_at_once(choice):
 def test_a_load_has_its_number_and_its_mass_wherever_it_is_shown():
     assert words.load(load(2, 1.96)) == "#2 of 2.0 kg"
     assert "#1 of 3.0 kg · #2 of 2.0 kg" in words.loads([load(1, 3.0), load(2, 1.96)])
+
+
+def test_a_clock_belongs_to_a_robot_and_not_to_a_link():
+    run_file = RunFile("run", "tcp/127.0.0.1:1", {})
+    with open_server(Door("127.0.0.1"), free_ports(1)[0]) as server:
+        disturbing = Disturbing(server.gui, ViewModel(STATUS), run_file, lambda *_: None)
+        assert disturbing.where.options == ("r1-r2", "r2-r3", "r1", "r2", "r3")
+        assert disturbing.clock.disabled
+        disturbing.where.value = "r2"
+        wait_until(lambda: not disturbing.clock.disabled, "the clock to be offered")

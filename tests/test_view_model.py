@@ -14,13 +14,16 @@ from coheft.app.view.model import ViewModel
 from coheft.app.view.timeline import Timeline
 from coheft.app.view.traces import WINDOW
 from coheft.wire.messages.requests import Status
+from coheft.wire.messages.states import RunState, Validity
 from coheft.wire.messages.structs import LoadChangeNotice, Problem
+from coheft.wire.messages.told import changed_link, set_clock
 from coheft.wire.messages.truth import LoadState
+from coheft.wire.scenario.network import LinkQuality
 from tests.synthetic_run import BLOCK, HEAVY, LIGHT, ROBOTS, SCENE, STD, changing_run, estimate, truth
 
 STATUS = Status(
     scenario="three",
-    state="running",
+    state=RunState.RUNNING,
     block=0,
     time=0.0,
     duration=4.0,
@@ -129,7 +132,7 @@ def test_texts_tell_numbers_reasons_and_changes_and_let_nobody_write_html():
     change = LoadChangeNotice(noticed_at=1.5, changed_at=1.4)
     said = estimate("r1", 0, HEAVY, changes=[change])
     model.hear(truth(0, LIGHT))
-    model.hear(msgspec.structs.replace(said, status="stale", reasons=["<b>r2</b> is silent"]))
+    model.hear(msgspec.structs.replace(said, status=Validity.STALE, reasons=["<b>r2</b> is silent"]))
     model.hear(Problem(source="r1", text="refused <script>"))
     text = words.belief(model.report("r1"), model.beliefs["r1"])
     assert "10.000" in text
@@ -138,9 +141,9 @@ def test_texts_tell_numbers_reasons_and_changes_and_let_nobody_write_html():
     assert "&lt;b&gt;r2" in text
     assert "&lt;script&gt;" in words.problems(model)
     assert "stale" in words.team(model, "r1")
-    paused = msgspec.structs.replace(STATUS, state="paused")
+    paused = msgspec.structs.replace(STATUS, state=RunState.PAUSED)
     assert "resume" in words.waiting_note(paused, is_still=False).lower()
-    waits = msgspec.structs.replace(STATUS, state="running", waiting_for=["r1"])
+    waits = msgspec.structs.replace(STATUS, state=RunState.RUNNING, waiting_for=["r1"])
     assert [words.waiting_note(waits, is_still=is_still) for is_still in (False, True)] == ["", "waiting for r1"]
 
 
@@ -149,10 +152,10 @@ def test_a_load_that_is_dropped_while_time_stands_still_is_there_at_once() -> No
     model.hear(truth(0, LIGHT))
     before = model.changes
     dropped = LoadState(1, 3.0, (0.0, 0.0, 0.1), (0.1, 0.1, 0.1))
-    model.note_status(msgspec.structs.replace(STATUS, state="paused", block=1, loads=[dropped]))
+    model.note_status(msgspec.structs.replace(STATUS, state=RunState.PAUSED, block=1, loads=[dropped]))
     assert model.loads == [dropped]
     assert model.changes > before, "there is another picture to draw"
-    model.note_status(msgspec.structs.replace(STATUS, state="running", block=1, loads=[dropped]))
+    model.note_status(msgspec.structs.replace(STATUS, state=RunState.RUNNING, block=1, loads=[dropped]))
     assert model.loads == [], "while time runs, the newest truth tells"
 
 
@@ -165,3 +168,28 @@ def test_numbers_have_as_many_digits_as_their_std_says_something_about() -> None
     model.hear(msgspec.structs.replace(said, payload=sure))
     for text in (words.team(model, "r1"), words.belief(model.report("r1"), model.beliefs["r1"])):
         assert not re.search(r">(± )?0\.0+<", text), text
+
+
+def test_what_the_operator_has_disturbed_is_shown_until_it_is_restored_or_its_agent_restarts() -> None:
+    model, lossy = ViewModel(STATUS), LinkQuality(loss=0.2)
+    model.note_pids({"r1": 1, "r2": 2})
+    assert words.disturbances(model) == ""
+    for source, text in (
+        ("r1", changed_link("r2", lossy)),
+        ("r2", changed_link("r1", lossy)),
+        ("r3", changed_link("r2", LinkQuality(delay=0.1))),
+        ("server", set_clock("r2", 0.003)),
+    ):
+        model.hear(Problem(source=source, text=text))
+    text = words.disturbances(model)
+    for line in (
+        "r1-r2: 20 % lost, others 0 s late",
+        "r2 to r3: 0 % lost, others 0.1 s late",
+        "clock of r2: 0.003 s ahead",
+    ):
+        assert f"<div>{line}</div>" in text
+    model.note_pids({"r1": 3, "r2": 2})
+    assert "r1 to r2: 20 %" in words.disturbances(model), "r1 receives everything in time, and r2 does not"
+    for source, text in (("r2", changed_link("r1", LinkQuality())), ("server", set_clock("r2", 0.0))):
+        model.hear(Problem(source=source, text=text))
+    assert list(model.disturbances) == [("r2", "r3")]

@@ -66,8 +66,6 @@ class Innovations:
         body, buffer, load = estimate.body, chapter.buffer, estimate.state.load
         if load is None:  # residuals of wrenches are not used then
             load = np.zeros(LOAD_SIZE)
-        if not estimate.misses_poses:
-            buffer.project_at(body)
         of_all, of_load = buffer.moments()
         see = np.vstack([body.motion_map[FORCING], body.wrench_map])
         buffer.views[: buffer.count] = buffer.rows[: buffer.count] @ see.T
@@ -86,7 +84,7 @@ class Innovations:
         if past is not None:  # a mean over few rows would be as noisy as the rows that are tested
             sums, rows = sums + past.rows * past.mean, rows + past.rows
         self._rows, self._mean = rows, sums / max(rows, 1.0)
-        mean = self.evaluate(self._mean).motion
+        mean = self.evaluate(self._mean).motion  # the excess is zero up to here
         self.excess = np.where(np.arange(len(mean)) % KINEMATICS_SIZE < TWIST.stop, mean, 0.0)
 
     @property

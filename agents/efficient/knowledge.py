@@ -56,6 +56,7 @@ class Knowledge:
     """
 
     innovations: Innovations
+    _guess: Guess  # of theta; not set before the first fit
 
     def __init__(
         self, count: int, anchor: int, settings: FitSettings, guards: Guards, prior: Prior | None = None
@@ -275,4 +276,6 @@ class Knowledge:
     def _set_estimate(self, estimate: Estimate) -> None:
         """Adopt an estimate and evaluate rows at it from now on."""
         self.estimate = estimate
+        if not estimate.misses_poses:
+            self.buffer.project_at(estimate.body)
         self.innovations = Innovations(estimate, self._chapter, self._past)

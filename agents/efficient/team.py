@@ -171,7 +171,7 @@ class Team:
                 if self.times.last_block(number) > self.newest:
                     self.newest, self._heard_at = self.times.last_block(number), index
         session = self.session
-        if self._unclear_since is None:
+        if self._unclear_since is None:  # so that a slip that is named in the block in which it shows has a time
             self._unclear_since = index
         del self.noticed[len(session.changes) :]
         self.noticed += [index] * (len(session.changes) - len(self.noticed))

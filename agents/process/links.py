@@ -13,6 +13,7 @@ from coheft.wire.config import AgentProcessConfig
 from coheft.wire.messages.requests import CutLinks, DisturbedLink, DisturbRequest, LinkRequest, Refusal
 from coheft.wire.messages.size import LEAST_LIMIT
 from coheft.wire.messages.structs import Hello, Message, Stop
+from coheft.wire.messages.told import changed_link
 from coheft.wire.process.problem_log import ProblemLog
 from coheft.wire.transport.dialled import DialledLink
 from coheft.wire.transport.inbox import Event, Inbox, LinkChange, Presence, Question, Received, Refused
@@ -176,8 +177,7 @@ class AgentLinks:
             question.answer(Refusal(reason=reason))
             return None
         question.answer(DisturbedLink(robot=self._name, neighbour=request.neighbour, quality=request.quality))
-        what = "restored" if request.quality.is_ideal else "disturbed"
-        self.problems.tell(f"the operator has {what} the link from {request.neighbour}")
+        self.problems.tell(changed_link(request.neighbour, request.quality))
         return request
 
     def _session_with(self, neighbour: str) -> str:

@@ -20,6 +20,7 @@ from coheft.app.terminal.final_table import print_report
 from coheft.app.terminal.screen import LineDisplay, LiveDisplay
 from coheft.errors import MessageError
 from coheft.wire.messages.codec import decode, encode
+from coheft.wire.messages.states import Validity
 from coheft.wire.messages.structs import Estimate, LoadChangeNotice, Message, Problem
 from coheft.wire.messages.truth import Truth
 from tests.fuzz.any_message import (
@@ -39,7 +40,9 @@ SOUND: list[Message] = [
     truth(11, HEAVY),
     estimate("r1", 11, HEAVY),
     msgspec.structs.replace(
-        estimate("r1", 11, HEAVY, changes=[LoadChangeNotice(0.15, 0.1)]), status="stale", reasons=["r2 is silent"]
+        estimate("r1", 11, HEAVY, changes=[LoadChangeNotice(0.15, 0.1)]),
+        status=Validity.STALE,
+        reasons=["r2 is silent"],
     ),
 ]
 

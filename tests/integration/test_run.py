@@ -104,7 +104,7 @@ def test_a_run_that_is_too_short_has_not_converged_and_says_so(tmp_path: Path) -
     assert run.returncode == 3, run.stderr
     assert "Not converged: r1, r2, r3" in run.stderr
     assert list(json.loads(run.stdout)["robots"]) == ["r1", "r2", "r3"], "standard output is the report alone"
-    assert {path.name for path in tmp_path.iterdir()} == {"server.log", "r1.log", "r2.log", "r3.log"}
+    assert {path.name for path in tmp_path.iterdir()} == {"server.log", "r1.log", "r2.log", "r3.log", "end.json"}
 
 
 @pytest.mark.parametrize("sign", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])

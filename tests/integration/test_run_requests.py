@@ -67,6 +67,21 @@ def test_links_are_cut_and_mended_and_robots_let_go_and_take_hold(start: Callabl
     for command, words, log, done in (
         ("cut r1 r2", "r1 and r2 no longer receive each other's messages", "r2", "has cut the link with r1"),
         ("mend r1 r2", "r1 and r2 can receive each other's messages again", "r2", "has mended the link with r1"),
+        ("disturb r1 r2 --loss 0.1", "between r1 and r2: 10 % lost, others 0 s late", "r2", "link from r1: 10 % lost"),
+        (
+            "disturb r1 --delay 0.1",
+            "between r1 and its neighbours: 0 % lost, others 0.1 s late",
+            "r3",
+            "link from r1: 0 %",
+        ),
+        (
+            "disturb r1 --clock 0.003",
+            "the clock of r1 is 0.003 s ahead; 'coheft disturb r1'",
+            "server",
+            "r1: 0.003 s ahead",
+        ),
+        ("disturb r1", "the clock of r1 is right again", "server", "has restored the clock of r1"),
+        ("disturb r1 --clock 0", "the clock of r1 is right again", "r2", "has restored the link from r1"),
         ("release r2", "r2 released the payload at", "server", "let r2 release the payload"),
         ("grasp r2", "r2 grasped the payload at", "server", "let r2 grasp the payload again"),
     ):
@@ -77,9 +92,12 @@ def test_links_are_cut_and_mended_and_robots_let_go_and_take_hold(start: Callabl
     for command, complaint in (
         ("cut r1 r9", "there is no link r1-r9; the links are r1-r2, r1-r3, r2-r3"),
         ("release r9", "no robot r9: the robots are r1, r2, r3"),
+        ("disturb r9 --clock 0.1", "no robot r9: the robots are r1, r2, r3"),
+        ("disturb r9 --loss 0.1", "no robot r9: the robots are r1, r2, r3"),
+        ("disturb r1 r2 --clock 0.1", "a clock is one robot's: leave out r2, or --clock"),
     ):
         status, text = run.ask(*command.split())
-        assert status == 1
+        assert status == (2 if "leave out" in complaint else 1)
         assert complaint in " ".join(text.split())
     assert run.ask("stop")[0] == 0
     assert run.wait() in (0, 3), run.text

@@ -9,6 +9,7 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
@@ -27,7 +28,18 @@ from coheft.wire.messages.requests import Status, StatusRequest, StopRequest
 from coheft.wire.scenario.schema import MAX_DURATION
 
 from .hostile_site import ATTACK, hostile_site
-from .view_page import PATIENCE, button_appears, centre_rows, choose, click, inputs, looking_at, text_of, wait_for
+from .view_page import (
+    PATIENCE,
+    button_appears,
+    centre_rows,
+    choose,
+    click,
+    enter,
+    inputs,
+    looking_at,
+    text_of,
+    wait_for,
+)
 
 viser = pytest.importorskip("viser", reason="the view needs viser: install 'coheft[view]'")
 sync_api = pytest.importorskip("playwright.sync_api", reason="browser tests need playwright")
@@ -49,8 +61,21 @@ BUTTONS = (
     "Stop the run",
     "Restart with efficient",
     "Kill the chosen robot's agent",
+    "Disturb",
+    "Restore",
 )
 AGAIN = "Run it again"
+SHEET = """(() => {
+    const sheet = document.querySelector('.mantine-Paper-root[style*="max-height: 60%"]');
+    const inner = sheet && sheet.querySelector(".mantine-ScrollArea-content > div").getBoundingClientRect();
+    return inner && [inner.left, inner.width];
+})()"""
+"""Left edge and width of viser's panel on a phone [pixels]."""
+OUTSIDE = """[...document.querySelectorAll("button, input, table")].filter(each => {
+    const {left, right, width} = each.getBoundingClientRect();
+    return width > 0 && (left < 0 || right > innerWidth);
+}).map(each => each.outerHTML)"""
+"""What does not fit into the window."""
 
 
 @contextmanager
@@ -161,10 +186,20 @@ def test_what_is_clicked_happens_and_the_last_picture_has_the_numbers_of_the_rep
         wait_for(lambda: "estimator fan2017" in text_of(page), "the other estimator to be used")
         click(page, "Mend")
         wait_for(lambda: "mended the link r1-r2" in text_of(page), "the link to be mended")
+        enter(page, "Loss, %", "100")
+        enter(page, "Delay, ms", "250")
+        wait_for(lambda: "250" in inputs(page), "the numbers to be entered")
+        time.sleep(1.0)  # a browser sends what is entered a little later
+        click(page, "Disturb")
+        wait_for(lambda: "r1-r2: 100 % lost, others 0.25 s late" in text_of(page), "what is disturbed to be shown")
+        wait_for(lambda: "r2 is silent" in text_of(page), "the loss to be noticed")
+        click(page, "Restore")
+        wait_for(lambda: "100 % lost" not in text_of(page).split("Scene")[0], "nothing to be disturbed any more")
         assert page.get_by_role("button", name="Drop 3 kg").count() == 1
         click(page, "Stop the run")
         wait_for(lambda: "the run has ended" in text_of(page), "the end")
-        wait_for(page.get_by_role("button", name="Drop 3 kg").first.is_disabled, "nothing to be done any more")
+        for button in ("Drop 3 kg", "Disturb", "Restore"):
+            wait_for(page.get_by_role("button", name=button).first.is_disabled, "nothing to be done any more")
         assert page.get_by_role("button", name=AGAIN).count() == 0, "who only looks at a run cannot begin another one"
         wait_for(report.exists, "the report")
         told = json.loads(report.read_text())
@@ -191,6 +226,10 @@ def test_a_recording_plays_to_its_end_with_the_numbers_of_the_report(tmp_path, b
             wait_for(lambda: "finished" in text_of(page), "the player to stop")
             robot = told["robots"]["r1"]
             assert robot["com"]["estimate"] is not None
+            assert page.evaluate(SHEET) is None, "beside the scene there are panels"
+            page.set_viewport_size({"width": 390, "height": 844})
+            wait_for(lambda: page.evaluate(SHEET) == [0, 390], "a panel as wide as a phone")
+            assert page.evaluate(OUTSIDE) == []
             numbers = centre_rows(robot)
             wait_for(lambda: all(number in text_of(page) for number in numbers), f"{numbers}")
 

@@ -7,6 +7,7 @@ import re
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -57,6 +58,22 @@ def test_watch_follows_a_run_to_its_end(start: Callable[..., Run]) -> None:
     assert run.text == "", "quiet means quiet"
 
 
+def test_who_sleeps_while_a_run_ends_learns_that_it_was_not_aborted(start: Callable[..., Run]) -> None:
+    """It misses the last words of the server, as a process on a busy machine may: its link is cut after a second."""
+    run = start("--duration", "10000", "--quiet")
+    wait_until(lambda: run.ask("resume")[0] == 0, "the server to answer")
+    with watching(run) as (watcher, lines):
+        watcher.send_signal(signal.SIGSTOP)
+        try:
+            time.sleep(2.0)
+            assert run.ask("stop")[0] == 0
+            assert run.wait() in (0, 3)
+        finally:
+            watcher.send_signal(signal.SIGCONT)
+        assert lines.read().splitlines()[-1].startswith("the run has ended at ")
+        assert watcher.wait(LIMIT) == 0
+
+
 class Seen(Display):
     """Counts what a display is told."""
 
@@ -77,7 +94,7 @@ def test_who_watches_is_patient_with_a_server_that_hangs_for_a_while(
     run, seen = start("--duration", "10000"), Seen()
     run.wait_until_under_way()
     with ThreadPoolExecutor(1) as threads:
-        watcher = threads.submit(launch.watch, find_run(run.folder), seen)
+        watcher = threads.submit(launch.watch, run.folder, find_run(run.folder), seen)
         try:
             wait_until(lambda: seen.updates, "the run to be seen")
             for _ in range(3):  # in all, it asks more often in vain than it would in a row

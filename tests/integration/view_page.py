@@ -62,6 +62,18 @@ def choose(page: Any, option: str) -> None:
     page.locator(f"[role=option][value='{option}']").first.evaluate("option => option.click()")
 
 
+def enter(page: Any, label: str, value: str) -> None:
+    """A number beside a slider."""
+    row = page.locator("label", has_text=label).first.locator("xpath=ancestor::*[.//input][1]")
+    row.locator("input").last.evaluate(
+        """(field, value) => {
+            Object.getOwnPropertyDescriptor(HTMLInputElement.prototype, "value").set.call(field, value);
+            field.dispatchEvent(new Event("input", {bubbles: true}));
+        }""",
+        value,
+    )
+
+
 def button_appears(page: Any, label: str) -> None:
     """The view has heard what was chosen. A browser sends only the last of several messages within 50 ms."""
     wait_for(lambda: page.get_by_role("button", name=label, exact=True).count(), f"the button '{label}'")

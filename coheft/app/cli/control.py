@@ -10,6 +10,7 @@ from cyclopts.validators import Number
 
 from coheft.app.cli import options
 from coheft.app.cli.base import CONTROL, app
+from coheft.errors import UsageError
 
 Robot = Annotated[str, Parameter(help="A robot, for instance r1.")]
 Share = Annotated[float, Parameter(validator=Number(gte=0, lte=1))]
@@ -125,11 +126,11 @@ def watch(*, run: options.RunFolder = None) -> None:
     """Watch a run in progress until it ends."""
     from rich.console import Console
 
-    from coheft.app.run.folder import find_run
+    from coheft.app.run.folder import locate_run
     from coheft.app.run.launch import watch as watch_run
     from coheft.app.terminal.screen import make_display
 
-    print(watch_run(find_run(run), make_display(Console())))
+    print(watch_run(*locate_run(run), make_display(Console())))
 
 
 @app.command(group=CONTROL)
@@ -151,15 +152,16 @@ def mend(one: Robot, other: Neighbour, *, run: options.RunFolder = None) -> None
 
 @app.command(group=CONTROL)
 def disturb(
-    one: Robot,
-    other: Neighbour,
+    robot: Robot,
+    neighbour: Annotated[str | None, Parameter(help="One of its neighbours; without it, all of them.")] = None,
     *,
     loss: Share = 0.0,
     delay: Share = 0.0,
     jitter: Share = 0.0,
+    clock: Share | None = None,
     run: options.RunFolder = None,
 ) -> None:
-    """Let messages between two neighbours be lost or late; without options, restore the link.
+    """Let messages between neighbours be lost or late, or set a robot's clock; without options, restore them.
 
     An agent that restarts receives everything in time again.
 
@@ -167,22 +169,35 @@ def disturb(
         loss: Share of messages that are lost, from 0 to 1.
         delay: Delay of every message [s], at most 1.
         jitter: Largest additional delay [s], drawn for each message, at most 1.
+        clock: How far the clock of ROBOT is ahead [s], at most 1: its samples are that much older than their stamps.
     """
     from coheft.app.run.folder import find_run
-    from coheft.app.run.observer import ask_server, disturb_link
-    from coheft.wire.messages.requests import StatusRequest
+    from coheft.app.run.observer import ask_server, disturb_link, disturb_links
+    from coheft.wire.messages.requests import ClockRequest, StatusRequest
     from coheft.wire.scenario.network import LinkQuality
 
     quality = LinkQuality(loss=loss, delay=delay, jitter=jitter)
+    if neighbour is not None and clock is not None:
+        raise UsageError(f"a clock is one robot's: leave out {neighbour}, or --clock")
     run_file = find_run(run, acts=True)
-    disturb_link(run_file, ask_server(run_file, StatusRequest()).scene, one, other, quality)
-    if quality.is_ideal:
-        print(f"{one} and {other} receive each other's messages in time again")
-    else:
+    back = f"'coheft disturb {' '.join(filter(None, (robot, neighbour)))}' restores"
+    if neighbour is None and (clock is not None or quality.is_ideal):
+        ask_server(run_file, ClockRequest(robot=robot, ahead=clock or 0.0))
         print(
-            f"between {one} and {other}, {100 * loss:g} % of messages are lost, and others are late by {delay:g} to "
-            f"{delay + jitter:g} s; 'coheft disturb {one} {other}' restores the link"
+            f"the clock of {robot} is {clock:g} s ahead; {back} it" if clock else f"the clock of {robot} is right again"
         )
+    if clock is not None and quality.is_ideal:
+        return
+    scene = ask_server(run_file, StatusRequest()).scene
+    if neighbour is None:
+        disturb_links(run_file, scene, robot, quality)
+    else:
+        disturb_link(run_file, scene, robot, neighbour, quality)
+    ends = f"{robot} and {neighbour or 'its neighbours'}"
+    if quality.is_ideal:
+        print(f"{ends} receive each other's messages in time again")
+    else:
+        print(f"messages between {ends}: {quality.in_words}; {back} {'them' if neighbour is None else 'the link'}")
 
 
 def _set_link(folder: Path | None, one: str, other: str, *, cut: bool) -> None:

@@ -16,6 +16,7 @@ import msgspec
 from coheft.errors import CoheftError
 
 RUN_FILE = "run.json"
+END_FILE = "end.json"
 _KEPT = 20
 """Largest number of folders among the user's runs, apart from runs in progress."""
 _FOLDERS = "[0-9]*-[0-9]*-*"  # as ``make_run_folder`` names them; they sort by time
@@ -40,6 +41,17 @@ class RunFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     pids: dict[str, int] = {}
     keys: str | None = None
     began: float = 0.0
+
+
+class RunEnd(msgspec.Struct, frozen=True):
+    """How a run ended that was not aborted. It stays in the run's folder, for those that have missed the server's last
+    message.
+
+    Attributes:
+        time: Simulated time at the end [s].
+    """
+
+    time: float
 
 
 def runs_folder() -> Path:
@@ -90,6 +102,7 @@ def _remove_old_folders(kept: int) -> None:
 @contextlib.contextmanager
 def announced(folder: Path, run_file: RunFile) -> Iterator[None]:
     """Let other commands find the run while the context lasts."""
+    (folder / END_FILE).unlink(missing_ok=True)
     announce(folder, run_file)
     try:
         yield
@@ -103,11 +116,32 @@ def announce(folder: Path, run_file: RunFile) -> None:
     Raises:
         CoheftError: It cannot be written.
     """
-    draft = folder / f"{RUN_FILE}.new"
+    _write(folder / RUN_FILE, run_file)
+
+
+def note_end(folder: Path, end: RunEnd) -> None:
+    """Write down how a run has ended, atomically.
+
+    Raises:
+        CoheftError: It cannot be written.
+    """
+    _write(folder / END_FILE, end)
+
+
+def noted_end(folder: Path) -> RunEnd | None:
+    """Return how the run in a folder has ended; None if it goes on, or was aborted."""
+    try:
+        return msgspec.json.decode((folder / END_FILE).read_bytes(), type=RunEnd)
+    except (OSError, msgspec.DecodeError):
+        return None
+
+
+def _write(file: Path, content: msgspec.Struct) -> None:
+    folder, draft = file.parent, file.with_name(f"{file.name}.new")
     try:
         folder.mkdir(parents=True, exist_ok=True)  # it may have been removed during the run
-        draft.write_bytes(msgspec.json.format(msgspec.json.encode(run_file)))
-        draft.replace(folder / RUN_FILE)
+        draft.write_bytes(msgspec.json.format(msgspec.json.encode(content)))
+        draft.replace(file)
     except OSError as error:
         raise CoheftError(
             f"cannot write {draft}: {error.strerror}; name another folder for the run: --logs DIR"
@@ -134,13 +168,15 @@ def locate_run(folder: Path | None = None, *, acts: bool = False) -> tuple[Path,
     if folder is not None:
         if len(folder.parts) == 1 and not folder.exists() and (among_runs := runs_folder() / folder).is_dir():
             folder = among_runs
-        run_file = _read(folder)
+        run_file = read_run_file(folder)
         if run_file is None or not _is_listening(run_file.server):
             expected = ": expected the folder of a run, or, for 'coheft view', a recording that ends with .mcap"
             raise CoheftError(f"no run is in progress in {folder}{expected if folder.is_file() else ''}")
         return folder, run_file
     places = [path.parent for path in runs_folder().glob(f"*/{RUN_FILE}")]
-    found = [(place, run_file) for place in places if (run_file := _read(place)) and _is_listening(run_file.server)]
+    found = [
+        (place, run_file) for place in places if (run_file := read_run_file(place)) and _is_listening(run_file.server)
+    ]
     if not found:
         raise CoheftError(
             "no run is in progress; start one with 'coheft run', or name the folder of another run: --run DIR"
@@ -163,11 +199,11 @@ def locate_run(folder: Path | None = None, *, acts: bool = False) -> tuple[Path,
 
 def _is_in_progress(folder: Path) -> bool:
     """Whether the run of a folder is in progress."""
-    run_file = _read(folder)
+    run_file = read_run_file(folder)
     return run_file is not None and _is_listening(run_file.server)
 
 
-def _read(folder: Path) -> RunFile | None:
+def read_run_file(folder: Path) -> RunFile | None:
     """Return the run file in a folder, with absolute paths; None if it is missing or incomplete."""
     try:
         run_file = msgspec.json.decode((folder / RUN_FILE).read_bytes(), type=RunFile)

@@ -24,7 +24,6 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 
 _PACKET = 4096
-_END_LIMIT = 1.0
 _SET_NAME = 15
 """``PR_SET_NAME`` of ``prctl``: sets the name of a thread, which ``top`` shows."""
 
@@ -167,11 +166,8 @@ class ForkServer:
         """End the fork server; its processes continue."""
         self._is_there = False
         self._socket.close()
-        try:
-            self._process.wait(_END_LIMIT)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
+        self._process.kill()  # it may still be importing, which takes long on a busy machine
+        self._process.wait()
 
 
 def _main() -> None:

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
 
+from coheft.app.names import few
 from coheft.app.results.record import Record
 from coheft.app.results.report import Report, RunInfo, build_report
 from coheft.app.run.beat import beating
-from coheft.app.run.folder import RunFile, announce, announced, has_gone
+from coheft.app.run.folder import RunEnd, RunFile, announce, announced, has_gone, note_end, noted_end
 from coheft.app.run.follower import Follower
 from coheft.app.run.fork_server import ForkServer
 from coheft.app.run.observer import Observer, observe
@@ -22,7 +23,7 @@ from coheft.app.run.processes import Processes, make_fork_server
 from coheft.app.run.restarts import Restarts
 from coheft.app.terminal.screen import Display
 from coheft.app.terminal.standard_output import check_standard_output
-from coheft.errors import LinkError
+from coheft.errors import CoheftError, LinkError
 from coheft.wire.messages.requests import Status, StatusRequest
 from coheft.wire.messages.states import RunState
 from coheft.wire.messages.structs import Problem
@@ -35,6 +36,7 @@ _GATHER = 0.03
 fast it is, and the end of a process is noticed within 50 ms."""
 _START_LIMIT = 60.0
 _COMMENT_AFTER = 5.0
+_COMMENT_EVERY = 2.0
 _SILENCE = 2.0
 _STOPPED = 2.0
 _FINAL_MESSAGES = 1.0
@@ -89,6 +91,8 @@ def launch(
             for follower in followers:
                 follower.begin(first)
             status = _follow(audience, observer, processes, again, is_saving=plan.server.save_data is not None)
+            with suppress(CoheftError):  # for instance a full disk, which must not cost the report
+                note_end(folder, RunEnd(status.time))
             for follower in followers:
                 follower.end(status)
     if record.truth is None or record.silent:
@@ -143,6 +147,7 @@ def _wait_for_start(observer: Observer, again: Restarts, display: Display) -> St
     number.
     """
     began = moved_at = time.monotonic()
+    comment_at = began + _COMMENT_AFTER
     waiting_for = [SERVER]
     while time.monotonic() < moved_at + _START_LIMIT:
         again.check(has_begun=False)
@@ -152,10 +157,11 @@ def _wait_for_start(observer: Observer, again: Restarts, display: Display) -> St
                 return status
             if status.waiting_for != waiting_for:
                 waiting_for, moved_at = status.waiting_for, time.monotonic()
-        if time.monotonic() > began + _COMMENT_AFTER:
-            display.note(f"waiting for {', '.join(waiting_for)}")
+        if time.monotonic() > comment_at:
+            comment_at = time.monotonic() + _COMMENT_EVERY
+            display.note(f"waiting for {few(waiting_for)}")
         time.sleep(_POLL)
-    raise LinkError(f"after {time.monotonic() - began:.0f} s there is still no link with {', '.join(waiting_for)}")
+    raise LinkError(f"after {time.monotonic() - began:.0f} s there is still no link with {few(waiting_for)}")
 
 
 def _follow(
@@ -185,6 +191,7 @@ def _follow(
                 processes.wait_for_all_but(SERVER, _AGENTS_END)
             elif status is not None:
                 _explain_silence(status, audience.display)
+                news = time.monotonic()  # the next explanation comes a while later
     processes.check()
     deadline = time.monotonic() + _FINAL_MESSAGES
     while time.monotonic() < deadline and not audience.record.complete:
@@ -201,8 +208,13 @@ def _follow(
     return status
 
 
-def watch(run_file: RunFile, display: Display) -> str:
+def watch(folder: Path, run_file: RunFile, display: Display) -> str:
     """Show a run that another process supervises until it has ended; return a sentence that says when that was.
+
+    Args:
+        folder: Folder of the run.
+        run_file: Its addresses.
+        display: Shows it.
 
     Raises:
         LinkError: The server does not answer, or reports that the run was aborted.
@@ -232,16 +244,22 @@ def watch(run_file: RunFile, display: Display) -> str:
                 _explain_silence(status, display)
                 continue
             if run_file.pids and has_gone(run_file):  # a supervisor never restarts its server
+                if (end := noted_end(folder)) is not None:  # a process that is busy or stopped misses last messages
+                    return _ended_at(end.time)
                 raise LinkError(f"the run was aborted: its server ended after {audience.record.time:.1f} s")
             observer.check_server()
             display.note("the server does not answer")
     if status.failure:  # the display has shown it
         raise LinkError(f"the run was aborted at {status.time:.2f} s")
-    return f"the run has ended at {status.time:.2f} s"
+    return _ended_at(status.time)
+
+
+def _ended_at(time: float) -> str:
+    return f"the run has ended at {time:.2f} s"
 
 
 def _explain_silence(status: Status, display: Display) -> None:
     if status.state is RunState.PAUSED:
         display.note(f"paused at {status.time:.2f} s; 'coheft resume' continues")
     elif status.waiting_for:
-        display.note(f"waiting for {', '.join(status.waiting_for)}")
+        display.note(f"waiting for {few(status.waiting_for)}")

@@ -210,6 +210,19 @@ def disturb_link(run_file: RunFile, scene: Scene, one: str, other: str, quality:
         _ask_agent(run_file, receiver, DisturbRequest(neighbour=sender, quality=quality), DisturbedLink)
 
 
+def disturb_links(run_file: RunFile, scene: Scene, robot: str, quality: LinkQuality) -> None:
+    """Let messages between a robot and all its neighbours be lost or late, see ``disturb_link``.
+
+    Raises:
+        CoheftError: There is no such robot, or the run is secure and there are no keys of the operator.
+        LinkError: An agent does not answer.
+    """
+    if robot not in scene.neighbours:
+        raise CoheftError(f"there is no robot {robot}: the robots are {', '.join(scene.robots)}")
+    for other in scene.neighbours[robot]:
+        disturb_link(run_file, scene, robot, other, quality)
+
+
 def _check_link(scene: Scene, one: str, other: str) -> None:
     if other not in scene.neighbours.get(one, ()):
         links = ", ".join(f"{a}-{b}" for a in scene.robots for b in scene.neighbours[a] if a < b)

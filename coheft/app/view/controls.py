@@ -15,6 +15,7 @@ import viser
 from coheft.app.run.folder import RunFile, find_run
 from coheft.app.run.observer import ask_server, set_link
 from coheft.app.view import words
+from coheft.app.view.disturbing import Disturbing
 from coheft.app.view.geometry import resting_place
 from coheft.app.view.load_choice import LoadChoice
 from coheft.app.view.model import Edge, ViewModel
@@ -65,6 +66,9 @@ class Controls:
                 self._add_run_controls(gui)
             with gui.add_folder("Robots and links"):
                 self._add_team_controls(gui)
+            with gui.add_folder("Disturb"):
+                self._disturbing = Disturbing(gui, model, run_file, self._act)
+        self._buttons += self._disturbing.buttons
 
     def _add_load_controls(self, gui: viser.GuiApi) -> None:
         least, most, step, first = _MASSES
@@ -186,6 +190,7 @@ class Controls:
         if self._remove.disabled != (not loads):
             self._remove.disabled = not loads
         self._tell_what_is_taken()
+        self._disturbing.update()
 
     def _tell_what_is_taken(self) -> None:
         """Name the load that a click removes on the button, because the browser's list may be newer than ours."""

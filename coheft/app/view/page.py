@@ -49,6 +49,7 @@ class Page:
             self._legend = gui.add_html(words.legend(self.stage.doubt_scale), order=_LAST)
         with side.add_tab("Team"):
             self._team = gui.add_html("")
+            self._disturbances = gui.add_html("")
             self._problems = gui.add_html("")
             doubt = gui.add_dropdown("Ellipsoid", ("1 ×", "10 ×", "100 ×"), initial_value="10 ×")
 
@@ -91,6 +92,7 @@ class Page:
             (self._header, words.header(model, note)),
             (self._belief, words.beliefs(model, self.chosen)),
             (self._team, words.team(model, self.chosen)),
+            (self._disturbances, words.disturbances(model)),
             (self._problems, words.problems(model)),
         ):
             if handle.content != text:

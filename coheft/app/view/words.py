@@ -9,6 +9,7 @@ from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
+from coheft.app.names import few
 from coheft.app.results.judge import RobotReport
 from coheft.app.results.states import MEANINGS, State
 from coheft.app.terminal.digits import decimals_for, seconds_of, std_text, value_and_std
@@ -62,7 +63,7 @@ def waiting_note(status: Status, *, is_still: bool) -> str:
         return ENDED
     if status.state is RunState.PAUSED:
         return "paused: press Resume to continue"
-    return f"waiting for {', '.join(status.waiting_for)}" if status.waiting_for and is_still else ""
+    return f"waiting for {few(status.waiting_for)}" if status.waiting_for and is_still else ""
 
 
 def load(state: LoadState) -> str:
@@ -73,6 +74,19 @@ def load(state: LoadState) -> str:
 def loads(states: Iterable[LoadState]) -> str:
     """Describe all loads in one line."""
     return small(" · ".join(map(load, states)))
+
+
+def disturbances(model: ViewModel) -> str:
+    """List the links and clocks that are disturbed; a link once if it is in both directions alike."""
+    found, lines = model.disturbances, []
+    for one, other in model.edges:
+        there, back = found.get((one, other), ""), found.get((other, one), "")
+        if there and there == back:
+            lines.append(f"{one}-{other}: {there}")
+            continue
+        lines += [f"{a} to {b}: {what}" for a, b, what in ((one, other, there), (other, one, back)) if what]
+    lines += [f"clock of {robot}: {found[robot,]}" for robot in model.scene.robots if (robot,) in found]
+    return _filled("disturbances", lines)
 
 
 def small(text: str) -> str:

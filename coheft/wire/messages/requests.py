@@ -74,7 +74,31 @@ class StopRequest(Message, frozen=True):
     code: ClassVar[int] = 36
 
 
-Request = StatusRequest | InjectRequest | RemoveRequest | HoldRequest | EstimatorRequest | PauseRequest | StopRequest
+class ClockRequest(Message, frozen=True):
+    """Set a robot's clock at the next block.
+
+    Attributes:
+        robot: The robot.
+        ahead: How far its clock is ahead [s], from 0 to 1: its samples were taken that long before their stamps, in
+            addition to a delay that the scenario gives them.
+    """
+
+    code: ClassVar[int] = 37
+
+    robot: str
+    ahead: float
+
+
+Request = (
+    StatusRequest
+    | InjectRequest
+    | RemoveRequest
+    | HoldRequest
+    | EstimatorRequest
+    | PauseRequest
+    | StopRequest
+    | ClockRequest
+)
 
 
 class Status(Message, frozen=True):

@@ -16,6 +16,7 @@ import msgspec
 
 from coheft.errors import CoheftError, PluginError, ScenarioError
 from coheft.wire.data.replace import remove_parts
+from coheft.wire.process.leave import leave
 from coheft.wire.process.log import LOG, log_to_stderr
 from coheft.wire.process.memory import give_back_memory
 
@@ -47,7 +48,7 @@ def supervised_main(kind: type[C], run: Callable[[C], None]) -> NoReturn:
     ``UNUSABLE``, or ``TERMINATED`` after SIGTERM.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(TERMINATED))
+    signal.signal(signal.SIGTERM, _terminate)
     log_to_stderr()
     try:
         config = msgspec.json.decode(sys.stdin.buffer.readline(), type=kind)
@@ -60,12 +61,23 @@ def supervised_main(kind: type[C], run: Callable[[C], None]) -> NoReturn:
     gc.collect()
     gc.freeze()  # imported modules stay: collecting them repeatedly takes a tenth of a process's time
     threading.Thread(target=_exit_with_stdin, daemon=True).start()
+    status = 0
     try:
         run(config)
     except CoheftError as error:
         LOG.error("%s", error)
-        sys.exit(UNUSABLE if isinstance(error, PluginError) else 1)
-    sys.exit(0)
+        status = UNUSABLE if isinstance(error, PluginError) else 1
+    except _Terminated:
+        status = TERMINATED
+    leave(status)
+
+
+class _Terminated(SystemExit):
+    """SIGTERM has come."""
+
+
+def _terminate(*_: object) -> NoReturn:
+    raise _Terminated(TERMINATED)
 
 
 def is_supervisor_stopped() -> bool:

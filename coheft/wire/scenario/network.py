@@ -29,3 +29,9 @@ class LinkQuality(Section, frozen=True):
     def is_ideal(self) -> bool:
         """Whether all messages arrive in time."""
         return not (self.loss or self.delay or self.jitter)
+
+    @property
+    def in_words(self) -> str:
+        """What happens to the messages."""
+        late = f"{self.delay:g} to {self.delay + self.jitter:g}" if self.jitter else f"{self.delay:g}"
+        return f"{100 * self.loss:g} % lost, others {late} s late"

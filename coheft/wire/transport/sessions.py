@@ -30,6 +30,7 @@ from coheft.wire.messages.codec import Writer, decode, encode
 from coheft.wire.messages.requests import Refusal, Request, Status
 from coheft.wire.messages.size import LEAST_LIMIT
 from coheft.wire.messages.structs import Message
+from coheft.wire.process.leave import CLOSING
 from coheft.wire.transport.security import Guard
 
 Role = Literal["observer", "operator"]
@@ -117,7 +118,7 @@ def open_session(
     try:
         yield session
     finally:
-        closing = Thread(target=_close, args=(session,), daemon=True)
+        closing = Thread(target=_close, args=(session,), name=CLOSING, daemon=True)
         closing.start()
         closing.join(_CLOSE_TIMEOUT)
 
