@@ -34,6 +34,7 @@ from coheft.consensus.graph import build_graph
 from coheft.errors import CoheftError
 from coheft.physics_server.simulation import Simulation
 from coheft.wire.messages.requests import Status
+from coheft.wire.messages.states import RunState
 from coheft.wire.messages.structs import Problem
 from coheft.wire.scenario.file import parse_scenario
 from coheft.wire.scenario.schema import Scenario
@@ -103,7 +104,8 @@ class Made:
         graph = build_graph(self.scenario.graph, self.scenario.robot_names)
         scene = Simulation(self.scenario, graph).scene
         status = Status(
-            scenario="two", state="running", block=0, time=0.0, duration=9.0, real_time_factor=1.0, late_blocks=0,
+            scenario="two",
+            state=RunState.RUNNING, block=0, time=0.0, duration=9.0, real_time_factor=1.0, late_blocks=0,
             loads=[], slots_free=4, waiting_for=[], estimator="efficient",
             estimators=["efficient", "fan2017"], scene=scene,
         )  # fmt: skip

@@ -17,6 +17,7 @@ from coheft.wire.messages.codec import encode
 from coheft.wire.messages.frame import PROTOCOL_VERSION
 from coheft.wire.messages.requests import InjectRequest, Refusal, Status, StatusRequest
 from coheft.wire.messages.scene import Scene as SceneMessage
+from coheft.wire.messages.states import RunState
 from coheft.wire.messages.structs import Hello, Measurements, Ready
 from coheft.wire.transport.callback_thread import keep_thread_state
 from coheft.wire.transport.inbox import Inbox, LinkChange, Question, Received, Refused
@@ -155,7 +156,8 @@ def test_questions_are_answered_or_refused(pair, keys):
     inbox = Inbox()
     inbox.serve(near, {keys.request("operator"): "operator"})
     status = Status(
-        scenario="ring6", state="running", block=7, time=0.14, duration=35.0, real_time_factor=1.0, late_blocks=0,
+        scenario="ring6",
+        state=RunState.RUNNING, block=7, time=0.14, duration=35.0, real_time_factor=1.0, late_blocks=0,
         loads=[], slots_free=4, waiting_for=[], estimator="efficient", estimators=["efficient", "fan2017"],
         scene=SceneMessage(robots=["r1"], rotations=np.eye(3)[None], translations=np.zeros((1, 3)), neighbours={}),
     )  # fmt: skip

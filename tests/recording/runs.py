@@ -12,13 +12,15 @@ from coheft.app.recording.writer import RunWriter
 from coheft.app.run.heard import News
 from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.wire.messages.requests import Status
+from coheft.wire.messages.states import RunState
 from coheft.wire.messages.structs import LoadChangeNotice, Problem
 from coheft.wire.scenario.file import load_scenario
 from tests.synthetic_run import BLOCK, HEAVY, LIGHT, ROBOTS, SCENE, estimate, truth
 
 SCENARIO = load_scenario("ring3")
 BEGIN = Status(
-    scenario="ring3", state="running", block=0, time=0.0, duration=20 * BLOCK, real_time_factor=0.0, late_blocks=0,
+    scenario="ring3",
+    state=RunState.RUNNING, block=0, time=0.0, duration=20 * BLOCK, real_time_factor=0.0, late_blocks=0,
     loads=[], slots_free=4, waiting_for=[], estimator="efficient",
     estimators=["efficient", "fan2017"], scene=SCENE,
 )  # fmt: skip
