@@ -174,7 +174,7 @@ def test_where_sensors_may_be_off_it_says_that_it_does_not_know_them_and_claims_
 PAYLOADS = sorted(
     path.stem
     for path in CONFIG_FOLDER.glob("*.toml")
-    if path.stem not in ("carry6", "cart") and load_scenario(path.stem).robot_count <= 12
+    if path.stem not in ("carry6", "cart", "mixed6") and load_scenario(path.stem).robot_count <= 12
 )
 
 

@@ -15,7 +15,7 @@ from coheft.app.ros2.bridge import Bridge
 from coheft.app.ros2.graph import reasons
 from coheft.app.ros2.node import RosNode, typed_topic
 from coheft.app.ros2.readings import Readings
-from coheft.app.ros2.samples import STREAMS, BlockBuilder
+from coheft.app.ros2.samples import STREAMS, BlockBuilder, streams_of
 from coheft.app.ros2.stamps import LIMIT, Stamps
 from coheft.app.run.heard import check_estimate
 from coheft.errors import MessageError, one_line
@@ -55,6 +55,7 @@ class Team:
         self._links: dict[str, RobotLink] = {}
         self._configs: dict[str, AgentConfig] = {}
         self._next: dict[str, int] = {}
+        self._streams: list[tuple[str, str]] = []  # robot and kind of all that is measured
         self._readings = Readings(self._complain)
         self._epoch = 0
         self._bridge = Bridge(node)
@@ -68,8 +69,9 @@ class Team:
         self._links[name] = RobotLink(name, session, self._inbox, keys, world=world, lag=agent.lag, block=agent.block)
         self._inbox.watch_links(session, name, guard)
         self._inbox.watch_strangers(session, guard)
-        for stream, what in STREAMS.items():
-            self._node.listen(f"/{name}/{stream}", what.kind, partial(self._readings.put, name, stream))
+        for stream in streams_of(agent.sensors_of(name)):
+            self._streams.append((name, stream))
+            self._node.listen(f"/{name}/{stream}", STREAMS[stream].kind, partial(self._readings.put, name, stream))
 
     def observe(self, session: zenoh.Session, keys: Keys) -> None:
         """Receive the agents' estimates and problems, on an observer's session."""
@@ -100,7 +102,7 @@ class Team:
         stamps = Stamps(len(self._links))
         if epoch is not None:
             self._set_epoch(epoch)
-        topics = ", ".join(self._node.full(f"/{name}/{stream}") for name in self._links for stream in STREAMS)
+        topics = ", ".join(self._node.full(f"/{name}/{stream}") for name, stream in self._streams)
         self._tell(f"all agents are ready; waiting for measurements on {topics}")
         first_at, next_word = math.inf, time.monotonic() + _SILENCE
         soon = -math.inf if epoch is None else epoch - LIMIT
@@ -115,7 +117,7 @@ class Team:
             self._hear_agents(0.0)
             if time.monotonic() > next_word:
                 next_word += _SILENCE
-                self._tell_silence((name, stream) for name in self._links for stream in STREAMS)
+                self._tell_silence(self._streams)
                 if stamps.disagreement:
                     self._tell(stamps.disagreement)
                 elif newest is not None and epoch is not None:
@@ -127,11 +129,11 @@ class Team:
     def go_on(self, stamps: Stamps) -> NoReturn:
         """Exchange messages without end; report agents that receive no measurements for a while."""
         builders = {
-            name: BlockBuilder(name, agent.rate, agent.block, self._epoch, stamps)
+            name: BlockBuilder(name, agent.rate, agent.block, self._epoch, stamps, agent.sensors_of(name))
             for name, agent in self._configs.items()
         }
         fed_at = dict.fromkeys(builders, time.monotonic())
-        refused_at = dict.fromkeys(((name, stream) for name in builders for stream in STREAMS), -math.inf)
+        refused_at = dict.fromkeys(self._streams, -math.inf)
         while True:
             for robot, stream, stamp, values, arrival in self._readings.take(_POLL):
                 try:
@@ -149,7 +151,7 @@ class Team:
             for name in unfed:
                 fed_at[name] = time.monotonic()
                 self._tell(f"{name}: no complete block for {_SILENCE:g} s; {_came(builders[name])}")
-            streams = [(name, stream) for name in unfed for stream in STREAMS]
+            streams = [(name, stream) for name, stream in self._streams if name in unfed]
             self._tell_silence(streams)
             self._readings.came.difference_update(streams)
 
