@@ -113,7 +113,8 @@ class Agent:
         self._carrier = None if config.carry is None else Carrier(config, config.carry, self._motion)
         self._network = SimulatedNetwork(config)
         self._inbox = NeighbourInbox(config.neighbours)
-        self._sensors = SensorCheck(config.sensors_of(config.name).noise)
+        own = config.sensors_of(config.name)
+        self._sensors, self._is_missing = SensorCheck(own.noise), own.is_missing() if own.missing else None
         first, *others = estimator_names(config.estimator)
         self._status = StatusKeeper(replace(config, estimator=first))
         self._beside = {name: StatusKeeper(replace(config, estimator=name)) for name in others}
@@ -149,6 +150,8 @@ class Agent:
         if self._hears_late is not None:
             for message in late:
                 self._hears_late.hear_late(index, message.channels)
+        if block is not None and self._is_missing is not None:
+            block = MeasurementBlock(index, np.where(self._is_missing, 0.0, block.samples))
         if block is not None and not self._sensors.is_usable(block.samples):
             block = None
         channels = self._estimator.step(index, block, {name: message.channels for name, message in heard.items()})

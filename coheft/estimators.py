@@ -18,7 +18,7 @@ from coheft.wire.config import AgentConfig
 from coheft.wire.messages.structs import Estimate
 from coheft.wire.scenario.errors import explain
 from coheft.wire.scenario.estimator_settings import Converged, EfficientSettings, Fan2017Settings
-from coheft.wire.scenario.robot_sensors import named_complaints
+from coheft.wire.scenario.robot_sensors import other_sensors_complaints
 from coheft.wire.scenario.schema import Graph, GraphKind, Motion, Sensors
 from coheft.wire.scenario.waves import draw_waves
 
@@ -143,6 +143,6 @@ def _checked(sensors: Sensors | Mapping[str, Any] | None, names: Sequence[str]) 
         known = msgspec.convert(table, Sensors)
     except msgspec.ValidationError as error:
         raise UsageError(f"sensors: {explain(error, table, Sensors)}") from error
-    for key, complaint in named_complaints(known.of, names):
+    for key, complaint in other_sensors_complaints(known.of, known.tolerance, names):
         raise UsageError(f"sensors: key '{key}': {complaint}")
     return known

@@ -98,7 +98,10 @@ def _value(kind: types.Type) -> str:
         case types.StructType():
             return "section"
         case types.UnionType():
-            return " or ".join(_value(inner) for inner in kind.types if not isinstance(inner, types.NoneType))
+            several = [each for each in kind.types if not isinstance(each, types.NoneType)]
+            lists = [each for each in several if isinstance(each, types.VarTupleType) and each.item_type in several]
+            ways = [_value(each) for each in several if each not in lists]
+            return " or ".join([*ways, *("list of several" for _ in lists)])
     raise NotImplementedError(kind)
 
 

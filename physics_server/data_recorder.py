@@ -15,7 +15,8 @@ from coheft.wire.scenario.schema import Scenario
 
 
 class DataRecorder:
-    """Collects blocks. Robots with encoders record poses and forces; others twist, acceleration and wrench.
+    """Collects blocks. Robots with encoders record poses and forces; others twist, acceleration and wrench, as far as
+    they measure all of it.
 
     The torque of robots with encoders is zero, because their gimbals transmit none. Gravity is (0, 0, -9.81) in their
     home frames, which are level: other scenarios are refused.
@@ -46,14 +47,15 @@ class DataRecorder:
         to_first = grasps[0].inverse()
         with_encoders = self._scenario.sensors.encoders is not None
         robots = {}
-        for i, name in enumerate(self._scene.robots):
+        for i, (name, sensors) in enumerate(zip(self._scene.robots, self._scenario.robot_sensors(), strict=True)):
             own = samples[:, i]
             if with_encoders:
                 robots[name] = RobotRecord(time, pose=own[:, :7], wrench=own[:, 7:])
             else:
-                robots[name] = RobotRecord(
+                record = RobotRecord(
                     time, twist=own[:, TWIST], acceleration=own[:, ACCELERATION], wrench=own[:, WRENCH]
                 )
+                robots[name] = sensors.recorded(record)
         loads = tuple(
             (since, Inertia(load.mass, load.com, load.tensor).carried(to_first)) for since, load in self._loads
         )

@@ -10,7 +10,6 @@ import numpy as np
 
 from coheft.estimation.geometry.spatial import Array, rotation_from_quaternion
 from coheft.estimation.measurement import KINEMATICS, SAMPLE_SIZE, WRENCH
-from coheft.estimation.tolerance import SENSORS
 from coheft.physics_server.compliance import CompliantGrasps
 from coheft.physics_server.sensor_errors import SensorErrors
 from coheft.wire.scenario.schema import Scenario
@@ -57,7 +56,7 @@ class Sensors:
             stream.random(SAMPLE_SIZE)  # earlier releases drew errors here; this keeps the noise of a seed the same
         self._errors = errors
         self._is_exact = bool((errors.matrices == np.eye(3)).all())
-        missing = (np.repeat([s in own.missing for s in SENSORS], 3) for own in scenario.robot_sensors())
+        missing = (own.is_missing() for own in scenario.robot_sensors())
         self._missing = {robot: columns for robot, columns in enumerate(missing) if columns.any()}
         self._deviations = np.array([own.noise.per_column() for own in scenario.robot_sensors()])[:, None]
         self._wander = scenario.sensor_drift.per_column() / np.sqrt(60.0 * scenario.sensors.rate)

@@ -14,7 +14,10 @@ from coheft.app.ros2.samples import STREAMS, BlockBuilder, read
 from coheft.app.ros2.stamps import Stamps
 from coheft.app.run.plan import make_plan
 from coheft.errors import LinkError, MessageError, UsageError
+from coheft.estimation.measurement import SensorNoise
+from coheft.estimation.tolerance import SENSORS, SensorTolerance
 from coheft.wire.scenario.file import load_scenario
+from coheft.wire.scenario.robot_sensors import RobotSensors
 
 RATE, BLOCK = 500, 4
 EPOCH = 1_790_000_000_000_000_000
@@ -40,12 +43,12 @@ def message(stream: str, time: int, sample: np.ndarray) -> bytes:
     return bytes(ros.to_cdr(made))
 
 
-def started() -> BlockBuilder:
+def started(*missing: str) -> BlockBuilder:
     """Of a robot whose stamp was ``EPOCH`` when our own clock was 0."""
     stamps = Stamps(1)
     stamps.hear("r1", EPOCH, 0)
     assert stamps.settle(patient=True) == EPOCH
-    return BlockBuilder("r1", RATE, BLOCK, EPOCH, stamps)
+    return BlockBuilder("r1", RATE, BLOCK, EPOCH, stamps, RobotSensors(SensorNoise(), SensorTolerance(), missing))
 
 
 def add(
@@ -84,6 +87,27 @@ def test_streams_need_not_keep_step() -> None:
             assert not add(builder, number, sample, streams=(stream,))
     found = [b for number, sample in enumerate(samples) for b in add(builder, number, sample, streams=("wrench",))]
     np.testing.assert_array_equal([block for _, block in found], samples.reshape(2, BLOCK, 15))
+
+
+@pytest.mark.parametrize(
+    ("missing", "streams"),
+    [
+        (("gyro",), ("wrench", "twist", "acceleration")),
+        (("acceleration",), ("wrench", "twist")),
+        (("gyro", "velocity"), ("wrench", "acceleration")),
+        (("force", "torque"), ("twist", "acceleration")),
+    ],
+)
+def test_no_topic_is_needed_for_what_a_robot_does_not_measure(
+    missing: tuple[str, ...], streams: tuple[str, ...]
+) -> None:
+    builder, sample = started(*missing), np.arange(1.0, 16.0)
+    assert tuple(builder.counts) == streams
+    found = [block for number in range(BLOCK) for block in add(builder, number, sample, streams=streams)]
+    ((_, samples),) = found
+    assert np.isfinite(samples).all()
+    if streams != tuple(STREAMS):
+        assert (samples == 0.0).any(axis=0).tolist() == np.repeat([s in missing for s in SENSORS], 3).tolist()
 
 
 def test_a_block_that_misses_a_measurement_is_given_up_and_the_next_is_not() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import fields
+from functools import partial
 from io import StringIO
 from pathlib import Path
 
@@ -16,11 +17,19 @@ import coheft
 from coheft.agents.estimator import Belief, Channels
 from coheft.agents.side_by_side import SideBySide
 from coheft.api.tracks import RobotResult, Track
-from coheft.app.run_report.page import _rows
-from coheft.app.terminal.final_table import print_report
+from coheft.app.figures import LIGHT as LIGHT_THEME
+from coheft.app.figures import figure_to
+from coheft.app.run_report.convergence import ALL_SHOWN, curves, draw_convergence
+from coheft.app.run_report.data import write_data
+from coheft.app.run_report.drawings import draw_overview
+from coheft.app.run_report.series import SeriesFollower
+from coheft.app.study.run_bound import with_bound
+from coheft.app.study.samples import simulate, with_exact_sensors
+from coheft.app.study.trial import Moments, run_trial
+from coheft.app.terminal.final_table import headings, print_report, table_rows
 from coheft.app.view import words
 from coheft.app.view.model import ViewModel
-from coheft.errors import PluginError, ScenarioError
+from coheft.errors import CoheftError, PluginError, ScenarioError
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import MeasurementBlock
 from coheft.wire.config import agent_config
@@ -28,6 +37,7 @@ from coheft.wire.former_names import present
 from coheft.wire.messages.size import largest_message
 from coheft.wire.messages.structs import EstimateBeside
 from coheft.wire.scenario.file import load_scenario
+from coheft.wire.scenario.schema import LoadChange
 from tests.synthetic_run import HEAVY, LIGHT, estimate, truth
 from tests.test_view_model import STATUS
 
@@ -69,17 +79,76 @@ def test_either_can_be_the_robots_own(both: coheft.Result) -> None:
     assert swapped.beside["efficient"].report.robots == both.report.robots
 
 
-def test_table_page_and_json_show_both(both: coheft.Result) -> None:
+def test_table_and_json_show_both_beside_the_bound(both: coheft.Result) -> None:
     printed = StringIO()
     console = Console(width=100, file=printed)
     print_report(console, both.report, folder=Path())
     text = printed.getvalue()
-    assert "s, efficient)" in text
-    assert "s, fan2017)" in text
+    assert "s, efficient, fan2017)" in text
     assert "fan2017: Not converged: " in text
-    assert list(_rows(both.report))[:2] == ["r1", "r1, fan2017"]
+    own, beside = table_rows(both.report)["r1"][:2]
+    assert (own[0], own[2], beside[0], beside[2]) == ("mass, kg", "efficient", "", "fan2017")
+    assert len(own) == len(headings(both.report)) - 1
+    assert own[-1].endswith(" %")
     report = msgspec.json.decode(msgspec.json.encode(both.report))
     assert report["beside"]["fan2017"]["robots"]["r1"]["mass"] != report["robots"]["r1"]["mass"]
+    assert report["bound"].keys() == report["robots"].keys()
+
+
+def test_the_bound_is_that_of_a_study(both: coheft.Result) -> None:
+    full = run_trial(both.scenario, [], Moments((SECONDS,), None, 1.0)).full[0].payload
+    assert both.report.bound is not None
+    masses = np.sqrt(full[:, 0, 0]) / both.report.robots["r1"].mass.truth
+    np.testing.assert_allclose([each.mass_pct for each in both.report.bound.values()], 100.0 * masses)
+    centres = np.sqrt(np.trace(full[:, 1:4, 1:4], axis1=1, axis2=2))
+    np.testing.assert_allclose([each.com_mm for each in both.report.bound.values()], 1e3 * centres)
+
+
+def test_a_bound_knows_of_load_changes_that_the_scenario_says_and_of_no_others(both: coheft.Result) -> None:
+    load = LoadChange(at=3.0, mass=2.0, position=(0.1, 0.0, 0.0))
+    heavier = msgspec.structs.replace(both.scenario, load_changes=(load,))
+    last = simulate(with_exact_sensors(heavier)).truths[-1]
+    unbound = msgspec.structs.replace(both.report, bound=None)
+    assert with_bound(unbound, both.scenario, last).bound is None
+    found, expected = with_bound(unbound, heavier, last).bound, run_trial(heavier, [], Moments((2.0,), 3.0, 3.0))
+    assert found is not None
+    assert expected.recovery_bound is not None
+    centres = np.sqrt(np.trace(expected.recovery_bound.payload[:, 1:4, 1:4], axis1=1, axis2=2))
+    np.testing.assert_allclose([each.com_mm for each in found.values()], 1e3 * centres)
+
+
+def test_the_page_shows_curves_of_both_by_name(both: coheft.Result, tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    pytest.importorskip("jinja2")
+    follower = SeriesFollower()
+    follower.begin(msgspec.structs.replace(STATUS, estimator=BOTH))
+    for block in range(3):
+        follower.hear(truth(block, LIGHT))
+        follower.hear(estimate("r1", block, LIGHT))
+        follower.hear(EstimateBeside(msgspec.structs.replace(estimate("r1", block, HEAVY), estimator="fan2017")))
+    series = follower.series
+    own, beside = (curves(series, "r1", ALL_SHOWN[0], name)[0] for name in series.by_estimator)
+    assert (list(own.error), list(beside.error)) == ([0.0] * 3, [pytest.approx(3000.0)] * 3)
+    for draw in (draw_overview, partial(draw_convergence, shown=ALL_SHOWN[0])):
+        with figure_to(tmp_path / "picture.svg", 10.0, 4.0, LIGHT_THEME) as figure:
+            draw(figure, LIGHT_THEME, series, both.report)
+            texts = {text.get_text() for axes in figure.axes for text in [axes.title, *axes.texts]}
+            texts |= {axes.get_title(loc="left") for axes in figure.axes}
+            texts |= {label for axes in figure.axes for label in axes.get_legend_handles_labels()[1]}
+        assert {"efficient", "fan2017"} <= texts
+    (file,) = [file for file in write_data(series, tmp_path) if file.stem == "estimates"]
+    assert file.is_file()
+
+
+def test_either_can_be_exported_and_its_name_is_said(both: coheft.Result, tmp_path: Path) -> None:
+    path = tmp_path / "both.json"
+    path.write_bytes(msgspec.json.encode(both.report))
+    own, beside = coheft.export(path, "urdf"), coheft.export(path, "urdf", estimator="fan2017")
+    assert "estimator efficient" in own
+    assert "estimator fan2017" in beside
+    assert coheft.export(both, "mjcf", estimator="seed") != coheft.export(both, "mjcf")
+    with pytest.raises(CoheftError, match=r"the estimator mine did not run: there are results of efficient, fan2017"):
+        coheft.export(both, "urdf", estimator="mine")
 
 
 def test_messages_have_room_for_both() -> None:
@@ -170,4 +239,6 @@ def test_the_view_shows_both() -> None:
     assert beside is not None
     assert (own.mass.estimate, beside.mass.estimate) == (pytest.approx(10.0), pytest.approx(13.0))
     text = words.beliefs(model, "r1")
-    assert text.index("10.0") < text.index("fan2017") < text.index("13.0")
+    assert text.index("efficient") < text.index("10.0") < text.index("fan2017") < text.index("13.0")
+    masses = {name: trace.curves()["mass"].errors[0, -1] for name, trace in model.traces("r1").items()}
+    assert masses == {"efficient": pytest.approx(0.0), "fan2017": pytest.approx(3.0)}

@@ -22,7 +22,7 @@ from coheft.app.study.output import print_study, write_folder
 from coheft.app.study.report import StudyReport, summarise
 from coheft.app.study.samples import simulate, with_exact_sensors
 from coheft.app.study.tables import LEGEND, sentences
-from coheft.app.study.trial import Trial
+from coheft.app.study.trial import Trial, run_trial
 from coheft.errors import ScenarioError
 from coheft.wire.scenario.file import load_scenario
 from coheft.wire.scenario.schema import LoadChange, Scenario
@@ -71,6 +71,7 @@ def test_report_is_complete(studied: tuple[StudyReport, list[Trial]]) -> None:
     assert set(result["all_ten"]) == {"nees", "nees_low", "nees_high"}
     assert result["cells"]["count"] == len(NAMES) + 1
     assert result["claimed"]["count"] == 2 * (3 + 6), "of each run three payloads, six poses"
+    assert result["converged"] == 1.0
     assert report["cells"] == [{"noise_scale": 1.0, "at_s": 6.0, "results": report["results"]}]
     assert {"delay_s", "missed", "false_alarms_per_hour"} <= set(result["detection"])
     assert result["recovery"]["seconds_after"] == 1.0
@@ -94,7 +95,19 @@ def test_estimates_that_are_further_off_than_they_claim_are_counted_and_named(
         return " ".join(sentences("efficient", summarise([group], plan().moments, [0])["efficient"]))
 
     assert "efficient: no estimate is off by more than 4 own std." in told(3.9)
+    valid = sum(trial.outcomes["efficient"].valid_numbers for trial in trials)
+    # Of two runs of 7 s, in nearly all of which three robots know ten numbers of the load and twelve of poses.
+    assert 0.5 < valid / (2 * 70 * 3 * 22) < 1.2
+    assert f"efficient: 0 of {valid:,} numbers of valid estimates are off by more than 5 own std." in told(3.9)
     assert "efficient: 1 of 18 estimates are further off than they claim, by up to 4.1 own std (up to 4" in told(4.1)
+
+
+def test_numbers_of_valid_estimates_beyond_five_std_are_counted_all_the_time(
+    studied: tuple[StudyReport, list[Trial]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("coheft.app.study.trial.VALID_STDS", 1.0)
+    trial = run_trial(short_ring3(), ["efficient"], plan().moments).outcomes["efficient"]
+    assert 0.02 < trial.beyond_five / trial.valid_numbers < 0.9, "a third of the numbers of an honest estimate"
 
 
 def test_errors_are_of_the_bound_s_size(studied: tuple[StudyReport, list[Trial]]) -> None:

@@ -90,7 +90,7 @@ def test_curves_show_errors_in_their_own_band_and_look_back_so_far():
     for block in range(0, last, 50):
         model.hear(truth(block, LIGHT))
         model.hear(estimate("r1", block, HEAVY if block > last / 2 else None))
-    curves = model.trace("r1").curves()
+    curves = model.traces("r1")[STATUS.estimator].curves()
     assert curves["mass"].times[0] >= model.time - WINDOW
     assert np.isnan(curves["mass"].errors[0, 0])
     assert curves["mass"].errors[0, -1] == pytest.approx(3.0)
@@ -98,7 +98,7 @@ def test_curves_show_errors_in_their_own_band_and_look_back_so_far():
     assert curves["com"].band[-1] == pytest.approx(3e3 * STD[1:4].max())
     assert curves["inertia"].band[-1] == pytest.approx(3.0 * STD[4:7].max())
     assert curves["mass"].limit > 3.0
-    assert model.trace("r2").curves()["mass"].limit == 1.0
+    assert model.traces("r2")[STATUS.estimator].curves()["mass"].limit == 1.0
 
 
 def test_a_jump_in_a_recording_shows_what_playing_it_shows():

@@ -29,6 +29,7 @@ from coheft.estimation.moments.undeclared import UndeclaredError
 from coheft.estimation.tolerance import SENSOR_NAMES
 from coheft.wire.config import AgentConfig
 from coheft.wire.messages.structs import LoadChangeNotice, PayloadEstimate, SensorErrorEstimate, SlipNotice
+from coheft.wire.scenario.robot_sensors import TEAM_NEEDS
 
 
 class EfficientEstimator:
@@ -38,6 +39,7 @@ class EfficientEstimator:
         self._config, self._gossip, self._guards = config, gossip, Guards()
         self._signer: RowSigner | None = None
         self._team: Team | None = None
+        self._lacks: str | None = None  # a sensor that no robot of the team has, but one needs
         self._belief = Belief("poses", False, None, {})
         self._believed: tuple[Estimate, Stage, int, int, float] | None = None
         self._former_changes: tuple[LoadChangeNotice, ...] = ()
@@ -90,6 +92,8 @@ class EfficientEstimator:
     def doubts(self) -> tuple[str, ...]:
         """See ``Estimator.doubts``."""
         team = self._team
+        if self._lacks is not None:
+            return (f"no robot that holds the load has a {SENSOR_NAMES[self._lacks]}, but one is needed",)
         if team is None:
             return ("the team is not known yet",)
         session = team.session
@@ -136,12 +140,17 @@ class EfficientEstimator:
         if last is not None:
             self._former_changes, self._former_slips = self._notices(last), self._slips(last)
         if graph is None or name not in graph:
+            self._team = self._lacks = None
+            return
+        missing = [self._config.sensors_of(each).missing for each in graph]
+        self._lacks = next((sensor for sensor in TEAM_NEEDS if all(sensor in each for each in missing)), None)
+        if self._lacks is not None:
             self._team = None
             return
         names, prior, anchor, newcomers = sorted(graph), None, 0, list[str]()
         start = max(index, self._gossip.changed_at)
-        missing = 0.0 if last is None else self._config.start_of(start) - self._config.start_of(last.newest + 1)
-        known = None if last is None else last.session.hand_over(max(0.0, missing))
+        without = 0.0 if last is None else self._config.start_of(start) - self._config.start_of(last.newest + 1)
+        known = None if last is None else last.session.hand_over(max(0.0, without))
         if last is not None and known is not None:
             places = [last.places.get(each) for each in self._lives(names)]
             newcomers = [each for each, then in zip(names, places, strict=True) if then is None]

@@ -98,7 +98,8 @@ class Innovations:
         mean = np.zeros_like(self._mean)
         mean[ROW_SIZE * self._body.count] = 1.0
         by_robot = mean[: ROW_SIZE * self._body.count].reshape(-1, ROW_SIZE)
-        by_robot[:, :KINEMATICS_SIZE] = self.excess.reshape(-1, KINEMATICS_SIZE) / np.sqrt(self._body.weight)
+        root, excess = np.sqrt(self._body.weight), self.excess.reshape(-1, KINEMATICS_SIZE)
+        by_robot[:, :KINEMATICS_SIZE] = np.divide(excess, root, out=np.zeros_like(excess), where=root > 0.0)
         return Past(min(self._rows, ROWS_BEFORE), mean)
 
     def evaluate(self, row: Array) -> EvaluatedRow:

@@ -17,7 +17,6 @@ from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.misfit import KnownLoad, excess_energy, explanations, worst_misfit
 from coheft.estimation.moments.row_buffer import RowBuffer
-from coheft.estimation.moments.rows import KINEMATICS_SIZE
 from coheft.estimation.moments.unknowns import THETA
 
 _JUDGED = 256
@@ -77,8 +76,8 @@ def judge(
     assumed = KnownLoad(estimate.state.load) if load_before is None else load_before
     first = max(0, buffer.count - _JUDGED)
     wrench, motion = innovations.residuals(buffer.rows[first : buffer.count])
-    wrench, count = wrench[max(0, buffer.start - first) :], estimate.body.count
-    freedom = len(motion) * (KINEMATICS_SIZE * count - _MOTION) - _POSE * (count - 1)
+    wrench, body = wrench[max(0, buffer.start - first) :], estimate.body
+    freedom = len(motion) * (int(np.count_nonzero(body.weight)) - _MOTION) - _POSE * (body.count - 1)
     if not _fits(motion, freedom, guards.largest_motion_misfit, guards, drift):
         worst = worst_misfit(motion, drift)
         return Verdict(Outcome.NO_BODY, robot=None if worst is None else worst.source)
@@ -86,7 +85,7 @@ def judge(
         return Verdict(Outcome.BEYOND_TOLERANCE, robot=robot)
     if not _fits(wrench, wrench.size - _LOAD, guards.largest_wrench_misfit, guards):
         return Verdict(Outcome.NO_LOAD)
-    found = explanations(estimate.body, innovations.gram(buffer), assumed)
+    found = explanations(body, innovations.gram(buffer), assumed)
     if found.both > guards.largest_constant_excess and not has_offset:
         return Verdict(Outcome.NO_LOAD)
     is_load = found.load > found.sensor and _has_another_mass(estimate, assumed, guards)

@@ -270,7 +270,7 @@ class Knowledge:
         """Find unknown poses by the motion alone, without any guess."""
         settings, kept, chapter = self._settings, self.buffer.moments_kept(), self._chapter
         if chapter.prior is not None:
-            return first_poses(kept, state, settings.noise, self._anchor, is_unknown)
+            return first_poses(kept, state, settings, is_unknown)
         return poses_by_motion(state, is_unknown, kept, evaluate, chapter.prior_evidence, settings, self._anchor)
 
     def _set_estimate(self, estimate: Estimate) -> None:

@@ -1,4 +1,4 @@
-"""Consensus over the robots' estimates (Fan et al., eqs 31, 32), and over what their own places do to these."""
+"""Consensus over the robots' estimates (Fan et al., eqs 31, 32), and over what their places and the lag do to these."""
 
 from __future__ import annotations
 
@@ -15,8 +15,11 @@ from coheft.estimation.rigid_body.mass_properties import packed_rotation
 
 _PARAMETERS = 11
 """1/m, the constant 1 that makes points linear, h, J."""
-_CHANNELS = _PARAMETERS + 100
-"""And what the own place adds to the covariance of (J, h, 1/m), see ``covariance_of_place``."""
+_LAG = slice(_PARAMETERS, _PARAMETERS + 10)
+"""What (J, h, 1/m) is off by the lag of the sums."""
+_PLACE = slice(_LAG.stop, _LAG.stop + 100)
+"""What the own place adds to its covariance, see ``covariance_of_place``."""
+_CHANNELS = _PLACE.stop
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,14 +29,14 @@ class Agreed:
     Attributes:
         theta: ``(J, h, 1/m)``, shape (10,).
         behind: What that may lag behind the mean of all robots' own ones, likewise.
+        by_lag: What theta is off by what the sums lag behind, shape (10,).
         by_place: Mean over all robots of ``covariance_of_place``, shape (10, 10).
-        robots: Over whose estimates the mean is taken.
     """
 
     theta: Array
     behind: Array
+    by_lag: Array
     by_place: Array
-    robots: int
 
 
 class Agreement:
@@ -48,7 +51,7 @@ class Agreement:
 
     def __init__(self, network: Network, mass: float) -> None:
         self._network = network
-        self._own = self._mean = _channels(np.array([0.0] * 9 + [1.0 / mass]), np.zeros((10, 10)))
+        self._own = self._mean = _channels(np.array([0.0] * 9 + [1.0 / mass]), np.zeros(10), np.zeros((10, 10)))
         self._behind = np.zeros(_CHANNELS)
         self.start({})
 
@@ -57,11 +60,12 @@ class Agreement:
         self.consensus = DynamicConsensus(1, 1, _CHANNELS)
         self._transports = {name: _transport(pose) for name, pose in poses_j_in_i.items()}
 
-    def step(self, own: tuple[Array, Array] | None, inbox: Mapping[str, Channels], *, is_reached: bool) -> None:
+    def step(self, own: tuple[Array, Array, Array] | None, inbox: Mapping[str, Channels], *, is_reached: bool) -> None:
         """A round.
 
         Args:
-            own: The robot's theta, shape (10,), and what its place adds to the covariance, shape (10, 10), if any yet.
+            own: The robot's theta, shape (10,), what it is off by the lag, likewise, and what its place adds to the
+                covariance, shape (10, 10); None before there are any.
             inbox: What the neighbours sent.
             is_reached: Whether there have been rounds enough since the start.
         """
@@ -82,12 +86,19 @@ class Agreement:
     @property
     def agreed(self) -> Agreed:
         """What comes of it."""
-        by_place = self._mean[_PARAMETERS:].reshape(10, 10)
-        return Agreed(_theta(self._mean), _theta(self._behind), by_place, self._network.members)
+        by_place = self._mean[_PLACE].reshape(10, 10)
+        return Agreed(_theta(self._mean), _theta(self._behind), self._mean[_LAG], by_place)
 
 
-def _channels(theta: Array, by_place: Array) -> Array:
-    return np.concatenate([theta[9:], [1.0], theta[6:9], theta[:6], by_place.ravel()])
+def turned(rotation: Array) -> Array:
+    """What turns a difference of two theta, shape (10, 10)."""
+    result = np.eye(10)
+    result[:6, :6], result[6:9, 6:9] = packed_rotation(rotation), rotation
+    return result
+
+
+def _channels(theta: Array, by_lag: Array, by_place: Array) -> Array:
+    return np.concatenate([theta[9:], [1.0], theta[6:9], theta[:6], by_lag, by_place.ravel()])
 
 
 def _theta(channels: Array) -> Array:
@@ -96,10 +107,10 @@ def _theta(channels: Array) -> Array:
 
 def _transport(pose_j_in_i: Pose) -> Array:
     """``X_ij`` of all channels. Where theta is a point that moves, what it is off only turns."""
-    turn = np.eye(10)
-    turn[:6, :6], turn[6:9, 6:9] = packed_rotation(pose_j_in_i.rotation), pose_j_in_i.rotation
+    turn = turned(pose_j_in_i.rotation)
     result = np.eye(_CHANNELS)
     result[2:5, 1] = pose_j_in_i.translation
     result[2:5, 2:5], result[5:_PARAMETERS, 5:_PARAMETERS] = turn[6:9, 6:9], turn[:6, :6]
-    result[_PARAMETERS:, _PARAMETERS:] = np.kron(turn, turn)
+    result[_LAG, _LAG] = turn
+    result[_PLACE, _PLACE] = np.kron(turn, turn)
     return result

@@ -7,7 +7,6 @@ import numpy as np
 from coheft.agents.estimator import is_converged
 from coheft.agents.fan2017.agreement import Agreed
 from coheft.estimation.fan2017.joint_rls import JointRls
-from coheft.estimation.fan2017.systematic import covariance_of_lag
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.rigid_body.consistency import is_possible, nearest_possible
 from coheft.estimation.rigid_body.derivatives import barycentric_derivative
@@ -20,15 +19,14 @@ _ORDER = [9, 6, 7, 8, 0, 1, 2, 3, 4, 5]
 
 
 def claim(
-    rls: JointRls, agreed: Agreed, by_poses: Array, length: float, limits: Converged
+    rls: JointRls, agreed: Agreed, share: Array | None, by_poses: Array, length: float, limits: Converged
 ) -> tuple[PayloadEstimate, tuple[str, ...]]:
     """The payload with its covariance, and why that is larger than ``limits`` ask for, in words.
-
-    What robots' sums lag behind adds up to zero: of it no more is left in the mean than if it were independent.
 
     Args:
         rls: The own estimate.
         agreed: That of all robots.
+        share: What it leaves of the own estimate's noise, see ``MeanNoise``; None if it is the own one.
         by_poses: What frozen poses add to the covariance of theta, shape (10, 10).
         length: Typical distance of grasps [m].
         limits: When an estimate is good enough.
@@ -36,9 +34,9 @@ def claim(
     values = agreed.theta[_ORDER]
     values[0] = 1.0 / values[0]
     parts = {
-        "noise": rls.covariance(agreed.robots),
+        "noise": rls.covariance(share),
         "poses that are frozen as they were when the sums began": by_poses,
-        "dynamic consensus, which lags behind": covariance_of_lag(rls.by_causes) / agreed.robots,
+        "dynamic consensus, which lags behind": np.outer(agreed.by_lag, agreed.by_lag),
         "samples of the load before it changed, which still count": rls.covariance_of_old,
         "robots that do not agree yet": np.outer(agreed.behind, agreed.behind),
     }

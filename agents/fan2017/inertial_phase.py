@@ -16,16 +16,16 @@ from coheft.agents.estimator import Channels
 from coheft.agents.fan2017.agreement import Agreed, Agreement
 from coheft.agents.fan2017.claims import claim
 from coheft.agents.fan2017.load_changes import LoadChanges
+from coheft.agents.fan2017.mean_moves import CHANNEL, MeanMoves
 from coheft.agents.fan2017.network import Network
 from coheft.consensus.dynamic import DynamicConsensus
 from coheft.consensus.graph import Neighbours
 from coheft.estimation.fan2017.angular_acceleration import AngularAcceleration, gyro_derivative
 from coheft.estimation.fan2017.joint_rls import JointRls
 from coheft.estimation.fan2017.systematic import (
-    CAUSES,
     covariance_of_place,
     covariance_of_poses,
-    inputs_by_causes,
+    inputs_by_place,
     place_covariance,
 )
 from coheft.estimation.geometry.spatial import Array, Pose
@@ -80,6 +80,7 @@ class InertialPhase:
         self._mixing_rounds = ceil(log(_LEFT) / log(max(self._network.rate, 1e-9)))
         self._passes = ceil(self._mixing_rounds / self._rounds) - 1
         self._agreement = Agreement(self._network, self._settings.initial_mass)
+        self._moves = MeanMoves(self._network, self._rounds, config.blocks(self._settings.memory))
         self._own_acceleration: dict[int, tuple[Array, Array]] = {}
         self._inputs = np.zeros((config.block, _SAMPLE_CHANNELS))
         self._by_place = np.zeros((10, 10))
@@ -103,7 +104,8 @@ class InertialPhase:
         )
         self._length = float(np.sqrt(np.mean([pose.translation @ pose.translation for pose in poses])))
         self._sums = DynamicConsensus(self._rounds, self._config.block, _SAMPLE_CHANNELS)
-        self._agreement.start({name: each.pose for name, each in self._poses.items()})
+        for each in (self._agreement, self._moves):
+            each.start({name: pose.pose for name, pose in self._poses.items()})
         self._next: int | None = None
         self._converged_at: int | None = None
         self._agreed_at = 0
@@ -149,22 +151,24 @@ class InertialPhase:
         finished = self._sums.step(self._inputs, self._network.stages("sums", self._transports, inbox, self._rounds))
         leaving = index - 1 - self._rounds
         is_converged = index >= self._converged_at
-        if finished is not None and is_converged and leaving in self._own_acceleration and self._is_measured(finished):
+        is_new = finished is not None and is_converged and leaving in self._own_acceleration
+        if finished is not None and is_new and (is_new := self._is_measured(finished)):
             self._take_in(leaving, index, blocks[leaving], finished, before_last_round)
+        self._moves.step(self._filter, is_new, inbox)
         is_reached = self._filter is None or index >= self._agreed_at
         self._agreement.step(self._own_estimate(index), inbox, is_reached=is_reached)
 
-    def _own_estimate(self, index: int) -> tuple[Array, Array] | None:
+    def _own_estimate(self, index: int) -> tuple[Array, Array, Array] | None:
         if self._filter is None:
             return None
         if index % _EVERY == 0:  # it changes slowly
             place = place_covariance(list(self._poses.values()), self._filter.theta[6:9])
-            self._by_place = covariance_of_place(self._filter.by_causes, place)
-        return self._filter.theta, self._by_place
+            self._by_place = covariance_of_place(self._filter.by_place, place)
+        return self._filter.theta, self._filter.by_lag, self._by_place
 
     @property
     def _consensuses(self) -> dict[str, DynamicConsensus]:
-        return {"sums": self._sums, "parameters": self._agreement.consensus}
+        return {"sums": self._sums, "parameters": self._agreement.consensus, CHANNEL: self._moves.consensus}
 
     def channels(self) -> dict[str, Array]:
         """What to send to the neighbours."""
@@ -178,22 +182,23 @@ class InertialPhase:
         """The robots' agreed estimate with its covariance, and why it has not converged, if it has not."""
         if self._filter is None or self._next is None or self._next <= self._first_agreed:
             return None
-        agreed = self._agreed(self._filter.theta)
+        agreed = self._agreed(self._filter)
         if agreed.theta[9] <= 0.0 or self._filter.theta[9] <= 0.0:
             return None
         place = place_covariance(list(self._poses.values()), self._filter.theta[6:9])
         by_poses = covariance_of_poses(
-            self._filter.theta, self._filter.by_causes, place, agreed.by_place, self._network.members
+            self._filter.theta, self._filter.by_place, place, agreed.by_place, self._network.members
         )
-        return claim(self._filter, agreed, by_poses, self._length, self._config.converged)
+        share = self._moves.noise.share if self._settings.share_estimates else None
+        return claim(self._filter, agreed, share, by_poses, self._length, self._config.converged)
 
-    def _agreed(self, own: Array) -> Agreed:
+    def _agreed(self, own: JointRls) -> Agreed:
         """What all robots agree on. What is known beforehand needs no agreement: frozen poses would make it wrong."""
         agreed = self._agreement.agreed
         if not self._settings.share_estimates:
-            return replace(agreed, theta=own, behind=np.zeros(10), robots=1)
+            return replace(agreed, theta=own.theta, behind=np.zeros(10), by_lag=own.by_lag)
         is_known = np.isin(np.arange(10), list(_known(self._config.known)))
-        theta, behind = np.where(is_known, own, agreed.theta), np.where(is_known, 0.0, agreed.behind)
+        theta, behind = np.where(is_known, own.theta, agreed.theta), np.where(is_known, 0.0, agreed.behind)
         return replace(agreed, theta=theta, behind=behind)
 
     def _inputs_of(self, index: int, blocks: Mapping[int, Array], heard: Mapping[str, Array]) -> Array:
@@ -240,14 +245,19 @@ class InertialPhase:
             self._first_agreed = index + self._mixing_rounds
         own_alpha, by_place = self._own_acceleration[leaving]
         alpha = average[:, 6:9] if self._settings.share_acceleration else own_alpha
-        lag = self._network.left_by_a_round * (average - before_last_round)[::_EVERY, :9]
-        lag[:, :6] *= self._network.members
-        by_causes = inputs_by_causes((samples[:, 9:15] - average[:, :6])[::_EVERY], lag, by_place)
-        self._filter.update(samples[:, :3], samples[:, 6:9], alpha, total[:, :3], total[:, 3:], by_causes)
+        lag = np.zeros((len(samples[::_EVERY]), 12))
+        behind = self._network.left_by_a_round * (average - before_last_round)[::_EVERY]
+        lag[:, :6] = self._network.members * behind[:, :6]
+        if self._settings.share_acceleration:
+            lag[:, 9:] = behind[:, 6:9]
+        by_place = inputs_by_place((samples[:, 9:15] - average[:, :6])[::_EVERY], by_place)
+        self._filter.update(samples[:, :3], samples[:, 6:9], alpha, total[:, :3], total[:, 3:], by_place, lag)
         self._watch_for_change(leaving, index, self._filter.surprise)
 
     def _watch_for_change(self, leaving: int, index: int, surprise: float) -> None:
         self._surprised = self._surprised + 1 if surprise > _SURPRISE else 0
+        if self._surprised:
+            self._moves.noise.pause(self._rounds)
         if self._surprised >= _SURPRISED_BLOCKS and self._config.start_of(index) > self._quiet_until:
             self._load_changes.notice(leaving + 1 - self._surprised, index, within=0)
             assert self._filter is not None
@@ -268,11 +278,9 @@ class InertialPhase:
             wrench_covariance,
             motion_covariance,
             forgetting=1.0 - 1.0 / (self._settings.memory * self._config.rate),
-            is_alpha_shared=self._settings.share_acceleration,
             mass=self._settings.initial_mass,
             known=_known(self._config.known),
             is_weighted_by_state=self._settings.equation_weights == "proposition-2",
-            causes=CAUSES,
         )
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from coheft.api.result import Result
 from coheft.app.export.found_load import of_recording, of_run
 from coheft.app.export.handover import Placement, Target, hand_over
-from coheft.app.export.sources import read_load
+from coheft.app.export.sources import read_load, refuse_estimator
 from coheft.app.export.verdict import Limits
 from coheft.app.identify.report import IdentifyReport
 
@@ -17,6 +17,7 @@ def export(
     as_: Target,
     *,
     robot: str | None = None,
+    estimator: str | None = None,
     flange: Placement | None = None,
     max_mass: float | None = None,
     max_offset: float | None = None,
@@ -28,6 +29,7 @@ def export(
         found: Result of ``coheft.run``, report of ``coheft.identify``, or the path of a JSON report of either command.
         as_: ``urdf``, ``mjcf``, ``franka``, ``ur``, ``kuka``, or ``verdict`` for JSON with the limits below.
         robot: Robot whose estimate is exported; by default the first.
+        estimator: Estimator whose estimate is exported, if several ran side by side; by default the robots' own.
         flange: Pose of the robot's grasp frame in the frame of the flange, or of the model's body: position [m], then
             rotation vector [degrees]. Without it, the frames are assumed to coincide.
         max_mass: Largest allowed mass [kg].
@@ -35,13 +37,14 @@ def export(
         max_inertia: Largest allowed moment of inertia at the centre of mass [kg·m²].
 
     Raises:
-        CoheftError: The load is not valid or not complete; the message says why.
-        UsageError: There are limits, but ``as_`` is not ``verdict``.
+        CoheftError: The load is not valid or not complete, or that estimator did not run; the message says why.
+        UsageError: There are limits, but ``as_`` is not ``verdict``; or an estimator, but ``found`` is of a recording.
     """
     if isinstance(found, Result):
-        load = of_run(found.report, robot, f"a run of {found.scenario.name}")
+        load = of_run(found.report, robot, f"a run of {found.scenario.name}", estimator)
     elif isinstance(found, IdentifyReport):
+        refuse_estimator(estimator, found.recording)
         load = of_recording(found, robot, found.recording)
     else:
-        load = read_load(Path(found), robot)
+        load = read_load(Path(found), robot, estimator)
     return hand_over(load, as_, flange, Limits(max_mass, max_offset, max_inertia))[0]

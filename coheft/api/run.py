@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from coheft.api.collector import Collector
@@ -49,7 +50,12 @@ def run(
         raise UsageError("restarts= is only for runs with processes: add processes=True, or leave it out")
     simulation = Simulation(chosen)
     simulation.step(chosen.blocks)
-    return simulation.result()
+    result = simulation.result()
+    if not result.beside or simulation.truth is None:
+        return result
+    from coheft.app.study.run_bound import with_bound
+
+    return replace(result, report=with_bound(result.report, chosen, simulation.truth))
 
 
 def simulate(

@@ -21,6 +21,8 @@ Deviation = Annotated[float, Meta(ge=0)]
 _AXES = np.eye(3)
 SENSORS = ("gyro", "velocity", "acceleration", "force", "torque")
 """Sensors in the order of a sample's columns, three each."""
+MOTION_SENSORS = SENSORS[:3]
+"""Those of the motion; the others measure the wrench."""
 SENSOR_NAMES = dict(
     zip(SENSORS, ("gyro", "velocity sensor", "accelerometer", "force sensor", "torque sensor"), strict=True)
 )

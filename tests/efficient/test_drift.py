@@ -60,7 +60,7 @@ def drifting_session() -> Session:
 
 
 def test_sensors_drift_before_another_team_begins() -> None:
-    soon, late = drifting_session().prior(0.0), drifting_session().prior(60.0)
+    soon, late = drifting_session().hand_over(0.0), drifting_session().hand_over(60.0)
     assert soon is not None
     assert late is not None
     offset = Unknowns(len(POSES), SensorErrors()).offset

@@ -6,10 +6,9 @@ import numpy as np
 
 from coheft.estimation.fan2017.joint_rls import JointRls
 from coheft.estimation.fan2017.systematic import (
-    CAUSES,
     covariance_of_place,
     covariance_of_poses,
-    inputs_by_causes,
+    inputs_by_place,
     place_covariance,
 )
 from coheft.estimation.geometry.spatial import Array, Pose, rotation_exp
@@ -24,14 +23,15 @@ def theta_of(inertia: Inertia) -> Array:
     return np.concatenate([pack_symmetric(inertia.tensor), inertia.com, [1.0 / inertia.mass]])
 
 
-def filter_of(w: Array, a: Array, alpha: Array, wrench: Array, by_causes: Array | None = None) -> JointRls:
-    result = JointRls(
-        np.zeros(3), 1e-12 * WRENCH_COVARIANCE, 1e-12 * MOTION_COVARIANCE, 0.98, causes=CAUSES
-    )  # exact data deserve trust
+def filter_of(
+    w: Array, a: Array, alpha: Array, wrench: Array, by_place: Array | None = None, lag: Array | None = None
+) -> JointRls:
+    # Exact data deserve trust.
+    result = JointRls(np.zeros(3), 1e-12 * WRENCH_COVARIANCE, 1e-12 * MOTION_COVARIANCE, 0.98)
     for start in [*range(0, len(w), 5)] * 3:  # the weights follow the estimate; in few samples noise is not measured
         block = slice(start, start + 5)
-        off = None if by_causes is None else by_causes[block]
-        result.update(w[block], a[block], alpha[block], wrench[block, :3], wrench[block, 3:], off)
+        more = [None if each is None else each[block] for each in (by_place, lag)]
+        result.update(w[block], a[block], alpha[block], wrench[block, :3], wrench[block, 3:], *more)
     return result
 
 
@@ -40,23 +40,25 @@ def moved(wrench: Array, place: Array) -> Array:
     return wrench @ Pose(rotation_exp(place[:3]), place[3:]).adjoint().T
 
 
-def test_the_estimate_is_off_as_the_causes_say() -> None:
+def test_the_estimate_is_off_as_place_and_lag_say() -> None:
     team, rng, tiny = make_team(2, duration=4.0), np.random.default_rng(3), 1e-5
     w, a, alpha = team.exact[:, 0, :3], team.exact[:, 0, 6:9], team.motion[:, 9:]
     total = team.inertia.wrench(w, a, alpha)
     own = rng.normal(size=(len(w), 6))
-    lag, by_place = rng.normal(size=(len(w), 9)), rng.normal(size=(len(w), 3, 6))
-    right = filter_of(w, a, alpha, total, inputs_by_causes(own, lag, by_place))
-    off = tiny * rng.normal(size=CAUSES)
-    wrong = total + moved(own, off[:6]) - own + off[6] * lag[:, :6]
-    found = filter_of(w, a, alpha + off[6] * lag[:, 6:] + by_place @ off[:6], wrong)
-    np.testing.assert_allclose((found.theta - right.theta) / tiny, right.by_causes @ off / tiny, rtol=2e-3, atol=2e-2)
+    by_place, off = rng.normal(size=(len(w), 3, 6)), tiny * rng.normal(size=6)
+    lag = np.zeros((len(w), 12))
+    lag[:, :6], lag[:, 9:] = tiny * rng.normal(size=(len(w), 6)), tiny * rng.normal(size=(len(w), 3))
+    right = filter_of(w, a, alpha, total, inputs_by_place(own, by_place), lag)
+    elsewhere = filter_of(w, a, alpha + by_place @ off, total + moved(own, off) - own)
+    late = filter_of(w, a, alpha - lag[:, 9:], total - lag[:, :6])
+    for found, expected in ((elsewhere, right.by_place @ off), (late, -right.by_lag)):
+        np.testing.assert_allclose((found.theta - right.theta) / tiny, expected / tiny, rtol=2e-3, atol=2e-2)
 
 
 def test_a_payload_is_seen_from_where_a_robot_is_off_the_mean() -> None:
     inertia = Inertia(10.0, np.array([0.1, -0.2, 0.3]), np.diag([1.0, 2.0, 2.5]))
     place = np.diag([1e-6, 2e-6, 3e-6, 1e-6, 4e-6, 9e-6])
-    seen = covariance_of_poses(theta_of(inertia), np.zeros((10, CAUSES)), place, np.zeros((10, 10)), team=6)
+    seen = covariance_of_poses(theta_of(inertia), np.zeros((10, 6)), place, np.zeros((10, 10)), team=6)
     np.testing.assert_allclose(seen[9], 0.0)
     rng = np.random.default_rng(1)
     places = rng.multivariate_normal(np.zeros(6), place, (20000, 6))
@@ -72,13 +74,13 @@ def test_what_all_places_do_together_is_what_poses_do() -> None:
     """Six robots whose places are off by themselves; what that does to the estimate, with the mean taken out."""
     inertia, rng = Inertia(10.0, np.array([0.1, -0.2, 0.3]), np.diag([1.0, 2.0, 2.5])), np.random.default_rng(4)
     theta, place = theta_of(inertia), np.diag([1e-6, 2e-6, 3e-6, 1e-6, 4e-6, 9e-6])
-    by_place = rng.normal(size=(6, 10, CAUSES))
+    by_place = rng.normal(size=(6, 10, 6))
     by_place -= by_place.mean(axis=0)
     mean = np.mean([covariance_of_place(each, place) for each in by_place], axis=0)
     found = covariance_of_poses(theta, by_place[0], place, mean, team=6)
     tiny, turns = 1e-6, np.eye(6)
     seen = np.array([theta_of(inertia.carried(Pose(rotation_exp(tiny * t[:3]), tiny * t[3:]))) - theta for t in turns])
-    derivative = np.hstack([each[:, :6] for each in by_place])  # by the places of all six
+    derivative = np.hstack(list(by_place))  # by the places of all six
     derivative -= np.hstack([(seen.T / tiny) * ((k == 0) - 1 / 6) for k in range(6)])
     expected = derivative @ np.kron(np.eye(6), place) @ derivative.T
     np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-4 * np.abs(expected).max())

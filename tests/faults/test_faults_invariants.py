@@ -18,6 +18,7 @@ from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.rigid_body.mass_properties import unpack_symmetric
 from coheft.physics_server.simulation import Simulation
 from coheft.wire.messages.scene import Scene
+from coheft.wire.messages.states import Validity
 from coheft.wire.messages.structs import Estimate, NeighbourMessage, PayloadEstimate, PoseEstimate, Reference
 from coheft.wire.messages.truth import Truth
 from coheft.wire.scenario.schema import LoadChange
@@ -77,7 +78,7 @@ class Team:
             total_wrench=np.zeros(6),
             not_observable=[],
             load_changes=[],
-            status=status,  # type: ignore[arg-type]
+            status=Validity(status),
             valid_block=of,
         )
 

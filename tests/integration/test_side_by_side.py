@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from mcap.reader import make_reader
 
 import coheft
 from coheft.api.collector import Collector
@@ -46,4 +47,10 @@ def test_processes_and_their_recording_give_the_numbers_of_one_process(tmp_path:
     pytest.importorskip("matplotlib")
     page = report_recording(path, tmp_path / "page").read_text(encoding="utf-8")
     assert "estimator efficient, beside it fan2017" in page
-    assert "r1, fan2017" in page
+    assert "<td>fan2017</td>" in page
+    assert 'scope="col">bound</th>' in page
+    with path.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    topics = {channel.topic for channel in summary.channels.values()}
+    assert {"/r1/error/payload", "/fan2017/r1/error/payload", "/fan2017/r1/three_sigma/payload"} <= topics

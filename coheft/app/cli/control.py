@@ -80,10 +80,13 @@ def use(estimator: str | None = None, *, run: options.RunFolder = None) -> None:
     """
     from coheft.app.run.observer import ask_run
     from coheft.wire.messages.requests import EstimatorRequest, StatusRequest
+    from coheft.wire.scenario.plugins import estimator_names
 
     if estimator is None:
         status = ask_run(StatusRequest(), run)
-        print(f"the robots use {status.estimator}; available: {', '.join(status.estimators)}")
+        own, *beside = estimator_names(status.estimator)
+        others = f", and beside it {', '.join(beside)}" if beside else ""
+        print(f"the robots use {own}{others}; available: {', '.join(status.estimators)}")
     else:
         status = ask_run(EstimatorRequest(estimator=estimator), run)
         print(f"the robots use {status.estimator} from {status.time:.2f} s on, and start again")

@@ -20,6 +20,7 @@ def export(
     *,
     as_: Annotated[Literal["urdf", "mjcf", "franka", "ur", "kuka", "verdict"], Parameter(name="--as")],
     robot: str | None = None,
+    estimator: str | None = None,
     flange: _Pose | None = None,
     max_mass: options.Positive | None = None,
     max_offset: options.Positive | None = None,
@@ -37,6 +38,8 @@ def export(
         as_: urdf, mjcf: the element <inertial>; franka: setLoad of libfranka; ur: set_target_payload of URScript; kuka:
             LOAD_DATA of KRL; verdict: JSON with the load and its limits.
         robot: Robot whose estimate is exported; by default the first.
+        estimator: Estimator whose estimate is exported, if several run side by side; by default the robots' own, which
+            was named first.
         flange: Pose of the robot's grasp frame in the frame of the flange, or of the model's body: position x y z [m],
             then rotation vector x y z [degrees]. Without it, the frames are assumed to coincide.
         max_mass: With verdict: largest allowed mass [kg].
@@ -52,7 +55,7 @@ def export(
     if report is not None and run is not None:
         raise UsageError(f"--run names a run in progress, but {report} is a report: leave one out")
     options.check_outputs(*([] if report is None else [report]), to=to)
-    load = read_load(report, robot) if report is not None else hear_load(run, robot)
+    load = read_load(report, robot, estimator) if report is not None else hear_load(run, robot, estimator)
     text, answer = hand_over(load, as_, flange, Limits(max_mass, max_offset, max_inertia))
     if to is None:
         sys.stdout.write(text)

@@ -51,8 +51,8 @@ def faults(
     """Inject faults into many simulated runs, and check after every block that the promises are kept.
 
     Each seed draws a small team and up to four faults of the network, agents, sensors or clocks. In half of the runs
-    the sensors also have small lasting errors, see docs/faults.md. Exit status 4 if a promise was broken; the last
-    line is then the command that reproduces it.
+    the sensors also have small lasting errors; in three of ten robots differ, or one slips, see docs/faults.md. Exit
+    status 4 if a promise was broken; the last line is then the command that reproduces it.
 
     Args:
         seeds: Number of runs.

@@ -53,12 +53,21 @@ class FoundLoad:
         )
 
 
-def of_run(report: Report, robot: str | None, source: str) -> FoundLoad:
+def of_run(report: Report, robot: str | None, source: str, estimator: str | None = None) -> FoundLoad:
     """Return the load that a robot, by default the first, reported at the end of a run.
 
+    Args:
+        report: The report.
+        robot: The robot; None for the first one.
+        source: Description of the source.
+        estimator: Estimator whose result is used, if several ran; None for the robots' own.
+
     Raises:
-        CoheftError: There is no such robot, or its estimate may not be used; the message says why.
+        CoheftError: There is no such robot or estimator, or its estimate may not be used; the message says why.
     """
+    is_choice = bool(report.beside)
+    report = report.of_estimator(estimator)
+    source = f"{source}, estimator {report.estimator}" if is_choice else source
     name = chosen_robot(robot, list(report.robots))
     found = report.robots[name]
     _check_status(name, found.status, found.reasons)

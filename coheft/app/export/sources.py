@@ -9,30 +9,33 @@ import msgspec
 
 from coheft.app.export.found_load import FoundLoad, chosen_robot, of_estimate, of_recording, of_run
 from coheft.app.identify.report import IdentifyReport
-from coheft.app.results.report import Report
-from coheft.errors import CoheftError
+from coheft.app.results.report import Report, chosen_estimator
+from coheft.errors import CoheftError, UsageError
 from coheft.wire.messages.states import RunState
 
 _PATIENCE = 5.0
 """Time to wait for an estimate of a robot [s]."""
 
 
-def read_load(path: Path, robot: str | None) -> FoundLoad:
+def read_load(path: Path, robot: str | None, estimator: str | None = None) -> FoundLoad:
     """Return the load of a JSON report of ``coheft run`` or ``coheft identify``.
 
     Args:
         path: Path of the report.
         robot: Robot whose estimate is used; None for the first one.
+        estimator: Estimator whose result is used, if several ran; None for the robots' own.
 
     Raises:
-        CoheftError: It is not such a report, or its estimate may not be used; the message says why.
+        CoheftError: It is not such a report, that estimator did not run, or its estimate may not be used; the message
+            says why.
     """
     try:
         text = path.read_bytes()
         keys = msgspec.json.decode(text, type=dict[str, msgspec.Raw])
         if "recording" in keys:
+            refuse_estimator(estimator, str(path))
             return of_recording(msgspec.json.decode(text, type=IdentifyReport), robot, str(path))
-        return of_run(msgspec.json.decode(text, type=Report), robot, str(path))
+        return of_run(msgspec.json.decode(text, type=Report), robot, str(path), estimator)
     except OSError as error:
         raise CoheftError(f"{path}: cannot be read: {error.strerror}") from error
     except msgspec.MsgspecError as error:
@@ -42,29 +45,48 @@ def read_load(path: Path, robot: str | None) -> FoundLoad:
         ) from error
 
 
-def hear_load(folder: Path | None, robot: str | None) -> FoundLoad:
+def refuse_estimator(estimator: str | None, source: str) -> None:
+    """Refuse the choice of an estimator for a load that was identified from a recording.
+
+    Raises:
+        UsageError: There is such a choice.
+    """
+    if estimator is not None:
+        raise UsageError(
+            f"--estimator chooses between estimators of a run, but {source} is of a recording: leave it out"
+        )
+
+
+def hear_load(folder: Path | None, robot: str | None, estimator: str | None = None) -> FoundLoad:
     """Return the load that a robot of a run in progress reports now.
 
     Args:
         folder: Folder of the run; None for the newest.
         robot: Robot whose estimate is used; None for the first one.
+        estimator: Estimator whose result is used, if several run; None for the robots' own.
 
     Raises:
-        CoheftError: There is no such run or robot, it sends no estimate, or its estimate may not be used.
+        CoheftError: There is no such run, robot or estimator, it sends no estimate, or its estimate may not be used.
     """
     from coheft.app.run.folder import locate_run
     from coheft.app.run.observer import observe
     from coheft.wire.messages.requests import StatusRequest
-    from coheft.wire.messages.structs import Estimate
+    from coheft.wire.messages.structs import Estimate, EstimateBeside
+    from coheft.wire.scenario.plugins import estimator_names
 
     place, run_file = locate_run(folder)
     with observe(run_file) as observer:
         status = observer.ask(StatusRequest())
         name = chosen_robot(robot, status.scene.robots)
+        names = estimator_names(status.estimator)
+        chosen = chosen_estimator(estimator, names)
+        of_chosen = f", estimator {chosen}" if len(names) > 1 else ""
         deadline = time.monotonic() + _PATIENCE
         while time.monotonic() < deadline:
             for news in observer.collect(status.scene, 0.1):
-                if isinstance(news, Estimate) and news.robot == name:
-                    return of_estimate(news, f"the run {status.scenario} ({place.name}) at {news.time:g} s")
+                heard = news.estimate if isinstance(news, EstimateBeside) else news
+                if isinstance(heard, Estimate) and (heard.robot, heard.estimator) == (name, chosen):
+                    source = f"the run {status.scenario} ({place.name}) at {heard.time:g} s{of_chosen}"
+                    return of_estimate(heard, source)
     state = f"the run is {status.state}" if status.state is not RunState.RUNNING else "its agent may have stopped"
     raise CoheftError(f"{name} has said nothing for {_PATIENCE:g} s: {state}")

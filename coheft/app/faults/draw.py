@@ -33,6 +33,7 @@ from coheft.app.faults.schedule import (
     SensorFailure,
     SensorFault,
 )
+from coheft.app.faults.unlike import with_unlike_robots
 from coheft.app.faults.values import with_values
 from coheft.consensus.graph import build_graph
 from coheft.estimation.tolerance import INDUSTRIAL, SensorTolerance
@@ -53,6 +54,8 @@ _SHORTEST = 7.0
 """Shortest run [s]."""
 _COUNTS = (0.4, 0.3, 0.2, 0.1)
 """Shares of teams of 3, 4, 5 and 6 robots: small ones are quick to simulate."""
+_UNLIKE = 0.3
+"""Share of schedules in which robots differ or slip."""
 _PERMANENT = 0.1
 """Share of crashed agents that never come back."""
 
@@ -74,6 +77,7 @@ def draw_schedule(
     delayed: bool | None = None,
     is_exact: bool | None = None,
     lasting: bool | None = None,
+    unlike: bool | None = None,
     values: Sequence[str] = (),
 ) -> FaultSchedule:
     """Draw the schedule of a seed.
@@ -85,6 +89,8 @@ def draw_schedule(
             tolerances. None: for two of four seeds.
         lasting: Whether to add small lasting errors, see ``lasting``. None: in half of the schedules, unless
             ``is_exact`` is given.
+        unlike: Whether robots differ or slip, see ``unlike``. None: in some schedules, unless ``is_exact`` or
+            ``lasting`` is given.
         values: Keys of the scenario that are set instead of drawn, see ``coheft.wire.scenario.set_values``.
 
     Raises:
@@ -94,12 +100,17 @@ def draw_schedule(
     if seed % 4 >= 2 if is_exact is None else not is_exact:
         sensors = _replace(schedule.scenario.sensors, tolerance=INDUSTRIAL)
         schedule = _replace(schedule, scenario=_replace(schedule.scenario, sensors=sensors))
-    if seed % 2 if delayed is None else delayed:
+    is_late = bool(seed % 2 if delayed is None else delayed)
+    if is_late:
         schedule = _later(schedule)
     rng = np.random.default_rng([seed, 1])  # a separate stream, so that all else is drawn as before
     is_lasting = bool(rng.random() < 0.5)
     if (is_lasting and is_exact is None) if lasting is None else lasting:
         schedule = with_lasting_errors(schedule, rng)
+    rng = np.random.default_rng([seed, 2])  # another one, for the same reason
+    is_unlike = bool(rng.random() < _UNLIKE)
+    if (is_unlike and is_exact is None and lasting is None) if unlike is None else unlike:
+        schedule = with_unlike_robots(schedule, rng, DELAY if is_late else 0.0)
     return _long_enough(with_values(schedule, values) if values else schedule)
 
 

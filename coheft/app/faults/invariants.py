@@ -6,7 +6,8 @@
 - **P2**: nothing makes an agent fail. ``trial`` checks that harmless messages make no difference.
 
 A change of the load cannot be known before it has an effect: a payload that belongs to less than ``GRACE`` after a
-change is not checked. Neither are agents that lie or have lied, nor the poses of robots that do not hold the load.
+change is not checked, and nothing that belongs to less than ``GRACE_OF_SLIP`` after a slip is. Neither are agents that
+lie or have lied, nor the poses of robots that do not hold the load.
 """
 
 from __future__ import annotations
@@ -31,6 +32,8 @@ DEVIATIONS = 5.0
 """Largest error of a valid number, in its own standard deviations."""
 GRACE = 0.3
 """Time after a change of the load from which a valid payload must be the new one [s]."""
+GRACE_OF_SLIP = 1.5
+"""The same after a slip of a grasp, also for poses [s]: a slip that is hardly visible takes about a second to show."""
 _ROUNDING = 1e-9
 _AXES = ("xx", "yy", "zz", "xy", "xz", "yz")
 _PAYLOAD = ("mass", *(f"centre of mass {axis}" for axis in "xyz"), *(f"inertia {axes}" for axes in _AXES))
@@ -69,6 +72,7 @@ class Watch:
         self._block_duration = scenario.block_duration
         self._grace = math.ceil(GRACE / scenario.block_duration)
         self._changes = [first_border(change.at, scenario.block_duration) for change in scenario.load_changes]
+        self._slips = [slip.at for slip in scenario.slips]
         self._releases = [fault for fault in schedule.faults if isinstance(fault, Release)]
         lies = sorted((fault for fault in schedule.faults if isinstance(fault, Lie)), key=lambda lie: -lie.start)
         self._lies = {lie.robot: lie.start for lie in lies}  # the first lie of each robot
@@ -93,12 +97,17 @@ class Watch:
             if estimate is None:
                 continue
             since, self._is_off = self._off_since.pop(robot, estimate.time), False
-            if estimate.status is Validity.VALID and self._lies.get(robot, math.inf) > estimate.time:
+            is_judged = self._lies.get(robot, math.inf) > estimate.time and not self._has_just_slipped(estimate)
+            if estimate.status is Validity.VALID and is_judged:
                 self._check_payload(estimate)
                 self._check_poses(estimate)
             if self._is_off:
                 self._off_since[robot] = since
                 self.off_for = max(self.off_for or 0.0, estimate.time - since)
+
+    def _has_just_slipped(self, estimate: Estimate) -> bool:
+        times = (self._block_duration * estimate.valid_block, estimate.time)
+        return any(slip <= time < slip + GRACE_OF_SLIP for slip in self._slips for time in times)
 
     def _check_payload(self, estimate: Estimate) -> None:
         robot, payload, block = estimate.robot, estimate.payload, estimate.valid_block

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shlex
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -15,6 +16,7 @@ from coheft.app.faults.lasting import lasting_kinds
 from coheft.app.faults.schedule import FaultSchedule
 from coheft.app.faults.summary import CampaignSummary, KindSummary
 from coheft.app.faults.trial import Outcome
+from coheft.app.faults.unlike import differences
 from coheft.app.terminal.progress import show_progress
 from coheft.app.terminal.wide_table import print_table
 
@@ -108,6 +110,11 @@ def print_schedule(console: Console, schedule: FaultSchedule) -> None:
         what = f"{change.mass:g} kg put on" if change.mass is not None else f"load {change.remove} taken away"
         what += f", which leaks {change.leak:g} kg/s" if change.leak > 0.0 else ""
         console.print(f"  {change.at:6.2f} s  {what}", highlight=False)
+    for slip in scenario.slips:
+        length, turn = 1e3 * math.hypot(*slip.translation), math.hypot(*slip.rotation_deg)
+        console.print(f"  {slip.at:6.2f} s  {slip.robot} slips by {length:.0f} mm and {turn:.1f}°", highlight=False)
+    for each in scenario.sensors.of:
+        console.print(f"  all the time    {each.robot}: {', '.join(differences(each))}", highlight=False)
     if lasting := lasting_kinds(scenario):
         console.print(f"  all the time    {', '.join(lasting)}", highlight=False)
     for fault in sorted(schedule.faults, key=lambda fault: fault.start):

@@ -9,8 +9,8 @@ What happened                                           Time allowed            
 ======================================================  =======================  =====================================
 not all were valid before the first fault began, or     ``START_UP + tellings``  the duration of a start depends on
 there was no fault                                                               the motion
-a robot grasped the load again, or was dead together    ``FIND_OUT + tellings``  it has to find its grasp pose, which
-with all its neighbours                                                          no other robot knows
+a robot slipped, grasped the load again, or was dead    ``FIND_OUT + tellings``  it has to find its grasp pose, which
+together with all its neighbours                                                 no other robot knows
 faults, all of them crashes and partitions              ``BACK_FROM_SILENCE``    no estimate was contaminated
 other faults, or changes of the load alone              ``BACK``                 contaminated rows are dropped first
 ======================================================  =======================  =====================================
@@ -51,7 +51,9 @@ def latest_recovery(schedule: FaultSchedule) -> float:
 
 def _last_event(schedule: FaultSchedule) -> float:
     """Return the time of the last event [s]."""
-    return max([schedule.last_fault_end, *(_end_of(change) for change in schedule.scenario.load_changes)])
+    scenario = schedule.scenario
+    changes = (*(_end_of(change) for change in scenario.load_changes), *(slip.at for slip in scenario.slips))
+    return max([schedule.last_fault_end, *changes])
 
 
 def _end_of(change: LoadChange) -> float:
@@ -150,7 +152,8 @@ class Recovery:
         first_fault = min((fault.start for fault in self._schedule.faults), default=0.0)
         if self.first_valid is None or self.first_valid > first_fault:
             return START_UP + self._tellings, True
-        if self._all_neighbours_dead(crashes) or any(isinstance(fault, Release) for fault in last):
+        has_slipped = any(slip.at > self._last_event - find_out for slip in self._schedule.scenario.slips)
+        if has_slipped or self._all_neighbours_dead(crashes) or any(isinstance(fault, Release) for fault in last):
             return find_out, True
         is_from_silence = bool(last) and all(isinstance(fault, Crash | Partition) for fault in last)
         return BACK_FROM_SILENCE if is_from_silence else BACK, False

@@ -56,6 +56,7 @@ def _simpler(schedule: FaultSchedule) -> Iterator[FaultSchedule]:
     """Yield all single simplifications, from the largest to the smallest."""
     yield from _without_faults(schedule)
     yield from _without_load_changes(schedule)
+    yield from _without_differences(schedule)
     yield from _plainer_scenarios(schedule)
     yield from _shorter_runs(schedule)
     yield from _shorter_faults(schedule)
@@ -76,6 +77,15 @@ def _without_load_changes(schedule: FaultSchedule) -> Iterator[FaultSchedule]:
         yield _with_scenario(schedule, load_changes=changes[:k] + changes[k + 1 :])
 
 
+def _without_differences(schedule: FaultSchedule) -> Iterator[FaultSchedule]:
+    """Yield schedules in which no grasp slips, or in which one robot fewer differs from the others."""
+    if schedule.scenario.slips:
+        yield _with_scenario(schedule, slips=())
+    sensors = schedule.scenario.sensors
+    for k in range(len(sensors.of)):
+        yield _with_scenario(schedule, sensors=_replace(sensors, of=sensors.of[:k] + sensors.of[k + 1 :]))
+
+
 def _plainer_scenarios(schedule: FaultSchedule) -> Iterator[FaultSchedule]:
     scenario = schedule.scenario
     if scenario.graph != Graph(kind="ring"):
@@ -89,10 +99,11 @@ def _plainer_scenarios(schedule: FaultSchedule) -> Iterator[FaultSchedule]:
 
 
 def _shorter_runs(schedule: FaultSchedule) -> Iterator[FaultSchedule]:
-    duration = schedule.scenario.duration
+    scenario, duration = schedule.scenario, schedule.scenario.duration
+    latest = max([*(change.at for change in scenario.load_changes), *(slip.at for slip in scenario.slips)], default=0.0)
     for share in (0.5, 0.75, 0.9):
         shorter = round(share * duration, 1)
-        if 1.0 <= shorter < duration and all(change.at < shorter for change in schedule.scenario.load_changes):
+        if 1.0 <= shorter < duration and latest < shorter:
             yield _with_scenario(schedule, duration=shorter)
 
 

@@ -12,6 +12,7 @@ from coheft.app.faults.lasting import is_undeclared, lasting_kinds
 from coheft.app.faults.recovery import Recovery
 from coheft.app.faults.run import FaultyBlock, FaultyRun
 from coheft.app.faults.schedule import FaultSchedule, Lie, is_harmless
+from coheft.app.faults.unlike import unlike_kinds
 from coheft.errors import SimulationError
 from coheft.wire.messages.codec import encode
 
@@ -80,7 +81,11 @@ def try_schedule(schedule: FaultSchedule) -> Outcome:
     last = max(schedule.faults, key=lambda fault: fault.end, default=None)
     return Outcome(
         seed=schedule.seed,
-        faults=(*(fault.kind for fault in schedule.faults), *lasting_kinds(schedule.scenario)),
+        faults=(
+            *(fault.kind for fault in schedule.faults),
+            *lasting_kinds(schedule.scenario),
+            *unlike_kinds(schedule.scenario),
+        ),
         last=last.kind if last is not None else "",
         simulated=simulated,
         violations=violations,

@@ -73,8 +73,9 @@ def _with_truth(recording: Recording, run: Run) -> Recording:
             if not loads or not np.allclose(load.barycentric(), loads[-1][1].barycentric(), rtol=1e-9, atol=0.0):
                 loads.append((news.time - scenario.block_duration, load))
     truth = Truth(tuple(to_first @ grasp for grasp in grasps), tuple(loads))
+    sensors = dict(zip(scenario.robot_names, scenario.robot_sensors(), strict=True))
     return Recording(
-        recording.robots,
+        {name: sensors[name].recorded(robot) for name, robot in recording.robots.items()},
         noise=None if scenario.sensors.encoders or scenario.sensors.of else scenario.noise,
         truth=truth,
     )

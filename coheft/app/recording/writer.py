@@ -20,8 +20,9 @@ from coheft.app.run.heard import News
 from coheft.app.run.pairing import Pairing
 from coheft.app.versions import versions
 from coheft.wire.messages.requests import Status
-from coheft.wire.messages.structs import Estimate, Message, Problem
+from coheft.wire.messages.structs import Estimate, EstimateBeside, Message, Problem
 from coheft.wire.messages.truth import Truth
+from coheft.wire.scenario.plugins import estimator_names
 from coheft.wire.scenario.schema import Scenario
 
 
@@ -41,7 +42,8 @@ class RunWriter:
         self._scenario = scenario
         self._sample = 10**9 // scenario.sensors.rate
         self._scene = begin.scene
-        self._pairing = Pairing(begin.scene)
+        beside = estimator_names(begin.estimator)[1:]
+        self._pairings = {"": Pairing(begin.scene), **{f"/{name}": Pairing(begin.scene) for name in beside}}
         self._log = LogBook()
         self._loads: list[int] | None = None
         self._newest = _nanoseconds(begin.time)
@@ -60,8 +62,9 @@ class RunWriter:
             case Truth():
                 self._write_truth(time, news)
             case Estimate():
-                self._write(time, estimate_messages(time, news, self._total_time(news)))
-                self._write_errors(self._pairing.add_estimate(news))
+                self._write_estimate(time, news, "")
+            case EstimateBeside(estimate=estimate) if f"/{estimate.estimator}" in self._pairings:
+                self._write_estimate(time, estimate, f"/{estimate.estimator}")
         for line in self._log.lines(news):
             self._out.write("/rosout", time, ros.log(time, line.name, line.level, line.text))
 
@@ -72,13 +75,21 @@ class RunWriter:
         if loads != self._loads:
             self._loads = loads
             self._write(time, box_messages(sampled, self._scenario.payload, truth.loads))
-        self._write_errors(self._pairing.add_truth(truth))
+        for under, pairing in self._pairings.items():
+            self._write_errors(pairing.add_truth(truth), under)
 
-    def _write_errors(self, estimates: Iterable[Estimate]) -> None:
+    def _write_estimate(self, time: int, estimate: Estimate, under: str) -> None:
+        """Write an estimate; topics of an estimator that runs beside the robots' own begin with its name, ``under``."""
+        messages = estimate_messages(time, estimate, self._total_time(estimate))
+        self._write(time, ((under + topic, message) for topic, message in messages))
+        self._write_errors(self._pairings[under].add_estimate(estimate), under)
+
+    def _write_errors(self, estimates: Iterable[Estimate], under: str) -> None:
         """Write the errors of estimates whose truth has arrived."""
         for estimate in estimates:
             time = _nanoseconds(estimate.time)
-            self._write(time, error_messages(time, estimate, self._pairing.judge, self._total_time(estimate)))
+            messages = error_messages(time, estimate, self._pairings[under].judge, self._total_time(estimate))
+            self._write(time, ((under + topic, message) for topic, message in messages))
 
     def _total_time(self, estimate: Estimate) -> int:
         """Return the time of the sample to which the total wrench of an estimate belongs [ns]."""

@@ -11,6 +11,8 @@ from coheft.wire.messages.structs import PayloadEstimate
 MOST_STDS = 4.0
 """An error of more own standard deviations contradicts the estimate: by chance that happens to one in 16,000
 numbers."""
+VALID_STDS = 5.0
+"""No number of a valid estimate should be off by more own standard deviations, see ``Validity``."""
 _ROUNDING = 1e-9
 """Errors below this are rounding errors, in their own units: kg, m, kg·m², rad."""
 PAYLOAD_SIZE = 10

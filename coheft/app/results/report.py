@@ -16,6 +16,8 @@ from coheft.app.results.judge import Matrix, RobotReport, Verdict
 from coheft.app.results.record import EstimatorUse, Record
 from coheft.app.results.robot_record import HistoryPoint, LoadPeriod
 from coheft.app.results.slips import SlipReport
+from coheft.errors import CoheftError
+from coheft.wire.former_names import present
 
 
 class PayloadReport(msgspec.Struct, frozen=True):
@@ -115,6 +117,20 @@ class CarryReport(msgspec.Struct, frozen=True):
     noise_torque_nm: float
 
 
+class BoundReport(msgspec.Struct, frozen=True):
+    """Cramér-Rao bound of a robot's estimate: root mean squares of the errors that are possible, as in its report.
+
+    Attributes:
+        mass_pct: Bound of the mass [%].
+        com_mm: Bound of the distance between the centre of mass and where it is estimated to be [mm].
+        inertia_pct: Bound of the inertia's error, Frobenius norm relative to the truth [%].
+    """
+
+    mass_pct: float
+    com_mm: float
+    inertia_pct: float
+
+
 class Report(msgspec.Struct, frozen=True):
     """The report of a run.
 
@@ -138,6 +154,8 @@ class Report(msgspec.Struct, frozen=True):
         carry: How the load was carried, if the scenario has a common path.
         slips: Grasps that slipped.
         beside: The same of the estimators that ran beside the robots' own on the same samples, by name.
+        bound: The smallest possible error of each robot's estimate at the end, if several estimators ran; None if there
+            was one, or the bound of such a run cannot be computed.
     """
 
     scenario: str
@@ -156,6 +174,20 @@ class Report(msgspec.Struct, frozen=True):
     carry: CarryReport | None = None
     slips: list[SlipReport] = []
     beside: dict[str, Report] = {}
+    bound: dict[str, BoundReport] | None = None
+
+    @property
+    def by_estimator(self) -> dict[str, Report]:
+        """The reports of all estimators that ran, by name, the robots' own first."""
+        return {self.estimator: self, **self.beside}
+
+    def of_estimator(self, name: str | None) -> Report:
+        """Return the report of one of the estimators; None stands for the robots' own.
+
+        Raises:
+            CoheftError: It did not run.
+        """
+        return self.by_estimator[chosen_estimator(name, list(self.by_estimator))]
 
     @property
     def verdict(self) -> Verdict:
@@ -167,6 +199,18 @@ class Report(msgspec.Struct, frozen=True):
     def converged(self) -> bool:
         """Whether every robot has converged, without contradictions."""
         return self.verdict is Verdict.CONVERGED
+
+
+def chosen_estimator(name: str | None, names: Sequence[str]) -> str:
+    """Return the estimator whose results are to be used: by default the first, the robots' own.
+
+    Raises:
+        CoheftError: It did not run.
+    """
+    chosen = names[0] if name is None else present(name)
+    if chosen not in names:
+        raise CoheftError(f"the estimator {chosen} did not run: there are results of {', '.join(names)}")
+    return chosen
 
 
 @dataclass(frozen=True)

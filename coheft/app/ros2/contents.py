@@ -44,15 +44,19 @@ class Contents:
                 samples = np.concatenate([own for _, own in blocks])
                 time = np.arange(len(samples)) / sample_rate
                 robots[robot] = RobotRecord(
-                    time, twist=samples[:, TWIST], acceleration=samples[:, ACCELERATION], wrench=samples[:, WRENCH]
+                    time,
+                    twist=_measured(samples[:, TWIST]),
+                    acceleration=_measured(samples[:, ACCELERATION]),
+                    wrench=_measured(samples[:, WRENCH]),
                 )
         if not robots:
             return ""
         try:
             check_units(Recording(robots))
             numbers = {tuple(number for number, _ in blocks) for blocks in self._blocks.values()}
-            if len(robots) == len(self._blocks) and len(numbers) == 1:
-                recording = Recording(robots)
+            recording = Recording(robots)
+            is_whole = all(map(recording.has, ("twist", "acceleration", "wrench")))
+            if is_whole and len(robots) == len(self._blocks) and len(numbers) == 1:
                 if stuck := stuck_sensor(recording):
                     return (
                         f"{stuck.words.partition(':')[0]}: its sensor does not work, or something repeats its reading"
@@ -62,6 +66,11 @@ class Contents:
         except RecordingError as error:
             return str(error)
         return ""
+
+
+def _measured(samples: Array) -> Array | None:
+    """Samples (n, c); None if all are zero, as those of sensors that a robot does not have."""
+    return samples if samples.any() else None
 
 
 def _unlike(names: Sequence[str], speeds: Array) -> str:

@@ -12,7 +12,8 @@ from coheft.app.ros2.pace import Pace
 from coheft.app.ros2.stamps import Stamps
 from coheft.errors import MessageError
 from coheft.estimation.geometry.spatial import Array
-from coheft.estimation.measurement import ACCELERATION, SAMPLE_SIZE, TWIST, WRENCH
+from coheft.estimation.measurement import ACCELERATION, TWIST, WRENCH
+from coheft.wire.scenario.robot_sensors import RobotSensors
 
 _OPEN = 8
 """Largest number of incomplete blocks."""
@@ -31,6 +32,12 @@ STREAMS = {
     "acceleration": Stream("geometry_msgs/msg/AccelStamped", ACCELERATION),
 }
 """Streams by the last part of the topic's name."""
+
+
+def streams_of(sensors: RobotSensors) -> tuple[str, ...]:
+    """Return the streams of a robot with these sensors: those of which it measures anything."""
+    missing = sensors.is_missing()
+    return tuple(name for name, stream in STREAMS.items() if not missing[stream.columns].all())
 
 
 def read(stream: str, cdr: bytes) -> tuple[int, Array]:
@@ -68,6 +75,7 @@ class BlockBuilder:
         block: Samples per block.
         epoch: Stamp of sample 0 of block 0 [ns].
         stamps: Checks the stamps of all robots.
+        sensors: The robot's sensors; what is missing is zero.
 
     Attributes:
         given_up: Number of blocks that were never complete.
@@ -76,13 +84,14 @@ class BlockBuilder:
         paces: The pace of each stream.
     """
 
-    def __init__(self, robot: str, rate: int, block: int, epoch: int, stamps: Stamps) -> None:
+    def __init__(self, robot: str, rate: int, block: int, epoch: int, stamps: Stamps, sensors: RobotSensors) -> None:
         self.given_up = 0
-        self.counts = dict.fromkeys(STREAMS, 0)
+        self.counts = dict.fromkeys(streams_of(sensors), 0)
         self.behind = 0.0
-        self.paces = {stream: Pace() for stream in STREAMS}
+        self.paces = {stream: Pace() for stream in self.counts}
         self._robot = robot
         self._stamps = stamps
+        self._empty = np.repeat(np.where(sensors.is_missing(), 0.0, np.nan)[None], block, axis=0)
         self._rate, self._block, self._epoch = rate, block, epoch
         self._open: dict[int, Array] = {}
         self._newest = -1
@@ -108,14 +117,14 @@ class BlockBuilder:
         if number <= self._newest:
             self.behind = (self._newest + 1) * self._block / self._rate - (time - self._epoch) / 1e9
             return None
-        samples = self._open.setdefault(number, np.full((self._block, SAMPLE_SIZE), np.nan))
+        samples = self._open.setdefault(number, self._empty.copy())
         samples[row, STREAMS[stream].columns] = values
         if np.isnan(samples).any():
             self._give_up(list(self._open)[:-_OPEN])  # the first to be opened: a wrong stamp may be far in the future
             return None
         self._newest = number
         self._stamps.trust(time, arrival)
-        self.counts = dict.fromkeys(STREAMS, 0)
+        self.counts = dict.fromkeys(self.counts, 0)
         del self._open[number]
         self._give_up([other for other in self._open if other < number])
         return number, samples

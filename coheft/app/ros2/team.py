@@ -18,7 +18,7 @@ from coheft.app.ros2.names import Topic
 from coheft.app.ros2.node import RosNode, typed_topic
 from coheft.app.ros2.pace import words_of
 from coheft.app.ros2.readings import Readings
-from coheft.app.ros2.samples import STREAMS, BlockBuilder
+from coheft.app.ros2.samples import STREAMS, BlockBuilder, streams_of
 from coheft.app.ros2.stamps import LIMIT, Stamps
 from coheft.app.run.heard import check_estimate
 from coheft.errors import CoheftError, MessageError, one_line
@@ -60,6 +60,7 @@ class Team:
         self._links: dict[str, RobotLink] = {}
         self._configs: dict[str, AgentConfig] = {}
         self._next: dict[str, int] = {}
+        self._streams: list[tuple[str, str]] = []  # robot and kind of all that is measured
         self._readings = Readings(self._complain)
         self._epoch = 0
         self._bridge = Bridge(node)
@@ -75,8 +76,9 @@ class Team:
         self._links[name] = RobotLink(name, session, self._inbox, keys, world=world, lag=agent.lag, block=agent.block)
         self._inbox.watch_links(session, name, guard)
         self._inbox.watch_strangers(session, guard)
-        for stream, what in STREAMS.items():
-            self._node.listen(f"/{name}/{stream}", what.kind, partial(self._readings.put, name, stream))
+        for stream in streams_of(agent.sensors_of(name)):
+            self._streams.append((name, stream))
+            self._node.listen(f"/{name}/{stream}", STREAMS[stream].kind, partial(self._readings.put, name, stream))
 
     def observe(self, session: zenoh.Session, keys: Keys) -> None:
         """Receive the agents' estimates and problems, on an observer's session."""
@@ -110,7 +112,7 @@ class Team:
         stamps = Stamps(len(self._links))
         if epoch is not None:
             self._set_epoch(epoch)
-        topics = ", ".join(self._node.full(f"/{name}/{stream}") for name in self._links for stream in STREAMS)
+        topics = ", ".join(self._node.full(f"/{name}/{stream}") for name, stream in self._streams)
         self._tell(f"all agents are ready; waiting for measurements on {topics}")
         first_at, next_word = math.inf, time.monotonic() + _SILENCE
         soon = -math.inf if epoch is None else epoch - LIMIT
@@ -125,7 +127,7 @@ class Team:
             self._hear_agents(0.0)
             if time.monotonic() > next_word:
                 next_word += _SILENCE
-                self._tell_silence((name, stream) for name in self._links for stream in STREAMS)
+                self._tell_silence(self._streams)
                 if stamps.disagreement:
                     self._tell(stamps.disagreement)
                 elif newest is not None and epoch is not None:
@@ -142,12 +144,12 @@ class Team:
     def go_on(self, stamps: Stamps) -> NoReturn:
         """Exchange messages without end; report agents that receive no measurements for a while."""
         builders = {
-            name: BlockBuilder(name, agent.rate, agent.block, self._epoch, stamps)
+            name: BlockBuilder(name, agent.rate, agent.block, self._epoch, stamps, agent.sensors_of(name))
             for name, agent in self._configs.items()
         }
         contents = Contents({name: agent.rate / agent.block for name, agent in self._configs.items()})
         fed_at = dict.fromkeys(builders, time.monotonic())
-        refused_at = dict.fromkeys(((name, stream) for name in builders for stream in STREAMS), -math.inf)
+        refused_at = dict.fromkeys(self._streams, -math.inf)
         next_look = time.monotonic() + _SILENCE
         while True:
             for robot, stream, stamp, values, arrival in self._readings.take(_POLL):
@@ -173,7 +175,7 @@ class Team:
             for name in unfed:
                 fed_at[name] = time.monotonic()
                 self._tell(f"{name}: no complete block for {_SILENCE:g} s; {_came(builders[name])}")
-            streams = [(name, stream) for name in unfed for stream in STREAMS]
+            streams = [(name, stream) for name, stream in self._streams if name in unfed]
             self._tell_silence(streams)
             self._readings.came.difference_update(streams)
 
@@ -272,22 +274,18 @@ class Team:
             self._had_router = not self._had_router
             self._tell("the router is back" if self._had_router else "the router of ROS 2 is gone; waiting for it")
         if self._had_router:
-            for line in shared(self._topics(builders), self._node.seen(), self._node.domain):
+            for line in shared(self._topics(), self._node.seen(), self._node.domain):
                 self._complain(line)
 
-    def _topics(self, names: Iterable[str]) -> list[Topic]:
-        """Return the topics of some robots."""
-        return [
-            typed_topic(self._node.full(f"/{name}/{stream}"), what.kind)
-            for name in names
-            for stream, what in STREAMS.items()
-        ]
+    def _topics(self) -> list[Topic]:
+        """Return the topics of all robots."""
+        return [typed_topic(self._node.full(f"/{name}/{kind}"), STREAMS[kind].kind) for name, kind in self._streams]
 
     def _tell_silence(self, streams: Iterable[tuple[str, str]]) -> None:
         """Report streams without measurements, and what is published instead."""
         if silent := [each for each in streams if each not in self._readings.came]:
             topics = [typed_topic(self._node.full(f"/{name}/{kind}"), STREAMS[kind].kind) for name, kind in silent]
-            own = {topic.name for topic in self._topics(self._links)}
+            own = {topic.name for topic in self._topics()}
             for reason in reasons(topics, self._node.seen(), self._node.domain, own):
                 self._complain(f"nothing has come on {reason}")
 

@@ -106,6 +106,10 @@ def launch(
         late_blocks=status.late_blocks,
     )
     report = build_report(info, record)
+    if report.beside:
+        from coheft.app.study.run_bound import with_bound  # which loads the physics
+
+        report = with_bound(report, scenario, record.truth)
     return report if carried is None else msgspec.structs.replace(report, carry=carried.report())
 
 

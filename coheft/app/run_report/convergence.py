@@ -63,10 +63,11 @@ class Curve:
     std: Array
 
 
-def curves(series: Series, name: str, shown: Shown) -> list[Curve]:
-    """Return the curves of a quantity for one robot."""
+def curves(series: Series, name: str, shown: Shown, estimator: str | None = None) -> list[Curve]:
+    """Return the curves of a quantity for one robot, by an estimator; None stands for the robots' own."""
+    robots = series.robots if estimator is None else series.by_estimator[estimator]
     neighbours: Sequence[str | None] = [None] if shown.quantity.of_payload else series.scene.neighbours[name]
-    points = list(series.robots[name].points)
+    points = list(robots[name].points)
     times = np.array([point.time for point in points])
     claimed = np.where([point.is_stale for point in points], np.nan, 1.0)
     found = []
@@ -91,11 +92,19 @@ def grid_of(panels: int) -> tuple[int, int]:
 
 
 def draw_convergence(figure: Any, theme: Theme, series: Series, report: Report, shown: Shown) -> None:
-    """Draw errors of a quantity and three times the own standard deviation over time, one panel per robot."""
+    """Draw errors of a quantity and three times the own standard deviation over time, one panel per robot.
+
+    Of the payload, those of estimators that ran beside the robots' own are drawn in other colours.
+    """
     names = robots_shown(series)
     rows, columns = grid_of(len(names))
     grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
     drawn = {name: curves(series, name, shown) for name in names}
+    others = {
+        name: {other: curves(series, name, shown, other)[0] for other in series.beside}
+        for name in names
+        if shown.quantity.of_payload
+    }
     for axes, name in zip(grid, names, strict=False):
         use_logarithm(axes)
         axes.set_title(name, loc="left", fontweight="bold")
@@ -104,14 +113,18 @@ def draw_convergence(figure: Any, theme: Theme, series: Series, report: Report, 
                 axes.axvspan(span.start, span.end, color=theme.warning, alpha=0.18, linewidth=0)
         mark_changes(axes, theme, report)
         for k, curve in enumerate(drawn[name]):
-            label = "error" if curve.neighbour is None else f"of {curve.neighbour}"
+            label = series.estimator if curve.neighbour is None else f"of {curve.neighbour}"
             colour = theme.of_curve(k)
             if k == 0:
                 axes.fill_between(curve.time, 1e-12, 3.0 * curve.std, color=colour, alpha=0.10, linewidth=0)
             axes.plot(curve.time, 3.0 * curve.std, color=colour, linewidth=0.9, linestyle=(0, (4, 2)))
             axes.plot(curve.time, curve.error, color=colour, label=label)
+        for k, (other, curve) in enumerate(others.get(name, {}).items(), start=1):
+            style = {"color": theme.of_curve(k), "linewidth": 1.0}
+            axes.plot(curve.time, 3.0 * curve.std, linestyle=(0, (4, 2)), **style)
+            axes.plot(curve.time, curve.error, label=other, **style)
         first = drawn[name][0]
-        if first.neighbour is not None:
+        if first.neighbour is not None or others.get(name):
             axes.legend(loc="upper right", ncols=2, handlelength=1.0, borderaxespad=0.0)
         elif len(first.error) and np.isfinite(first.error[-1]):
             text = f"at the end {first.error[-1]:.2g} {shown.unit}, own std {first.std[-1]:.2g}"
@@ -119,7 +132,8 @@ def draw_convergence(figure: Any, theme: Theme, series: Series, report: Report, 
     for axes in grid[len(names) :]:
         axes.set_visible(False)
     grid[0].set_xlim(0.0, report.duration_s)
-    grid[0].set_ylim(*_limits(curve for found in drawn.values() for curve in found))
+    every = [*drawn.values(), *(list(found.values()) for found in others.values())]
+    grid[0].set_ylim(*_limits(curve for found in every for curve in found))
     for axes in grid[max(0, len(names) - columns) : len(names)]:
         axes.set_xlabel("time [s]")
         axes.tick_params(labelbottom=True)

@@ -35,9 +35,15 @@ SUFFIXES = (".parquet", ".csv")
 
 def write_data(series: Series, folder: Path) -> list[Path]:
     """Write the tables into a folder; return the files, those of empty tables left out."""
+    points = [
+        (name, point)
+        for robots in series.by_estimator.values()
+        for name, robot in robots.items()
+        for point in robot.points
+    ]
     tables: dict[str, list[Row]] = {
-        "estimates": [_estimate(n, p) for n, robot in series.robots.items() for p in robot.points],
-        "poses": [row for n, robot in series.robots.items() for p in robot.points for row in _poses(n, p)],
+        "estimates": [_estimate(name, point) for name, point in points],
+        "poses": [row for name, point in points for row in _poses(name, point)],
         "states": list(_states(series)),
         "load-changes": [
             {"load_change_s": close_up.at, **_estimate(name, point)}
@@ -54,6 +60,7 @@ def write_data(series: Series, folder: Path) -> list[Path]:
 def _estimate(robot: str, point: Point) -> Row:
     return {
         "robot": robot,
+        "estimator": point.estimator,
         "time_s": point.time,
         "block": point.block,
         "stale": point.is_stale,
@@ -70,6 +77,7 @@ def _poses(robot: str, point: Point) -> Iterator[Row]:
         yield {
             "robot": robot,
             "neighbour": neighbour,
+            "estimator": point.estimator,
             "time_s": point.time,
             "stale": point.is_stale,
             **_columns("error_", _POSE, error),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -21,10 +21,22 @@ STALE_STYLE: dict[str, Any] = {"linestyle": (0, (1, 2)), "linewidth": 0.8, "labe
 
 
 def draw_overview(figure: Any, theme: Theme, series: Series, report: Report) -> None:
-    """Draw each robot's estimate of the mass, and the truth."""
-    axes = figure.subplots()
-    names = robots_shown(series)
-    points = list(series.robots[names[0]].points)
+    """Draw each robot's estimate of the mass, and the truth; a panel for each estimator."""
+    grid = figure.subplots(len(series.by_estimator), 1, sharex=True, squeeze=False).ravel()
+    for axes, (estimator, robots) in zip(grid, series.by_estimator.items(), strict=True):
+        _draw_overview_of(axes, theme, {name: list(robots[name].points) for name in robots_shown(series)})
+        mark_changes(axes, theme, report)
+        axes.set_ylabel("mass [kg]")
+        if series.beside:
+            axes.set_title(estimator, loc="left", fontweight="bold")
+    grid[0].set_xlim(0.0, report.duration_s)
+    grid[-1].set_xlabel("time [s]")
+    figure.legend(*grid[0].get_legend_handles_labels(), loc="outside lower center", ncols=13, handlelength=1.2)
+
+
+def _draw_overview_of(axes: Any, theme: Theme, robots: Mapping[str, Sequence[Point]]) -> None:
+    """Draw the robots' estimates by one estimator."""
+    points = next(iter(robots.values()))
     axes.plot(
         [p.time for p in points],
         [p.truth[0] for p in points],
@@ -34,21 +46,14 @@ def draw_overview(figure: Any, theme: Theme, series: Series, report: Report) -> 
         drawstyle="steps-pre",
         label="truth",
     )
-    for k, name in enumerate(names):
-        points = list(series.robots[name].points)
-        times = np.array([point.time for point in points])
-        mass, std, _, _ = _mass_and_com(points)
+    for k, (name, found) in enumerate(robots.items()):
+        times = np.array([point.time for point in found])
+        mass, std, _, _ = _mass_and_com(found)
         axes.fill_between(times, mass - 3.0 * std, mass + 3.0 * std, color=theme.of_curve(k), alpha=0.12, linewidth=0)
-        style = {"color": theme.of_curve(k), "linewidth": 1.1, "label": None if len(names) > 12 else name}
-        _draw_masses(axes, points, times, mass, style)
-    _name_stale(axes, theme, [list(series.robots[name].points) for name in names])
-    truths = np.array([p.truth[0] for p in points])
-    _fit_masses(axes, truths, [list(series.robots[name].points) for name in names])
-    mark_changes(axes, theme, report)
-    axes.set_xlim(0.0, report.duration_s)
-    axes.set_xlabel("time [s]")
-    axes.set_ylabel("mass [kg]")
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=13, handlelength=1.2)
+        style = {"color": theme.of_curve(k), "linewidth": 1.1, "label": None if len(robots) > 12 else name}
+        _draw_masses(axes, found, times, mass, style)
+    _name_stale(axes, theme, robots.values())
+    _fit_masses(axes, np.array([p.truth[0] for p in points]), robots.values())
 
 
 def draw_close_ups(figure: Any, theme: Theme, series: Series, report: Report) -> None:

@@ -11,6 +11,7 @@ from coheft.app.results.record import Record
 from coheft.app.results.report import RunInfo, build_report
 from coheft.app.run_report.folder import prepare_folder, write_folder
 from coheft.app.run_report.series import SeriesFollower
+from coheft.app.study.run_bound import with_bound
 from coheft.errors import RecordingError
 from coheft.wire.scenario.former import as_present
 from coheft.wire.scenario.plugins import estimator_names
@@ -50,7 +51,8 @@ def report_recording(path: Path, folder: Path) -> Path:
         block_duration=scenario.block_duration,
         real_time_factor=0.0,  # a recording does not tell
     )
-    return write_folder(folder, scenario, None, follower.series, build_report(info, record))
+    report = with_bound(build_report(info, record), scenario, record.truth)
+    return write_folder(folder, scenario, None, follower.series, report)
 
 
 def _scenario(path: Path, text: str) -> Scenario:

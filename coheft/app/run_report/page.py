@@ -18,7 +18,7 @@ from coheft.app.run_report.panels import MOST_ROBOTS
 from coheft.app.run_report.pictures import Picture
 from coheft.app.run_report.scene import scene_json
 from coheft.app.run_report.series import Series
-from coheft.app.terminal.final_table import HEADINGS, LEGEND, RECOVERED, robot_rows, sentences
+from coheft.app.terminal.final_table import headings, legend, sentences, table_rows
 from coheft.app.versions import versions
 from coheft.wire.scenario.schema import MAX_DURATION, Scenario
 
@@ -78,9 +78,9 @@ def render_page(
         contradicted=robots[Verdict.CONTRADICTED],
         poses=[pose for robot in report.robots.values() for pose in robot.poses.values()],
         sentences=sentences(report),
-        headings=HEADINGS,
-        rows=_rows(report),
-        legend=[*LEGEND, *([RECOVERED] if report.load_changes else [])],
+        headings=headings(report),
+        rows=table_rows(report),
+        legend=legend(report),
         pictures=drawn,
         scene=scene_json(series),
         boxes=series.scene.boxes,
@@ -97,15 +97,6 @@ def render_page(
         data=[(path.name, TABLES[path.stem]) for path in data],
         thinned=max(robot.points.every for robot in series.robots.values()),
     )
-
-
-def _rows(report: Report) -> dict[str, list[tuple[str, str, str, str, str]]]:
-    """Return the table's rows of each robot, and below them those of each estimator that ran beside its own."""
-    rows = {}
-    for name, robot in report.robots.items():
-        rows[name] = robot_rows(robot)
-        rows |= {f"{name}, {other}": robot_rows(each.robots[name]) for other, each in report.beside.items()}
-    return rows
 
 
 def unobservable_rows(series: Series) -> Iterable[tuple[str, str, str, str, str]]:

@@ -41,7 +41,7 @@ class Picture:
 def pictures_of(series: Series, report: Report) -> list[Picture]:
     """Return the pictures of a run, in their order on the page."""
     robots = len(robots_shown(series))
-    pictures = [Picture("mass-over-time", "glance", 3.2, drawings.draw_overview)]
+    pictures = [Picture("mass-over-time", "glance", 0.6 + 2.6 * len(series.by_estimator), drawings.draw_overview)]
     for shown in ALL_SHOWN:
         inside = inside_band(series, shown)
         if inside is not None:  # else nothing was claimed, and there is nothing to draw

@@ -23,6 +23,7 @@ class Point:
     Attributes:
         time: Time of the estimate [s].
         block: Its block.
+        estimator: The estimator that made it.
         is_stale: Whether the robot could not know whether its estimate still held.
         truth: True ``(m, h, J packed)`` in ``F_i``, shape (10,).
         error: Truth minus estimate, shape (10,).
@@ -34,6 +35,7 @@ class Point:
 
     time: float
     block: int
+    estimator: str
     is_stale: bool
     truth: Array
     error: Array
@@ -68,6 +70,7 @@ def make_point(judge: Judge, estimate: Estimate) -> Point:
     return Point(
         time=estimate.time,
         block=estimate.block,
+        estimator=estimate.estimator,
         is_stale=estimate.status is Validity.STALE,
         truth=np.concatenate([[true.mass], true.com, pack_symmetric(true.tensor)]),
         error=error,

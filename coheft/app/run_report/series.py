@@ -16,8 +16,9 @@ from coheft.app.run_report.thinned import Thinned
 from coheft.estimation.geometry.spatial import Array
 from coheft.wire.messages.requests import Status
 from coheft.wire.messages.scene import Scene
-from coheft.wire.messages.structs import Estimate, Problem
+from coheft.wire.messages.structs import Estimate, EstimateBeside, Problem
 from coheft.wire.messages.truth import LoadState, Truth
+from coheft.wire.scenario.plugins import estimator_names
 
 _POINTS = 20_000
 """Number of points that are kept, of all robots together."""
@@ -85,6 +86,8 @@ class Series:
     Attributes:
         scene: The scene, with the grasps.
         robots: Each robot's estimates, by name, in the scene's order.
+        estimator: The estimator with which the run began, the robots' own.
+        beside: The same as ``robots`` of the estimators that ran beside it, by name.
         moments: Poses of the payload, some of them, evenly spread.
         close_ups: The first changes of the load.
         pace: Simulated times, and the wall-clock times of their arrival [s]; empty for a recording.
@@ -94,11 +97,18 @@ class Series:
 
     scene: Scene
     robots: dict[str, RobotSeries]
+    estimator: str = ""
+    beside: dict[str, dict[str, RobotSeries]] = field(default_factory=dict)
     moments: Thinned[Moment] = field(default_factory=lambda: Thinned(_SHOWN))
     close_ups: list[CloseUp] = field(default_factory=list)
     pace: Thinned[tuple[float, float]] = field(default_factory=lambda: Thinned(_MOMENTS))
     problems: list[tuple[float, Problem]] = field(default_factory=list)
     problem_count: int = 0
+
+    @property
+    def by_estimator(self) -> dict[str, dict[str, RobotSeries]]:
+        """``robots`` of each estimator, the robots' own first."""
+        return {self.estimator: self.robots, **self.beside}
 
 
 class SeriesFollower(Follower):
@@ -115,9 +125,12 @@ class SeriesFollower(Follower):
     def begin(self, status: Status) -> None:
         """See ``Follower.begin``."""
         names = status.scene.robots
-        capacity = max(100, _POINTS // len(names))
-        self.series = Series(status.scene, {name: RobotSeries(capacity) for name in names})
+        own, *others = estimator_names(status.estimator)
+        capacity = max(100, _POINTS // (len(names) * (1 + len(others))))
+        robots, *beside = ({name: RobotSeries(capacity) for name in names} for _ in (own, *others))
+        self.series = Series(status.scene, robots, own, dict(zip(others, beside, strict=True)))
         self._pairing = Pairing(status.scene)
+        self._pairings_beside = {name: Pairing(status.scene) for name in others}
         self._masses: deque[tuple[float, float]] = deque(maxlen=500)
 
     def hear(self, news: News) -> None:
@@ -127,6 +140,9 @@ class SeriesFollower(Follower):
                 self._add_truth(news)
             case Estimate():
                 self._keep(self._pairing.add_estimate(news))
+            case EstimateBeside(estimate=estimate):
+                if (pairing := self._pairings_beside.get(estimate.estimator)) is not None:
+                    self._keep_beside(pairing.add_estimate(estimate))
             case Problem():
                 self.series.problem_count += 1
                 if len(self.series.problems) < _PROBLEMS:
@@ -149,6 +165,8 @@ class SeriesFollower(Follower):
         if self.is_live:
             series.pace.add((truth.time, time.monotonic()))
         self._keep(self._pairing.add_truth(truth))
+        for pairing in self._pairings_beside.values():
+            self._keep_beside(pairing.add_truth(truth))
 
     def _keep(self, estimates: list[Estimate]) -> None:
         for estimate in estimates:
@@ -159,3 +177,9 @@ class SeriesFollower(Follower):
             for close_up in self.series.close_ups:
                 if close_up.at - BEFORE <= point.time <= close_up.at + AFTER:
                     close_up.points[estimate.robot].append(point)
+
+    def _keep_beside(self, estimates: list[Estimate]) -> None:
+        for estimate in estimates:
+            robot = self.series.beside[estimate.estimator][estimate.robot]
+            robot.points.add(make_point(self._pairing.judge, estimate))
+            robot.states.add(estimate)

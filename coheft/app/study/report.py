@@ -15,7 +15,7 @@ from coheft.app.results.quantities import ALL_TEN, QUANTITIES, Errors, Quantity
 from coheft.app.study.detection import Detection, judge_detection
 from coheft.app.study.exact_run import Bounds
 from coheft.app.study.statistics import Interval, normalised_square, ratio_of_roots, root_mean
-from coheft.app.study.trial import Moments, Trial
+from coheft.app.study.trial import Moments, Outcome, Trial
 from coheft.estimation.geometry.spatial import Array
 
 T = TypeVar("T")
@@ -108,15 +108,22 @@ class Claimed(msgspec.Struct, frozen=True):
         count: Number of estimates of payloads and poses, of all runs at all times.
         contradicted: Number of them with an error above four of their own standard deviations.
         most_stds: The largest error of all, in its own standard deviations; None if there are no estimates.
+        valid_numbers: Number of numbers in valid estimates, of all robots, runs and noises, ten times a second.
+        beyond_five: How many of them are off by more than five of their own standard deviations, which none should be.
     """
 
     count: int
     contradicted: int
     most_stds: Number
+    valid_numbers: int
+    beyond_five: int
 
 
 class EstimatorResult(msgspec.Struct, frozen=True):
-    """Results of one estimator. Poses are those of the neighbours' grasp frames in the robot's own."""
+    """Results of one estimator. Poses are those of the neighbours' grasp frames in the robot's own.
+
+    ``converged`` is the share of robots that had converged.
+    """
 
     pose_rotation: Accuracy
     pose_translation: Accuracy
@@ -124,6 +131,7 @@ class EstimatorResult(msgspec.Struct, frozen=True):
     com: Accuracy
     inertia: Accuracy
     all_ten: Consistency
+    converged: float
     cells: Cells
     claimed: Claimed
     detection: Detection
@@ -196,8 +204,9 @@ def _estimator_result(
     return EstimatorResult(
         **{quantity.name: _accuracy(quantity, cells) for quantity in QUANTITIES},
         all_ten=Consistency(**_named("nees", _nees(ALL_TEN, cells))),
+        converged=float(np.mean([outcome.converged[k] for outcome in outcomes for k in times])),
         cells=_cells([*QUANTITIES, ALL_TEN], cells),
-        claimed=_count_contradictions([one.errors for cell in cells for one in cell]),
+        claimed=_claimed([one.errors for cell in cells for one in cell], outcomes),
         detection=judge_detection([outcome.notices for outcome in outcomes], moments.change, moments.end),
         recovery=_recovery(name, groups, moments),
         impossible_payloads=sum(outcome.impossible_payloads for outcome in outcomes),
@@ -269,7 +278,7 @@ def _cells(quantities: Sequence[Quantity], cells: Sequence[Sequence[_Judged]]) -
     return Cells(len(quantities) * len(cells), outside(0.95), outside(0.9999))
 
 
-def _count_contradictions(every: Sequence[Errors]) -> Claimed:
+def _claimed(every: Sequence[Errors], outcomes: Sequence[Outcome]) -> Claimed:
     found = [
         float(np.nanmax(in_stds(error, covariance)))
         for errors in every
@@ -279,7 +288,13 @@ def _count_contradictions(every: Sequence[Errors]) -> Claimed:
         )
         if not np.isnan(error).all()
     ]
-    return Claimed(len(found), sum(not stds <= MOST_STDS for stds in found), max(found, default=None))
+    return Claimed(
+        count=len(found),
+        contradicted=sum(not stds <= MOST_STDS for stds in found),
+        most_stds=max(found, default=None),
+        valid_numbers=sum(outcome.valid_numbers for outcome in outcomes),
+        beyond_five=sum(outcome.beyond_five for outcome in outcomes),
+    )
 
 
 def _recovery(name: str, groups: Sequence[Sequence[Trial]], moments: Moments) -> Recovery | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 
-from coheft.app.results.errors import MOST_STDS
+from coheft.app.results.errors import MOST_STDS, VALID_STDS
 from coheft.app.results.quantities import ALL_TEN, QUANTITIES
 from coheft.app.study.detection import Detection
 from coheft.app.study.report import Accuracy, Cell, Consistency, EstimatorResult, Number, Recovered, StudyReport
@@ -47,6 +47,8 @@ def accuracy_rows(cell: Cell) -> Iterator[tuple[str, ...]]:
             ranges = short(found.ratio_two_step), _range(found.nees_low, found.nees_high)
             yield f"{name}, {unit}", estimator, *_compared(found, size), *ranges, str(found.missing)
     for estimator, result in cell.results.items():
+        yield "robots converged", estimator, f"{100.0 * result.converged:.0f} %", *[""] * 6
+    for estimator, result in cell.results.items():
         joint = result.all_ten
         yield "all ten together", estimator, "", "", "", _marked(joint), "", _range(joint.nees_low, joint.nees_high), ""
 
@@ -84,6 +86,11 @@ def sentences(estimator: str, result: EstimatorResult) -> Iterator[str]:
         )
     elif claimed.count:
         yield f"{estimator}: no estimate is off by more than {MOST_STDS:g} own std."
+    if claimed.valid_numbers:
+        yield (
+            f"{estimator}: {claimed.beyond_five} of {claimed.valid_numbers:,} numbers of valid estimates are off by "
+            f"more than {VALID_STDS:g} own std."
+        )
     missing = sum(getattr(result, quantity.name).missing for quantity in QUANTITIES)
     if missing:
         yield f"{estimator}: no number was claimed for {missing} estimates; they are left out."

@@ -9,6 +9,7 @@ from itertools import accumulate, pairwise
 import msgspec
 import numpy as np
 
+from coheft.app.results.errors import VALID_STDS, in_stds, payload_error
 from coheft.app.results.judge import Judge
 from coheft.app.results.quantities import (
     QUANTITIES,
@@ -22,6 +23,7 @@ from coheft.app.run.inprocess import run_in_process
 from coheft.app.study.exact_run import Bounds, ExactRun
 from coheft.app.study.samples import simulate, with_exact_sensors
 from coheft.estimation.geometry.spatial import Array
+from coheft.wire.messages.states import Validity
 from coheft.wire.messages.structs import Estimate, LoadChangeNotice
 from coheft.wire.scenario.schema import Scenario
 
@@ -71,6 +73,9 @@ class Outcome:
         notices: Notices of load changes, by robot.
         impossible_payloads: Number of published estimates of payloads that cannot exist.
         curves: Errors over time.
+        converged: Share of robots that have converged, at each time for the accuracy.
+        valid_numbers: Numbers in valid estimates, each time that a robot reports.
+        beyond_five: How many of them are off by more than five of their own standard deviations, which none should be.
     """
 
     errors: tuple[Errors, ...]
@@ -78,6 +83,9 @@ class Outcome:
     notices: dict[str, list[LoadChangeNotice]]
     impossible_payloads: int
     curves: Curves
+    converged: tuple[float, ...]
+    valid_numbers: int
+    beyond_five: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,13 +134,28 @@ def _outcome(scenario: Scenario, estimator: str, moments: Moments, judge: Judge,
     chosen = msgspec.structs.replace(scenario, estimator=estimator)
     reports = [record.estimates for record in run_in_process(chosen) if record.estimates]
     last = _latest(reports, moments.end)
+    valid = [_in_stds(judge, e) for each in reports for e in each.values() if e.status is Validity.VALID]
+    stds = np.concatenate([np.empty(0), *valid])
     return Outcome(
         errors=tuple(published_errors(judge, edges, _latest(reports, moment)) for moment in moments.at),
         recovered=None if moments.change is None else published_errors(judge, edges, last),
         notices={name: list(estimate.load_changes) for name, estimate in last.items()},
         impossible_payloads=sum(not payload_exists(e.payload) for report in reports for e in report.values()),
         curves=_curves(judge, edges, reports),
+        converged=tuple(
+            float(np.mean([e.is_converged for e in _latest(reports, moment).values()])) for moment in moments.at
+        ),
+        valid_numbers=len(stds),
+        beyond_five=int(np.count_nonzero(stds > VALID_STDS)),
     )
+
+
+def _in_stds(judge: Judge, estimate: Estimate) -> Array:
+    """Return the errors of all numbers of an estimate in their own standard deviations, shape (k,)."""
+    found = [in_stds(error, estimate.poses[name].covariance) for name, error in judge.pose_errors(estimate).items()]
+    if (payload := estimate.payload) is not None:
+        found.append(in_stds(payload_error(judge.payload(estimate.robot, estimate.block), payload), payload.covariance))
+    return np.concatenate([np.empty(0), *found])
 
 
 def _latest(reports: Sequence[dict[str, Estimate]], time: float) -> dict[str, Estimate]:

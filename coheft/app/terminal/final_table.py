@@ -20,13 +20,18 @@ from coheft.app.terminal.sensor_sentences import sensor_sentences
 from coheft.app.terminal.wide_table import bare_table, print_table
 from coheft.estimation.geometry.spatial import Array
 
-HEADINGS = ("robot", "quantity", "truth", "estimate", "error", "own std")
+_HEADINGS = ("robot", "quantity", "truth", "estimate", "error", "own std")
 LEGEND = (
     "Centre of mass: x y z in the robot's grasp frame. Inertia: principal moments.",
     "Own std: the standard deviation that the robot itself reports, in the unit of the",
     "error. Percentages are of the truth. An error that is too large for its own std",
     "is marked with its size in own std.",
 )
+BOUND = (
+    "Bound: the smallest root mean square error of any unbiased estimator that has all",
+    "samples of all robots' sensors up to then (Cramér and Rao).",
+)
+_TEXTS = ("robot", "quantity", "estimator")
 _SHOWN = 3
 """Largest number of sentences of a kind, and of robots named in a sentence."""
 RECOVERED = "Recovered: mass within 3 %, centre of mass within 20 mm at every robot."
@@ -35,9 +40,8 @@ RECOVERED = "Recovered: mass within 3 %, centre of mass within 20 mm at every ro
 def print_report(console: Console, report: Report, folder: Path) -> None:
     """Print the final table and the sentences that complete it."""
     console.print()
-    for each in (report, *report.beside.values()):
-        print_table(console, _final_table(each))
-    for line in (*LEGEND, *([RECOVERED] if report.load_changes else [])):
+    print_table(console, _final_table(report))
+    for line in legend(report):
         console.print(line, style="dim", highlight=False)
     if report.carry is not None:
         print_carry(console, report.carry)
@@ -48,17 +52,60 @@ def print_report(console: Console, report: Report, folder: Path) -> None:
 
 
 def _final_table(report: Report) -> Table:
-    run = f"{report.duration_s:.1f} s, {report.estimator}"
+    run = f"{report.duration_s:.1f} s, {', '.join(report.by_estimator)}"
     table = bare_table(f"What each robot found out about the payload ({run})", gap=1)
-    for heading in HEADINGS[:2]:
-        table.add_column(heading)
-    for heading in HEADINGS[2:]:
-        table.add_column(heading, justify="right", no_wrap=True)
-    for name, robot in report.robots.items():
-        for row in robot_rows(robot):
+    for heading in headings(report):
+        is_text = heading in _TEXTS
+        table.add_column(heading, justify="left" if is_text else "right", no_wrap=not is_text)
+    for name, rows in table_rows(report).items():
+        for row in rows:
             table.add_row(name, *row)
             name = ""
     return table
+
+
+def headings(report: Report) -> tuple[str, ...]:
+    """Return the headings of the table, the robot's first."""
+    if not report.beside:
+        return _HEADINGS
+    return (*_HEADINGS[:3], "estimator", *_HEADINGS[3:], *(("bound",) if report.bound else ()))
+
+
+def table_rows(report: Report) -> dict[str, list[tuple[str, ...]]]:
+    """Return each robot's rows: one for each quantity, and if several estimators ran, for each of these below it."""
+    if not report.beside:
+        return {name: list(robot_rows(robot)) for name, robot in report.robots.items()}
+    found: dict[str, list[tuple[str, ...]]] = {}
+    for name in report.robots:
+        each = {estimator: robot_rows(other.robots[name]) for estimator, other in report.by_estimator.items()}
+        bounds = _bounds(report, name)
+        found[name] = [
+            (
+                *(rows[k][:2] if is_first else ("", "")),
+                estimator,
+                *rows[k][2:],
+                *(bounds[k : k + 1] if is_first else ()),
+            )
+            for k in range(len(each[report.estimator]))
+            for estimator, rows in each.items()
+            for is_first in [estimator == report.estimator]
+        ]
+    return found
+
+
+def _bounds(report: Report, name: str) -> tuple[str, ...]:
+    """Return the bounds of a robot's quantities, in the order of their rows; none if there are none."""
+    if report.bound is None:
+        return ()
+    bound = report.bound[name]
+    return tuple(
+        f"{x:.2g} {unit}" for x, unit in ((bound.mass_pct, "%"), (bound.com_mm, "mm"), (bound.inertia_pct, "%"))
+    )
+
+
+def legend(report: Report) -> list[str]:
+    """Return the lines that explain the table."""
+    return [*LEGEND, *(BOUND if report.bound else ()), *([RECOVERED] if report.load_changes else ())]
 
 
 def robot_rows(robot: RobotReport) -> list[tuple[str, str, str, str, str]]:

@@ -44,6 +44,7 @@ class ViewModel:
         disturbances: What the operator has disturbed, in words, as reported since the view began: by the sender and the
             receiver of a link's messages, or by the robot whose clock it is.
         beside: The same model for the estimators that run beside the robots' own, by name.
+        by_estimator: This model and those of ``beside``, by the names with which the run was begun.
         changes: Number of changes so far; a drawing is up to date while it stays the same.
     """
 
@@ -71,6 +72,7 @@ class ViewModel:
             name: ViewModel(msgspec.structs.replace(status, estimator=name))
             for name in estimator_names(status.estimator)[1:]
         }
+        self.by_estimator = {estimator_names(status.estimator)[0]: self, **self.beside}
         self.changes = 0
 
     def hear(self, news: News) -> None:
@@ -149,9 +151,9 @@ class ViewModel:
             return None
         return report.as_of_now(as_of_now(self._latest[robot], self.truth))
 
-    def trace(self, robot: str) -> Trace:
-        """Return a robot's errors over time."""
-        return self._traces[robot]
+    def traces(self, robot: str) -> dict[str, Trace]:
+        """Return a robot's errors over time, by each estimator with which the run was begun, the robots' own first."""
+        return {name: model._traces[robot] for name, model in self.by_estimator.items()}
 
     def believed_payload(self, robot: str) -> Inertia | None:
         """Return a robot's estimate of the payload in the payload's frame; None while it is not complete."""

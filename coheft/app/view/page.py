@@ -10,6 +10,7 @@ from coheft.app.view import words
 from coheft.app.view.model import ViewModel
 from coheft.app.view.plots import Plots
 from coheft.app.view.stage import Stage
+from coheft.wire.scenario.plugins import estimator_names
 
 FRAME = 0.05
 """Shortest time between two drawings [s]."""
@@ -37,7 +38,7 @@ class Page:
         self._header = gui.add_html(words.header(model))
         self._choice = gui.add_dropdown("Robot", model.scene.robots, hint="The robot whose estimate is shown")
         self._belief = gui.add_html(words.belief(None, None))
-        self._plots = Plots(server)
+        self._plots = Plots(server, estimator_names(model.status.estimator))
         self._texts_at = self._plots_at = 0.0
         self._drawn: object = None
         self._plotted: object = None
@@ -85,7 +86,7 @@ class Page:
                 self._plots_at = now
                 if picture != self._plotted:
                     self._plotted = picture
-                    self._plots.draw(model.trace(self.chosen), model.time)
+                    self._plots.draw(model.traces(self.chosen), model.time)
 
     def _draw_texts(self, model: ViewModel, note: str) -> None:
         for handle, text in (

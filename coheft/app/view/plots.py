@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -23,33 +25,42 @@ _HEIGHT = 105
 
 
 class Plots:
-    """A plot for each quantity of the chosen robot."""
+    """A plot for each quantity of the chosen robot, and each estimator; those of a quantity are below each other.
 
-    def __init__(self, server: viser.ViserServer) -> None:
-        self._plots = {name: _add_plot(server, name) for name in _TITLES}
+    Args:
+        server: The server for browsers.
+        estimators: The estimators that run side by side, the robots' own first.
+    """
 
-    def draw(self, trace: Trace, time: float) -> None:
-        """Draw a robot's curves; ``time`` is the present [s]."""
-        for name, curves in trace.curves().items():
-            plot = self._plots[name]
-            plot.data = _data(curves)
-            plot.scales = _scales(curves, time)
+    def __init__(self, server: viser.ViserServer, estimators: Sequence[str]) -> None:
+        keys = list(product(_TITLES, estimators))
+        self._plots = {
+            (name, estimator): _add_plot(server, name, f", {estimator}" if len(estimators) > 1 else "", is_last=last)
+            for (name, estimator), last in zip(keys, [*[False] * (len(keys) - 1), True], strict=True)
+        }
+
+    def draw(self, traces: Mapping[str, Trace], time: float) -> None:
+        """Draw a robot's curves by each estimator; ``time`` is the present [s]."""
+        for estimator, trace in traces.items():
+            for name, curves in trace.curves().items():
+                plot = self._plots[name, estimator]
+                plot.data = _data(curves)
+                plot.scales = _scales(curves, time)
 
 
-def _add_plot(server: viser.ViserServer, name: str) -> Any:
+def _add_plot(server: viser.ViserServer, name: str, of_estimator: str, *, is_last: bool) -> Any:
     nothing = Curves(np.empty(0), np.empty((len(_AXES[name]), 0)), np.empty(0))
     edge: uplot.Series = {"stroke": _BAND_EDGE, "width": 1, "points": {"show": False}}
     lines: list[uplot.Series] = [
         {"label": axis, "stroke": css(colour), "width": 1.5, "points": {"show": False}}
         for axis, colour in zip(_AXES[name], _LINES, strict=False)
     ]
-    is_last = name == list(_TITLES)[-1]
     label: uplot.Axis = {"label": "time, s", "labelSize": 14, "labelFont": "11px sans-serif"} if is_last else {}
     axis: uplot.Axis = {"stroke": _INK, "grid": _GRID, "ticks": {"show": False}, "font": "11px sans-serif"}
     return server.gui.add_uplot(
         _data(nothing),
         ({"label": "t"}, {**edge, "label": "+3σ"}, {**edge, "label": "-3σ"}, *lines),
-        title=_TITLES[name],
+        title=_TITLES[name] + of_estimator,
         bands=({"series": (1, 2), "fill": _BAND, "dir": -1},),
         scales=_scales(nothing, 0.0),
         axes=({**axis, **label, "size": 24}, {**axis, "size": 52, "space": 18}),

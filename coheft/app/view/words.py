@@ -96,9 +96,9 @@ def small(text: str) -> str:
 
 def beliefs(model: ViewModel, robot: str) -> str:
     """One robot's estimate, and below it those of the estimators that run beside its own."""
-    each = [("", model), *model.beside.items()]
     return "".join(
-        (small(name) if name else "") + belief(found.report(robot), found.beliefs.get(robot)) for name, found in each
+        (small(name) if model.beside else "") + belief(found.report(robot), found.beliefs.get(robot))
+        for name, found in model.by_estimator.items()
     )
 
 

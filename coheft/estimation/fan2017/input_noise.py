@@ -22,31 +22,20 @@ _JUMP = 25.0
 
 
 class InputNoise:
-    """Covariance of white noise of ``(F, T, a, alpha)``, of which ``a``, and perhaps ``alpha``, are the robot's own.
-
-    Own noise and that of what all robots have alike are independent of each other: the covariance is the sum of two.
+    """Covariance of white noise of ``(F, T, a, alpha)``, with its correlations: ``alpha`` comes of the same ``a``.
 
     Args:
         guess: Covariance before it is measured, shape (12, 12), positive definite.
-        is_alpha_shared: Whether all robots have the same ``alpha``, as they have the same total wrench.
+
     """
 
-    def __init__(self, guess: Array, is_alpha_shared: bool) -> None:
-        own = np.zeros(12, dtype=bool)
-        own[6 : 9 if is_alpha_shared else 12] = True
-        self._is_own = np.outer(own, own)
-        self._is_common = np.outer(~own, ~own)
+    def __init__(self, guess: Array) -> None:
         self._sum, self._count = _GUESSED * guess, _GUESSED
 
     @property
-    def own(self) -> Array:
-        """Of what the robot measures by itself, shape (12, 12), zeros elsewhere."""
-        return np.where(self._is_own, self._sum / self._count, 0.0)
-
-    @property
-    def common(self) -> Array:
-        """Of what all robots have alike, shape (12, 12), zeros elsewhere."""
-        return np.where(self._is_common, self._sum / self._count, 0.0)
+    def covariance(self) -> Array:
+        """What it is by now, shape (12, 12)."""
+        return self._sum / self._count
 
     def measure(self, inputs: Array) -> None:
         """Learn from a block ``(F, T, a, alpha)``, shape (B, 12); nothing from fewer than nine samples."""

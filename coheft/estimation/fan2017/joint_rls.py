@@ -31,6 +31,8 @@ _PRIOR_STD = np.array([10.0] * 6 + [1.0] * 3 + [1.0])
 _KNOWN_STD = 1e-6
 """Of what is known beforehand: next to nothing, and yet the covariance has an inverse."""
 _ROUNDING = 1e-12
+_SINGULAR = 1e-9
+"""So much of each variance is added to a covariance, which a single block leaves singular."""
 
 
 def joint_regressor(w: Array, a: Array, alpha: Array, force: Array, torque: Array) -> tuple[Array, Array]:
@@ -84,16 +86,16 @@ class JointRls:
         wrench_covariance: Of the noise of the total wrench ``(F, T)``, shape (6, 6), before it is measured.
         motion_covariance: Of the noise of ``(a, alpha)``, shape (6, 6), likewise.
         forgetting: Factor per sample by which older samples count less.
-        is_alpha_shared: Whether all robots of the team have the same ``alpha``, as they have the same total wrench.
         mass: Initial guess of the mass [kg].
         known: What is known beforehand, by index of theta.
         is_weighted_by_state: Whether observations are weighted by their noise as it is at the present estimate; else by
             a constant, the noise of T and of a.
-        causes: ``K``, numbers that may be off as long as the filter runs, such as those of a frozen pose.
 
     Attributes:
         theta: The estimate, shape (10,).
         surprise: Mean squared normalised residual of the last block before it was taken in, relative to the usual one.
+        moved: What the noise of the last block has done to theta, by its residuals less the lag, shape (10,).
+        decay: What was left of the weight of older samples when the last block was taken in.
     """
 
     def __init__(
@@ -103,14 +105,13 @@ class JointRls:
         motion_covariance: Array,
         forgetting: float,
         *,
-        is_alpha_shared: bool = True,
         mass: float = 1.0,
         known: Mapping[int, float] | None = None,
         is_weighted_by_state: bool = True,
-        causes: int = 0,
     ) -> None:
         self.theta: Array = np.concatenate([np.zeros(6), centre, [1.0 / mass]])
         self.surprise = 0.0
+        self.moved, self.decay = np.zeros(10), 1.0
         self._known = np.array(sorted(known or {}), dtype=int)
         self.theta[self._known] = [(known or {})[k] for k in self._known]
         self._free = np.setdiff1d(np.arange(10), self._known)
@@ -122,21 +123,28 @@ class JointRls:
         stated = np.zeros((12, 12))
         stated[:6, :6], stated[6:, 6:] = wrench_covariance, motion_covariance
         self._constant_noise = stated[3:9, 3:9]
-        self._noise = InputNoise(stated, is_alpha_shared)
+        self._noise = InputNoise(stated)
         self._forgetting = forgetting
         self._is_weighted_by_state = is_weighted_by_state
         # Of samples since the load changed, and of those before: information, vector, and what noise adds to both.
         self._sums, self._old = np.zeros((2, n, 2 * n + 2))
         self._count, self._old_count = 0.0, 0.0
         self._has_changed = False
-        self._common_scatter, self._own_scatter = np.zeros((2, n, n))
-        self._pull = np.zeros((n, causes))
+        self._scatter = np.zeros((n, n))
+        self._pull_of_place, self._pull_of_lag = np.zeros((n, 6)), np.zeros(n)
         self._taken = 0
         self._squares = 0.0
         self._all = self._newest = self._solution(self._sums, self._count)
 
     def update(
-        self, w: Array, a: Array, alpha: Array, force: Array, torque: Array, by_causes: Array | None = None
+        self,
+        w: Array,
+        a: Array,
+        alpha: Array,
+        force: Array,
+        torque: Array,
+        by_place: Array | None = None,
+        lag: Array | None = None,
     ) -> None:
         """Take in a block.
 
@@ -146,63 +154,87 @@ class JointRls:
             alpha: Angular acceleration, shape (B, 3) [rad/s²].
             force: Total force in ``F_i``, shape (B, 3) [N].
             torque: Total torque about the origin of ``F_i``, shape (B, 3) [N·m].
-            by_causes: By what ``(F, T, a, alpha)`` are off for each unit of what may be off, shape (b, 12, K): of every
-                sample or, as it changes as slowly as the motion, of every second, third, ..., from the first on.
+            by_place: By what ``(F, T, a, alpha)`` are off for each unit of what the frozen place of the robot is off,
+                shape (b, 12, 6): of every sample or, as it changes as slowly as the motion, of every second, third,
+                ..., from the first on.
+            lag: How much is missing in ``(F, T, a, alpha)`` because sums lag behind, of the same samples, shape
+                (b, 12).
         """
         both = _split(*joint_regressor(w, a, alpha, force, torque), self.theta, self._known, self._free)
         self._noise.measure(np.hstack([force, torque, a, alpha]))
         # Derivative (6, 12) of both equations' residual by (F, T, a, alpha), and by Proposition 2 their noise, (6, 6).
         by_inputs = (self._by_inputs[:, :, -1] - self._by_inputs[:, :, :-1] @ self._all.theta).T
-        common_inputs, own_inputs = self._noise.common, self._noise.own
-        common, own = by_inputs @ common_inputs @ by_inputs.T, by_inputs @ own_inputs @ by_inputs.T
-        normal = inverse(common + own)
+        noise = by_inputs @ self._noise.covariance @ by_inputs.T
+        normal = inverse(noise)
         weight = normal if self._is_weighted_by_state else inverse(self._constant_noise)
         self.surprise = float(_squares(both, self._newest.theta, normal).mean()) / self._residual_scale
 
-        decay, age_weights = self._weights_of(len(w))
+        self.decay, age_weights = decay, _ = self._weights_of(len(w))
         weighted = age_weights[:, None, None] * (weight @ both[:, :, :-1])
         n = len(self._free)
-        self._sums *= decay
         self._old *= decay
         self._count = decay * self._count + float(age_weights.sum())
         self._old_count *= decay
-        self._sums[:, : n + 1] += _over_samples(weighted, both)
+        block = np.zeros_like(self._sums)
+        block[:, : n + 1] = _over_samples(weighted, both)
         if self._is_weighted_by_state:  # basic least squares takes the regressor to be exact
-            in_regressor = np.tensordot(common_inputs + own_inputs, weight @ self._by_inputs, 1)
-            self._sums[:, n + 1 :] += age_weights.sum() * _over_samples(self._by_inputs, in_regressor)[:-1]
-        self._common_scatter = decay**2 * self._common_scatter + _over_samples(weighted, common @ weighted)
-        self._own_scatter = decay**2 * self._own_scatter + _over_samples(weighted, own @ weighted)
-        self._pull *= decay
-        if by_causes is not None:
-            every = -(-len(w) // len(by_causes))
-            self._pull += every * _over_samples(weighted[::every], by_inputs @ by_causes)
+            in_regressor = np.tensordot(self._noise.covariance, weight @ self._by_inputs, 1)
+            block[:, n + 1 :] = age_weights.sum() * _over_samples(self._by_inputs, in_regressor)[:-1]
+        self._sums = decay * self._sums + block
+        self._scatter = decay**2 * self._scatter + _over_samples(weighted, noise @ weighted)
+        late = np.zeros(n)
+        if lag is not None:  # it is in the regressor, too, so what it does does not have the mean zero
+            every = -(-len(w) // len(lag))
+            late = every * _over_samples(weighted[::every], (lag @ by_inputs.T)[:, :, None])[:, 0]
+        self._pull_of_lag = decay * self._pull_of_lag + late
+        self._pull_of_place *= decay
+        if by_place is not None:
+            every = -(-len(w) // len(by_place))
+            self._pull_of_place += every * _over_samples(weighted[::every], by_inputs @ by_place)
         self._all = self._solution(self._sums + self._old, self._count + self._old_count)
         self._newest = self._solution(self._sums, self._count) if self._has_changed else self._all
         self.theta[self._free] = self._all.theta
+        residual = (block[:, n + 1 :] - block[:, : n + 1]) @ np.append(self._newest.theta, -1.0)
+        self.moved[self._free] = self._all.inverse @ (residual + late)
         self._squares = decay * self._squares + float(age_weights @ _squares(both, self._newest.theta, normal))
 
-    def covariance(self, agreeing: int = 1) -> Array:
-        """Of the mean of the thetas of so many robots, shape (10, 10); grown where residuals are larger than noise.
+    def covariance(self, share: Array | None = None) -> Array:
+        """Of theta, or of the mean of all robots' thetas; grown where residuals are larger than noise explains.
 
-        Noise of what all have alike does not average out. Weights that fall with age make it about half the inverse of
-        the information: the square of a weight falls twice as fast.
+        Weights that fall with age make it about half the inverse of the information: the square of a weight falls twice
+        as fast.
+
+        Args:
+            share: What the mean leaves of the own noise, see ``MeanNoise``, shape (10, 10); None for the own theta.
         """
-        gain = self._all.inverse
-        scatter = self._common_scatter + self._own_scatter / agreeing
+        root = self.noise_root
         held = self._all.by_guess @ np.diag(_PRIOR_STD[self._free])
-        result = self._residual_scale * gain @ scatter @ gain + held @ held.T
-        return self._of_all(result) + _KNOWN_STD**2 * np.eye(10)
+        return (root @ root.T if share is None else root @ share @ root.T) + self._of_all(held @ held.T)
 
     @property
-    def by_causes(self) -> Array:
-        """What theta is off for each unit of what may be off, shape (10, K)."""
-        result = np.zeros((10, self._pull.shape[1]))
-        result[self._free] = self._all.inverse @ self._pull
+    def noise_root(self) -> Array:
+        """Cholesky's root of the part of the covariance that white noise causes, shape (10, 10)."""
+        noise = self._of_all(self._residual_scale * self._all.inverse @ self._scatter @ self._all.inverse)
+        root: Array = np.asarray(np.linalg.cholesky(noise + np.diag(_SINGULAR * noise.diagonal() + _KNOWN_STD**2)))
+        return root
+
+    @property
+    def by_place(self) -> Array:
+        """What theta is off for each unit of what the robot's place is off, shape (10, 6)."""
+        result = np.zeros((10, 6))
+        result[self._free] = self._all.inverse @ self._pull_of_place
+        return result
+
+    @property
+    def by_lag(self) -> Array:
+        """What theta is off by what the sums lag behind, shape (10,)."""
+        result = np.zeros(10)
+        result[self._free] = self._all.inverse @ self._pull_of_lag
         return result
 
     def note_better(self, factor: float) -> None:
-        """What may be off is so much smaller from now on, while what has been taken in was off by more."""
-        self._pull /= factor
+        """The place is off by so much less from now on, while what has been taken in was off by more."""
+        self._pull_of_place /= factor
 
     def note_change(self) -> None:
         """The load has changed: what has been taken in so far is of another one."""

@@ -21,30 +21,24 @@ from coheft.estimation.geometry.uncertain_pose import UncertainPose
 from coheft.estimation.linear_algebra import positive_part
 from coheft.estimation.rigid_body.mass_properties import pack_symmetric, unpack_symmetric
 
-_PLACE, _LAG = slice(0, 6), slice(6, 7)
-CAUSES = 7
-"""How many numbers may be off: the own place (6) and the lag (1)."""
 
-
-def inputs_by_causes(wrench: Array, lag: Array, acceleration_by_place: Array) -> Array:
-    """By what a block's ``(F, T, a, alpha)`` are off for each unit of what may be off.
+def inputs_by_place(wrench: Array, acceleration_by_place: Array) -> Array:
+    """By what a block's ``(F, T, a, alpha)`` are off for each unit of what the own place is off.
 
     Args:
         wrench: The robot's own ``(f, t)`` in ``F_i`` less the team's mean, shape (B, 6) [N, N·m]. What all places are
             off has the mean zero, so the mean wrench does not change by it.
-        lag: What total wrench and angular acceleration may lag behind, shape (B, 9).
         acceleration_by_place: What angular acceleration is off by the own place, shape (B, 3, 6).
 
     Returns:
-        Shape (B, 12, 7). A place is off by ``(theta, p)``: by a turn, in the axes of ``F_i``, and a distance.
+        Shape (B, 12, 6). A place is off by ``(theta, p)``: by a turn, in the axes of ``F_i``, and a distance.
     """
-    result = np.zeros((len(wrench), 12, CAUSES))
+    result = np.zeros((len(wrench), 12, 6))
     crosses = skew(wrench[:, :3])
     result[:, 0:3, 0:3] = -crosses
     result[:, 3:6, 0:3] = -skew(wrench[:, 3:])
     result[:, 3:6, 3:6] = -crosses
-    result[:, 0:6, 6], result[:, 9:12, 6] = lag[:, :6], lag[:, 6:]
-    result[:, 9:12, _PLACE] = acceleration_by_place
+    result[:, 9:12] = acceleration_by_place
     return result
 
 
@@ -71,24 +65,23 @@ def place_carried(distance: Array) -> Array:
     return result
 
 
-def covariance_of_place(by_causes: Array, place: Array) -> Array:
+def covariance_of_place(by_place: Array, place: Array) -> Array:
     """What a robot's own place adds to the covariance of white noise, shape (10, 10).
 
     Args:
-        by_causes: What ``theta = (J, h, 1/m)`` is off for each unit of what may be off, shape (10, 7).
+        by_place: What ``theta = (J, h, 1/m)`` is off for each unit of what the own place is off, shape (10, 6).
         place: See ``place_covariance``.
     """
-    by_place = by_causes[:, _PLACE]
     result: Array = by_place @ place @ by_place.T
     return result
 
 
-def covariance_of_poses(theta: Array, by_causes: Array, place: Array, mean: Array, team: int) -> Array:
+def covariance_of_poses(theta: Array, by_place: Array, place: Array, mean: Array, team: int) -> Array:
     """What frozen poses add to the covariance of white noise for what a robot sees from its place, shape (10, 10).
 
     Args:
         theta: The estimate, shape (10,).
-        by_causes: What it is off for each unit of what may be off, shape (10, 7).
+        by_place: What it is off for each unit of what the own place is off, shape (10, 6).
         place: See ``place_covariance``. Places of all robots are off by themselves, and only what they are off their
             mean counts.
         mean: Over all robots, of ``covariance_of_place``.
@@ -97,16 +90,9 @@ def covariance_of_poses(theta: Array, by_causes: Array, place: Array, mean: Arra
     # With C_j the derivative by the place of j, all of which add up to zero, S its covariance, P what a robot sees:
     # sum_j C_j S C_j^T - C_i S P^T - P S C_i^T + (1 - 1/N) P S P^T, as two squares.
     share = 1.0 - 1.0 / team
-    own = np.sqrt(share) * _payload_by_place(theta) - by_causes[:, _PLACE] / np.sqrt(share)
-    of_others = positive_part(team * mean - covariance_of_place(by_causes, place) / share)
+    own = np.sqrt(share) * _payload_by_place(theta) - by_place / np.sqrt(share)
+    of_others = positive_part(team * mean - covariance_of_place(by_place, place) / share)
     result: Array = of_others + own @ place @ own.T
-    return result
-
-
-def covariance_of_lag(by_causes: Array) -> Array:
-    """What the lag adds to it, shape (10, 10)."""
-    lag = by_causes[:, _LAG]
-    result: Array = lag @ lag.T
     return result
 
 

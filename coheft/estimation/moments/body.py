@@ -54,7 +54,8 @@ def _centripetal(places: Array) -> Array:
 
 _DYADS = _AXES[:, None, :, None] * _AXES[None, :, None, :]
 _TURNED = CROSS_OF_AXES[:, None] @ _PACKED
-_CENTRIPETAL_OF_AXES = _centripetal(_AXES)
+CENTRIPETAL_OF_AXES = _centripetal(_AXES)
+"""``w x (w x e_k) == CENTRIPETAL_OF_AXES[k] @ products(w)``, shape (3, 3, 6)."""
 PRODUCTS_BY_RATE: Array = pack_symmetric(_DYADS + _DYADS.swapaxes(2, 3)).swapaxes(1, 2)
 """``products(e_k w^T + w e_k^T) == PRODUCTS_BY_RATE[k] @ w``, shape (3, 6, 3)."""
 PRODUCTS_BY_TURN: Array = pack_symmetric(_TURNED + _TURNED.swapaxes(2, 3)).swapaxes(1, 2)
@@ -135,7 +136,7 @@ class BodyModel:
         self.rotations = np.array([pose.rotation for pose in state.poses])
         self.places = np.array([pose.translation for pose in state.poses])
         self.weight = 1.0 / self._corrected(noise.kinematics, rows.KINEMATICS)
-        self.shares = self.weight[:, 0] / self.weight[:, 0].sum()
+        self.shares = self.weight[:, 0] / max(self.weight[:, 0].sum(), _FAINT)
         self.residual_noise: Array | None = None
         self._set_motion()
         self._set_wrench()
@@ -292,7 +293,7 @@ class BodyModel:
         turned = to_own_of_turned[:, :, None] @ in_body_axes[:, None]
         result[:, :3, :, :MOTION_SIZE] = -turned.reshape(count, 3, KINEMATICS_SIZE, MOTION_SIZE)
         result[:, 3:, rows.V, W] = result[:, 3:, rows.A, ALPHA] = -to_own_of_turned
-        result[:, 3:, rows.A, PRODUCTS] = to_own[:, None] @ _CENTRIPETAL_OF_AXES
+        result[:, 3:, rows.A, PRODUCTS] = to_own[:, None] @ CENTRIPETAL_OF_AXES
         return result
 
     def adjoint_derivatives(self) -> Array:

@@ -103,8 +103,11 @@ class FitSettings:
 
     @property
     def anchor(self) -> int:
-        """Index of the robot whose pose best fixes the body frame at first: the first of those with the best gyros."""
-        return int(self.noise.kinematics[:, rows.W.start].argmin())
+        """Index of the robot whose pose best fixes the body frame at first: the first of those that miss the fewest
+        motion sensors, and of these have the best gyros.
+        """
+        kinematics = self.noise.kinematics
+        return int(np.lexsort((kinematics[:, rows.W.start], np.isinf(kinematics).sum(axis=1)))[0])
 
     def body(self, state: State) -> BodyModel:
         """Compute the matrices at a state."""

@@ -43,7 +43,8 @@ _FASTEST, _FAST_TURNING, _TIMES = 2.0, 10.0, 3.0
 """Frequency [Hz] and angular acceleration [rad/s²] of a fast motion. Its effect on slopes does not average out, so it
 counts as noise that is so many times larger."""
 _SAMPLES = slice(0, 9), slice(9, 15)
-_OF_WRENCH = {"force": slice(0, 3), "torque": slice(3, 6)}
+_OF_SENSOR = {"gyro": (W, SLOPE), "velocity": (V,), "acceleration": (A,), "force": (FORCE,), "torque": (TORQUE,)}
+"""Numbers of a row that a robot without this sensor does not measure, beside the products of its gyro."""
 _FLAT_PRODUCTS = 3 * PACKED_ROWS + PACKED_COLUMNS
 
 
@@ -133,18 +134,17 @@ class RowNoise:
     ) -> RowNoise:
         """Return the noise of means over several samples, for robots with this noise each; see ``of_samples``.
 
-        ``missing`` tells which of ``force`` and ``torque`` each robot does not measure.
+        ``missing`` names the sensors of ``SENSORS`` that each robot does not have.
         """
         alike = noises[:1] if len(set(noises)) == 1 and not any(missing) else noises
         each = [RowNoise.of_samples(noise, samples, rate, correlation) for noise in alike]
-        kinematics, wrench, rates = (
-            np.concatenate(parts)
-            for parts in zip(*((own.kinematics, own.wrench, own.rates) for own in each), strict=True)
-        )
+        row = np.concatenate([np.hstack([own.kinematics, own.wrench]) for own in each])
+        rates = np.concatenate([own.rates for own in each])
         for robot, without in enumerate(missing):
             for sensor in without:
-                wrench[robot, _OF_WRENCH[sensor]] = np.inf
-        return replace(each[0], kinematics=kinematics, wrench=wrench, rates=rates)
+                for part in _OF_SENSOR[sensor]:
+                    row[robot, part] = np.inf
+        return replace(each[0], kinematics=row[:, KINEMATICS], wrench=row[:, WRENCH], rates=rates)
 
 
 def row_of_samples(samples: Array, gyro_variance: float, rate: float) -> Array:

@@ -53,11 +53,11 @@ def _row_arrays(scenario: Scenario) -> int:
 
 
 def _consensus_arrays(scenario: Scenario) -> int:
-    """Return the size of wrench, angular acceleration and validity for each sample and round, and of the samples
-    [B].
+    """Return the size of wrench, angular acceleration and validity for each sample and round, of the samples, of what a
+    block does to the estimate for each round, and of the estimate [B].
     """
-    per_sample = scenario.fan2017.rounds * 10 + KINEMATICS_SIZE
-    return _NUMBER * scenario.sensors.block * per_sample
+    rounds = scenario.fan2017.rounds
+    return _NUMBER * (scenario.sensors.block * (rounds * 10 + KINEMATICS_SIZE) + rounds * 11 + 121)
 
 
 ARRAYS: dict[str, Callable[[Scenario], int]] = {"efficient": _row_arrays, "fan2017": _consensus_arrays}

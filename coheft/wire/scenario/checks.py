@@ -9,6 +9,7 @@ import msgspec
 import numpy as np
 
 from coheft.estimation.measurement import SensorNoise
+from coheft.estimation.tolerance import MOTION_SENSORS
 from coheft.wire.messages.size import LARGEST, largest_message
 from coheft.wire.scenario.arm_checks import arm_complaints
 from coheft.wire.scenario.change_checks import load_complaints, slip_complaints
@@ -19,7 +20,7 @@ from coheft.wire.scenario.payload_extent import load_place_complaints
 from coheft.wire.scenario.payload_surface import from_text
 from coheft.wire.scenario.plugin_checks import leaves, plugin_complaints
 from coheft.wire.scenario.plugins import estimator_names
-from coheft.wire.scenario.robot_sensors import named_complaints
+from coheft.wire.scenario.robot_sensors import in_words, other_sensors_complaints
 from coheft.wire.scenario.rules import Complaint, check, exactly_one
 from coheft.wire.scenario.schema import Scenario
 
@@ -45,7 +46,7 @@ def check_scenario(scenario: Scenario, origin: str) -> None:
         plugin_complaints,
         _range_complaints,
         slip_complaints,
-        lambda found: named_complaints(found.sensors.of, found.robot_names),
+        _sensor_complaints,
         noise_complaints,
         _carry_complaints,
         _encoder_complaints,
@@ -138,6 +139,23 @@ def noise_complaints(scenario: Scenario) -> Iterator[Complaint]:
                 yield f"sensors.of[{number}]", f"{found}, expected at least {least:g}"
 
 
+def _sensor_complaints(scenario: Scenario) -> Iterator[Complaint]:
+    """Complain about sensors of single robots that contradict each other, or without which an estimator is wrong."""
+    sensors = scenario.sensors
+    yield from other_sensors_complaints(sensors.of, sensors.tolerance, scenario.robot_names)
+    for number, each in enumerate(sensors.of):
+        missing = tuple(sensor for sensor in each.without() if sensor in MOTION_SENSORS)
+        key, found = f"sensors.of[{number}].missing", f"found {in_words(missing)} with " if missing else ""
+        if missing and "fan2017" in estimator_names(scenario.estimator):
+            yield key, f"{found}'estimator' = 'fan2017', expected 'efficient': it takes what is missing for zeros"
+        if "acceleration" in missing and scenario.carry is not None and scenario.carry.feedforward:
+            yield (
+                key,
+                f"{found}'carry.feedforward' = true, expected false: a robot needs its accelerometer to know where "
+                f"down is",
+            )
+
+
 def _carry_complaints(scenario: Scenario) -> Iterator[Complaint]:
     """Complain if the robots cannot carry the payload along a common path."""
     if scenario.carry is None:
@@ -167,7 +185,7 @@ def _encoder_complaints(scenario: Scenario) -> Iterator[Complaint]:
     for number, each in enumerate(scenario.sensors.of):
         if each.missing:
             found = "found with 'sensors.encoders', expected none"
-            yield f"sensors.of[{number}].missing", f"{found}: such recordings have the wrenches of all robots"
+            yield f"sensors.of[{number}].missing", f"{found}: such recordings have poses and wrenches of all robots"
     if scenario.robots.stiffness[1] > 0.0:
         yield (
             "sensors.encoders",

@@ -78,7 +78,8 @@ def _expected(text: str, place: str, kind: types.Type | None) -> str:
         case types.UnionType(types=alternatives) if text.startswith("Invalid enum value") or kind != _parted(kind):
             words = [word for each in alternatives if isinstance(each, types.LiteralType) for word in each.values]
             is_section = any(isinstance(each, types.StructType) for each in alternatives)
-            other = f"a section, written [{key}]" if is_section else "a number"
+            is_list = any(isinstance(each, types.VarTupleType) for each in alternatives)
+            other = f"a section, written [{key}]" if is_section else "or a list of several" if is_list else "a number"
             return f"expected one of {', '.join(map(as_toml, words))}, {other}"
         case types.StrType(pattern=str()):
             return f"expected {NAME_IN_WORDS}"

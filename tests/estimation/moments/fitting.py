@@ -51,7 +51,7 @@ def poses_of(chapter: Chapter, settings: FitSettings, count: int, anchor: int = 
     """By motion alone, from far away."""
     kept, identity = chapter.buffer.moments_kept(), [Pose.identity()] * count
     state = State.first(identity, settings.errors)
-    state = first_poses(kept, state, settings.noise, anchor, np.arange(count) != anchor)
+    state = first_poses(kept, state, settings, np.arange(count) != anchor)
     guess = Guess.of(settings.body(state), kept)
     return fit_state(state, chapter.evaluation(), chapter.prior_evidence, guess, settings, anchor).state
 

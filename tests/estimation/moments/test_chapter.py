@@ -189,7 +189,7 @@ def new_team(kind: str, members: list[int | None], seed: int) -> tuple[Fitted, S
     chapter = Chapter(buffer_of(rows, settings, len(members)), settings, prior)
     is_new = np.array([then is None for then in members])
     anchor = members.index(next(then for then in members if then is not None))
-    state = first_poses(chapter.buffer.moments_kept(), prior.state, settings.noise, anchor, is_new)
+    state = first_poses(chapter.buffer.moments_kept(), prior.state, settings, is_new)
     return fit_from(state, chapter, settings, anchor), team.state(settings.errors), settings
 
 

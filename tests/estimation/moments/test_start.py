@@ -23,7 +23,7 @@ def errors_of_poses(team: Team, rows: Array, anchor: int, noise: RowNoise) -> Ar
     poses = [Pose.identity()] * team.count
     poses[anchor] = team.poses[anchor]
     is_unknown = np.arange(team.count) != anchor
-    found = first_poses(RowMoments.of(rows), State.first(poses, EXACT), noise, anchor, is_unknown)
+    found = first_poses(RowMoments.of(rows), State.first(poses, EXACT), FitSettings(noise, PERIOD), is_unknown)
     return np.array([perturbation_between(*pair) for pair in zip(team.poses, found.poses, strict=True)])
 
 
@@ -42,6 +42,33 @@ def loaded(team: Team, rows: Array, settings: FitSettings = IDEAL) -> tuple[Arra
 def test_exact_rows_show_exact_poses(count: int, anchor: int) -> None:
     team = make_team(seed=count, count=count)
     np.testing.assert_allclose(errors_of_poses(team, team.rows, anchor, QUIET), 0.0, atol=1e-6)
+
+
+GYRO, VELOCITY, ACCELERATION = [0, 1, 2, 9, 10, 11], [3, 4, 5], [6, 7, 8]
+
+
+@pytest.mark.parametrize(
+    "missing",
+    [
+        {1: GYRO},
+        {1: VELOCITY},
+        {1: ACCELERATION},
+        {1: GYRO + VELOCITY},
+        {1: GYRO + ACCELERATION},
+        {0: VELOCITY, 1: GYRO, 2: ACCELERATION},  # r3 has no sensor in common with r1 that shows where it is
+        {0: VELOCITY, 1: VELOCITY, 2: VELOCITY},
+    ],
+)
+def test_exact_rows_show_exact_poses_of_robots_without_a_sensor(missing: dict[int, list[int]]) -> None:
+    team = make_team(seed=3)
+    rows, kinematics = team.rows.copy(), np.repeat(QUIET.kinematics, 3, axis=0)
+    for robot, places in missing.items():
+        kinematics[robot, places] = np.inf
+        rows[:, 24 * robot + np.array(places)] = 0.0
+        if 0 in places:
+            rows[:, 24 * robot + 18 : 24 * robot + 24] = 0.0
+    found = errors_of_poses(team, rows, 0, RowNoise(kinematics, QUIET.wrench))
+    np.testing.assert_allclose(found, 0.0, atol=1e-4)
 
 
 def test_robots_on_a_line_too() -> None:
@@ -67,7 +94,9 @@ def test_poses_that_are_known_stay() -> None:
     team = make_team(seed=4, count=4)
     poses = [*team.poses[:2], Pose.identity(), team.poses[3]]
     state = State.first(poses, EXACT)
-    found = first_poses(RowMoments.of(team.rows), state, QUIET, 1, np.array([False, False, True, False]))
+    found = first_poses(
+        RowMoments.of(team.rows), state, FitSettings(QUIET, PERIOD), np.array([False, False, True, False])
+    )
     for i in (0, 1, 3):
         assert found.poses[i] is poses[i]
     np.testing.assert_allclose(found.poses[2].numbers(), team.poses[2].numbers(), atol=1e-6)
@@ -99,7 +128,7 @@ def test_at_rest_gravity_shows_how_grasps_are_tilted() -> None:
     team = make_team(seed=8, turning=0.0, moving=0.0)
     rows, anchor = team.noisy(np.random.default_rng(9)), team.poses[0]
     poses = [anchor, *(Pose.identity(),) * 2]
-    found = first_poses(RowMoments.of(rows), State.first(poses, EXACT), NOISE, 0, np.arange(3) > 0).poses
+    found = first_poses(RowMoments.of(rows), State.first(poses, EXACT), IDEAL, np.arange(3) > 0).poses
     down = [pose.rotation @ rows[:, 24 * i + 6 : 24 * i + 9].mean(axis=0) for i, pose in enumerate(found)]
     np.testing.assert_allclose(down[1:], [down[0]] * 2, atol=0.1)
 

@@ -1,0 +1,53 @@
+"""How much of one robot's noise the mean of all robots' estimates leaves."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from coheft.estimation.fan2017.mean_noise import MeanNoise
+from coheft.estimation.geometry.spatial import Array
+
+MEMORY = 50.0
+DECAY = 1.0 - 1.0 / MEMORY
+
+
+def roots(rng: np.random.Generator) -> tuple[Array, Array]:
+    """Of what a block does to the mean, and of the covariance of the own estimate, in units as different as theirs."""
+    scales = np.geomspace(1e-5, 10.0, 10)[:, None]
+    own = scales * rng.normal(size=(10, 10))
+    return scales * rng.normal(size=(10, 10)), np.linalg.cholesky(own @ own.T)
+
+
+def test_the_covariance_of_the_mean_is_that_of_its_moves() -> None:
+    rng, noise = np.random.default_rng(1), MeanNoise(MEMORY)
+    move, root = roots(rng)
+    for _ in range(4000):
+        noise.measure(move @ rng.normal(size=10), root, DECAY)
+    expected = move @ move.T / (1.0 - DECAY**2)
+    found = root @ noise.share @ root.T
+    sizes = np.sqrt(expected.diagonal())
+    np.testing.assert_allclose(found / np.outer(sizes, sizes), expected / np.outer(sizes, sizes), atol=0.15)
+
+
+def test_before_it_is_measured_the_mean_is_taken_to_be_as_noisy_as_one() -> None:
+    rng, noise = np.random.default_rng(2), MeanNoise(MEMORY)
+    move, root = roots(rng)
+    for _ in range(int(MEMORY) - 1):
+        noise.measure(move @ rng.normal(size=10), root, DECAY)
+    np.testing.assert_array_equal(noise.share, np.eye(10))
+
+
+@pytest.mark.parametrize("late", [0, 8])
+def test_what_a_load_change_does_is_no_noise(late: int) -> None:
+    rng, noise = np.random.default_rng(3), MeanNoise(MEMORY)
+    move, root = roots(rng)
+    for _ in range(200):
+        noise.measure(move @ rng.normal(size=10), root, DECAY)
+    before = noise.share.copy()
+    noise.pause(late)
+    for _ in range(late):
+        noise.measure(1e3 * move @ rng.normal(size=10), root, DECAY)
+    for _ in range(200):
+        noise.measure(move @ rng.normal(size=10), root, DECAY)
+    assert np.trace(noise.share) < 1.5 * np.trace(before)
