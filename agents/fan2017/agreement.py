@@ -16,9 +16,9 @@ from coheft.estimation.rigid_body.mass_properties import packed_rotation
 _PARAMETERS = 11
 """1/m, the constant 1 that makes points linear, h, J."""
 _LAG = slice(_PARAMETERS, _PARAMETERS + 10)
-"""What (J, h, 1/m) is off by the lag of the sums."""
+"""Error of (J, h, 1/m) by the lag of the sums."""
 _PLACE = slice(_LAG.stop, _LAG.stop + 100)
-"""What the own place adds to its covariance, see ``covariance_of_place``."""
+"""Covariance that the error of the own place adds, see ``covariance_of_place``."""
 _CHANNELS = _PLACE.stop
 
 
@@ -29,7 +29,7 @@ class Agreed:
     Attributes:
         theta: ``(J, h, 1/m)``, shape (10,).
         behind: What that may lag behind the mean of all robots' own ones, likewise.
-        by_lag: What theta is off by what the sums lag behind, shape (10,).
+        by_lag: Error of theta by the lag of the sums, shape (10,).
         by_place: Mean over all robots of ``covariance_of_place``, shape (10, 10).
     """
 
@@ -91,7 +91,7 @@ class Agreement:
 
 
 def turned(rotation: Array) -> Array:
-    """What turns a difference of two theta, shape (10, 10)."""
+    """Return the matrix that turns a difference of two theta, shape (10, 10)."""
     result = np.eye(10)
     result[:6, :6], result[6:9, 6:9] = packed_rotation(rotation), rotation
     return result

@@ -26,7 +26,7 @@ def claim(
     Args:
         rls: The own estimate.
         agreed: That of all robots.
-        share: What it leaves of the own estimate's noise, see ``MeanNoise``; None if it is the own one.
+        share: ``MeanNoise.share``; None if the own estimate is published.
         by_poses: What frozen poses add to the covariance of theta, shape (10, 10).
         length: Typical distance of grasps [m].
         limits: When an estimate is good enough.

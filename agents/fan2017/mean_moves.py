@@ -1,4 +1,4 @@
-"""Consensus over what each block's noise does to the robots' estimates: how noisy their mean is."""
+"""Dynamic consensus on the moves of the robots' estimates, from which each robot learns how noisy their mean is."""
 
 from __future__ import annotations
 
@@ -16,16 +16,20 @@ from coheft.estimation.geometry.spatial import Array, Pose
 
 CHANNEL = "moves"
 _CHANNELS = 11
-"""What a block did to theta, and 1 where it was taken in."""
+"""The move of theta by a block, and 1 if the block was used."""
 
 
 class MeanMoves:
-    """One robot's share of it.
+    """One robot's part in this consensus.
 
     Args:
         network: The team as the robot sees it.
-        rounds: Rounds that each block goes through.
-        memory: Blocks over which estimates forget.
+        rounds: Number of rounds per block.
+        memory: Number of blocks over which estimates forget.
+
+    Attributes:
+        noise: How noisy the mean is.
+        consensus: The robot's state of the consensus.
     """
 
     def __init__(self, network: Network, rounds: int, memory: float) -> None:
@@ -35,17 +39,17 @@ class MeanMoves:
         self.start({})
 
     def start(self, poses_j_in_i: Mapping[str, Pose]) -> None:
-        """Start anew with these poses of the neighbours."""
+        """Start anew, with the poses of the neighbours."""
         self.consensus = DynamicConsensus(self._rounds, 1, _CHANNELS)
         self._transports = {name: _transport(pose) for name, pose in poses_j_in_i.items()}
 
     def step(self, estimate: JointRls | None, is_new: bool, inbox: Mapping[str, Channels]) -> None:
-        """A block.
+        """Process a block.
 
         Args:
-            estimate: The robot's own, if there is one.
-            is_new: Whether it has just taken in a block.
-            inbox: What the neighbours sent.
+            estimate: The robot's own estimate, None if there is none yet.
+            is_new: Whether it has just used a block.
+            inbox: The neighbours' messages.
         """
         entering = np.zeros((1, _CHANNELS))
         if estimate is not None and is_new:
@@ -56,7 +60,7 @@ class MeanMoves:
 
 
 def _transport(pose_j_in_i: Pose) -> Array:
-    """``X_ij`` of both: a difference of points only turns."""
+    """Return ``X_ij`` of both numbers: a difference of parameters is only turned."""
     result = np.eye(_CHANNELS)
     result[:-1, :-1] = turned(pose_j_in_i.rotation)
     return result

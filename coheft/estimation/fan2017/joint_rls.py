@@ -32,7 +32,7 @@ _KNOWN_STD = 1e-6
 """Of what is known beforehand: next to nothing, and yet the covariance has an inverse."""
 _ROUNDING = 1e-12
 _SINGULAR = 1e-9
-"""So much of each variance is added to a covariance, which a single block leaves singular."""
+"""Share of each variance that is added to a covariance, because a single block leaves it singular."""
 
 
 def joint_regressor(w: Array, a: Array, alpha: Array, force: Array, torque: Array) -> tuple[Array, Array]:
@@ -94,8 +94,8 @@ class JointRls:
     Attributes:
         theta: The estimate, shape (10,).
         surprise: Mean squared normalised residual of the last block before it was taken in, relative to the usual one.
-        moved: What the noise of the last block has done to theta, by its residuals less the lag, shape (10,).
-        decay: What was left of the weight of older samples when the last block was taken in.
+        moved: Move of theta by the residuals of the last block, without the effect of the lag, shape (10,).
+        decay: Factor by which the last block reduced the weight of older samples.
     """
 
     def __init__(
@@ -154,11 +154,9 @@ class JointRls:
             alpha: Angular acceleration, shape (B, 3) [rad/s²].
             force: Total force in ``F_i``, shape (B, 3) [N].
             torque: Total torque about the origin of ``F_i``, shape (B, 3) [N·m].
-            by_place: By what ``(F, T, a, alpha)`` are off for each unit of what the frozen place of the robot is off,
-                shape (b, 12, 6): of every sample or, as it changes as slowly as the motion, of every second, third,
-                ..., from the first on.
-            lag: How much is missing in ``(F, T, a, alpha)`` because sums lag behind, of the same samples, shape
-                (b, 12).
+            by_place: Errors of ``(F, T, a, alpha)`` per unit of error of the robot's frozen place, shape (b, 12, 6): of
+                every sample or, as they change as slowly as the motion, of every second, third, ..., from the first on.
+            lag: What is missing in ``(F, T, a, alpha)`` because sums lag behind, of the same samples, shape (b, 12).
         """
         both = _split(*joint_regressor(w, a, alpha, force, torque), self.theta, self._known, self._free)
         self._noise.measure(np.hstack([force, torque, a, alpha]))
@@ -183,7 +181,7 @@ class JointRls:
         self._sums = decay * self._sums + block
         self._scatter = decay**2 * self._scatter + _over_samples(weighted, noise @ weighted)
         late = np.zeros(n)
-        if lag is not None:  # it is in the regressor, too, so what it does does not have the mean zero
+        if lag is not None:  # it is in the regressor as well, so the mean of its effect is not zero
             every = -(-len(w) // len(lag))
             late = every * _over_samples(weighted[::every], (lag @ by_inputs.T)[:, :, None])[:, 0]
         self._pull_of_lag = decay * self._pull_of_lag + late
@@ -199,13 +197,13 @@ class JointRls:
         self._squares = decay * self._squares + float(age_weights @ _squares(both, self._newest.theta, normal))
 
     def covariance(self, share: Array | None = None) -> Array:
-        """Of theta, or of the mean of all robots' thetas; grown where residuals are larger than noise explains.
+        """Covariance of theta, or of the mean of all robots' thetas; larger where residuals exceed the noise.
 
-        Weights that fall with age make it about half the inverse of the information: the square of a weight falls twice
-        as fast.
+        Weights that decrease with age make it about half the inverse of the information, because squares of weights
+        decrease twice as fast.
 
         Args:
-            share: What the mean leaves of the own noise, see ``MeanNoise``, shape (10, 10); None for the own theta.
+            share: ``MeanNoise.share``, shape (10, 10); None for the own theta.
         """
         root = self.noise_root
         held = self._all.by_guess @ np.diag(_PRIOR_STD[self._free])
@@ -213,27 +211,27 @@ class JointRls:
 
     @property
     def noise_root(self) -> Array:
-        """Cholesky's root of the part of the covariance that white noise causes, shape (10, 10)."""
+        """Cholesky factor of the part of the covariance that white noise causes, shape (10, 10)."""
         noise = self._of_all(self._residual_scale * self._all.inverse @ self._scatter @ self._all.inverse)
         root: Array = np.asarray(np.linalg.cholesky(noise + np.diag(_SINGULAR * noise.diagonal() + _KNOWN_STD**2)))
         return root
 
     @property
     def by_place(self) -> Array:
-        """What theta is off for each unit of what the robot's place is off, shape (10, 6)."""
+        """Error of theta per unit of error of the robot's place, shape (10, 6)."""
         result = np.zeros((10, 6))
         result[self._free] = self._all.inverse @ self._pull_of_place
         return result
 
     @property
     def by_lag(self) -> Array:
-        """What theta is off by what the sums lag behind, shape (10,)."""
+        """Error of theta by the lag of the sums, shape (10,)."""
         result = np.zeros(10)
         result[self._free] = self._all.inverse @ self._pull_of_lag
         return result
 
     def note_better(self, factor: float) -> None:
-        """The place is off by so much less from now on, while what has been taken in was off by more."""
+        """From now on the place is more accurate by this factor than it was for the samples so far."""
         self._pull_of_place /= factor
 
     def note_change(self) -> None:

@@ -1,10 +1,10 @@
-"""What the mean of all robots' estimates leaves of the noise of one (beyond Fan et al.).
+"""How noisy the mean of all robots' estimates is, relative to the estimate of one robot (beyond Fan et al.).
 
-Robots share the noise of total wrench and angular acceleration, but it enters each estimate by another lever arm, and
-the angular acceleration comes of the same accelerometers that each robot adds its own of. So how much averages out is
-no matter of counting robots. It is measured: each block moves each robot's estimate by what noise its residuals hold,
-and robots know the mean of these moves. Blocks are independent of each other, so the squares of the moves add up to the
-covariance of the mean (a sandwich estimate).
+All robots use the same total wrench and angular acceleration, but the noise of these enters each estimate through
+another lever arm, and the angular acceleration comes from the accelerometers that each robot also uses by itself. So
+the mean of N estimates does not simply have a variance N times smaller; the share is measured. Each block moves each
+robot's estimate by the effect of its residuals, and consensus gives the mean of these moves. Blocks are independent, so
+the squares of the mean's moves add up to its covariance (a sandwich estimator).
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ class MeanNoise:
     """Covariance of the mean's noise in units of that of the own estimate, in which it does not change with the motion.
 
     Args:
-        memory: Blocks over which the estimates forget. So many have to be seen before the share is measured, and the
-            share is taken to be 1, as for one robot, as if that had been measured over half as many: squares of weights
-            fade twice as fast.
+        memory: Number of blocks over which estimates forget. Until so many have been seen the share is 1, as for one
+            robot. That value then counts like measurements of half as many blocks, because squares of weights fade
+            twice as fast.
     """
 
     def __init__(self, memory: float) -> None:
@@ -36,17 +36,17 @@ class MeanNoise:
         return self._sum / self._count
 
     def pause(self, late: int) -> None:
-        """Blocks are surprising: neither they nor those of so many blocks before, which come late, are measured."""
+        """Leave out blocks that are surprising, and the ``late`` blocks before them, whose mean arrives only now."""
         self._squares[:] = 0.0
         self._wait = self._memory + late
 
     def measure(self, moved: Array, root: Array, decay: float) -> None:
-        """Take in a block.
+        """Process a block.
 
         Args:
-            moved: Mean of what it did to all robots' estimates, seen from the own frame, shape (10,).
+            moved: Mean of the moves of all robots' estimates, in the own frame, shape (10,).
             root: The own ``JointRls.noise_root``, shape (10, 10).
-            decay: What is left of the weight of older samples.
+            decay: Factor by which the weight of older samples has become smaller.
         """
         self._wait -= 1.0
         if self._wait >= self._memory:
