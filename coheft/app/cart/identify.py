@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import msgspec
 import numpy as np
 
@@ -101,17 +103,15 @@ def identify_cart(
     Raises:
         RecordingError: Poses, rates and pushes are not those of one cart.
     """
-
-    def run(given: CartRecording, point: tuple[float, float]) -> CartIdentification:
-        return _identified(given, mass=mass, com=com, hand=point, noise=noise, force_noise=force_noise)
+    run = partial(_identified, mass=mass, com=com, noise=noise, force_noise=force_noise)
 
     def is_known(given: CartRecording, point: tuple[float, float]) -> bool:
-        return run(given, point).is_known
+        return run(given, hand=point).is_known
 
     _check_motion(recording)
     _check_axle(recording, noise)
     try:
-        found = run(recording, hand)
+        found = run(recording, hand=hand)
     except RecordingError as error:
         other = explanation(recording, hand, is_known)
         raise RecordingError(f"{error}; {other}" if other else str(error)) from error
