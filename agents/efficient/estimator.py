@@ -152,10 +152,10 @@ class EfficientEstimator:
         without = 0.0 if last is None else self._config.start_of(start) - self._config.start_of(last.newest + 1)
         known = None if last is None else last.session.hand_over(max(0.0, without))
         if last is not None and known is not None:
-            places = [last.places.get(each) for each in self._lives(names)]
-            newcomers = [each for each, then in zip(names, places, strict=True) if then is None]
-            prior = known.for_team(places, last.settings, fit_settings(self._config, names))
-            anchor = next(now for now, then in enumerate(places) if then is not None)
+            indices = [last.indices.get(each) for each in self._lives(names)]
+            newcomers = [each for each, then in zip(names, indices, strict=True) if then is None]
+            prior = known.for_team(indices, last.settings, fit_settings(self._config, names))
+            anchor = next(now for now, then in enumerate(indices) if then is not None)
         self._team = Team(self._lives(names), membership, graph, start, self._config, self._guards, self._signer)
         if prior is not None:
             self._team.begin(prior, anchor, newcomers)
@@ -196,8 +196,8 @@ class EfficientEstimator:
                 not_observable.append(f"pose of {name}: turn the load about other axes as well")
                 continue
             derivative = relative_pose_derivative(state.poses[own], state.poses[other])
-            places = np.concatenate([unknowns.poses[own], unknowns.poses[other]])
-            covariance = derivative @ estimate.covariance[np.ix_(places, places)] @ derivative.T
+            indices = np.concatenate([unknowns.poses[own], unknowns.poses[other]])
+            covariance = derivative @ estimate.covariance[np.ix_(indices, indices)] @ derivative.T
             poses[name] = UncertainPose(state.poses[own].inverse() @ state.poses[other], covariance)
         payload = _payload(claim)
         return Belief(
@@ -220,7 +220,7 @@ def _in_words(verdict: Verdict, names: list[str]) -> str:
         return verdict.outcome.value + which
     robot, sensor = verdict.rival
     which = f"a {sensor} sensor" if robot is None else f"the {sensor} sensor of {names[robot]}"
-    return f"either the load has changed or {which} reads something in excess"
+    return f"either the load has changed or {which} has an offset"
 
 
 def _undeclared_in_words(found: UndeclaredError, names: list[str]) -> str:

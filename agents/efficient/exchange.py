@@ -152,10 +152,10 @@ class Exchange:
             if self.news_at < message.news_at < begun:
                 self.news_at = message.news_at
             data = message.rows.tobytes()
-            for place, (robot, number) in enumerate(message.labels.tolist()):
+            for index, (robot, number) in enumerate(message.labels.tolist()):
                 if not 0 <= robot < self._count or not oldest <= number < newest:
                     continue
-                row = data[length * place : length * (place + 1)]
+                row = data[length * index : length * (index + 1)]
                 if self.distrusted and (message.sender, robot) in self.distrusted:
                     self.aside.setdefault((message.sender, robot, number), row)
                     continue

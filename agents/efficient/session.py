@@ -90,7 +90,7 @@ class Session:
         self.contradicting: int | None = None
         self._load_before: KnownLoad | None = None  # before the oldest change that may still be a sensor's fault
         self._surprises, self._look_until, self._pause = 0, -1, -1
-        self._steps.size = 0.0
+        self._steps.mass = 0.0
         self._unconfirmed = 0  # so many rows must still fit what was known
         self._doubted_at, self._contradicted_at = -1, -self._confirming
         self._forgot_at = -self._calm
@@ -123,7 +123,7 @@ class Session:
     @property
     def unnoticed(self) -> float:
         """Mass by which the load may have changed without being noticed yet [kg]."""
-        return self._steps.size
+        return self._steps.mass
 
     @property
     def undeclared(self) -> UndeclaredError | None:
@@ -201,8 +201,8 @@ class Session:
                 self.total_wrench = evaluated.view[FORCING_SIZE:]
             if not self._check_motion(number, evaluated.motion):
                 return
-            place, has_moved = buffer.add(number, row)
-            buffer.views[place] = evaluated.view
+            index, has_moved = buffer.add(number, row)
+            buffer.views[index] = evaluated.view
             if self.stage is not Stage.GATHERING:
                 if has_moved:
                     known.reevaluate()
@@ -249,10 +249,10 @@ class Session:
                 self._suspicion = None
         return self.contradicting is None
 
-    def _fit(self, before: int | None = None, keeps_motion: bool = False) -> Estimate:
+    def _fit(self, end: int | None = None, keeps_motion: bool = False) -> Estimate:
         """Call ``Knowledge.fit`` and let the monitor sum innovations from now on."""
         self._monitor.forget()
-        return self._known.fit(before, keeps_motion)
+        return self._known.fit(end, keeps_motion)
 
     def _fit_and_judge(self) -> None:
         """Fit, then test whether all rows fit and whether a faulty sensor would explain them as well as a load."""
@@ -263,8 +263,8 @@ class Session:
         is_body = self.verdict.outcome not in (Outcome.NO_BODY, Outcome.BEYOND_TOLERANCE)
         if self.stage is Stage.GATHERING and is_body:
             fresh = innovations.look_for_change(buffer)
-            if fresh.size > guards.fresh_change:
-                self.verdict, first = Verdict(Outcome.NO_LOAD), buffer.start + fresh.place
+            if fresh.statistic > guards.fresh_change:
+                self.verdict, first = Verdict(Outcome.NO_LOAD), buffer.start + fresh.first
         match self.verdict.outcome:
             case Outcome.NO_BODY | Outcome.BEYOND_TOLERANCE:
                 self._start_over()
@@ -283,13 +283,13 @@ class Session:
 
     # --- grasps that slip ---
 
-    def _open_question(self, place: int, is_load: bool) -> None:
+    def _open_question(self, index: int, is_load: bool) -> None:
         """Begin to compare causes: from this row on the load differs, or motions contradict, or a grasp has slipped."""
         known = self._known
         is_known = self.stage is Stage.ESTIMATING and not known.misses_poses
         if self._suspicion is None and is_known and known.is_small:
-            place = max(place, known.buffer.start)
-            self._suspicion = Suspicion(known, place, self._newest, len(self.changes), is_load)
+            index = max(index, known.buffer.start)
+            self._suspicion = Suspicion(known, index, self._newest, len(self.changes), is_load)
 
     def _decide(self, suspicion: Suspicion) -> None:
         """Decide between the causes once one of them leads; after a slip, continue from what was known before it."""
@@ -316,12 +316,12 @@ class Session:
         if known.misses_poses and not self.is_confirmed:
             if buffer.count < known.least:  # too few rows to find them
                 return False
-            self._fit(before=buffer.start, keeps_motion=True)  # wrenches may be of another load
+            self._fit(end=buffer.start, keeps_motion=True)  # wrenches may be of another load
         now = known.estimate
         assert now is not None
-        since, size, step = known.innovations.look_for_change(buffer, small=self._steps.sought(now))
+        since, statistic, step = known.innovations.look_for_change(buffer, small=self._steps.sought(now))
         self._steps.take(step)
-        if size <= 1.0:
+        if statistic <= 1.0:
             self._unconfirmed = max(0, self._unconfirmed - 1)
             return False
         if known.surprise(buffer.start + since, now) < self._guards.worth_a_fit:
@@ -329,28 +329,28 @@ class Session:
                 self._fit()
                 self._pause = number + self._confirming
             return False  # uncertain poses may explain it
-        now = self._fit(before=buffer.start + since)
-        place = buffer.start + known.innovations.look_for_change(buffer).place
-        if now.state.load is None or known.surprise(place, now) <= 1.0:
-            self._pause = number + buffer.count - place  # until there are twice as many rows
+        now = self._fit(end=buffer.start + since)
+        index = buffer.start + known.innovations.look_for_change(buffer).first
+        if now.state.load is None or known.surprise(index, now) <= 1.0:
+            self._pause = number + buffer.count - index  # until there are twice as many rows
             self._fit()
             return False
-        place, now = known.first_change(place, now)
+        index, now = known.first_change(index, now)
         load, theta = now.state.load, now.body.unknowns.theta
         assert load is not None
-        self._open_question(place, is_load=True)
+        self._open_question(index, is_load=True)
         self._former_thetas.append(load[THETA])
-        self.changes.append((int(buffer.numbers[place]), number))
+        self.changes.append((int(buffer.numbers[index]), number))
         if self._load_before is None:
             self._load_before = KnownLoad(load, now.covariance[theta, theta])
-        self._forget_load(place, Event.LOAD_CHANGED, now)
+        self._forget_load(index, Event.LOAD_CHANGED, now)
         return True
 
-    def _forget_load(self, place: int, event: Event, now: Estimate) -> None:
-        """Estimate the load anew from the row at this place on."""
+    def _forget_load(self, index: int, event: Event, now: Estimate) -> None:
+        """Estimate the load anew from the row at this index on."""
         is_troubled = self._newest - self._forgot_at < self._calm
         least = self._known.least * (1 + is_troubled)
-        self._known.forget_load(now, place, event is Event.LOAD_CHANGED, least)
+        self._known.forget_load(now, index, event is Event.LOAD_CHANGED, least)
         self._monitor.forget()
         self.stage = TRANSITIONS[self.stage, event]
         self._surprises, self._look_until = 0, -1

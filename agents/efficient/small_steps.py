@@ -32,12 +32,12 @@ class UnnoticedStep:
         guards: Thresholds.
 
     Attributes:
-        size: By how much the estimate of the mass may be off [kg].
+        mass: By how much the estimate of the mass may be off [kg].
     """
 
     def __init__(self, shortest: int, guards: Guards) -> None:
         self._shortest, self._significant, self._fades = shortest, guards.least_small_step, guards.small_step_fades
-        self.size = 0.0
+        self.mass = 0.0
 
     def sought(self, estimate: Estimate) -> SmallSteps | None:
         """Which steps a test for a change has to look for; None without a load."""
@@ -47,20 +47,20 @@ class UnnoticedStep:
     def take(self, found: float | None) -> None:
         """Process what such a test has found, see ``Look.step``."""
         if found is not None:
-            self.size = max(found, self._fades * self.size)
+            self.mass = max(found, self._fades * self.mass)
 
     def cover(self, estimate: Estimate) -> Estimate:
         """Return an estimate whose covariance covers the step."""
         load, theta = estimate.state.load, estimate.body.unknowns.theta
-        if load is None or self.size == 0.0:
+        if load is None or self.mass == 0.0:
             return estimate
         seen = estimate.seen.copy()
-        seen[theta, theta] += (_COVER * self.size) ** 2 * spread_mass(load[THETA], estimate.size)
+        seen[theta, theta] += (_COVER * self.mass) ** 2 * spread_mass(load[THETA], estimate.size)
         return replace(estimate, seen=seen)
 
 
 def cover_drift(
-    estimate: Estimate, before: Sequence[Array], changes: Sequence[tuple[int, int]], rows: int, longest: int
+    estimate: Estimate, former_thetas: Sequence[Array], changes: Sequence[tuple[int, int]], rows: int, longest: int
 ) -> Estimate:
     """Return an estimate whose covariance covers the drift of a load that keeps becoming lighter or heavier.
 
@@ -68,7 +68,7 @@ def cover_drift(
 
     Args:
         estimate: The estimate.
-        before: Theta before each change, shape (10,).
+        former_thetas: Theta before each change, shape (10,).
         changes: Number of the first row of each load, and of the row at which it was noticed.
         rows: Number of rows of the present load.
         longest: Loads that change after more rows do not drift.
@@ -76,7 +76,7 @@ def cover_drift(
     load = estimate.state.load
     if len(changes) < 2 or load is None:
         return estimate
-    last, change = before[-1] - before[-2], load[THETA] - before[-1]
+    last, change = former_thetas[-1] - former_thetas[-2], load[THETA] - former_thetas[-1]
     gap = max(1, changes[-1][0] - changes[-2][0])
     # After three times the gap without another change it has not gone on.
     is_drift = last[0] ** 2 / _ALIKE < change[0] * last[0] < last[0] ** 2 * _ALIKE

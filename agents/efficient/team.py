@@ -42,7 +42,7 @@ class Team:
         signer: Signs rows, None if rows are not signed.
 
     Attributes:
-        places: Index of each robot by its name, incarnation and first block.
+        indices: Index of each robot by its name, incarnation and first block.
         names: Names of the robots.
         own: Index of this robot.
         times: Times of rows.
@@ -63,7 +63,7 @@ class Team:
         guards: Guards,
         signer: RowSigner | None = None,
     ) -> None:
-        self.places = {life: place for place, life in enumerate(lives)}
+        self.indices = {life: index for index, life in enumerate(lives)}
         self.names = [name for name, _, _ in lives]
         self.own, hops = self.names.index(config.name), diameter(graph)
         self.times = times = RowTimes.of_team(len(lives), config.block, config.rate)

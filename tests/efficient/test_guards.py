@@ -86,8 +86,8 @@ def _error(session: Session, load: Array) -> float:
 
 def with_more(share: float) -> Array:
     """The load with so much more mass, at one point."""
-    mass, place = share * LOAD[0], np.array([-0.2, -0.1, 0.1])
-    return LOAD + mass * point_mass(place)
+    mass, position = share * LOAD[0], np.array([-0.2, -0.1, 0.1])
+    return LOAD + mass * point_mass(position)
 
 
 def off(first: int, end: int, count: int, robot: int, column: int, size: float) -> Array:
@@ -129,7 +129,7 @@ CASES = {
     "misfit": Case(off(8, 16, 200, 2, FORCE.start, 0.5), lambda _, then: then.is_sure and then.valid[0] > 40),
     "energy": Case(made_up_rows(200), lambda _, then: then.valid[-1] < 199, told=0.8),
     "noise_tolerance": Case(made_up_rows(400), lambda _, then: len(then.valid) > 350, told=0.94),
-    "constant_excess": Case(off(0, 400, 400, 2, FORCE.start, 0.25), lambda _, then: then.is_sure),
+    "constant_offset": Case(off(0, 400, 400, 2, FORCE.start, 0.25), lambda _, then: then.is_sure),
     "mass": Case(off(200, 400, 400, 2, TORQUE.start, 0.125), lambda _, then: then.is_sure),
     "small_step": Case(changed(0.002)[0], lambda _, then: is_sure_after(then, 216), changed(0.002)[1]),
     "shortest": Case(changed(0.002)[0], lambda _, then: is_sure_after(then, 216), changed(0.002)[1]),

@@ -95,7 +95,7 @@ SHOWN_BY = {
     "wrong-side": draw_schedule(9, delayed=False, is_exact=True),
     "no-rival": draw_schedule(2254, delayed=False, is_exact=True),
     "no-confirmation": draw_schedule(883, is_exact=True),
-    "without-excess": draw_schedule(4645, is_exact=True),
+    "without-offset": draw_schedule(4645, is_exact=True),
     "without-fresh-change": draw_schedule(4220, delayed=False, is_exact=True),
     "without-calm": draw_schedule(4220, delayed=False, is_exact=True),
     "without-tolerance": _LATE,

@@ -121,13 +121,13 @@ class SensorErrors:
                 return [[(A.start + axis, ONE, 1.0)] for axis in range(3)]
             case "clock" | "wrench_delay":
                 delayed = range(ROW_SIZE) if kind == "clock" else range(WRENCH.start, WRENCH.stop)
-                return [[(place, RATES + place, 1.0) for place in delayed]]
+                return [[(index, RATES + index, 1.0) for index in delayed]]
             case "velocity_place" | "acceleration_place":
                 of_axis = _velocity_at if kind == "velocity_place" else _acceleration_at
                 return [of_axis(axis) for axis in range(3)]
             case "grasp_compliance":
                 flexed = [*range(V.start, V.stop), *range(A.start, A.stop)]
-                return [[(place, self.flexing.start + k, 1.0) for k, place in enumerate(flexed)]]
+                return [[(index, self.flexing.start + k, 1.0) for k, index in enumerate(flexed)]]
         sensor, _, shape = kind.partition("_")
         return [_of_matrix(_FIRST[sensor], matrix) for matrix in SHAPES[shape]]
 
