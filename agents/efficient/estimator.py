@@ -58,15 +58,15 @@ class EfficientEstimator:
             message = RowMessage.of_channels(channels, name)
             if message is not None and message.team == team.exchange.team:
                 messages.append(message)
-                team.hear_seals(channels, index)
+                team.receive_seals(channels, index)
                 team.adopt(channels)
                 is_welcoming |= team.welcomes(name)
-        team.exchange.hear(messages, index)
-        team.hear_of_change(index)
+        team.exchange.receive(messages, index)
+        team.look_closely_after(index)
         if own is not None and index >= team.start:
             team.enter(index, own.samples)
         team.take(index)
-        arrays: dict[str, Any] = team.exchange.tell(team.session.news_at).channels() | team.tell_seals()
+        arrays: dict[str, Any] = team.exchange.message(team.session.news_at).channels() | team.seal_channels()
         if is_welcoming:
             arrays |= team.known()
         return arrays
@@ -75,7 +75,7 @@ class EfficientEstimator:
         """See ``TakesLate.hear_late``: its rows count as those of any other message."""
         message = RowMessage.of_channels(channels)
         if self._team is not None and message is not None:
-            self._team.exchange.hear([message], index)
+            self._team.exchange.receive([message], index)
 
     def sign_with(self, signer: RowSigner) -> None:
         """See ``SignsRows.sign_with``; called before the first step."""
@@ -228,7 +228,7 @@ def _undeclared_in_words(found: UndeclaredError, names: list[str]) -> str:
     sensor, _, what = found.kind.partition("_")
     seems = {"bias": "to have an offset", "mounting": "to be turned", "scale": "to have another scale"}.get(what, "")
     where = f"the {SENSOR_NAMES[sensor]} of {names[found.robot]}"
-    return f"{where} seems {seems or 'to be elsewhere'}, but is told to be exact"
+    return f"{where} seems {seems or 'to be elsewhere'}, but is declared to be exact"
 
 
 def _in_first(names: list[str], poses: tuple[Pose, ...]) -> dict[str, Pose]:

@@ -112,10 +112,14 @@ def _robot_beyond_tolerance(estimate: Estimate, guards: Guards) -> int | None:
     """
     unknowns = estimate.body.unknowns
     for robot, every in enumerate(unknowns.deviations):
-        is_told = every > 0.0
-        if not is_told.any():
+        is_declared = every > 0.0
+        if not is_declared.any():
             continue
-        deviations, indices, found = every[is_told], unknowns.eta[robot, is_told], estimate.state.eta[robot, is_told]
+        deviations, indices, found = (
+            every[is_declared],
+            unknowns.eta[robot, is_declared],
+            estimate.state.eta[robot, is_declared],
+        )
         uncertain = estimate.covariance[np.ix_(indices, indices)] / np.outer(deviations, deviations)
         seen, directions = np.linalg.eigh(np.eye(len(indices)) - uncertain)
         is_seen = seen > _SEEN

@@ -174,7 +174,7 @@ class Seals:
             self._keep(unsigned._replace(signature=self._signer.sign(unsigned.content(self._exchange.team))))
             self._due[own] += span
 
-    def hear(self, channels: Channels, block: int) -> None:
+    def receive(self, channels: Channels, block: int) -> None:
         """Process the seals in a neighbour's message. After one that is not signed, the rest is ignored."""
         array = channels.get(_CHANNEL)
         if array is None or array.dtype != np.int32 or array.ndim != 2 or array.shape[1] * array.itemsize != self._size:
@@ -197,17 +197,17 @@ class Seals:
         self._news.append(encoded)
         self._newest[seal.robot] = max(self._newest.get(seal.robot, (seal.first, encoded)), (seal.first, encoded))
 
-    def tell(self) -> dict[str, npt.NDArray[np.int32]]:
+    def channels(self) -> dict[str, npt.NDArray[np.int32]]:
         """Return the channel with seals for all neighbours: new ones, and known ones in rotation, in case one was lost.
 
         They are always as many, because messages whose arrays keep their shapes are decoded faster.
         """
-        told = [self._news.popleft() for _ in range(min(len(self._news), self._per_message))]
+        sent = [self._news.popleft() for _ in range(min(len(self._news), self._per_message))]
         known = list(self._newest.values())
-        while len(told) < self._per_message:
+        while len(sent) < self._per_message:
             self._turn += 1
-            told.append(known[self._turn % len(known)][1] if known else self._nothing)
-        return {_CHANNEL: np.frombuffer(b"".join(told), dtype=np.int32).reshape(len(told), self._size // 4)}
+            sent.append(known[self._turn % len(known)][1] if known else self._nothing)
+        return {_CHANNEL: np.frombuffer(b"".join(sent), dtype=np.int32).reshape(len(sent), self._size // 4)}
 
     # --- comparison ---
 

@@ -78,7 +78,7 @@ class Session:
         self._telling_apart = rows(guards.telling_apart)
         self._steps = UnnoticedStep(rows(guards.shortest), guards)
         self._former_thetas = list[Array]()  # theta before each change
-        self._told_of = self._newest = -1  # the newest change that another robot has told of; the newest row
+        self._known_news = self._newest = -1  # the newest change that another robot has told of; the newest row
         self._begin(Knowledge(count, anchor, settings, guards, prior))
         if prior is not None:
             self.stage, self._unconfirmed = TRANSITIONS[self.stage, Event.FITTED], self._confirming
@@ -156,10 +156,10 @@ class Session:
         """Whether new rows have confirmed what was known before rows were missing, or in a former team."""
         return self._unconfirmed == 0
 
-    def hear_of_change(self, first: int, number: int) -> None:
+    def look_closely_after(self, first: int, number: int) -> None:
         """Test for a load change in every row for a while, as another robot has detected one at row ``first``."""
-        if first > max(self.news_at + self._turn, self._told_of):
-            self._told_of, self._look_until = first, number + self._turn
+        if first > max(self.news_at + self._turn, self._known_news):
+            self._known_news, self._look_until = first, number + self._turn
 
     def take_back(self, number: int) -> None:
         """Remove the rows from this number on, as if they had never arrived; where that is not possible any more,

@@ -153,7 +153,7 @@ def test_a_change_that_another_robot_has_noticed_is_looked_for_at_once() -> None
     one, alone, told = (Session(len(POSES), own, settings, Guards()) for own in (2, 3, 3))
     for number, row in enumerate(rows):
         if one.changes:
-            told.hear_of_change(one.changes[0][0], number)
+            told.look_closely_after(one.changes[0][0], number)
         for session in (one, alone, told):
             session.take(number, row)
     noticed = [session.changes[0][1] for session in (one, alone, told)]

@@ -74,12 +74,12 @@ class Prior:
         joined = [now for now, then in enumerate(members) if then is None]
         evidence = self.evidence
         if left:
-            is_told = old.deviations[left] > 0.0
-            told = old.eta[left][is_told]
-            if len(told) and not self.has_expectations:
-                expected = Evidence.prior(old.deviations[left][is_told], -state.eta[left][is_told])
-                evidence += expected.embedded(old.size, told)
-            indices = np.sort(np.concatenate([old.poses[left].ravel(), told]))
+            is_declared = old.deviations[left] > 0.0
+            declared = old.eta[left][is_declared]
+            if len(declared) and not self.has_expectations:
+                expected = Evidence.prior(old.deviations[left][is_declared], -state.eta[left][is_declared])
+                evidence += expected.embedded(old.size, declared)
+            indices = np.sort(np.concatenate([old.poses[left].ravel(), declared]))
             evidence = evidence.marginalized(indices, former.limits(count, self.guess)[indices])
         kept = np.concatenate([*(old.of_robot(then) for _, then in stayed), old.common])
         indices = np.concatenate([*(new.of_robot(now) for now, _ in stayed), new.common])

@@ -143,10 +143,10 @@ class FitSettings:
         total = total.embedded(unknowns.size, unknowns.offset)
         gyros = np.full(3, self._of_fused_gyros(body))
         total += Evidence.prior(gyros, -state.gyros).embedded(unknowns.size, unknowns.gyros)
-        is_told = unknowns.deviations > 0.0
-        if is_told.any():
-            expected = Evidence.prior(unknowns.deviations[is_told], -state.eta[is_told])
-            total += expected.embedded(unknowns.size, unknowns.eta[is_told])
+        is_declared = unknowns.deviations > 0.0
+        if is_declared.any():
+            expected = Evidence.prior(unknowns.deviations[is_declared], -state.eta[is_declared])
+            total += expected.embedded(unknowns.size, unknowns.eta[is_declared])
         return total
 
     def _of_fused_gyros(self, body: BodyModel) -> float:

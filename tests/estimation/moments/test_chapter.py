@@ -55,7 +55,7 @@ def in_chapters(rows: Array, settings: FitSettings, indices: Sequence[int]) -> F
 
 # Means of twists are removed chapter by chapter, so short ones say a little less.
 @EVERY
-@pytest.mark.parametrize(("places", "most", "share"), [([150], 0.15, 0.05), ([100, 150, 220], 0.8, 0.15)])
+@pytest.mark.parametrize(("indices", "most", "share"), [([150], 0.15, 0.05), ([100, 150, 220], 0.8, 0.15)])
 def test_several_chapters_say_what_one_says(kind: str, indices: Sequence[int], most: float, share: float) -> None:
     settings, rng = SETTINGS[kind], np.random.default_rng(1)
     _, rows = erring(make_team(seed=1, number=300), settings, rng)
