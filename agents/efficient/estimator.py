@@ -168,8 +168,8 @@ class EfficientEstimator:
     def _notices(self, team: Team) -> tuple[LoadChangeNotice, ...]:
         start, times = self._config.start_of, team.times
         new = (
-            LoadChangeNotice(start(noticed + 1), start(times.first_block(first)))
-            for noticed, (first, _) in zip(team.noticed, team.session.certain_changes, strict=False)
+            LoadChangeNotice(start(noticed + 1), start(times.first_block(change.first)))
+            for noticed, change in zip(team.noticed, team.session.certain_changes, strict=False)
         )
         return (*self._former_changes, *new)
 
