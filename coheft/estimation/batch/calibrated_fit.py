@@ -29,8 +29,9 @@ from coheft.estimation.rigid_body.regressor import INERTIA_SIZE
 _STEPS = 6
 _GRAVITY = INERTIA_SIZE
 _FORCES = INERTIA_SIZE + 1
-_LEARNED = 1e-3
-"""Smallest standard deviation of a calibration error, as a share of the prior's: no data are exact."""
+_LEARNED = 0.02
+"""Smallest standard deviation of a calibration error, as a share of the prior's: products of errors, which are a few
+percent each, are neglected."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,12 +41,17 @@ class CalibratedFit:
     Attributes:
         numbers: ``(theta, scale, force_scale, force_offset)``, see the properties, shape (11 + 4 N,).
         covariance: Covariance of the numbers, shape (11 + 4 N, 11 + 4 N).
+        shown: By how much the estimates of the calibration errors follow the true ones, the rest being the prior's
+            mean, shape (1 + 4 N, 1 + 4 N).
+        noise: Covariance of what noise adds to these estimates, shape (1 + 4 N, 1 + 4 N).
         residual: Residual of the total wrench, shape (n, 6).
         weight: Weights of its components, shape (6,).
     """
 
     numbers: Array
     covariance: Array
+    shown: Array
+    noise: Array
     residual: Array
     weight: Array
 
@@ -162,9 +168,13 @@ def _in_true_lengths(fit: LinearFit, stretch: float, prior: Array) -> Calibrated
     derivative[_GRAVITY, _GRAVITY] = -(scale**2)
     # The common scale of forces, which the model leaves out, scales the inertia.
     derivative[:INERTIA_SIZE, _FORCES : _FORCES + count] = -parameters[:, None] / count
+    of_errors = np.diag(derivative)[_GRAVITY:]
+    shown = np.eye(len(of_errors)) - fit.shrinkage[_GRAVITY:, _GRAVITY:]
     return CalibratedFit(
         numbers=np.concatenate([parameters, [scale], fit.solution[_FORCES:]]),
         covariance=derivative @ covariance @ derivative.T,
+        shown=shown * np.divide.outer(of_errors, of_errors),
+        noise=(fit.noise + np.diag(least))[_GRAVITY:, _GRAVITY:] * np.outer(of_errors, of_errors),
         residual=fit.residual,
         weight=fit.weight,
     )
