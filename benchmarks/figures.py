@@ -66,15 +66,7 @@ class Section(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Machine(msgspec.Struct, frozen=True, kw_only=True):
-    """The machine, and its load.
-
-    Attributes:
-        cores: Number of cores.
-        python: Version of Python.
-        numpy: Version of NumPy.
-        load_before: Load average of the minute before.
-        load_after: Load average of the last minute.
-    """
+    """The machine, and its load."""
 
     cores: int
     python: str

@@ -6,11 +6,7 @@ import time
 
 
 class Absences:
-    """Keeps track of robots whose link is lost.
-
-    Args:
-        limit: Time to wait for a robot's return [s].
-    """
+    """Keeps track of robots whose link is lost."""
 
     def __init__(self, limit: float) -> None:
         self._limit = limit

@@ -14,9 +14,6 @@ from coheft.wire.scenario.schema import Scenario
 class EstimatorChoice:
     """The scenario's estimator, until the operator selects another one.
 
-    Args:
-        scenario: The scenario of the run.
-
     Attributes:
         chosen: Name of the estimator to use from the next block on.
         available: Names of the estimators that may be chosen.

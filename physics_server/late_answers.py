@@ -10,11 +10,7 @@ TELL_EVERY = 5.0
 
 
 class LateAnswers:
-    """Counts references that had not arrived when their block was simulated.
-
-    Attributes:
-        count: Number of late references, over all robots.
-    """
+    """Counts references that had not arrived when their block was simulated."""
 
     def __init__(self) -> None:
         self.count = 0

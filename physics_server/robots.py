@@ -18,13 +18,7 @@ ANSWER_LIMIT = 10.0
 
 
 class Robots:
-    """The links of all robots.
-
-    Args:
-        links: One link per robot.
-        problems: Log for problems with the robots.
-        return_limit: Time to wait for the return of a lost robot [s].
-    """
+    """The links of all robots."""
 
     def __init__(self, links: Iterable[RobotLink], problems: ProblemLog, return_limit: float) -> None:
         self._links = {link.name: link for link in links}

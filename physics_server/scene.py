@@ -28,13 +28,7 @@ def home_name(robot: str) -> str:
 
 
 def build_model(scenario: Scenario, grasps: Sequence[Pose], errors: SensorErrors) -> mujoco.MjModel:
-    """Compile the scene. Nothing collides, and welds are the only constraints.
-
-    Args:
-        scenario: The scenario to simulate.
-        grasps: Pose of each robot's grasp in the payload's frame.
-        errors: Sensor errors, which include the positions of sensors.
-    """
+    """Compile the scene. Nothing collides, and welds are the only constraints."""
     spec = mujoco.MjSpec()
     spec.modelname = scenario.name
     spec.option.timestep = 1.0 / PHYSICS_RATE

@@ -43,10 +43,6 @@ class Sensors:
 
     Each robot draws from its own random stream, so its readings depend neither on the number of robots nor on the
     number of samples per block.
-
-    Args:
-        scenario: The scenario, with noise and sample rate.
-        errors: True errors of the robots' sensors.
     """
 
     def __init__(self, scenario: Scenario, errors: SensorErrors) -> None:

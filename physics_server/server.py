@@ -36,7 +36,6 @@ from coheft.wire.messages.requests import (
 )
 from coheft.wire.messages.states import RunState
 from coheft.wire.messages.structs import Message
-from coheft.wire.messages.told import set_clock
 from coheft.wire.process.log import LOG
 from coheft.wire.process.problem_log import ProblemLog
 from coheft.wire.process.supervised import COMMENT_AFTER, is_supervisor_stopped, supervised_main
@@ -290,7 +289,9 @@ class Server:
                     self._go_on()
             case ClockRequest():
                 self._simulation.set_clock(request.robot, request.ahead)
-                self._problems.tell(set_clock(request.robot, request.ahead))
+                what = f"the clock of {request.robot}"
+                ahead = f"set {what}: {request.ahead:g} s ahead" if request.ahead else f"restored {what}"
+                self._problems.tell(f"the operator has {ahead}")
             case StopRequest():
                 self._stop_asked = True
 

@@ -122,6 +122,7 @@ class Simulation:
         )
         self._loads_since = 0.0
         self._schedule = LoadSchedule(scenario)
+        self._clocks: dict[str, float] = {}
 
     def _settle(self) -> None:
         """Let the arms take up the weight, then set velocities to zero, so that the run starts at rest."""
@@ -209,6 +210,7 @@ class Simulation:
         if not 0.0 <= ahead <= LATEST:
             raise SimulationError(f"a clock may be 0 to {LATEST:g} s ahead, not {ahead:g} s")
         self._sensors.set_clock(self._number(robot), ahead)
+        self._clocks = {name: each for name, each in {**self._clocks, robot: ahead}.items() if each}
 
     def _number(self, robot: str) -> int:
         if robot not in self._names:
@@ -307,6 +309,7 @@ class Simulation:
             total_wrench=np.einsum("nij,nj->i", self._grasps.adjoints[holding], samples[holding, WRENCH]),
             samples=samples,
             slipped=self._grasps.slipped,
+            clocks=self._clocks,
         )
 
 

@@ -40,11 +40,6 @@ class Carrier:
 
     An estimate that is doubted, or not known well, is not used: the last good one stays in use. The poses of a former
     team also stay in use until there are new ones.
-
-    Args:
-        config: The agent's settings.
-        carry: The path.
-        alone: The robot's motion before the common path begins.
     """
 
     def __init__(self, config: AgentConfig, carry: Carry, alone: ReferenceMotion) -> None:

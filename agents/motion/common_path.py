@@ -15,7 +15,6 @@ class CommonPath:
     At a given time the path is the same for all robots whose start is over, whenever each started.
 
     Args:
-        carry: Amplitudes, periods, ramp.
         start: Time at which this robot's smooth start begins [s].
     """
 

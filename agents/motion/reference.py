@@ -54,10 +54,6 @@ class OwnMotion:
 
     Whether numbers are finite, and whether the arm can follow them, is checked where the arm is moved.
 
-    Args:
-        name: Name of the entry point.
-        config: The robot's configuration.
-
     Raises:
         PluginError: The motion cannot be used.
     """
@@ -91,12 +87,6 @@ class Excitation:
 
     All six degrees of freedom move, at frequencies at which inertial forces matter: identification needs acceleration,
     and in slow motions gravity dominates.
-
-    Args:
-        motion: Amplitudes, ramp.
-        waves: The sinusoids.
-        rate: Samples per second.
-        block: Samples per block.
     """
 
     def __init__(self, motion: Motion, waves: Waves, rate: int, block: int) -> None:

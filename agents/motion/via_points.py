@@ -15,13 +15,6 @@ class ViaPointMotion:
 
     The last points are held still: all robots rest at the same times, so that gravity is the only load, in a different
     direction each time. Their heights are spread over the whole range, in random order. Then the motion starts again.
-
-    Args:
-        motion: Range, times.
-        via: Via points and holds.
-        seed: This robot's seed.
-        rate: Samples per second.
-        block: Samples per block.
     """
 
     def __init__(self, motion: Motion, via: ViaPoints, seed: int, rate: int, block: int) -> None:

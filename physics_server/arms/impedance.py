@@ -41,11 +41,7 @@ class Arms:
     A robot without a reference for a block holds its last displacement, at rest and without feed-forward.
 
     Args:
-        scenario: The scenario, with stiffness, damping and the length of a block.
-        robots: Names of the N robots.
-        grasps: Their grasps in the payload's frame.
         model: The engine's model with their actuators; the payload's free joint comes first.
-        data: The engine's state.
 
     Attributes:
         pushed: Feed-forward wrench ``(f, t)`` of each robot in its own ``F_i`` during the newest block, shape (N, 6).

@@ -30,11 +30,6 @@ class RunWriter:
     """Writes the messages of a run to an MCAP file, which the caller flushes and completes.
 
     The log time of a message is the simulated time that it refers to; the time in its header is that of the sample.
-
-    Args:
-        out: The file.
-        scenario: The scenario of the run.
-        begin: The server's status when the run has begun.
     """
 
     def __init__(self, out: McapFile, scenario: Scenario, begin: Status) -> None:

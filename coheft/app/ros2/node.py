@@ -111,8 +111,6 @@ class Publisher:
     """Publisher of one topic.
 
     Args:
-        session: The session.
-        key: Key of the topic.
         latched: Whether to keep the last message for late subscribers.
     """
 

@@ -70,11 +70,7 @@ class BlockBuilder:
     misses some when a later one is complete is given up: an agent can do without a block, not with half of one.
 
     Args:
-        robot: Name of the robot.
-        rate: Samples per second.
-        block: Samples per block.
         epoch: Stamp of sample 0 of block 0 [ns].
-        stamps: Checks the stamps of all robots.
         sensors: The robot's sensors; what is missing is zero.
 
     Attributes:

@@ -44,13 +44,7 @@ _LINES = 20
 
 
 class Team:
-    """Robots whose sensors and arms are in ROS 2.
-
-    Args:
-        node: The ROS node.
-        inbox: Receives messages of their agents.
-        tell: Called with lines for the user.
-    """
+    """Robots whose sensors and arms are in ROS 2."""
 
     def __init__(self, node: RosNode, inbox: Inbox, tell: Callable[[str], None]) -> None:
         self._node = node

@@ -18,12 +18,7 @@ from coheft.wire.messages.states import Validity
 
 
 class Arms:
-    """Draws the robots with viser.
-
-    Args:
-        viewer: The scene to draw into.
-        scene: The robots.
-    """
+    """Draws the robots with viser."""
 
     def __init__(self, viewer: viser.SceneApi, scene: Scene) -> None:
         self._changes = Changes()

@@ -41,12 +41,6 @@ class Controls:
     """The controls on the page.
 
     Callbacks run in viser's threads; a lock allows one action at a time.
-
-    Args:
-        page: The page.
-        model: The state of the run.
-        run_file: Addresses of the run.
-        folder: Folder of the run.
     """
 
     def __init__(self, page: Page, model: ViewModel, run_file: RunFile, folder: Path) -> None:

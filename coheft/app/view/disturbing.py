@@ -21,12 +21,6 @@ _LATEST = 1000
 class Disturbing:
     """A list of links and robots, how they are to be disturbed, and what is disturbed now.
 
-    Args:
-        gui: The GUI to which they are added.
-        model: The state of the run.
-        run_file: Addresses of the run.
-        act: Performs an action with arguments for the client of an event, see ``Controls``.
-
     Attributes:
         buttons: The buttons.
         clock: How far a robot's clock is ahead [ms].

@@ -17,9 +17,6 @@ _CHOOSE = "choose one"
 class LoadChoice:
     """A list of the loads' numbers, and a line with their masses.
 
-    Args:
-        gui: The GUI to which they are added.
-
     Attributes:
         dropdown: The list. It has numbers only: with a leaking mass in it, an option would change, and viser would
             select the first one instead.

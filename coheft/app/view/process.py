@@ -25,13 +25,7 @@ _READY, _SEEN, _AGAIN = "the view is ready", "a browser is connected", "again"
 
 
 class Place(msgspec.Struct, frozen=True):
-    """Address of a view; the next run may have its view at the same one.
-
-    Attributes:
-        host: Host at which it listens.
-        port: Port at which it listens.
-        token: Secret in its URL.
-    """
+    """Address of a view; the next run may have its view at the same one."""
 
     host: str
     port: int

@@ -52,12 +52,7 @@ def view_recording(path: Path, door: Door, port: int | None, tell: Callable[[str
 
 
 class Player:
-    """Controls of the replay, and its present time.
-
-    Args:
-        page: The page.
-        end: End of the recording [s].
-    """
+    """Controls of the replay, and its present time."""
 
     def __init__(self, page: Page, end: float) -> None:
         self._end = end

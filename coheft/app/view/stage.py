@@ -46,12 +46,7 @@ _SHARP = np.radians(25.0)
 
 
 class Stage:
-    """Draws a view model with viser; only changes are sent.
-
-    Args:
-        server: The server for browsers.
-        model: The state to show.
-    """
+    """Draws a view model with viser; only changes are sent."""
 
     def __init__(self, server: viser.ViserServer, model: ViewModel) -> None:
         self._scene = server.scene

@@ -41,9 +41,6 @@ def at_common_times(robots: Mapping[str, RobotRecord]) -> dict[str, RobotRecord]
 def align(streams: Mapping[str, Mapping[str, Stream]]) -> tuple[dict[str, RobotRecord], float]:
     """Resample all sensors at the same times; times that count from 1970 then count from the first sample.
 
-    Args:
-        streams: Streams by robot and channel.
-
     Returns:
         The robots, and what was taken from their times [s].
 

@@ -47,11 +47,7 @@ class _Known(NamedTuple):
 
 
 class Kind:
-    """Encodes and decodes messages of one kind.
-
-    Attributes:
-        kind: The type of the messages.
-    """
+    """Encodes and decodes messages of one kind."""
 
     def __init__(self, kind: type[Message]) -> None:
         self.kind = kind

@@ -146,11 +146,6 @@ def with_values(scenario: Scenario, values: Sequence[str]) -> Scenario:
 def complete_scenario(scenario: Scenario, origin: str, folder: Path) -> Scenario:
     """Check a scenario, and read the files that it names.
 
-    Args:
-        scenario: The scenario, with the right types.
-        origin: Name of the scenario in errors.
-        folder: Folder of relative paths.
-
     Raises:
         ScenarioError: It cannot be used, or a file that it names cannot.
     """

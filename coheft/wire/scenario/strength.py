@@ -38,12 +38,7 @@ _HALVINGS = 5
 
 
 class Strength:
-    """Loads that the springs of a team's arms can hold.
-
-    Args:
-        grasps: Grasps of all robots that hold the payload, in the payload's frame.
-        robots: Stiffness and damping of their arms.
-    """
+    """Loads that the springs of a team's arms can hold."""
 
     def __init__(self, grasps: Sequence[Pose], robots: Robots) -> None:
         places = np.array([grasp.translation for grasp in grasps])

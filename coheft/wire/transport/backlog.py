@@ -41,10 +41,6 @@ class Backlog:
     that no source waits for more than one message of each other source; each place is used for one ``take``. No item is
     larger than ``ROOM``, so items are dropped only if a newer one is kept; the report of dropped items takes a place of
     its own.
-
-    Args:
-        source: The source's name.
-        turns: The queue of all backlogs.
     """
 
     def __init__(self, source: str, turns: SimpleQueue[Backlog]) -> None:

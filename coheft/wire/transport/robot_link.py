@@ -26,17 +26,11 @@ class RobotLink:
     """One robot's session, and the state of the communication with it.
 
     Args:
-        name: The robot's name.
-        session: The session at which the robot dials in.
-        inbox: Receives its messages, under its name.
-        keys: The keys of the run.
         world: Number of the simulated world; a new number makes agents restart.
         lag: Number of blocks from a measurement to the reference that answers it.
-        block: Samples per block.
         excess: Describes why an arm cannot follow a reference, finite or not; returns None if it can.
 
     Attributes:
-        name: The robot's name.
         is_ready: Whether it asks for measurements, and can receive them.
         is_linked: Whether a process is at the other end.
         missing: Neighbours that it is not linked with yet.

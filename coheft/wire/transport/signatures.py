@@ -37,7 +37,6 @@ class Signatures:
 
     Args:
         run: Prefix of all keys of the run; signatures of another run are invalid.
-        credentials: The robot's own credentials.
 
     Raises:
         CoheftError: The credentials cannot be read.
