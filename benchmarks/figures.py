@@ -149,9 +149,7 @@ def _row(figure: Figure) -> str:
 
 
 def ratio(times: Sequence[float], others: Sequence[float]) -> float:
-    """Return the median over the rounds of the ratio of two times that were measured side by side, so that other load
-    affects both.
-    """
+    """Return the median over rounds of the ratio of two times measured side by side: other load affects both."""
     return statistics.median(mine / its for mine, its in zip(times, others, strict=True))
 
 

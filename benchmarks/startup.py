@@ -123,11 +123,7 @@ class Run:
         return {name: psutil.Process(pid).memory_info().rss / 1e6 for name, pid in pids.items()}
 
     def _wait_for(self, condition: Callable[[Status], bool]) -> tuple[Status, RunFile]:
-        """Wait until the run's status meets a condition.
-
-        Raises:
-            LinkError: It does not in time, or the run has ended.
-        """
+        """Wait until the run's status meets a condition."""
         while True:
             try:
                 run_file = find_run(self._folder)

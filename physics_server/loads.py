@@ -194,9 +194,7 @@ def _inertia_of(load: LoadState) -> Inertia:
 
 
 def _extent(model: mujoco.MjModel, body: int, payload: Inertia) -> Extent:
-    """Return the extent of a payload's boxes or, without boxes, of a box with its mass properties, as in scenario
-    checks.
-    """
+    """Return the extent of a payload's boxes, or of a box with its mass properties, as scenario checks do."""
     geoms = np.flatnonzero(model.geom_bodyid == body)
     if not geoms.size:
         return Extent.like(MassProperties.of(payload))

@@ -101,9 +101,7 @@ class Sensors:
         return measured
 
     def set_clock(self, robot: int, ahead: float) -> None:
-        """From the next block on this robot's samples are older than their stamps by ``ahead`` [s], in addition to its
-        delays.
-        """
+        """Make a robot's samples older than their stamps by ``ahead`` [s] beside its delays, from the next block on."""
         self._late[robot] = (self._errors.delays[robot] + ahead) * self._rate
 
     def begin_anew(self, robot: int) -> None:
@@ -111,9 +109,7 @@ class Sensors:
         self._grasps.begin_anew(robot)
 
     def _correlate(self, white: Array) -> None:
-        """Turn white noise of variance 1, shape (N, B, 15), into first-order Gauss-Markov noise of variance 1, in
-        place.
-        """
+        """Turn white noise of variance 1, (N, B, 15), into Gauss-Markov noise of the first order, in place."""
         first = self._noise_before is None
         before = white[:, 0] if self._noise_before is None else self._noise_before
         fresh = np.sqrt(1.0 - self._alike**2)

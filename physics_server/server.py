@@ -14,7 +14,7 @@ from typing import NoReturn
 import zenoh
 
 from coheft.errors import CoheftError, one_line
-from coheft.physics_server.clock import Stopwatch, make_clock
+from coheft.physics_server.clock import Clock, Stopwatch
 from coheft.physics_server.data_recorder import DataRecorder
 from coheft.physics_server.estimator_choice import EstimatorChoice
 from coheft.physics_server.request_words import in_words
@@ -67,8 +67,7 @@ class Server:
     def __init__(self, config: ServerConfig, robots: dict[str, zenoh.Session], observers: zenoh.Session) -> None:
         scenario, keys = config.scenario, Keys(config.run)
         self._scenario = scenario
-        self._waits_for_robots = config.clock != "realtime"
-        self._clock = make_clock(config.clock, scenario.lookahead, scenario.block_duration)
+        self._clock = Clock(config.clock, scenario.lookahead, scenario.block_duration)
         self._stopwatch = Stopwatch()
         self._simulation = Simulation(scenario, config.neighbours)
         self._estimators = EstimatorChoice(scenario)
@@ -189,7 +188,7 @@ class Server:
 
     def _delay(self) -> float:
         """Return the time until the next block may be simulated [s]; infinite if that depends on others."""
-        if self._state is not RunState.RUNNING or (self._waits_for_robots and self._robots.away):
+        if self._state is not RunState.RUNNING or (self._clock.waits_for_robots and self._robots.away):
             return math.inf
         block = self._simulation.block
         answered = self._robots.answered
@@ -253,13 +252,7 @@ class Server:
             raise CoheftError(f"only the operator may change a run, not the {role}")
 
     def _carry_out(self, request: Message) -> None:
-        """Carry out a request.
-
-        Raises:
-            LoadError: The payload cannot take the load.
-            ScenarioError: The estimator does not support the scenario.
-            CoheftError: The request is not possible in the present state.
-        """
+        """Carry out a request."""
         if self._state is RunState.FINISHED:
             raise CoheftError(_OVER)
         match request:

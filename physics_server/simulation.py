@@ -293,9 +293,7 @@ class Simulation:
             self._sensors.begin_anew(number)
 
     def _truth(self, position: Array, samples: Array) -> Truth:
-        """Return the truth at the block's last sample, from the payload's position (7,) and the measurements (N,
-        15).
-        """
+        """Return the truth at the block's last sample, from the payload's position (7,) and measurements (N, 15)."""
         payload = self._loads.inertia
         holding = self._is_holding
         return Truth(

@@ -85,22 +85,13 @@ class CartAgentProcess:
             self._links.estimate.send(structs.replace(outbox.estimate, problems=self._links.problems.count))
 
     def _handle(self, event: Event | None) -> None:
-        """Process an event.
-
-        Raises:
-            LinkError: The link with the server is lost.
-            Stopped: The server has ended the run.
-        """
+        """Process an event."""
         match self._links.sort(event, self._take):
             case LinkChange(source, links=0):
                 raise LinkError(f"{self._config.name} lost its link with {source} at sample {self._block}")
 
     def _take(self, source: str, message: Message) -> None:
-        """Process a message.
-
-        Raises:
-            MessageError: The message is not valid here and now.
-        """
+        """Process a message."""
         match message:
             case CartMeasurement():
                 check_field("robot", message.robot, self._config.name)

@@ -112,9 +112,7 @@ class Carrier:
         return fading + together, self._wrench(self._path, ahead)
 
     def _update_gravity(self, index: int, samples: Array) -> None:
-        """Update the mean of the accelerometer's reading minus the acceleration of the path: the opposite of
-        gravity.
-        """
+        """Update the mean of the accelerometer's reading minus the path's acceleration, the opposite of gravity."""
         assert self._path is not None
         rotation, acceleration, _, _ = self._mid_block_motion(self._path, index)
         read = rotation @ samples[:, ACCELERATION].mean(axis=0) - acceleration
@@ -122,9 +120,7 @@ class Carrier:
         self._lift += (read - self._lift) / min(self._lift_blocks, self._config.blocks(_LEVEL_TIME))
 
     def _wrench(self, path: CommonPath, block: int) -> Array:
-        """Return this robot's share of the wrench that moves the load, in the middle of a block: ``(f, t)`` in ``F_i``,
-        (6,).
-        """
+        """Return this robot's share of the wrench that moves the load, mid-block: ``(f, t)`` in ``F_i``, (6,)."""
         carry = self._carry
         is_on = carry.feedforward and self._config.start_of(block) >= carry.feedforward_at
         is_level = self._lift_blocks >= self._config.blocks(_LEVEL_TIME)

@@ -34,9 +34,7 @@ class ViaPointMotion:
         self._block = block
 
     def reference(self, block: int) -> Array:
-        """Return the displacement from the home pose during a block, and its rate, see
-        ``ReferenceMotion.reference``.
-        """
+        """See ``ReferenceMotion.reference``."""
         time = (block * self._block + np.arange(self._block)) / self._rate
         time %= self._times[-1]
         k = np.searchsorted(self._times, time, side="right") - 1

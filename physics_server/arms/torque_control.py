@@ -88,9 +88,7 @@ class TorqueArms(Arms):
         data.ctrl[:] = torques.reshape(count * JOINTS)
 
     def readings(self) -> Array:
-        """Return a view of the readings of the wrists' force-torque sensors, shape (6 N,); they are the last
-        sensors.
-        """
+        """Return a view of the wrists' force-torque readings, shape (6 N,): they are the last sensors."""
         readings: Array = self._data.sensordata[-self.read_size :]
         return readings
 

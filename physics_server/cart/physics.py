@@ -170,9 +170,7 @@ class CartSimulation:
         return result
 
     def _change(self, load: CartLoad) -> None:
-        """Add or remove a load. A load that is added was at rest; momentum is conserved along the unconstrained
-        directions.
-        """
+        """Add or remove a load; one that is added was at rest, and momentum along free directions is conserved."""
         old, new = self._cart, with_load(self._cart, load)
         if load.mass > 0.0:
             theta = float(self.data.qpos[2])

@@ -48,11 +48,7 @@ class _PusherLink:
         inbox.listen(session, name, {keys.robot(name, "ready"): Ready, keys.robot(name, "reference"): CartPush})
 
     def take(self, message: Message) -> None:
-        """Process the pusher's message.
-
-        Raises:
-            MessageError: The message is not valid here and now.
-        """
+        """Process the pusher's message."""
         match message:
             case Ready():
                 check_field("robot", message.robot, self._name)
@@ -122,11 +118,7 @@ class CartServer:
         self._truth.send(sample.truth)
 
     def _wait_for(self, block: int) -> None:
-        """Wait until all pushers have answered a sample.
-
-        Raises:
-            LinkError: A pusher is lost, or does not answer.
-        """
+        """Wait until all pushers have answered a sample."""
         deadline = time.monotonic() + _ANSWER_LIMIT
         while silent := [name for name, link in self._links.items() if link.answered < block]:
             left = deadline - time.monotonic()
@@ -135,11 +127,7 @@ class CartServer:
             self._handle(self._inbox.receive(left))
 
     def _handle(self, event: Event | None) -> None:
-        """Process an event.
-
-        Raises:
-            LinkError: A pusher is lost.
-        """
+        """Process an event."""
         match event:
             case Received(name, CartPush() | Ready() as message):
                 try:

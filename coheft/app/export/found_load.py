@@ -155,11 +155,7 @@ def _not_known(robot: str, not_observable: list[str]) -> CoheftError:
 def _checked(
     inertia: Inertia, std: tuple[float, Array, Array], robot: str, source: str, remarks: tuple[str, ...]
 ) -> FoundLoad:
-    """Return the load, if a body with these mass properties can exist.
-
-    Raises:
-        CoheftError: No such body can exist.
-    """
+    """Return the load, if a body with these mass properties can exist."""
     if inertia.com.shape != (3,) or inertia.tensor.shape != (3, 3):
         raise CoheftError(f"{source}: expected 3 numbers for the centre of mass and 3 × 3 for the inertia")
     scale = np.sqrt(np.abs(np.diag(inertia.pseudo_inertia())))

@@ -152,9 +152,7 @@ def _chunk(content: bytes, place: int, end: int | None) -> Piece | None:
 
 
 def _next_place(content: bytes, place: int) -> int:
-    """Return where to continue after damage: after the damaged record if its length is right, or else at a sealed
-    piece.
-    """
+    """Return where to continue: after the damaged record if its length is right, or else at a sealed piece."""
     if place + _HEAD.size <= len(content):
         behind: int = place + _HEAD.size + _HEAD.unpack(content[place : place + _HEAD.size])[1]
         if behind == len(content) or (behind < len(content) and _piece_at(content, behind)):

@@ -93,11 +93,7 @@ def recover(path: Path, output: Path, *, overwrite: bool = False) -> Saved | Non
 
 @contextmanager
 def _content(path: Path) -> Iterator[bytes]:
-    """Map the content of an MCAP file into memory.
-
-    Raises:
-        RecordingError: It is not an MCAP file.
-    """
+    """Map the content of an MCAP file into memory."""
     with path.open("rb") as file:
         begin = file.read(len(MAGIC))
         if not begin:

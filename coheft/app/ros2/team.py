@@ -218,11 +218,7 @@ class Team:
         link.note_links(count)
 
     def _take(self, name: str, message: Message) -> None:
-        """Pass on an agent's message.
-
-        Raises:
-            MessageError: The message is not valid here and now.
-        """
+        """Pass on an agent's message."""
         link, config = self._links[name], self._configs[name]
         match message:
             case Estimate():

@@ -187,11 +187,7 @@ def read_channels(folder: Path) -> dict[str, dict[str, Array]]:
 
 
 def _known(table: Table) -> Table:
-    """Return a table with names as in ``COLUMNS``, if all of its columns are known.
-
-    Raises:
-        RecordingError: A column is unknown, or there twice.
-    """
+    """Return a table with names as in ``COLUMNS``, if all of its columns are known."""
     known = _header(COLUMNS)
     names = [_TIMES.get(column.lower(), column.lower()) for column in table.names]
     unknown = [column for column, name in zip(table.names, names, strict=True) if name not in known]

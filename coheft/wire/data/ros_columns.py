@@ -47,9 +47,7 @@ def is_of_ros(table: Table) -> bool:
 
 
 def robot_named(stem: str) -> str:
-    """Return the robot of a file: its name without words such as ``wrench`` and ``pose``: ``left`` of
-    ``left_wrench``.
-    """
+    """Return the robot of a file: its name without words of the topic, ``left`` of ``left_wrench``."""
     words = [word for word in re.split(r"[-_. ]+", stem) if word]
     kept = [word for word in words if word.lower() not in _WORDS]
     return "_".join(kept) or stem

@@ -67,9 +67,7 @@ class Reader(Generic[M]):
         return cast(M, self._in_words(data) if message is None else message)
 
     def _of_known_start(self, data: bytes) -> Message | None:
-        """Decode a message whose fields and shapes are known from an earlier one; return None otherwise, also for
-        invalid bytes.
-        """
+        """Decode a message whose fields and shapes are known from an earlier one; None otherwise, or if invalid."""
         if len(data) < HEADER.size:
             return None
         checksum, version, code, words, run, size, block, number = HEADER.unpack_from(data)

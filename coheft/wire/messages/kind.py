@@ -84,9 +84,7 @@ class Kind:
         return seal.wrapped(self.kind.code, block, number, start, arrays)
 
     def _known_start(self, message: Message, arrays: list[AnyArray]) -> Start:
-        """Append a message's arrays to ``arrays`` and return its start, for a kind whose arrays are fields, or values
-        of dictionaries.
-        """
+        """Append a message's arrays, which are fields or values of dictionaries, and return its start."""
         key: list[object] = []
         for name in self._constants:
             value = getattr(message, name)
@@ -198,11 +196,7 @@ class Kind:
         return self._with_header(values, frame.block, frame.number)
 
     def _to_known(self, frame: Frame, values: dict[str, Any], arrays: list[AnyArray], places: Places) -> _Known:
-        """Return the start in the form that is kept, with the order in which it names arrays.
-
-        Raises:
-            ValueError: Two arrays have the same name.
-        """
+        """Return the start in the form that is kept, with the order in which it names arrays."""
         names: dict[int, tuple[str, str | None]] = {id(values[name]): (name, None) for name in self._arrays}
         for table in self._tables:
             names |= {id(array): (table, name) for name, array in values[table].items()}
@@ -219,11 +213,7 @@ class Kind:
         )
 
     def _with_header(self, values: dict[str, Any], block: int, number: int) -> Message:
-        """Return the message with these fields and those from the header.
-
-        Raises:
-            ValueError: The header has a number for which this kind has no field.
-        """
+        """Return the message with these fields and those from the header."""
         for name, value in ((self._block, block), (self._number, number)):
             if name is not None:
                 values[name] = value

@@ -93,9 +93,7 @@ class Extent:
         )
 
     def complaint(self, position: Iterable[float]) -> str:
-        """Describe what is wrong with the position of a grasp or a load [m], as the end of a sentence; empty if it is
-        valid.
-        """
+        """Describe what is wrong with the position of a grasp or a load [m], as the end of a sentence; or empty."""
         with np.errstate(over="ignore"):
             distance = self.distance(position)
         if distance <= self.margin:
@@ -106,9 +104,7 @@ class Extent:
         )
 
     def size_complaint(self, size: Iterable[float]) -> str:
-        """Describe what is wrong with the edge lengths of a load [m], as the end of a sentence; empty if they are
-        valid.
-        """
+        """Describe what is wrong with the edge lengths of a load [m], as the end of a sentence; or empty."""
         longest, limit = max(size), self.length + 2.0 * self.margin
         if longest <= limit:
             return ""

@@ -1,6 +1,4 @@
-"""Scenarios: payload, robots, links, sensors, motions and events. ``coheft.wire.scenario.file`` reads them from
-TOML.
-"""
+"""Scenarios: payload, robots, links, sensors, motions and events; ``file`` reads them from TOML."""
 
 from __future__ import annotations
 

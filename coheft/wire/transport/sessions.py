@@ -155,9 +155,7 @@ class Keys:
         check_name(self.run)
 
     def robot(self, name: str, topic: str) -> str:
-        """Return a key of the robot plane. To the server: ``ready``, ``reference``; to the robot: ``measurements``,
-        ``stop``.
-        """
+        """Return a key of the robot plane: ``ready``, ``reference``; to the robot ``measurements``, ``stop``."""
         return f"{self.run}/robot/{check_name(name)}/{topic}"
 
     def agent(self, name: str, topic: str) -> str:
