@@ -153,6 +153,20 @@ def ratio(times: Sequence[float], others: Sequence[float]) -> float:
     return statistics.median(mine / its for mine, its in zip(times, others, strict=True))
 
 
+def against(
+    name: str,
+    times: Sequence[float],
+    others: Sequence[float],
+    *,
+    bar: float | None = None,
+    is_guarded: bool = False,
+    of: str = "",
+) -> Figure:
+    """Return the ``ratio`` of times [s] that were measured side by side; ``of`` says whose they are."""
+    note = f"{1e3 * statistics.median(times):.2f} against {1e3 * statistics.median(others):.2f} ms{of}"
+    return Figure(name=name, value=ratio(times, others), bar=bar, is_guarded=is_guarded, note=note)
+
+
 def digits(value: float) -> str:
     """Format with three significant digits, with an exponent only for very small and large numbers."""
     if value != 0.0 and not 1e-3 <= abs(value) < 1e6:
