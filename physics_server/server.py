@@ -238,7 +238,8 @@ class Server:
         """Carry out a request, if the role is allowed to make it, and log that."""
         try:
             if not isinstance(request, StatusRequest):
-                self._check_role(role)
+                if role != "operator":
+                    raise CoheftError(f"only the operator may change a run, not the {role}")
                 self._carry_out(request)
                 done = f"done for the {role} before block {self._simulation.block}: {in_words(request)}"
                 LOG.info("%s", one_line(done))
@@ -246,10 +247,6 @@ class Server:
             self._problems.tell(f"refused to the {role}: {in_words(request)}: {error}")
             return Refusal(reason=str(error))
         return self._status()
-
-    def _check_role(self, role: Role) -> None:
-        if role != "operator":
-            raise CoheftError(f"only the operator may change a run, not the {role}")
 
     def _carry_out(self, request: Message) -> None:
         """Carry out a request."""

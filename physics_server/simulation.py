@@ -28,6 +28,7 @@ from coheft.wire.messages.structs import Measurements, Reference
 from coheft.wire.messages.truth import LoadState, PayloadTruth, Truth
 from coheft.wire.process.log import LOG
 from coheft.wire.scenario.grasps import place_grasps
+from coheft.wire.scenario.payload import vector_of
 from coheft.wire.scenario.payload_surface import from_text
 from coheft.wire.scenario.rules import check
 from coheft.wire.scenario.schema import PHYSICS_RATE, Scenario
@@ -95,7 +96,7 @@ class Simulation:
             neighbours={name: list(others) for name, others in (neighbours or {}).items()},
             triangles=from_text(scenario.payload.surface),
             boxes=[BoxShape(box.size, box.position, box.rotation_deg) for box in scenario.payload.boxes],
-            home=_vector(PAYLOAD_HOME.translation),
+            home=vector_of(PAYLOAD_HOME.translation),
         )
         self.block = 0
         if mujoco.get_mju_user_warning() is None:  # by default MuJoCo writes a file into the current folder
@@ -106,7 +107,10 @@ class Simulation:
         self._grasps = Grasps(names, grasps, self.model)
         arms = TorqueArms if scenario.robots.arms == "seven-joint" else Arms
         self._arms = arms(scenario, names, grasps, self.model, self.data)
-        self._settle()
+        # The arms take up the weight; then the run starts at rest.
+        self._arms.settle(int(SETTLING_TIME * PHYSICS_RATE))
+        self.data.qvel[:] = 0.0
+        self.data.time = 0.0
         homes = [self.model.site(home_name(name)).id for name in names]
         self._home_rotations = self.data.site_xmat[homes].reshape(-1, 3, 3)
         self._home_positions = self.data.site_xpos[homes].copy()
@@ -123,12 +127,6 @@ class Simulation:
         self._loads_since = 0.0
         self._schedule = LoadSchedule(scenario)
         self._clocks: dict[str, float] = {}
-
-    def _settle(self) -> None:
-        """Let the arms take up the weight, then set velocities to zero, so that the run starts at rest."""
-        self._arms.settle(int(SETTLING_TIME * PHYSICS_RATE))
-        self.data.qvel[:] = 0.0
-        self.data.time = 0.0
 
     @property
     def _now(self) -> float:
@@ -309,11 +307,6 @@ class Simulation:
             slipped=self._grasps.slipped,
             clocks=self._clocks,
         )
-
-
-def _vector(array: Array) -> Vector:
-    x, y, z = array.tolist()
-    return x, y, z
 
 
 def _encoders_of(scenario: Scenario, robots: Sequence[str]) -> Encoders | None:

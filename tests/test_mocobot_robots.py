@@ -18,8 +18,8 @@ from coheft.physics_server.simulation import Simulation
 from coheft.wire.scenario.encoders import EncoderErrors
 from coheft.wire.scenario.file import load_scenario, parse_scenario
 from coheft.wire.scenario.grasps import place_grasps
-from coheft.wire.scenario.schema import Motion, Scenario
-from coheft.wire.scenario.via_points import ViaPoints
+from coheft.wire.scenario.motion import Motion, ViaPoints
+from coheft.wire.scenario.schema import Scenario
 from tests.physics_run import reference as reference_of
 from tests.physics_run import run, samples, scenario
 

@@ -22,7 +22,7 @@ from coheft.estimation.rigid_body.unseen import middle_and_size
 from coheft.wire.config import AgentConfig
 from coheft.wire.messages.states import Validity
 from coheft.wire.messages.structs import Estimate
-from coheft.wire.scenario.carry import Carry
+from coheft.wire.scenario.motion import Carry
 
 _STEP = 1e-3
 """Time step of the finite differences that give accelerations [s]."""
@@ -102,7 +102,7 @@ class Carrier:
             return alone, np.zeros(6)
         if samples is not None and self._config.start_of(index) >= self._path.full_from:
             self._update_gravity(index, samples)
-        time = self._times(ahead)
+        time = self._config.start_of(ahead) + np.arange(self._config.block) / self._config.rate
         common = self._motion(self._path, time)
         share, share_rate = self._path.share(time)
         fading = np.hstack(
@@ -152,6 +152,3 @@ class Carrier:
 
     def _motion(self, path: CommonPath, time: Array) -> CarriedMotion:
         return carried_motion(*path.displacement(time), self._pose_in_ref)
-
-    def _times(self, block: int) -> Array:
-        return self._config.start_of(block) + np.arange(self._config.block) / self._config.rate

@@ -6,7 +6,7 @@ import numpy as np
 
 from coheft.estimation.geometry.smooth_step import least_jerk_step
 from coheft.estimation.geometry.spatial import Array
-from coheft.wire.scenario.carry import Carry
+from coheft.wire.scenario.motion import Carry
 
 
 class CommonPath:

@@ -12,9 +12,8 @@ from coheft.errors import PluginError
 from coheft.estimation.geometry.smooth_step import cubic_step
 from coheft.estimation.geometry.spatial import Array
 from coheft.wire.config import AgentConfig
+from coheft.wire.scenario.motion import Motion, Waves
 from coheft.wire.scenario.plugins import told
-from coheft.wire.scenario.schema import Motion
-from coheft.wire.scenario.waves import Waves
 
 _BATCH = 320
 """Number of samples for which references are computed at once, which takes hardly longer than for a few."""
@@ -123,13 +122,11 @@ class Excitation:
         by_axis = self._turns @ gains.transpose(4, 1, 3, 2, 0).reshape(6, 4, -1)
         waves = by_axis.reshape(6, self._block, self._batch, 2).transpose(2, 1, 3, 0)
         if start[0] < self._ramp:
-            ramp, ramp_rate = self._ramp_at(start[:, None] + np.arange(self._block) / self._rate)
-            waves = np.stack([ramp * waves[:, :, 0], ramp * waves[:, :, 1] + ramp_rate * waves[:, :, 0]], axis=2)
+            times = start[:, None] + np.arange(self._block) / self._rate
+            ramp, rate = cubic_step(np.clip(times / self._ramp, 0.0, 1.0)[..., None])
+            waves = np.stack(
+                [ramp * waves[:, :, 0], ramp * waves[:, :, 1] + rate / self._ramp * waves[:, :, 0]], axis=2
+            )
         references: Array = waves.reshape(self._batch, self._block, 12)
         references.flags.writeable = False
         return references
-
-    def _ramp_at(self, time: Array) -> tuple[Array, Array]:
-        """Return a smooth step from 0 to 1 over the ramp, and its rate, at times (n, B), each (n, B, 1)."""
-        share, rate = cubic_step(np.clip(time / self._ramp, 0.0, 1.0)[..., None])
-        return share, rate / self._ramp

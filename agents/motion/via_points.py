@@ -6,8 +6,7 @@ import numpy as np
 
 from coheft.estimation.geometry.smooth_step import least_jerk_step
 from coheft.estimation.geometry.spatial import Array
-from coheft.wire.scenario.schema import Motion
-from coheft.wire.scenario.via_points import ViaPoints
+from coheft.wire.scenario.motion import Motion, ViaPoints
 
 
 class ViaPointMotion:

@@ -12,14 +12,13 @@ from coheft.estimation.tolerance import SensorDrift, SensorTolerance
 from coheft.wire.former_names import keep_present
 from coheft.wire.messages.size import LEAST_LIMIT
 from coheft.wire.process.log import LogLevel
-from coheft.wire.scenario.carry import Carry
 from coheft.wire.scenario.estimator_settings import Converged, EfficientSettings, Fan2017Settings
 from coheft.wire.scenario.grasps import place_grasps
+from coheft.wire.scenario.motion import Carry, Motion, Waves, draw_waves
 from coheft.wire.scenario.network import LinkQuality
 from coheft.wire.scenario.plugins import estimator_names
 from coheft.wire.scenario.robot_sensors import RobotSensors
-from coheft.wire.scenario.schema import Motion, Scenario
-from coheft.wire.scenario.waves import Waves, draw_waves
+from coheft.wire.scenario.schema import Scenario
 from coheft.wire.transport.security import Credentials
 
 ClockKind = Literal["lockstep", "paced", "realtime"]

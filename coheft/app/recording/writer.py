@@ -7,14 +7,12 @@ from collections.abc import Iterable
 import msgspec
 
 from coheft.app.recording import ros
-from coheft.app.recording.error_topics import error_messages
-from coheft.app.recording.estimate_topics import estimate_messages
 from coheft.app.recording.log_book import LogBook
 from coheft.app.recording.mcap_file import McapFile
 from coheft.app.recording.raw import to_raw
 from coheft.app.recording.reader import BEGIN, SCENARIO, VERSIONS
 from coheft.app.recording.ros import RosMessage
-from coheft.app.recording.truth_topics import box_messages, scene_messages, truth_messages
+from coheft.app.recording.topics import box_messages, error_messages, estimate_messages, scene_messages, truth_messages
 from coheft.app.results.record import load_ids
 from coheft.app.run.heard import News
 from coheft.app.run.pairing import Pairing

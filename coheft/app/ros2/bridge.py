@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 
 from coheft.app.recording import ros
-from coheft.app.recording.estimate_topics import estimate_messages
 from coheft.app.recording.log_book import LogBook
 from coheft.app.recording.ros import RosMessage
-from coheft.app.recording.truth_topics import scene_messages, truth_messages
+from coheft.app.recording.topics import estimate_messages, scene_messages, truth_messages
 from coheft.app.ros2.names import check_ros_names
 from coheft.app.ros2.node import RosNode, open_node
 from coheft.app.run.folder import RunFile

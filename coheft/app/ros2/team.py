@@ -22,7 +22,7 @@ from coheft.app.ros2.samples import STREAMS, BlockBuilder, streams_of
 from coheft.app.ros2.stamps import LIMIT, Stamps
 from coheft.app.run.heard import check_estimate
 from coheft.errors import CoheftError, MessageError, one_line
-from coheft.estimation.geometry.spatial import Array, quaternion_from_rotation, rotation_exp
+from coheft.estimation.geometry.spatial import quaternion_from_rotation, rotation_exp
 from coheft.wire.config import AgentConfig, AgentProcessConfig
 from coheft.wire.messages.structs import Estimate, EstimateBeside, Measurements, Message, Problem, Reference
 from coheft.wire.transport.inbox import Inbox, LinkChange, Received, Refused
@@ -155,8 +155,11 @@ class Team:
                         self._tell(f"refused from /{robot}/{stream}: {error}")
                     continue
                 if block is not None:
-                    self._feed(robot, *block)
-                    contents.note(robot, *block)
+                    number, samples = block
+                    self._next[robot] = number + 1
+                    if self._links[robot].is_ready:
+                        self._links[robot].send_measurements(Measurements(robot=robot, block=number, samples=samples))
+                    contents.note(robot, number, samples)
                     fed_at[robot] = time.monotonic()
             self._hear_agents(0.0)
             if time.monotonic() > next_look:
@@ -183,12 +186,6 @@ class Team:
         self._epoch = epoch
         self._bridge = Bridge(self._node, epoch)
         self._tell(f"block 0 begins at {epoch / 1e9:.3f} s; Ctrl-C ends it")
-
-    def _feed(self, robot: str, block: int, samples: Array) -> None:
-        link = self._links[robot]
-        self._next[robot] = block + 1
-        if link.is_ready:
-            link.send_measurements(Measurements(robot=robot, block=block, samples=samples))
 
     def _hear_agents(self, seconds: float) -> None:
         """Process an event of the agents, waiting up to a time for it."""

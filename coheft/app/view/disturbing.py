@@ -47,7 +47,8 @@ class Disturbing:
 
         @disturb.on_click
         def _(event: Any) -> None:
-            act(event, self.set, self._quality, self.clock.value)
+            quality = LinkQuality(1e-2 * self._loss.value, 1e-3 * self._delay.value, 1e-3 * self._jitter.value)
+            act(event, self.set, quality, self.clock.value)
 
         @restore.on_click
         def _(event: Any) -> None:
@@ -69,10 +70,6 @@ class Disturbing:
             ask_server(self._run_file, ClockRequest(robot=where, ahead=1e-3 * clock))
         is_right = quality.is_ideal and not (clock and edge is None)
         return f"{'restored' if is_right else 'disturbed'} {'the link ' if edge is not None else ''}{where}"
-
-    @property
-    def _quality(self) -> LinkQuality:
-        return LinkQuality(1e-2 * self._loss.value, 1e-3 * self._delay.value, 1e-3 * self._jitter.value)
 
     def _allow_clock(self) -> None:
         self.clock.disabled = self.where.value in self._edges

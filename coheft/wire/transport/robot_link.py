@@ -96,7 +96,8 @@ class RobotLink:
         match message:
             case Ready():
                 check_field("robot", message.robot, self.name)
-                self._begin_attempt(message.attempt)
+                if message.attempt != self._attempt:  # it asks anew, and answers no earlier measurements
+                    self._attempt, self.answered = message.attempt, self._sent
                 self.missing = message.missing
                 self.is_ready = self._measurements.has_listener
             case Reference():
@@ -108,12 +109,6 @@ class RobotLink:
         """Let the robot take part from a block on."""
         self.joined = block
         self.answered = block - 1
-
-    def _begin_attempt(self, attempt: int) -> None:
-        """When the robot asks anew, expect no answers to earlier measurements."""
-        if attempt != self._attempt:
-            self._attempt = attempt
-            self.answered = self._sent
 
     def _check(self, reference: Reference) -> None:
         is_right = (
