@@ -16,7 +16,7 @@ import zenoh
 from coheft.errors import CoheftError, one_line
 from coheft.physics_server.clock import Clock, Stopwatch
 from coheft.physics_server.data_recorder import DataRecorder
-from coheft.physics_server.estimator_choice import EstimatorChoice
+from coheft.physics_server.estimator_choice import check_choice
 from coheft.physics_server.request_words import in_words
 from coheft.physics_server.robots import ANSWER_LIMIT, Robots
 from coheft.physics_server.simulation import Simulation
@@ -39,6 +39,7 @@ from coheft.wire.messages.structs import Message
 from coheft.wire.process.log import LOG
 from coheft.wire.process.problem_log import ProblemLog
 from coheft.wire.process.supervised import COMMENT_AFTER, is_supervisor_stopped, supervised_main
+from coheft.wire.scenario.plugins import usable_in_run
 from coheft.wire.scenario.reach import Reach
 from coheft.wire.transport.inbox import Event, Inbox, LinkChange, Question, Received, Refused
 from coheft.wire.transport.planes import SERVER, guard_server_for_observers, guard_server_for_robot
@@ -70,7 +71,7 @@ class Server:
         self._clock = Clock(config.clock, scenario.lookahead, scenario.block_duration)
         self._stopwatch = Stopwatch()
         self._simulation = Simulation(scenario, config.neighbours)
-        self._estimators = EstimatorChoice(scenario)
+        self._estimator = scenario.estimator
         self._state = RunState.WAITING
         self._save_data = config.save_data
         self._unsaved = ""
@@ -210,7 +211,7 @@ class Server:
         result = self._simulation.advance(self._robots.take_references(block, block * self._scenario.block_duration))
         if self._recorder is not None:
             self._recorder.add(result)
-        self._robots.send_measurements(result.measurements, block, self._estimators.chosen)
+        self._robots.send_measurements(result.measurements, block, self._estimator)
         self._truth.send(result.truth)
         for problem in result.problems:
             self._problems.tell(problem)
@@ -268,7 +269,8 @@ class Server:
                     raise CoheftError(f"{robot} is the only robot that holds the payload, which would fall")
                 self._simulation.release(robot)
             case EstimatorRequest():
-                self._estimators.choose(request.estimator)
+                check_choice(request.estimator, self._estimator, self._scenario)
+                self._estimator = request.estimator
             case PauseRequest():
                 if self._state is RunState.WAITING:
                     raise CoheftError(f"the run has not begun: waiting for {', '.join(self._robots.not_ready)}")
@@ -299,8 +301,8 @@ class Server:
             loads=self._simulation.loads,
             slots_free=self._simulation.slots_free,
             waiting_for=robots.not_ready if self._state is RunState.WAITING else robots.away + robots.in_debt,
-            estimator=self._estimators.chosen,
-            estimators=self._estimators.available,
+            estimator=self._estimator,
+            estimators=usable_in_run(self._scenario.estimator),
             scene=self._simulation.scene,
             unsaved=self._unsaved,
             failure=self._failure,

@@ -54,13 +54,7 @@ class FoundLoad:
 
 
 def of_run(report: Report, robot: str | None, source: str, estimator: str | None = None) -> FoundLoad:
-    """Return the load that a robot, by default the first, reported at the end of a run.
-
-    Args:
-        report: The report.
-        robot: The robot; None for the first one.
-        source: Description of the source.
-        estimator: Estimator whose result is used, if several ran; None for the robots' own.
+    """Return the load that a robot (default: the first) found in a run with an estimator (default: its own).
 
     Raises:
         CoheftError: There is no such robot or estimator, or its estimate may not be used; the message says why.

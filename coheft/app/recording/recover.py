@@ -61,11 +61,6 @@ def recover(path: Path, output: Path, *, overwrite: bool = False) -> Saved | Non
 
     The old file is not changed, unless it is also the output. The output appears only when it is complete.
 
-    Args:
-        path: The recording.
-        output: The file to write.
-        overwrite: Whether to replace an existing output.
-
     Returns:
         The result; None if the recording is complete, so that nothing was written.
 

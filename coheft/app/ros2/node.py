@@ -148,12 +148,6 @@ def open_node(name: str, endpoint: str, domain: int, namespace: str = "") -> Ite
 
     A router that goes is dialled again in the background.
 
-    Args:
-        name: Name of the node.
-        endpoint: Endpoint of the router.
-        domain: Number of the ROS domain.
-        namespace: Namespace of the node and of all its topics, such as ``/cell``.
-
     Raises:
         LinkError: No router listens there.
     """

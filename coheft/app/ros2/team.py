@@ -17,8 +17,7 @@ from coheft.app.ros2.graph import reasons, shared
 from coheft.app.ros2.names import Topic
 from coheft.app.ros2.node import RosNode, typed_topic
 from coheft.app.ros2.pace import words_of
-from coheft.app.ros2.readings import Readings
-from coheft.app.ros2.samples import STREAMS, BlockBuilder, streams_of
+from coheft.app.ros2.samples import STREAMS, BlockBuilder, Readings, streams_of
 from coheft.app.ros2.stamps import LIMIT, Stamps
 from coheft.app.run.heard import check_estimate
 from coheft.errors import CoheftError, MessageError, one_line
@@ -220,11 +219,11 @@ class Team:
         match message:
             case Estimate():
                 check_estimate(message, name, {name, *config.neighbours})
-                self._bridge.hear_robot(message)
+                self._bridge.hear(message)
             case EstimateBeside():
                 pass  # ROS 2 has the robot's own
             case Problem():
-                self._bridge.hear_robot(Problem(source=name, text=one_line(message.text)))
+                self._bridge.hear(Problem(source=name, text=one_line(message.text)))
             case _:
                 was_ready = link.is_ready
                 link.take(message)

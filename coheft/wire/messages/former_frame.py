@@ -33,11 +33,6 @@ def is_former(data: bytes) -> bool:
 def decode_former(data: bytes, kind: type[M], key: str) -> M:
     """Decode a message in the old format.
 
-    Args:
-        data: Bytes for which ``is_former`` is true.
-        kind: The expected type of message.
-        key: The key under which it was sent.
-
     Raises:
         MessageError: The bytes are damaged, are another message, or have an older version.
     """

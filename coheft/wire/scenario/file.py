@@ -82,13 +82,7 @@ def read_text(path: Path) -> str:
 
 
 def parse_scenario(text: str, origin: str, folder: Path = Path(), values: Sequence[str] = ()) -> Scenario:
-    """Make a scenario from TOML text.
-
-    Args:
-        text: Content of the file.
-        origin: Name of the scenario in errors.
-        folder: Folder of relative paths.
-        values: Values to set, see ``set_values``.
+    """Make a scenario from TOML text, with some values changed, see ``set_values`` and ``scenario_of``.
 
     Raises:
         ScenarioError: It is not TOML, or not a scenario, or a file that it names cannot be used.
@@ -115,10 +109,7 @@ def parse_table(text: str, origin: str) -> dict[str, Any]:
 def scenario_of(table: dict[str, Any], origin: str, folder: Path = Path()) -> Scenario:
     """Make a scenario from nested dictionaries and lists, with all checks, and read the files that it names.
 
-    Args:
-        table: The table, as returned by ``parse_table``.
-        origin: Name of the scenario in errors.
-        folder: Folder of relative paths.
+    ``origin`` names it in errors; ``folder`` is that of relative paths.
 
     Raises:
         ScenarioError: It is not a scenario, or a file that it names cannot be used.

@@ -229,14 +229,7 @@ def ask(session: zenoh.Session, key: str, request: Request, timeout: float = 2.0
 
 
 def ask_for(kind: type[M], session: zenoh.Session, key: str, request: Message, timeout: float = 2.0) -> M | Refusal:
-    """Send a request and return the answer.
-
-    Args:
-        kind: Type of the answer.
-        session: The session to use.
-        key: The key under which requests are answered.
-        request: The request.
-        timeout: Time to wait for the answer [s].
+    """Send a request under a key and return the answer, of type ``kind``.
 
     Raises:
         LinkError: There is no answer within ``timeout`` [s].
