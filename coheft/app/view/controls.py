@@ -85,13 +85,8 @@ class Controls:
             request = InjectRequest(mass=float(self._mass.value), position=self._place, size=(size, size, size))
             self._ask(event, request, f"dropped {request.mass:g} kg")
 
-        @self._loads.dropdown.on_update
-        def _(_: object) -> None:
-            self._tell_what_is_taken()
-
-        @self._remove.on_click
-        def _(event: Any) -> None:
-            self._act(event, self._take_away)
+        self._loads.dropdown.on_update(lambda _: self._tell_what_is_taken())
+        self._remove.on_click(lambda event: self._act(event, self._take_away))
 
         @self._page.stage.on_payload_click
         def _(hit: Any) -> None:
@@ -117,9 +112,8 @@ class Controls:
             pause = self._model.status.state is not RunState.PAUSED
             self._ask(event, PauseRequest(paused=pause), "paused" if pause else "resumed")
 
-        @stop.on_click
-        def _(event: Any) -> None:
-            self._ask(event, StopRequest(), "stopped; the terminal that started the run shows its report")
+        stopped = "stopped; the terminal that started the run shows its report"
+        stop.on_click(lambda event: self._ask(event, StopRequest(), stopped))
 
         @choice.on_update
         def _(_: object) -> None:
@@ -145,9 +139,7 @@ class Controls:
         self._buttons += [kill]
         self._change = change
 
-        @kill.on_click
-        def _(event: Any) -> None:
-            self._act(event, self._kill, self._page.chosen)
+        kill.on_click(lambda event: self._act(event, self._kill, self._page.chosen))
 
         @change.on_click
         def _(event: Any) -> None:

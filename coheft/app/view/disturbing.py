@@ -41,18 +41,13 @@ class Disturbing:
         self.buttons = [disturb, restore]
         self._allow_clock()
 
-        @self.where.on_update
-        def _(_: object) -> None:
-            self._allow_clock()
+        self.where.on_update(lambda _: self._allow_clock())
+        restore.on_click(lambda event: act(event, self.set, LinkQuality(), 0.0))
 
         @disturb.on_click
         def _(event: Any) -> None:
             quality = LinkQuality(1e-2 * self._loss.value, 1e-3 * self._delay.value, 1e-3 * self._jitter.value)
             act(event, self.set, quality, self.clock.value)
-
-        @restore.on_click
-        def _(event: Any) -> None:
-            act(event, self.set, LinkQuality(), 0.0)
 
     def update(self) -> None:
         """Show what is disturbed."""
