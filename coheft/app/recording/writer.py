@@ -59,7 +59,7 @@ class RunWriter:
             case EstimateBeside(estimate=estimate) if f"/{estimate.estimator}" in self._pairings:
                 self._write_estimate(time, estimate, f"/{estimate.estimator}")
         for line in self._log.lines(news):
-            self._out.write("/rosout", time, ros.log(time, line.name, line.level, line.text))
+            self._out.write("/rosout", time, ros.log(time, *line))
 
     def _write_truth(self, time: int, truth: Truth) -> None:
         sampled = max(0, time - self._sample)

@@ -58,7 +58,7 @@ class Bridge:
             total_time = self._note_time(news.time * (news.total_block + 1) / (news.block + 1))
             self._publish(estimate_messages(time, news, total_time))
         for line in self._log.lines(news):
-            self._node.publish("/rosout", ros.log(self._newest, line.name, line.level, line.text))
+            self._node.publish("/rosout", ros.log(self._newest, *line))
 
     def _note_time(self, seconds: float) -> int:
         """Convert a simulated time [s] to a stamp [ns]."""

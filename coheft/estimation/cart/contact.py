@@ -6,6 +6,8 @@ import numpy as np
 
 from coheft.estimation.geometry.spatial import Array
 
+_LEAST_FORCE = 1.0
+"""Forces below this tell nothing of the best contact point [N]."""
 MOVING = [0, 2]
 """Components of a ``wrench_b`` that move the cart: forward force and torque. The wheels take up the other."""
 
@@ -72,12 +74,10 @@ class BestContact:
 
     Args:
         memory: Number of pushes in the forgetting's time constant.
-        floor: Forces below this are ignored [N].
     """
 
-    def __init__(self, memory: float, floor: float = 1.0) -> None:
+    def __init__(self, memory: float) -> None:
         self._keep = 1.0 - 1.0 / memory
-        self._floor = floor**2
         self._products = 0.0
         self._squares = 0.0
 
@@ -86,4 +86,4 @@ class BestContact:
         force, torque = float(wrench_b[0]), float(wrench_b[2])
         self._products = self._keep * self._products + force * torque
         self._squares = self._keep * self._squares + force * force
-        return None if self._squares < self._floor else -self._products / self._squares
+        return None if self._squares < _LEAST_FORCE**2 else -self._products / self._squares
