@@ -177,30 +177,22 @@ class ServerConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
 
 def agent_config(scenario: Scenario, name: str, neighbours: tuple[str, ...]) -> AgentConfig:
     """Return an agent's configuration. Its seed is 1000 times the scenario's seed plus its own number, from 0."""
-    seed = 1000 * scenario.seed + scenario.robot_names.index(name)
+    seed, sensors = 1000 * scenario.seed + scenario.robot_names.index(name), scenario.sensors
+    same = ("motion", "estimator", "fan2017", "efficient", "converged", "carry", "network")
+    same_of_sensors = ("noise_correlation", "tolerance", "drift", "rate", "block")
     return AgentConfig(
         name=name,
         neighbours=neighbours,
         noise=scenario.noise,
-        noise_correlation=scenario.sensors.noise_correlation,
-        tolerance=scenario.sensors.tolerance,
-        drift=scenario.sensors.drift,
-        rate=scenario.sensors.rate,
-        block=scenario.sensors.block,
         lag=scenario.lookahead,
         seed=seed,
-        motion=scenario.motion,
         waves=draw_waves(scenario.motion.frequency, seed),
-        estimator=scenario.estimator,
-        fan2017=scenario.fan2017,
-        efficient=scenario.efficient,
         estimator_settings=_estimator_settings(scenario),
         motion_settings=scenario.settings.get(scenario.motion.own or "", {}),
-        converged=scenario.converged,
-        carry=scenario.carry,
         known=_known(scenario, name),
-        network=scenario.network,
-        unequal=scenario.sensors.unequal(),
+        unequal=sensors.unequal(),
+        **{key: getattr(scenario, key) for key in same},
+        **{key: getattr(sensors, key) for key in same_of_sensors},
     )
 
 
