@@ -8,6 +8,8 @@ row -> does a robot's motion contradict the team?   drop the row, and those sinc
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from coheft.agents.efficient.contradictions import Contradictions, Use
@@ -74,8 +76,9 @@ class Session:
         self.verdict = Verdict(Outcome.FITS)
         self.total_wrench: Array | None = None
         self._undeclared = UndeclaredWatch(guards.undeclared_growth, rows(guards.undeclared_lasts))
-        self._telling_apart = rows(guards.telling_apart)
+        self._telling_apart, self._hopeless = rows(guards.telling_apart), rows(guards.unfitted)
         self._steps = UnnoticedStep(rows(guards.shortest), guards)
+        self._gives_up_at: float | None = None  # number of a row; None if a load has fitted since
         self._known_news = self._newest = -1  # the newest change that another robot has told of; the newest row
         self._begin(Knowledge(count, anchor, settings, guards, prior))
         if prior is not None:
@@ -255,7 +258,14 @@ class Session:
             fresh = innovations.look_for_change(buffer)
             if fresh.statistic > guards.fresh_change:
                 self.verdict, first = Verdict(Outcome.NO_LOAD), buffer.start + fresh.first
+        if self.verdict.outcome is not Outcome.NO_LOAD:
+            self._gives_up_at = None
+        elif self._gives_up_at is None:
+            self._gives_up_at = self._newest + self._hopeless
         match self.verdict.outcome:
+            case Outcome.NO_LOAD if self._gives_up_at is not None and self._newest > self._gives_up_at:
+                self._start_over()
+                self._gives_up_at = math.inf
             case Outcome.NO_BODY | Outcome.BEYOND_TOLERANCE:
                 self._start_over()
             case Outcome.NO_LOAD:

@@ -174,6 +174,20 @@ def test_a_sensor_that_was_off_at_first_makes_all_begin_again() -> None:
     assert_right(found)
 
 
+def test_without_a_load_that_fits_poses_are_found_anew_but_only_once() -> None:
+    rows = made_up_rows(900)
+    rows[150:700, ROW_SIZE + FORCE.start] += np.random.default_rng(3).normal(size=550)
+    found, starts, had_poses = session(), list[int](), False
+    for number, row in enumerate(rows):
+        found.take(number, row)
+        if had_poses and found.estimate is None:
+            starts.append(number)
+        had_poses = found.estimate is not None
+    assert len(starts) == 1
+    assert 300 < starts[0] < 400
+    assert_right(found)
+
+
 def test_rows_that_came_with_a_contradiction_are_taken_back() -> None:
     rows = made_up_rows(120)
     rows[100:104, ROW_SIZE + A.start] += 0.085  # too little for a single row
