@@ -54,8 +54,6 @@ class Loads:
         inertia: Mass properties of the payload with its loads, in the payload's frame.
     """
 
-    inertia: Inertia
-
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, payload_body: int, payload: Inertia, slots: int):
         self._model = model
         self._data = data

@@ -69,11 +69,6 @@ class Simulation:
         data: The engine's state, for views.
     """
 
-    scene: Scene
-    block: int
-    model: mujoco.MjModel
-    data: mujoco.MjData
-
     def __init__(self, scenario: Scenario, neighbours: Mapping[str, Sequence[str]] | None = None) -> None:
         """Build the scene, with the payload at rest where the robots hold it.
 

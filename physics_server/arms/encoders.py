@@ -56,12 +56,6 @@ class Encoders:
         force_offset: Offsets of the forces, shape (N, 3) [N].
     """
 
-    zero: Array
-    angle_scale: Array
-    position_scale: Array
-    force_scale: Array
-    force_offset: Array
-
     def __init__(self, errors: EncoderErrors, scenario: Scenario, robots: Sequence[str]) -> None:
         self._errors = errors
         self._force_noise = scenario.noise.force

@@ -48,9 +48,6 @@ class Arms:
         read_size: Length of ``readings``.
     """
 
-    pushed: Array
-    read_size: int
-
     def __init__(
         self,
         scenario: Scenario,
