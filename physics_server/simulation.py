@@ -101,7 +101,7 @@ class Simulation:
         self.data = mujoco.MjData(self.model)
         self._grasps = Grasps(names, grasps, self.model)
         arms = TorqueArms if scenario.robots.arms == "seven-joint" else Arms
-        self._arms = arms(scenario, names, grasps, self.model, self.data)
+        self._arms = arms(scenario, grasps, self.model, self.data)
         # The arms take up the weight; then the run starts at rest.
         self._arms.settle(int(SETTLING_TIME * PHYSICS_RATE))
         self.data.qvel[:] = 0.0
@@ -114,7 +114,7 @@ class Simulation:
         self._at_rest = np.zeros((len(names), READINGS))
         self._at_rest[:, ACCELERATION] = -self.model.opt.gravity @ self._home_rotations
         self._sensors, self._compliances = Sensors(scenario, errors), errors.compliances
-        self._encoders = _encoders_of(scenario, names)
+        self._encoders = _encoders_of(scenario)
         payload_body = self.model.body(PAYLOAD).id
         self._loads = Loads(
             self.model, self.data, payload_body, scenario.payload.inertia(), scenario.payload.load_slots
@@ -304,13 +304,13 @@ class Simulation:
         )
 
 
-def _encoders_of(scenario: Scenario, robots: Sequence[str]) -> Encoders | None:
+def _encoders_of(scenario: Scenario) -> Encoders | None:
     errors = scenario.sensors.encoders
     if errors is None:
         return None
     from coheft.physics_server.arms.encoders import Encoders  # slow to import: it loads scipy
 
-    return Encoders(errors, scenario, robots)
+    return Encoders(errors, scenario)
 
 
 def _warn(text: str) -> None:

@@ -114,8 +114,7 @@ class CartAgentProcess:
 
     def _check_message(self, source: str, message: CartMessage) -> None:
         check_field("sender", message.sender, source)
-        # A neighbour needs this pusher's message of a sample to complete the next one, so it is at most one sample
-        # ahead.
+        # A neighbour needs this pusher's message of a sample for the next one, so it is at most one sample ahead.
         expected = [b for b in (self._block - 1, self._block) if b >= 0 and source not in self._messages.get(b, {})]
         if message.block not in expected:
             raise MessageError(f"block is {message.block} but expected one of {expected}")

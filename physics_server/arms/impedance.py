@@ -48,15 +48,8 @@ class Arms:
         read_size: Length of ``readings``.
     """
 
-    def __init__(
-        self,
-        scenario: Scenario,
-        robots: Sequence[str],
-        grasps: Sequence[Pose],
-        model: mujoco.MjModel,
-        data: mujoco.MjData,
-    ) -> None:
-        self._robots = tuple(robots)
+    def __init__(self, scenario: Scenario, grasps: Sequence[Pose], model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        self._robots = scenario.robot_names
         self._adjoints = np.array([grasp.adjoint() for grasp in grasps])
         self._is_holding = np.ones(len(self._robots), dtype=np.bool_)
         self._model, self._data = model, data
@@ -69,10 +62,8 @@ class Arms:
         self._steps_per_sample = PHYSICS_RATE // scenario.sensors.rate
         (k_t, k_r), (d_t, d_r) = scenario.robots.stiffness, scenario.robots.damping
         damping = np.repeat([d_t / k_t, d_r / k_r if k_r > 0.0 else 0.0], 3)  # a gimbal has neither
-        # Between samples the reference is extrapolated with its rate, and the rate with its slope: a rate that is
-        # constant
-        # between samples would excite the payload at half the sample rate. The spring's damping also acts on the
-        # reference's rate.
+        # Between samples the reference is extrapolated with its rate, and the rate with its slope: a constant rate would
+        # excite the payload at half the sample rate. The spring's damping also acts on the reference's rate.
         since_sample = np.arange(self._steps_per_sample)[:, None, None] / PHYSICS_RATE
         self._rate_gains = since_sample + damping
         self._slope_gains = scenario.sensors.rate * since_sample * (0.5 * since_sample + damping)

@@ -31,15 +31,9 @@ class TorqueArms(Arms):
     The controller uses the arms' state of the last stage of the integrator's step.
     """
 
-    def __init__(
-        self,
-        scenario: Scenario,
-        robots: Sequence[str],
-        grasps: Sequence[Pose],
-        model: mujoco.MjModel,
-        data: mujoco.MjData,
-    ) -> None:
-        super().__init__(scenario, robots, grasps, model, data)
+    def __init__(self, scenario: Scenario, grasps: Sequence[Pose], model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        super().__init__(scenario, grasps, model, data)
+        robots = scenario.robot_names
         self.read_size = 6 * len(robots)
         (k_t, k_r), (d_t, d_r) = scenario.robots.stiffness, scenario.robots.damping
         self._stiffness = np.repeat([k_t, k_r], 3)

@@ -114,8 +114,7 @@ def decode(data: bytes, kind: type[M], key: str) -> M:
 
 def is_finite(array: Array) -> bool:
     """Whether all numbers of an array are finite."""
-    # Nearly always the sum of squares is finite: one pass instead of three. It may overflow although all numbers are
-    # finite.
+    # Nearly always the sum of squares is finite: one pass instead of three. It may overflow for finite numbers.
     return math.isfinite(np.vdot(array, array)) or bool(np.isfinite(array).all())
 
 

@@ -170,9 +170,8 @@ class Kind:
         places = known_places(frame.shapes)
         if places.size != len(frame.arrays):
             raise ValueError(f"its arrays take {places.size} bytes but there are {len(frame.arrays)}")
-        # A copy of all arrays, so that none keeps the message alive and all are aligned like other arrays: sums over
-        # unaligned
-        # arrays may differ in the last digit.
+        # A copy of all arrays, so that none keeps the message alive and all are aligned like other arrays: sums
+        # over unaligned arrays may differ in the last digit.
         data = bytearray(frame.arrays)
         arrays: list[AnyArray] = [np.ndarray(shape, dtype, data, begin) for dtype, shape, begin in places.each]
         left = iter(arrays)
