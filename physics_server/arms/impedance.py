@@ -62,7 +62,7 @@ class Arms:
         self._steps_per_sample = PHYSICS_RATE // scenario.sensors.rate
         (k_t, k_r), (d_t, d_r) = scenario.robots.stiffness, scenario.robots.damping
         damping = np.repeat([d_t / k_t, d_r / k_r if k_r > 0.0 else 0.0], 3)  # a gimbal has neither
-        # Between samples the reference is extrapolated with its rate, and the rate with its slope: a constant rate would
+        # Between samples the reference is extrapolated with its rate, and the rate with its slope: constant rates would
         # excite the payload at half the sample rate. The spring's damping also acts on the reference's rate.
         since_sample = np.arange(self._steps_per_sample)[:, None, None] / PHYSICS_RATE
         self._rate_gains = since_sample + damping

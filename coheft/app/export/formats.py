@@ -15,6 +15,7 @@ from coheft.app.export.found_load import FoundLoad
 from coheft.app.export.verdict import Answer, Limits, judge_load
 from coheft.errors import CoheftError, UsageError
 from coheft.estimation.geometry.spatial import Array
+from coheft.estimation.linear_algebra import principal_axes
 from coheft.estimation.rigid_body.mass_properties import pack_symmetric
 from coheft.wire.scenario.section import pose_of
 
@@ -117,8 +118,7 @@ def _ur(load: FoundLoad) -> str:
 def _kuka(load: FoundLoad) -> str:
     """KRL: mass [kg], centre of mass in the flange's frame [mm], principal axes as angles [°], moments [kg·m²]."""
     inertia = load.inertia
-    moments, axes = np.linalg.eigh(inertia.tensor)
-    axes *= np.sign(np.linalg.det(axes))  # a rotation, not a reflection
+    moments, axes = principal_axes(inertia.tensor)
     centre = _named("XYZ", 1e3 * inertia.com) + "," + _named("ABC", _kuka_angles(axes))
     return f"LOAD_DATA[1]={{M {_decimal(inertia.mass)},CM {{{centre}}},J {{{_named('XYZ', moments)}}}}}\n"
 
