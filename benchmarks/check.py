@@ -50,11 +50,7 @@ def compare(committed: Mapping[str, float], found: Mapping[str, float]) -> list[
 
 
 def load_committed(path: Path = COMMITTED) -> dict[str, float]:
-    """Return the committed ratios by name.
-
-    Raises:
-        CoheftError: They cannot be read.
-    """
+    """Return the committed ratios by name; raise ``CoheftError`` if they cannot be read."""
     return read_json(path, dict[str, float], "a table of ratios", "python -m benchmarks.check --commit TABLE")
 
 

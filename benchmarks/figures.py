@@ -106,20 +106,12 @@ class Results(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def load_results(path: Path) -> Results:
-    """Read the JSON of ``Results.write``.
-
-    Raises:
-        CoheftError: It cannot be read.
-    """
+    """Read the JSON of ``Results.write``; raise ``CoheftError`` if it cannot be read."""
     return read_json(path, Results, "a bench.json of 'python -m benchmarks'", "python -m benchmarks")
 
 
 def read_json(path: Path, kind: type[T], what: str, command: str) -> T:
-    """Read a JSON file that a command writes.
-
-    Raises:
-        CoheftError: It cannot be read.
-    """
+    """Read a JSON file that a command writes; raise ``CoheftError`` if it cannot be read."""
     try:
         return msgspec.json.decode(path.read_bytes(), type=kind)
     except OSError as error:

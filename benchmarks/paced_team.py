@@ -79,11 +79,7 @@ class PacedTeam:
         self._children = {name: psutil.Process(pid) for name, pid in processes.pids.items()}
 
     def run_until(self, seconds: float) -> None:
-        """Run up to a simulated time [s], then pause.
-
-        Raises:
-            LinkError: The team does not reach this time.
-        """
+        """Run up to a simulated time [s], then pause; raise ``LinkError`` if the team does not reach it."""
         deadline = time.monotonic() + _LIMIT
         while True:
             self._processes.check()

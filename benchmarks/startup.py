@@ -104,11 +104,7 @@ class Run:
             )
 
     def began(self) -> float:
-        """Return the time at which the first block began, by ``time.monotonic`` [s].
-
-        Raises:
-            LinkError: The run does not begin.
-        """
+        """Return when the first block began, by ``time.monotonic`` [s]; raise ``LinkError`` if it does not."""
         status, _ = self._wait_for(lambda status: status.real_time_factor > 0.0)
         return time.monotonic() - status.time / status.real_time_factor
 

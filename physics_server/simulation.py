@@ -144,11 +144,7 @@ class Simulation:
         return [name for name, is_holding in zip(self._names, self._is_holding, strict=True) if is_holding]
 
     def holds(self, robot: str) -> bool:
-        """Whether a robot holds the payload.
-
-        Raises:
-            SimulationError: There is no such robot.
-        """
+        """Whether a robot holds the payload; raise ``SimulationError`` if there is no such robot."""
         return bool(self._is_holding[self._number(robot)])
 
     def inject(self, mass: float, position: Vector, size: Vector = (0.1, 0.1, 0.1), leak: float = 0.0) -> LoadState:
@@ -163,11 +159,7 @@ class Simulation:
         return load
 
     def remove(self, load_id: int) -> LoadState:
-        """Remove a load before the next block, see ``Loads.take``.
-
-        Raises:
-            LoadError: There is no load with this number.
-        """
+        """Remove a load before the next block; raise ``LoadError`` if there is none with this number."""
         load = self._loads.take(load_id)
         self._loads_since = self._now
         return load

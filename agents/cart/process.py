@@ -122,11 +122,7 @@ class CartAgentProcess:
 
 
 def check_content(message: CartMessage) -> None:
-    """Check the sums and the records in a neighbour's message.
-
-    Raises:
-        MessageError: They cannot be used.
-    """
+    """Check the sums and records in a neighbour's message; raise ``MessageError`` if they cannot be used."""
     rounds = message.valid.size
     check_array(message.valid, (rounds,), "valid")
     check_array(message.stages, (rounds, 1, CHANNELS), "stages")

@@ -35,11 +35,7 @@ class ReferenceMotion(Protocol):
 
 
 def make_motion(config: AgentConfig) -> ReferenceMotion:
-    """Make the reference motion that an agent's configuration names.
-
-    Raises:
-        PluginError: A user's motion cannot be used.
-    """
+    """Make the motion that a configuration names; raise ``PluginError`` if a user's own cannot be used."""
     motion = config.motion
     if motion.own is not None:
         return OwnMotion(motion.own, config)

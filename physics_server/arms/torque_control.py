@@ -87,11 +87,7 @@ class TorqueArms(Arms):
         return readings
 
     def set_holding(self, robot: str, holding: bool) -> None:
-        """Refuse, as welds cannot be released.
-
-        Raises:
-            SimulationError: Always.
-        """
+        """Raise ``SimulationError``, as welds cannot be released."""
         raise SimulationError(f"the hand of {robot} is welded to the payload, it cannot {_VERBS[holding]} it")
 
     def wrenches(self, read: Array, rotations: Array, home_rotations: Array) -> Array:

@@ -79,11 +79,7 @@ def of_run(report: Report, robot: str | None, source: str, estimator: str | None
 
 
 def of_estimate(estimate: Estimate, source: str) -> FoundLoad:
-    """Return the load of an estimate of a run in progress.
-
-    Raises:
-        CoheftError: It may not be used; the message says why.
-    """
+    """Return the load of an estimate in a run; raise ``CoheftError`` with the reason if it may not be used."""
     name, payload = estimate.robot, estimate.payload
     _check_status(name, estimate.status, estimate.reasons)
     if payload is None or payload.com is None or payload.tensor is None:
@@ -122,11 +118,7 @@ def of_recording(report: IdentifyReport, robot: str | None, source: str) -> Foun
 
 
 def chosen_robot(robot: str | None, names: list[str]) -> str:
-    """Return the robot, by default the first.
-
-    Raises:
-        CoheftError: There is no such robot.
-    """
+    """Return the robot, by default the first; raise ``CoheftError`` if there is no such robot."""
     name = names[0] if robot is None else robot
     if name not in names:
         raise CoheftError(f"there is no robot {name}: the robots are {', '.join(names)}")

@@ -33,11 +33,7 @@ class LoadChoice:
 
     @property
     def number(self) -> int:
-        """Number of the chosen load.
-
-        Raises:
-            CoheftError: No load is chosen.
-        """
+        """Number of the chosen load; raises ``CoheftError`` if none is chosen."""
         value = self.dropdown.value
         if not value.startswith("#"):
             raise CoheftError("there is no load" if value == _NO_LOAD else "choose a load first")

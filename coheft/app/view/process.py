@@ -33,11 +33,7 @@ class Place(msgspec.Struct, frozen=True):
 
     @classmethod
     def choose(cls, host: str, port: int | None = None) -> Place:
-        """Return a place with a new secret; without a port, at any free one.
-
-        Raises:
-            LinkError: The port is taken.
-        """
+        """Return a place with a new secret, without a port at any free one; raise ``LinkError`` if it is taken."""
         return cls(host, choose_port(host, port), new_token())
 
     @property

@@ -119,11 +119,7 @@ def is_finite(array: Array) -> bool:
 
 
 def check_array(array: Array, shape: tuple[int, ...], name: str) -> None:
-    """Check a received array.
-
-    Raises:
-        MessageError: Its shape is not ``shape``, or it contains numbers that are not finite.
-    """
+    """Check that a received array has a shape and is finite; raise ``MessageError`` if not."""
     if array.shape != shape:
         raise MessageError(f"{name}.shape is {array.shape} but expected {shape}")
     if not is_finite(array):
@@ -132,20 +128,12 @@ def check_array(array: Array, shape: tuple[int, ...], name: str) -> None:
 
 
 def check_field(name: str, found: object, expected: object) -> None:
-    """Check a field of a received message.
-
-    Raises:
-        MessageError: It is not as expected.
-    """
+    """Check a field of a received message; raise ``MessageError`` if it is not as expected."""
     if found != expected:
         raise MessageError(f"{name} is {found!r} but expected {expected!r}")
 
 
 def check_choice(name: str, found: object, choices: Collection[object]) -> None:
-    """Check that a field of a received message is one of the allowed values.
-
-    Raises:
-        MessageError: It is not.
-    """
+    """Check that a received field is one of the allowed values; raise ``MessageError`` if not."""
     if found not in choices:
         raise MessageError(f"{name} is {found!r} but expected one of {', '.join(map(repr, choices))}")

@@ -62,11 +62,7 @@ def load_scenario(source: str | Path, values: Sequence[str] = ()) -> Scenario:
 
 
 def read_text(path: Path) -> str:
-    """Return the text of a scenario's file.
-
-    Raises:
-        ScenarioError: It cannot be read, or is not text.
-    """
+    """Return the text of a scenario's file; raise ``ScenarioError`` if it cannot be read, or is none."""
     try:
         data = path.read_bytes()
     except FileNotFoundError as error:
@@ -135,11 +131,7 @@ def with_values(scenario: Scenario, values: Sequence[str]) -> Scenario:
 
 
 def complete_scenario(scenario: Scenario, origin: str, folder: Path) -> Scenario:
-    """Check a scenario, and read the files that it names.
-
-    Raises:
-        ScenarioError: It cannot be used, or a file that it names cannot.
-    """
+    """Check a scenario, and read the files that it names; raise ``ScenarioError`` if it cannot be used."""
     check(scenario, origin, choice_complaints, place_complaints)
     scenario = read_files(scenario, origin, folder)
     check_scenario(scenario, origin)

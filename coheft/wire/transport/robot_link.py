@@ -88,11 +88,7 @@ class RobotLink:
             self.answered = self._sent
 
     def take(self, message: Message) -> None:
-        """Process the robot's message.
-
-        Raises:
-            MessageError: The message is not valid here and now.
-        """
+        """Process the robot's message; raise ``MessageError`` if it is not valid here and now."""
         match message:
             case Ready():
                 check_field("robot", message.robot, self.name)
