@@ -18,11 +18,7 @@ class LateAnswers:
         self._reported_at: float | None = None
 
     def add(self, names: Sequence[str], time: float) -> str | None:
-        """Count the robots whose references are late for a block.
-
-        Args:
-            names: Their names; usually none.
-            time: Start of the block [s].
+        """Count the robots whose references are late for a block that starts at ``time`` [s].
 
         Returns:
             The text to report now, None if there is none: the first late answer at once, later ones as a number.

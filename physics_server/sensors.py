@@ -69,14 +69,11 @@ class Sensors:
         self._past: deque[Array] = deque(maxlen=1 + int(longest) // scenario.sensors.block)
 
     def measure(self, kinematics: Array, wrenches: Array) -> Array:
-        """Return one block of measurements; draws the noise of the robots' next B samples.
+        """Return a block as in ``MeasurementBlock``, (N, B, 15); draws the noise of the robots' next B samples.
 
         Args:
             kinematics: Exact ``(w, v, a)``, shape (B, N, 9).
             wrenches: Exact ``(f, t)``, shape (B, N, 6).
-
-        Returns:
-            Shape (N, B, 15), columns as in ``MeasurementBlock``.
         """
         samples, count = kinematics.shape[:2]
         measured = np.empty((count, samples, SAMPLE_SIZE))

@@ -10,12 +10,9 @@ from coheft.wire.scenario.motion import Carry
 
 
 class CommonPath:
-    """A sinusoid per coordinate, with a smooth start.
+    """A sinusoid per coordinate, with a smooth start from ``start`` [s] on.
 
     At a given time the path is the same for all robots whose start is over, whenever each started.
-
-    Args:
-        start: Time at which this robot's smooth start begins [s].
     """
 
     def __init__(self, carry: Carry, start: float) -> None:

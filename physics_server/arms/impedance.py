@@ -79,9 +79,6 @@ class Arms:
     def controls(self, references: Mapping[str, Reference]) -> Array:
         """Return the controls for ``drive`` at every physics step of a block; the push is the same for all of them.
 
-        Args:
-            references: References by robot, see ``Reference``.
-
         Returns:
             Displacements from the homes at which the springs are at rest, shape (B * steps per sample, 6 N).
         """

@@ -84,10 +84,7 @@ class CartSimulation:
         self._rng = np.random.default_rng(scenario.seed)
 
     def advance(self, pushes: Mapping[str, CartPush]) -> CartSample:
-        """Advance to the next sample.
-
-        Args:
-            pushes: Pushes of the hands until then, by pusher; a missing hand exerts no wrench.
+        """Advance to the next sample with the pushes of the hands until then; a missing hand exerts no wrench.
 
         Raises:
             SimulationError: The cart has moved out of bounds.

@@ -108,11 +108,7 @@ class RosNode:
 
 
 class Publisher:
-    """Publisher of one topic.
-
-    Args:
-        latched: Whether to keep the last message for late subscribers.
-    """
+    """Publisher of one topic; ``latched`` keeps the last message for late subscribers."""
 
     def __init__(self, session: zenoh.Session, key: str, *, latched: bool) -> None:
         options: dict[str, Any] = {"congestion_control": zenoh.CongestionControl.DROP}

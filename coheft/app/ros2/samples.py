@@ -79,10 +79,7 @@ class Reading(NamedTuple):
 
 
 class Readings:
-    """Queue of measurements.
-
-    Args:
-        complain: Called with a description of refused messages.
+    """Queue of measurements; ``complain`` is called with descriptions of refused messages.
 
     Attributes:
         came: Streams, by robot and kind, of which any message arrived, including refused ones.

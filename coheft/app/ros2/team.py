@@ -95,9 +95,6 @@ class Team:
         Args:
             epoch: ROS time of the start of block 0 [ns]; None for one block after the measurements.
 
-        Returns:
-            What stamps can be right from now on.
-
         Raises:
             CoheftError: The epoch is that of another clock than the robots'.
         """

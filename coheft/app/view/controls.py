@@ -147,11 +147,7 @@ class Controls:
             self._act(event, self._set_link, edge, change.value == "Cut")
 
     def end(self, ask_again: Callable[[], None] | None) -> None:
-        """Disable the controls, because the run has ended, and offer another one.
-
-        Args:
-            ask_again: Requests another run; None if there cannot be one.
-        """
+        """Disable the controls, because the run has ended, and offer another one, unless ``ask_again`` is None."""
         for button in self._buttons:
             button.disabled = True
         self._change.visible = False  # a group cannot be disabled

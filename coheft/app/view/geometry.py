@@ -34,11 +34,7 @@ _LINK_SHARE = 0.62
 
 
 def equivalent_box(inertia: Inertia) -> tuple[Pose, Array]:
-    """Return the homogeneous box with the same mass, centre of mass and inertia.
-
-    Returns:
-        Its pose in the frame of the inertia, and its edge lengths (3,) [m].
-    """
+    """Return pose and edges (3,) [m] of the homogeneous box with the same mass, centre of mass and inertia."""
     moments, axes = principal_axes(inertia.tensor)
     return Pose(axes, inertia.com), np.maximum(edges_of_box(inertia.mass, moments), _THINNEST)
 

@@ -13,12 +13,9 @@ MOVING = [0, 2]
 
 
 def grasp_map(contact: Array) -> Array:
-    """``G``, shape (3, 3): maps a hand's planar wrench from its contact point to the origin of ``{b}``.
+    """``G``, shape (3, 3): maps a planar wrench from a contact point in ``{b}``, (2,) [m], to the origin of ``{b}``.
 
     The planar part of ``Ad_g^T B_a`` (Aguilera et al., eqs 22-24), the contact frame having the axes of ``{b}``.
-
-    Args:
-        contact: Contact point in ``{b}``, shape (2,) [m].
     """
     x, y = contact.tolist()
     return np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-y, x, 1.0]])

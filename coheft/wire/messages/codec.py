@@ -44,12 +44,7 @@ class Writer:
 
 
 class Reader(Generic[M]):
-    """Decodes the messages that are received under one key.
-
-    Args:
-        kind: The expected type: a message, or a union of messages.
-        key: The key.
-    """
+    """Decodes the messages of a kind, or of a union of kinds, that are received under one key."""
 
     def __init__(self, kind: type[M], key: str) -> None:
         self._name = getattr(kind, "__name__", str(kind))

@@ -33,10 +33,7 @@ _LARGEST_CERTIFICATE = 2048
 
 
 class Signatures:
-    """Signs one robot's records, and checks those of other robots of its run.
-
-    Args:
-        run: Prefix of all keys of the run; signatures of another run are invalid.
+    """Signs one robot's records, and checks those of other robots; signatures are valid for one run.
 
     Raises:
         CoheftError: The credentials cannot be read.
