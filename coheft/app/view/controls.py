@@ -169,17 +169,14 @@ class Controls:
         self._pause.label = "Resume" if status.state is RunState.PAUSED else "Pause"
         loads = self._model.loads
         self._loads.show(loads)
-        if self._remove.disabled != (not loads):
-            self._remove.disabled = not loads
+        self._remove.disabled = not loads
         self._tell_what_is_taken()
         self._disturbing.update()
 
     def _tell_what_is_taken(self) -> None:
         """Name the load that a click removes on the button, because the browser's list may be newer than ours."""
         chosen = self._loads.dropdown.value
-        label = f"Take {chosen} away" if chosen.startswith("#") else _TAKE_AWAY
-        if self._remove.label != label:
-            self._remove.label = label
+        self._remove.label = f"Take {chosen} away" if chosen.startswith("#") else _TAKE_AWAY
 
     def _settle_place(self) -> None:
         """Place the load on top of the clicked point, for its present size."""

@@ -51,8 +51,7 @@ class Disturbing:
 
     def update(self) -> None:
         """Show what is disturbed."""
-        if (text := words.disturbances(self._model)) != self._state.content:
-            self._state.content = text
+        self._state.content = words.disturbances(self._model)
 
     def set(self, quality: LinkQuality, clock: float) -> str:
         """Set the chosen link, or the links and the clock [ms] of the chosen robot; return what was done."""

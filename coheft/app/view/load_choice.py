@@ -50,5 +50,4 @@ class LoadChoice:
         options = ((_CHOOSE, *names) if is_gone else names) if names else (_NO_LOAD,)
         if self.dropdown.options != options:
             self.dropdown.options = options
-        if (text := words.loads(loads)) != self._masses.content:
-            self._masses.content = text
+        self._masses.content = words.loads(loads)

@@ -91,5 +91,4 @@ class Page:
             (self._disturbances, words.disturbances(model)),
             (self._problems, words.problems(model)),
         ):
-            if handle.content != text:
-                handle.content = text
+            handle.content = text
