@@ -18,7 +18,7 @@ import pytest
 from coheft.app.figures import LIGHT
 from coheft.app.results.judge import Contradiction
 from coheft.app.results.record import Record
-from coheft.app.results.report import Report, RunInfo, build_report
+from coheft.app.results.report import Report, build_report
 from coheft.app.run.inprocess import run_in_process
 from coheft.app.run_report import data
 from coheft.app.run_report.convergence import ALL_SHOWN, curves
@@ -117,9 +117,8 @@ class Made:
                 record.hear(news)
         follower.hear(Problem(source="r1", text="refused <b>nonsense</b>"))
         follower.end(status)
-        info = RunInfo("two", 1, "efficient", self.scenario.block_duration, 2.5)
         self.series: Series = follower.series
-        self.report: Report = build_report(info, record)
+        self.report: Report = build_report(self.scenario, record, real_time_factor=2.5)
         prepare_folder(folder)
         self.text = write_folder(folder, self.scenario, "lockstep", self.series, self.report).read_text()
         self.page = Page(self.text)

@@ -12,7 +12,7 @@ import msgspec
 
 from coheft.app.names import few
 from coheft.app.results.record import Record
-from coheft.app.results.report import Report, RunInfo, build_report
+from coheft.app.results.report import Report, build_report
 from coheft.app.run.beat import beating
 from coheft.app.run.folder import RunEnd, RunFile, announce, announced, has_gone, note_end, noted_end
 from coheft.app.run.follower import Follower
@@ -97,15 +97,7 @@ def launch(
                 follower.end(status)
     if record.truth is None or record.silent:
         raise LinkError(f"the run ended before every robot had sent an estimate; see the logs in {folder}")
-    info = RunInfo(
-        scenario=scenario.name,
-        seed=scenario.seed,
-        estimator=record.estimators[-1].estimator,
-        block_duration=scenario.block_duration,
-        real_time_factor=status.real_time_factor,
-        late_blocks=status.late_blocks,
-    )
-    report = build_report(info, record)
+    report = build_report(scenario, record, real_time_factor=status.real_time_factor, late_blocks=status.late_blocks)
     if report.beside:
         from coheft.app.study.run_bound import with_bound  # which loads the physics
 

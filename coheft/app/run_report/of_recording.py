@@ -8,7 +8,7 @@ import msgspec
 
 from coheft.app.recording.reader import read_recording
 from coheft.app.results.record import Record
-from coheft.app.results.report import RunInfo, build_report
+from coheft.app.results.report import build_report
 from coheft.app.run_report.folder import prepare_folder, write_folder
 from coheft.app.run_report.series import SeriesFollower
 from coheft.app.study.run_bound import with_bound
@@ -44,14 +44,7 @@ def report_recording(path: Path, folder: Path) -> Path:
         record.hear(news)
     if record.truth is None or record.silent:
         raise RecordingError(f"{path}: it ends before every robot had said something: there is nothing to report")
-    info = RunInfo(
-        scenario=scenario.name,
-        seed=scenario.seed,
-        estimator=record.estimators[-1].estimator,
-        block_duration=scenario.block_duration,
-        real_time_factor=0.0,  # a recording does not tell
-    )
-    report = with_bound(build_report(info, record), scenario, record.truth)
+    report = with_bound(build_report(scenario, record), scenario, record.truth)
     return write_folder(folder, scenario, None, follower.series, report)
 
 
