@@ -170,12 +170,9 @@ def test_a_report_that_cannot_be_written_takes_nothing_with_it(
         shutil.rmtree(folder)
         return report()
 
-    class Page:
-        def write(self, *_: object) -> str:
-            return "the page"
-
     monkeypatch.setattr("coheft.app.run.launch.launch", launch)
-    monkeypatch.setattr("coheft.app.run_report.folder.ReportPage", lambda _: Page())
+    monkeypatch.setattr("coheft.app.run_report.series.SeriesFollower.series", None, raising=False)
+    monkeypatch.setattr("coheft.app.run_report.folder.write_folder", lambda *_: "the page")
     assert (
         run_command_line(["run", "ring3", "--json", str(folder / "x.json"), "--report", str(tmp_path / "page")])
         == EXIT_ERROR

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import IO, Any
 
-from coheft.app.run.new_folder import gone_if_broken_off
 from coheft.errors import CoheftError, MissingPackageError
 
 _DPI = 150
+_PACKAGES = {"study": ("matplotlib",), "report": ("matplotlib", "Jinja2")}
+"""What draws pictures and writes pages, by the extra that installs it."""
 
 
 @dataclass(frozen=True)
@@ -63,26 +64,37 @@ DARK = Theme(
 
 
 @contextmanager
-def picture_folder(folder: Path | None) -> Iterator[None]:
+def picture_folder(folder: Path | None, extra: str = "study") -> Iterator[None]:
     """Make a folder for pictures, with its parents, before anything that takes long; None: there are no pictures.
 
-    It is removed again if an error or Ctrl-C ends the context before anything has been written there.
+    What has been made is removed again, as far as it is empty, if an error or Ctrl-C ends the context.
+
+    Args:
+        folder: The folder.
+        extra: The extra that installs what writes into it.
 
     Raises:
         CoheftError: It cannot be made.
-        MissingPackageError: The plotting package is not installed.
+        MissingPackageError: A package that writes into it is not installed.
     """
     if folder is None:
         yield
         return
-    if find_spec("matplotlib") is None:
-        raise MissingPackageError("matplotlib", "study")
-    with gone_if_broken_off(folder):
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise CoheftError(f"cannot make the folder {folder}: {error.strerror}") from error
+    for package in _PACKAGES[extra]:
+        if find_spec(package.lower()) is None:
+            raise MissingPackageError(package, extra)
+    new = [each for each in (folder, *folder.parents) if not each.exists()]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise CoheftError(f"cannot make the folder {folder}: {error.strerror}; name another") from error
+    try:
         yield
+    except BaseException:
+        for each in new:
+            with suppress(OSError):
+                each.rmdir()
+        raise
 
 
 @contextmanager

@@ -175,7 +175,7 @@ def disturb(
         clock: How far the clock of ROBOT is ahead [s], at most 1: its samples are that much older than their stamps.
     """
     from coheft.app.run.folder import find_run
-    from coheft.app.run.observer import ask_server, disturb_link, disturb_links
+    from coheft.app.run.observer import ask_server, disturb_links
     from coheft.wire.messages.requests import ClockRequest, StatusRequest
     from coheft.wire.scenario.network import LinkQuality
 
@@ -192,10 +192,7 @@ def disturb(
     if clock is not None and quality.is_ideal:
         return
     scene = ask_server(run_file, StatusRequest()).scene
-    if neighbour is None:
-        disturb_links(run_file, scene, robot, quality)
-    else:
-        disturb_link(run_file, scene, robot, neighbour, quality)
+    disturb_links(run_file, scene, robot, neighbour, quality)
     ends = f"{robot} and {neighbour or 'its neighbours'}"
     if quality.is_ideal:
         print(f"{ends} receive each other's messages in time again")

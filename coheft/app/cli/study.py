@@ -107,9 +107,8 @@ def study(
     from coheft.app.outputs import write_outputs
     from coheft.app.results.report import write_report
     from coheft.app.study.campaign import make_plan, run_study
-    from coheft.app.study.output import print_study, print_varied, write_folder
+    from coheft.app.study.output import Variant, VariedReport, print_study, print_varied, write_folder
     from coheft.app.study.random_team import RANDOM
-    from coheft.app.study.varied import Variant, VariedReport
     from coheft.app.terminal.notes import print_notes
     from coheft.app.terminal.progress import show_progress
     from coheft.wire.scenario.file import load_scenario, scenario_path

@@ -253,13 +253,9 @@ def _write(path: Path, data: bytes, mode: int) -> None:
     """Write a new file with restricted access from its creation on."""
     try:
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
+        with open(path, "xb", opener=lambda name, flags: os.open(name, flags, mode)) as file:
+            file.write(data)
     except FileExistsError as error:
         raise CoheftError(f"{path} exists already: keys are never overwritten; name another folder") from error
-    except OSError as error:
-        raise CoheftError(f"cannot write {path}: {error.strerror}") from error
-    try:
-        with os.fdopen(descriptor, "wb") as file:
-            file.write(data)
     except OSError as error:
         raise CoheftError(f"cannot write {path}: {error.strerror}") from error

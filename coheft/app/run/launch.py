@@ -79,6 +79,7 @@ def launch(
         server = processes.start(SERVER, "coheft.physics_server.server", plan.server)
         for name, agent in plan.agents.items():
             processes.start(name, "coheft.agents.process.main", agent)
+        assert server.process.stdin is not None
         with announced(folder, _run_file(plan, processes)), beating(server.process.stdin):
             again = Restarts(
                 restarts, processes, observer, display, lambda: announce(folder, _run_file(plan, processes))

@@ -12,7 +12,7 @@ from pathlib import Path
 import msgspec
 
 from coheft.app.run.folder import RUN_FILE, RunFile
-from coheft.app.run.hosts import FreePorts, HostPorts, Hosts, Places
+from coheft.app.run.hosts import LOOPBACK, Hosts, free_ports, places_on
 from coheft.consensus.graph import build_graph
 from coheft.errors import CoheftError
 from coheft.wire.config import AgentProcessConfig, ClockKind, Neighbour, ServerConfig, agent_config
@@ -109,10 +109,13 @@ def make_plan(
     graph = build_graph(scenario.graph, names)
     if keys is None and hosts is not None and hosts.are_remote:
         raise CoheftError("across hosts any process could connect and send messages: add --secure")
-    places: Places = HostPorts(hosts) if hosts is not None else FreePorts(3 * len(names) + 1)
-
-    def take(name: str) -> str:
-        return f"{'tls' if keys is not None else 'tcp'}/{places.take(name)}"
+    listeners = [*[SERVER] * (1 + len(names)), *names, *names]
+    places = (
+        places_on(hosts, listeners)
+        if hosts is not None
+        else (f"{LOOPBACK}:{port}" for port in free_ports(len(listeners)))
+    )
+    endpoints = (f"{'tls' if keys is not None else 'tcp'}/{place}" for place in places)
 
     def credentials(name: str) -> Credentials | None:
         return credentials_in(keys, name) if keys is not None else None
@@ -120,9 +123,8 @@ def make_plan(
     run = run or new_run_name()
     # In real time, a robot that waited longer would be late with its own reference.
     patience = {} if clock != "realtime" else {"patience": scenario.lookahead * scenario.block_duration}
-    observe = take(SERVER)
-    robots = {name: take(SERVER) for name in names}
-    listen = {name: take(name) for name in names}
+    observe = next(endpoints)
+    robots, listen, observe_agent = ({name: next(endpoints) for name in names} for _ in range(3))
     return Plan(
         server=ServerConfig(
             scenario=scenario,
@@ -141,7 +143,7 @@ def make_plan(
                 run=run,
                 server=robots[name],
                 listen=listen[name],
-                observe=take(name),
+                observe=observe_agent[name],
                 neighbours=link_neighbours(name, graph[name], listen),
                 security=credentials(name),
                 largest_message=message_limit(scenario),

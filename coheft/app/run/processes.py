@@ -122,7 +122,7 @@ class Processes:
 
     def start_again(self, child: Child) -> None:
         """Restart a process that has ended; its output is appended to its log."""
-        _close_stdin(child)
+        _close_stdin(child.process)
         process, log_start = self._start(child.name, child.module, child.config, child.log)
         self.children[self.children.index(child)] = replace(
             child, process=process, restarts=child.restarts + 1, log_start=log_start
@@ -182,7 +182,7 @@ class Processes:
     def stop(self) -> None:
         """End all processes: close stdin, then send SIGTERM, then SIGKILL."""
         for child in self.children:
-            _close_stdin(child)
+            _close_stdin(child.process)
         self._wait(_EXIT_TIMEOUT)
         for child in self._running():
             child.process.terminate()
@@ -202,10 +202,7 @@ class Processes:
             if self._fork_server is not None and module in self._fork_server.modules:
                 process = self._fork_server.start(name, module, output.fileno())
             process = process or _spawned(module, output)
-        assert process.stdin is not None
-        with suppress(BrokenPipeError):  # it has already failed, which ``check`` reports
-            process.stdin.write(config + b"\n")
-            process.stdin.flush()
+        _configure(process, config)
         return process, log_start
 
     def _running(self) -> list[Child]:
@@ -223,16 +220,24 @@ class Processes:
         self.stop()
 
 
-def _spawned(module: str, output: IO[bytes]) -> subprocess.Popen[bytes]:
-    """Start ``python -m module``."""
+def _spawned(module: str, output: IO[bytes] | None = None) -> subprocess.Popen[bytes]:
+    """Start ``python -m module``, with its output in a file, or on ours."""
     return subprocess.Popen(
         [sys.executable, "-m", module],
         stdin=subprocess.PIPE,
         stdout=output,
-        stderr=subprocess.STDOUT,
+        stderr=output,
         env={**os.environ, **ENVIRONMENT},
         start_new_session=True,  # otherwise Ctrl-C would reach it before its stdin is closed
     )
+
+
+def _configure(process: subprocess.Popen[bytes] | Forked, config: bytes) -> None:
+    """Send a process its configuration."""
+    assert process.stdin is not None
+    with suppress(BrokenPipeError):  # it has already failed, which is reported elsewhere
+        process.stdin.write(config + b"\n")
+        process.stdin.flush()
 
 
 def make_fork_server() -> ForkServer | None:
@@ -240,10 +245,10 @@ def make_fork_server() -> ForkServer | None:
     return ForkServer(FORKED, {**os.environ, **ENVIRONMENT}) if can_fork() else None
 
 
-def _close_stdin(child: Child) -> None:
-    if child.process.stdin is not None:
+def _close_stdin(process: subprocess.Popen[bytes] | Forked) -> None:
+    if process.stdin is not None:
         with suppress(BrokenPipeError):
-            child.process.stdin.close()
+            process.stdin.close()
 
 
 def _error(failed: Sequence[Child], limit: int | None = None) -> ProcessError:
@@ -252,14 +257,11 @@ def _error(failed: Sequence[Child], limit: int | None = None) -> ProcessError:
     If several have failed, most of them failed because one was missing. The cause is the one that was killed by a
     signal, or else the one that cannot use its configuration, or else the one that ended with a traceback.
     """
-    first = min(
-        failed,
-        key=lambda child: (
-            child.status >= 0,
-            child.status != UNUSABLE,
-            "Traceback" not in "".join(child.lines),
-        ),
-    )
+
+    def how_unlikely(child: Child) -> tuple[bool, bool, bool]:
+        return child.status >= 0, child.status != UNUSABLE, "Traceback" not in "".join(child.lines)
+
+    first = min(failed, key=how_unlikely)
     times = f"{first.restarts} time{'s' * (first.restarts > 1)}"
     again = f" after it had been restarted {times}" if first.restarts else ""
     if first.status == UNUSABLE:
@@ -296,19 +298,13 @@ def run_in_foreground(module: str, config: Path) -> int:
     """
     line = read_config(config)
     _check_part(module, config, line)
-    process = subprocess.Popen(
-        [sys.executable, "-m", module], stdin=subprocess.PIPE, env={**os.environ, **ENVIRONMENT}, start_new_session=True
-    )
-    assert process.stdin is not None
+    process = _spawned(module)
     try:
-        with suppress(BrokenPipeError):  # it has already failed, and reported why
-            process.stdin.write(line + b"\n")
-            process.stdin.flush()
+        _configure(process, line)
         code = process.wait()
         return code if code >= 0 else KILLED_BY - code
     finally:
-        with suppress(BrokenPipeError):
-            process.stdin.close()
+        _close_stdin(process)
         try:
             process.wait(_EXIT_TIMEOUT)
         except subprocess.TimeoutExpired:

@@ -6,10 +6,11 @@ from pathlib import Path
 
 import msgspec
 
+from coheft.app.figures import picture_folder
 from coheft.app.recording.reader import read_recording
 from coheft.app.results.record import Record
 from coheft.app.results.report import build_report
-from coheft.app.run_report.folder import prepare_folder, write_folder
+from coheft.app.run_report.folder import write_folder
 from coheft.app.run_report.series import SeriesFollower
 from coheft.app.study.run_bound import with_bound
 from coheft.errors import RecordingError
@@ -32,7 +33,6 @@ def report_recording(path: Path, folder: Path) -> Path:
     """
     recording = read_recording(path)
     scenario = _scenario(path, recording.scenario)
-    prepare_folder(folder)
     begin = recording.begin
     beside = estimator_names(begin.estimator)[1:]
     record = Record(begin.scene, begin.duration, with_history=True, beside=beside)
@@ -45,7 +45,8 @@ def report_recording(path: Path, folder: Path) -> Path:
     if record.truth is None or record.silent:
         raise RecordingError(f"{path}: it ends before every robot had said something: there is nothing to report")
     report = with_bound(build_report(scenario, record), scenario, record.truth)
-    return write_folder(folder, scenario, None, follower.series, report)
+    with picture_folder(folder, "report"):
+        return write_folder(folder, scenario, None, follower.series, report)
 
 
 def _scenario(path: Path, text: str) -> Scenario:

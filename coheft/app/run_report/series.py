@@ -13,11 +13,10 @@ from coheft.app.run.pairing import Pairing
 from coheft.app.run_report.points import Point, make_point
 from coheft.app.run_report.states import Spans
 from coheft.app.run_report.thinned import Thinned
-from coheft.estimation.geometry.spatial import Array
 from coheft.wire.messages.requests import Status
 from coheft.wire.messages.scene import Scene
 from coheft.wire.messages.structs import Estimate, EstimateBeside, Problem
-from coheft.wire.messages.truth import LoadState, Truth
+from coheft.wire.messages.truth import Truth
 from coheft.wire.scenario.plugins import estimator_names
 
 _POINTS = 20_000
@@ -47,23 +46,6 @@ class CloseUp:
     points: dict[str, list[Point]]
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Moment:
-    """The payload's pose and the loads on it at a time.
-
-    Attributes:
-        time: The time [s].
-        position: Position of its frame in the world, shape (3,) [m].
-        quaternion: Its orientation, scalar first, shape (4,).
-        loads: The loads.
-    """
-
-    time: float
-    position: Array
-    quaternion: Array
-    loads: list[LoadState]
-
-
 class RobotSeries:
     """One robot's estimates over time.
 
@@ -88,7 +70,7 @@ class Series:
         robots: Each robot's estimates, by name, in the scene's order.
         estimator: The estimator with which the run began, the robots' own.
         beside: The same as ``robots`` of the estimators that ran beside it, by name.
-        moments: Poses of the payload, some of them, evenly spread.
+        moments: Truths, some of them, evenly spread.
         close_ups: The first changes of the load.
         pace: Simulated times, and the wall-clock times of their arrival [s]; empty for a recording.
         problems: The first problems that processes reported, with their simulated times.
@@ -99,7 +81,7 @@ class Series:
     robots: dict[str, RobotSeries]
     estimator: str = ""
     beside: dict[str, dict[str, RobotSeries]] = field(default_factory=dict)
-    moments: Thinned[Moment] = field(default_factory=lambda: Thinned(_SHOWN))
+    moments: Thinned[Truth] = field(default_factory=lambda: Thinned(_SHOWN))
     close_ups: list[CloseUp] = field(default_factory=list)
     pace: Thinned[tuple[float, float]] = field(default_factory=lambda: Thinned(_MOMENTS))
     problems: list[tuple[float, Problem]] = field(default_factory=list)
@@ -161,7 +143,7 @@ class SeriesFollower(Follower):
         for close_up in series.close_ups:
             if truth.time <= close_up.at + AFTER:
                 close_up.masses.append(self._masses[-1])
-        series.moments.add(Moment(truth.time, truth.position, truth.quaternion, truth.loads))
+        series.moments.add(truth)
         if self.is_live:
             series.pace.add((truth.time, time.monotonic()))
         self._keep(self._pairing.add_truth(truth))
