@@ -59,7 +59,7 @@ class SlipRecord:
         return [msgspec.structs.replace(slip, named_at_s=self._named_at(slip, slips)) for slip in self._slips]
 
     def _named_at(self, slip: SlipReport, noticed: Sequence[Sequence[SlipNotice]]) -> float | None:
-        """Return when the last robot had identified a slip, before the same grasp slipped again; None if some have not."""
+        """Return when the last robot had identified a slip, before the grasp slipped again; None if some have not."""
         later = (each.at_s for each in self._slips if each.robot == slip.robot and each.at_s > slip.at_s)
         next_one = min(later, default=np.inf)
         named = [
