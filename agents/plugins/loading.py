@@ -38,11 +38,7 @@ def make_own(kind: Kind, name: str, protocol: type, *arguments: object) -> Any:
 
 
 def _check_method(made: object, method: str, expected: Any, what: str) -> None:
-    """Check that a method exists and takes the arguments of the protocol.
-
-    Raises:
-        PluginError: It does not.
-    """
+    """Check that a method exists and takes the arguments of the protocol, or raise a ``PluginError``."""
     wanted = [*inspect.signature(expected).parameters][1:]
     call = f"{method}({', '.join(wanted)})"
     found = getattr(made, method, None)

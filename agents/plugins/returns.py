@@ -37,11 +37,7 @@ S = TypeVar("S", LoadChangeNotice, SensorErrorEstimate, SlipNotice)
 
 
 def plain_channels(returned: object, largest: int) -> dict[str, Array]:
-    """Convert the return value of ``Estimator.step`` to arrays of float64.
-
-    Args:
-        returned: The return value.
-        largest: Size allowed in one message [B].
+    """Convert the return value of ``Estimator.step`` to arrays of float64, which fit into a message of ``largest`` [B].
 
     Raises:
         MessageError: Neighbours could not use it; the text says what to do.

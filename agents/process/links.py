@@ -118,11 +118,8 @@ class AgentLinks:
     def sort(
         self, event: Event | None, take: Callable[[str, Message], None]
     ) -> LinkChange | Presence | DisturbRequest | None:
-        """Process an event: pass on its message, report what is refused, return a change of a link.
-
-        Args:
-            event: The event.
-            take: Called with the source and the message; a ``MessageError`` that it raises is reported.
+        """Process an event: give its message to ``take`` and report the ``MessageError`` that this may raise, report
+        what is refused, return a change of a link.
 
         Raises:
             Stopped: The server has ended the run.

@@ -96,11 +96,7 @@ class AgentProcess:
                     self._step(self._measurements.popleft()[1])
 
     def _wait_for_measurements(self) -> None:
-        """Process received events and wait for measurements; ask for them while none arrive.
-
-        Raises:
-            LinkError: The link with the server has been lost for too long.
-        """
+        """Process received events and wait for measurements; ask for them while none arrive."""
         for _ in range(_MAX_EVENTS):
             if not self._receive(0.0):
                 break
@@ -116,9 +112,6 @@ class AgentProcess:
     def _ask_for_measurements(self) -> None:
         """Say hello, so that neighbours know that this agent receives their messages, and ask the server for
         measurements.
-
-        Raises:
-            LinkError: The link with the server has been lost for too long.
         """
         if self._server_lost_at is not None and time.monotonic() - self._server_lost_at > self._config.server_limit:
             raise LinkError(
@@ -200,9 +193,6 @@ class AgentProcess:
     def _receive(self, wait: float) -> bool:
         """Wait up to ``wait`` [s] for an event and process it; check the links in between. Return whether there was
         one.
-
-        Raises:
-            Stopped: The server has ended the run.
         """
         if wait > 0.0:
             wait = max(0.0, min(wait, self._next_check - time.monotonic()))
@@ -215,11 +205,7 @@ class AgentProcess:
         return True
 
     def _handle(self, event: Event) -> None:
-        """Process an event.
-
-        Raises:
-            Stopped: The server has ended the run.
-        """
+        """Process an event."""
         change = self._outside.sort(event, self._take)
         if change is None:
             return
@@ -244,11 +230,7 @@ class AgentProcess:
                 self._outside.redial(name)
 
     def _take(self, source: str, message: Message) -> None:
-        """Process a message.
-
-        Raises:
-            MessageError: The message is not valid here and now.
-        """
+        """Process a message, or raise a ``MessageError`` if it is not valid here and now."""
         match message:
             case Measurements():
                 if message.attempt == self._attempt:

@@ -18,17 +18,7 @@ _PACKAGES = {"study": ("matplotlib",), "report": ("matplotlib", "Jinja2")}
 
 @dataclass(frozen=True)
 class Theme:
-    """Colours of a picture.
-
-    Attributes:
-        paper: Background.
-        ink: Text and true values.
-        muted: Less important parts.
-        grid: Grid lines.
-        accent: Main curve.
-        warning: Curve that deserves attention.
-        series: Several curves.
-    """
+    """Colours of a picture: ``ink`` of text and truth, ``accent`` of the main curve, ``series`` of several curves."""
 
     paper: str
     ink: str
@@ -67,11 +57,8 @@ DARK = Theme(
 def picture_folder(folder: Path | None, extra: str = "study") -> Iterator[None]:
     """Make a folder for pictures, with its parents, before anything that takes long; None: there are no pictures.
 
-    What has been made is removed again, as far as it is empty, if an error or Ctrl-C ends the context.
-
-    Args:
-        folder: The folder.
-        extra: The extra that installs what writes into it.
+    What has been made is removed again, as far as it is empty, if an error or Ctrl-C ends the context. ``extra`` is the
+    one that installs what writes into the folder.
 
     Raises:
         CoheftError: It cannot be made.

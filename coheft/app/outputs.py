@@ -11,11 +11,7 @@ from coheft.errors import CoheftError
 
 
 def write_outputs(*outputs: tuple[Any, Callable[[Any], object]]) -> None:
-    """Write each output to its target, or nowhere if that is None; if one cannot be written, the others still are.
-
-    Args:
-        outputs: Pairs of a target and a function that writes to it.
-    """
+    """Call each pair's function with its target, unless that is None; if one fails, the others are still called."""
     with ExitStack() as stack:
         for target, write in reversed(outputs):
             if target is not None:

@@ -52,14 +52,7 @@ def kept_first_seed(path: Path) -> int | None:
 
 
 class OutcomeFile:
-    """A file of outcomes, one per line, in order of arrival.
-
-    Args:
-        path: The file.
-        mutant: The deliberate bug, if any.
-        values: Keys of the scenarios that were set instead of drawn.
-        first_seed: First seed, for a new file.
-    """
+    """A file of outcomes below a ``Header``, one per line, in order of arrival."""
 
     def __init__(self, path: Path, mutant: str = "", values: Sequence[str] = (), first_seed: int = 0) -> None:
         self._path = path
@@ -119,7 +112,7 @@ def run_campaign(
     values: Sequence[str] = (),
     on_outcome: Callable[[Outcome], None] = lambda outcome: None,
 ) -> list[Outcome]:
-    """Run one schedule per seed.
+    """Run one schedule per seed; return all outcomes, in the order of seeds.
 
     Args:
         seeds: Seeds of the schedules.
@@ -128,9 +121,6 @@ def run_campaign(
         mutant: A deliberate bug to put into the agents, see ``mutants``.
         values: Keys of the scenarios that are set instead of drawn, see ``draw_schedule``.
         on_outcome: Called with every outcome, those in the file first.
-
-    Returns:
-        All outcomes, in the order of seeds.
 
     Raises:
         MissingPackageError: A package that campaigns need is not installed.

@@ -51,10 +51,6 @@ class Network:
 
     The order of the messages of one block is random.
 
-    Args:
-        schedule: The schedule, with the faults of messages.
-        graph: Neighbours of every agent.
-
     Attributes:
         harmless: Whether to deliver messages that must not make any difference, see ``schedule.is_harmless``.
         refused: Number of messages that were not delivered because the codec refused them.

@@ -41,9 +41,6 @@ class FaultyRun:
 
     An agent that raises an exception is dead from then on, as its process would be.
 
-    Args:
-        schedule: The schedule to run.
-
     Attributes:
         graph: Neighbours of every robot.
         scene: The scene, with the grasps.

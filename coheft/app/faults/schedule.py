@@ -206,13 +206,7 @@ AnyFault = OfNetwork | OfAgent
 
 
 class FaultSchedule(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A run and its faults.
-
-    Attributes:
-        seed: Seed from which it was drawn.
-        scenario: The scenario, including load changes.
-        faults: The faults.
-    """
+    """A run and its faults, and the seed from which it was drawn."""
 
     seed: Seed
     scenario: Scenario
@@ -256,11 +250,7 @@ def read_schedule(path: Path) -> FaultSchedule:
 
 
 def _check_fault(fault: AnyFault, robots: tuple[str, ...], place: str) -> None:
-    """Check what the types do not express.
-
-    Raises:
-        ScenarioError: The fault never begins, or names a robot that does not exist.
-    """
+    """Check that a fault begins and names robots that exist, which types do not express."""
     if fault.start >= fault.end:
         raise ScenarioError(
             f"{place}.end': found {fault.end:g} s, expected a time after 'start', which is {fault.start:g} s"

@@ -55,11 +55,7 @@ class _Drop:
 
 
 class CarryRecord(Follower):
-    """Evaluates a run that carries its load.
-
-    Args:
-        scenario: The scenario of the run, which has a common path.
-    """
+    """Evaluates a run that carries its load along the common path of its scenario."""
 
     def __init__(self, scenario: Scenario) -> None:
         assert scenario.carry is not None

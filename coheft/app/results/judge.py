@@ -142,12 +142,7 @@ class RobotReport(msgspec.Struct, frozen=True):
 
 
 class Judge:
-    """Compares estimates with the truth in every robot's grasp frame.
-
-    Args:
-        scene: The scene, with the grasps.
-        truths: Truths in order of blocks.
-    """
+    """Compares estimates with the truth in every robot's grasp frame; truths are in order of blocks."""
 
     def __init__(self, scene: Scene, truths: Iterable[Truth] = ()) -> None:
         self.scene = scene

@@ -44,11 +44,8 @@ class RunFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class RunEnd(msgspec.Struct, frozen=True):
-    """How a run ended that was not aborted. It stays in the run's folder, for those that have missed the server's last
-    message.
-
-    Attributes:
-        time: Simulated time at the end [s].
+    """Simulated time [s] at which a run ended that was not aborted. It stays in the run's folder, for those that have
+    missed the server's last message.
     """
 
     time: float

@@ -85,9 +85,7 @@ class Forked:
 class ForkServer:
     """Starts the process that imports in the background, and asks it to fork.
 
-    Args:
-        modules: Modules that can be forked; each has a function ``main`` without arguments.
-        environment: Environment of all its processes.
+    Each of the modules that can be forked has a function ``main`` without arguments.
     """
 
     def __init__(self, modules: Sequence[str], environment: Mapping[str, str]) -> None:
@@ -108,15 +106,9 @@ class ForkServer:
             )
 
     def start(self, name: str, module: str, log: int) -> Forked | None:
-        """Fork a process, as soon as all modules are imported.
+        """Fork a process, named so in ``top``, when all modules are imported; None if the fork server is gone.
 
-        Args:
-            name: Name of the process in ``top``.
-            module: Module whose ``main`` it runs, one of ``modules``.
-            log: Open file for its output.
-
-        Returns:
-            The process; None if the fork server is gone.
+        It runs ``main`` of a module, with its output to the open file ``log``.
         """
         theirs, self._stdin = os.pipe()
         self._newest = None

@@ -115,11 +115,6 @@ def check_truth(truth: Truth, scene: Scene) -> None:
 def check_estimate(estimate: Estimate, source: str, robots: Collection[str]) -> None:
     """Check an estimate, received from a robot.
 
-    Args:
-        estimate: The estimate.
-        source: The robot that sent it.
-        robots: Names of the team's robots.
-
     Raises:
         MessageError: It is invalid, or names robots that are not in the team.
     """

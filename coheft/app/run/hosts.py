@@ -123,11 +123,7 @@ def free_ports(number: int) -> list[int]:
 
 
 def _usable_ports() -> range:
-    """Return the range in ``COHEFT_PORTS``, or all ports that are commonly free.
-
-    Raises:
-        LinkError: ``COHEFT_PORTS`` is not a valid range.
-    """
+    """Return the range in ``COHEFT_PORTS``, or all ports that are commonly free."""
     chosen = os.environ.get("COHEFT_PORTS", "")
     if not chosen:
         return _PORTS

@@ -70,14 +70,10 @@ class Authority:
         return cls(certificate, key)
 
     def issue(self, folder: Path, name: str, host: str = LOOPBACK, lifetime: timedelta | None = None) -> None:
-        """Write ``<name>.key`` and ``<name>.crt``.
+        """Write ``<name>.key`` and ``<name>.crt`` of a participant that listens at this address or host name.
 
-        Args:
-            folder: Folder for the files.
-            name: The participant's name.
-            host: Address or host name at which it listens.
-            lifetime: Lifetime of the certificate; by default that of the authority's. If it is not positive, the
-                certificate has already expired.
+        The lifetime is by default that of the authority's certificate; if it is not positive, the certificate has
+        already expired.
 
         Raises:
             CoheftError: The files exist already, or cannot be written.
@@ -104,7 +100,7 @@ def make_keys(
     *,
     keeps_authority: bool = True,
 ) -> tuple[str, ...]:
-    """Make an authority and one certificate per participant.
+    """Make an authority and one certificate per participant; return the participants' names.
 
     Args:
         folder: Folder for the files; made if it does not exist.
@@ -112,9 +108,6 @@ def make_keys(
         hosts: Addresses at which they listen; None for the loopback interface.
         lifetime: Lifetime of all certificates.
         keeps_authority: Whether to keep the authority's key, with which more certificates can be made later.
-
-    Returns:
-        The participants' names.
 
     Raises:
         CoheftError: The folder contains an authority already, or cannot be written to.

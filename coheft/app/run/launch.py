@@ -208,11 +208,6 @@ def _follow(
 def watch(folder: Path, run_file: RunFile, display: Display) -> str:
     """Show a run that another process supervises until it has ended; return a sentence that says when that was.
 
-    Args:
-        folder: Folder of the run.
-        run_file: Its addresses.
-        display: Shows it.
-
     Raises:
         LinkError: The server does not answer, or reports that the run was aborted.
         OSError: Standard output is closed.

@@ -85,11 +85,7 @@ class Observer:
         return news
 
     def _take(self, source: str, message: Message, scene: Scene) -> News | None:
-        """Check a message; keep the server's final status, and return other messages.
-
-        Raises:
-            MessageError: The message is invalid.
-        """
+        """Check a message; keep the server's final status, and return other messages."""
         if not isinstance(message, Status):
             if source == SERVER:
                 self._unanswered = 0
@@ -175,13 +171,6 @@ def observe(run_file: RunFile) -> Iterator[Observer]:
 def set_link(run_file: RunFile, scene: Scene, one: str, other: str, *, cut: bool) -> None:
     """Cut the link between two neighbours, or restore it, as the operator.
 
-    Args:
-        run_file: Addresses of the run.
-        scene: The scene, with the graph.
-        one: Name of one robot.
-        other: Name of the other one.
-        cut: True to cut the link, False to restore it.
-
     Raises:
         CoheftError: They are not neighbours, or the run is secure and there are no operator's keys.
         LinkError: The robot that dials does not answer.
@@ -194,12 +183,7 @@ def set_link(run_file: RunFile, scene: Scene, one: str, other: str, *, cut: bool
 def disturb_links(run_file: RunFile, scene: Scene, robot: str, other: str | None, quality: LinkQuality) -> None:
     """Let messages between a robot and a neighbour be lost or late, in both directions, as the operator.
 
-    Args:
-        run_file: Addresses of the run.
-        scene: The scene, with the graph.
-        robot: Name of the robot.
-        other: Name of the neighbour; None for each of them.
-        quality: Loss and delay; the default restores the links.
+    Without ``other``, that holds for all its neighbours; the default quality restores the links.
 
     Raises:
         CoheftError: There is no such robot or link, or the run is secure and there are no operator's keys.

@@ -81,11 +81,7 @@ def _by_options(text: str, changes: Sequence[str]) -> str:
 
 
 def _parse_change(text: str) -> LoadChange:
-    """Parse a load change such as ``t=20,mass=3,at=0.4,0.3,0.1``: a part without ``=`` belongs to the key before it.
-
-    Raises:
-        ScenarioError: A key is unknown, duplicated or missing, or a value is not a number.
-    """
+    """Parse a load change such as ``t=20,mass=3,at=0.4,0.3,0.1``: a part without ``=`` belongs to the key before it."""
     numbers: dict[str, list[float]] = {}
     key = ""
     for part in text.split(","):

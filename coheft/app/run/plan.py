@@ -92,14 +92,8 @@ def make_plan(
 ) -> Plan:
     """Make the plan of a run: build the graph and assign endpoints.
 
-    Args:
-        scenario: The scenario to run.
-        clock: Whether to wait for slow robots.
-        run: Name of the run; a new one by default.
-        hosts: Hosts of the parts; None for free ports of this machine's loopback interface.
-        keys: Folder with all participants' credentials, see ``coheft.app.run.keys``; None for the open profile.
-        save_data: File for all robots' measurements; None for none.
-        log_level: The lowest level of messages in the logs.
+    Without hosts, all parts listen at free ports of this machine's loopback interface; without a folder of keys, see
+    ``coheft.app.run.keys``, links have the open profile.
 
     Raises:
         LinkError: There are not enough free ports.
@@ -159,12 +153,7 @@ def make_plan(
 
 def link_neighbours(name: str, others: Iterable[str], listen: Mapping[str, str]) -> tuple[Neighbour, ...]:
     """Return a robot's links to its neighbours: on each edge the robot that comes first listens, and the other one
-    dials.
-
-    Args:
-        name: The robot's name.
-        others: Its neighbours' names.
-        listen: Endpoint at which each robot listens for neighbours, in the order of the team.
+    dials; ``listen`` are the endpoints in the order of the team.
     """
     order = list(listen)
     dialled = order[: order.index(name)]

@@ -45,17 +45,7 @@ class ProcessError(CoheftError):
 
 @dataclass(frozen=True)
 class Child:
-    """One process of a run.
-
-    Attributes:
-        name: Name of the process in the run.
-        module: The module that it runs.
-        config: Its configuration, as JSON.
-        log: File for its output.
-        process: The process.
-        log_start: Offset of its own output in the log [B].
-        restarts: Number of times it has been restarted.
-    """
+    """One process of a run; its own output begins at ``log_start`` [B] of the log."""
 
     name: str
     module: str
@@ -100,10 +90,8 @@ class Child:
 class Processes:
     """The processes of a run. Leaving the context stops all that are left, within two seconds.
 
-    Args:
-        folder: Folder for their logs.
-        fork_server: Forks the processes whose modules it has imported; None to start all from scratch. It ends with the
-            context.
+    The fork server, which ends with the context, forks those whose modules it has imported; the others start from
+    scratch.
     """
 
     def __init__(self, folder: Path, fork_server: ForkServer | None = None) -> None:
@@ -139,11 +127,7 @@ class Processes:
         return [child for child in self.children if child.process.poll() not in (None, 0)]
 
     def check(self, limit: int | None = None) -> None:
-        """Check that no process has failed.
-
-        Args:
-            limit: Largest number of restarts, to be mentioned if it is the reason why a failed process was not
-                restarted.
+        """Check that no process has failed; ``limit`` is the number of restarts, if that is why there was no other.
 
         Raises:
             ProcessError: One has failed; the message names it and shows the end of its log.
@@ -312,11 +296,7 @@ def run_in_foreground(module: str, config: Path) -> int:
 
 
 def _check_part(module: str, config: Path, line: bytes) -> None:
-    """Check that a configuration is not for another part; the part itself checks the rest.
-
-    Raises:
-        CoheftError: It is for another part, which the message names.
-    """
+    """Check that a configuration is not for another part; the part itself checks the rest."""
     found = msgspec.json.decode(line)
     for key, (part, what) in _BY_HAND.items():
         if part != module and isinstance(found, dict) and key in found:

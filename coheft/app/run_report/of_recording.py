@@ -22,10 +22,6 @@ from coheft.wire.scenario.schema import Scenario
 def report_recording(path: Path, folder: Path) -> Path:
     """Write the page, pictures and data of a recording into a folder; return the path of the page.
 
-    Args:
-        path: A recording made by 'coheft run --record'.
-        folder: The folder, which is made.
-
     Raises:
         RecordingError: It cannot be read, or holds too little of a run.
         CoheftError: The folder cannot be written.

@@ -13,15 +13,7 @@ _MOST = 400
 
 @dataclass(frozen=True, slots=True)
 class Span:
-    """A time in which a robot reported the same about its knowledge.
-
-    Attributes:
-        start: When it began [s].
-        end: When it ended [s].
-        state: The robot's state.
-        not_observable: What was not observable from the motion so far.
-        reasons: Why its estimate was not valid.
-    """
+    """A time [s] in which a robot reported the same about its knowledge."""
 
     start: float
     end: float

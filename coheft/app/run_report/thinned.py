@@ -9,10 +9,7 @@ T = TypeVar("T")
 
 
 class Thinned(Generic[T]):
-    """Evenly spread items of a series: all of them, then every second, every fourth, …; and always the last.
-
-    Args:
-        capacity: Largest number of items that are kept, apart from the last.
+    """At most ``capacity`` evenly spread items of a series: all, then every second, every fourth, …; and the last.
 
     Attributes:
         every: One of so many items is kept.

@@ -40,14 +40,7 @@ class Bounds:
 
 
 class ExactRun:
-    """A run with exact samples, for computing bounds.
-
-    Args:
-        scenario: The scenario, with the noise and the errors of the real sensors.
-        exact: Samples of exact sensors.
-        edges: Edges of the relative poses.
-        samples_per_second: Samples used to integrate information, whatever the sensors' rate is.
-    """
+    """A run with the samples of exact sensors, for computing bounds with the scenario's noise and errors."""
 
     def __init__(
         self, scenario: Scenario, exact: TeamSamples, edges: Edges, samples_per_second: int = _BOUND_RATE

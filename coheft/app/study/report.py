@@ -182,13 +182,7 @@ class _Judged:
 
 
 def summarise(groups: Sequence[Sequence[Trial]], moments: Moments, times: Sequence[int]) -> dict[str, EstimatorResult]:
-    """Compute results by estimator.
-
-    Args:
-        groups: For each noise its runs, which differ in their seed only.
-        moments: Times at which they were evaluated.
-        times: Indices of the times to include.
-    """
+    """Compute results by estimator, of some of the moments; the runs at each noise differ in their seed only."""
     return {name: _estimator_result(name, groups, moments, times) for name in groups[0][0].outcomes}
 
 

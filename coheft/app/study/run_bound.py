@@ -28,11 +28,6 @@ def with_bound(report: Report, scenario: Scenario, truth: Truth) -> Report:
     The run is simulated again, without noise and without agents. There is a bound if the payload ends where it ended
     in the run, with the same loads, so that nothing has happened but what the scenario says; and if motions do not
     depend on estimates, grasps did not slip, and loads did not leak.
-
-    Args:
-        report: The report.
-        scenario: The scenario of the run.
-        truth: The last truth of the run.
     """
     run = msgspec.structs.replace(scenario, duration=report.duration_s, seed=report.seed)
     samples = run.robot_count * report.duration_s * run.sensors.rate
