@@ -83,15 +83,6 @@ def plain_answer(returned: object) -> bool:
     return bool(returned)
 
 
-def plain_texts(returned: object) -> tuple[str, ...]:
-    """Convert the return value of ``Estimator.doubts``; line breaks in texts are removed.
-
-    Raises:
-        MessageError: It is not a tuple of texts.
-    """
-    return _texts(returned, "it")
-
-
 def plain_belief(returned: object, index: int, neighbours: Collection[str]) -> Belief:
     """Check and convert the return value of ``Estimator.belief``.
 
@@ -117,13 +108,13 @@ def plain_belief(returned: object, index: int, neighbours: Collection[str]) -> B
         poses=_plain_poses(returned.poses, neighbours),
         total_block=_block(returned.total_block, index, "total_block"),
         total_wrench=total_wrench,
-        not_observable=_texts(returned.not_observable, "not_observable"),
+        not_observable=plain_texts(returned.not_observable, "not_observable"),
         load_changes=_plain_items(returned.load_changes, LoadChangeNotice, "load_changes"),
         learned_block=_block(returned.learned_block, index, "learned_block"),
         grasps=returned.grasps,
         sensor_errors=_plain_items(returned.sensor_errors, SensorErrorEstimate, "sensor_errors"),
         slips=_plain_items(returned.slips, SlipNotice, "slips"),
-        shortfall=_texts(returned.shortfall, "shortfall"),
+        shortfall=plain_texts(returned.shortfall, "shortfall"),
     )
 
 
@@ -180,7 +171,7 @@ def _plain_items(items: object, kind: type[S], place: str) -> tuple[S, ...]:
         for field in msgspec.structs.fields(kind):
             value = getattr(item, field.name)
             if field.type is str:
-                [values[field.name]] = _texts((value,), field.name)
+                [values[field.name]] = plain_texts((value,), field.name)
             else:
                 values[field.name] = _number(value, field.name)
                 check_number(values[field.name], field.name)
@@ -188,7 +179,12 @@ def _plain_items(items: object, kind: type[S], place: str) -> tuple[S, ...]:
     return tuple(plain)
 
 
-def _texts(texts: object, place: str) -> tuple[str, ...]:
+def plain_texts(texts: object, place: str = "it") -> tuple[str, ...]:
+    """Convert texts, such as the return value of ``Estimator.doubts``; line breaks in them are removed.
+
+    Raises:
+        MessageError: It is not a tuple of texts.
+    """
     found = _sequence(texts, place)
     for text in found:
         if not isinstance(text, str):

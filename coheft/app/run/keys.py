@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import ipaddress
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -149,22 +151,24 @@ def check_keys(folder: Path, scenario: Scenario, hosts: Hosts | None = None) -> 
                 f"names that 'coheft keys' gave to the files, or make new keys in another folder"
             )
         host = hosts.of(name) if hosts is not None else LOOPBACK
-        if name not in ROLES and _host(host) not in _hosts_in(path, certificate):
+        with _reading(path, "certificate"):
+            hosts_in_it = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+        if name not in ROLES and _host(host) not in hosts_in_it:
             raise CoheftError(f"{path} is not for {host}, where {name} runs: make keys in another folder, with --hosts")
 
 
+@contextmanager
+def _reading(path: Path, what: str) -> Iterator[None]:
+    """Explain errors of reading a file that ``make_keys`` has not made."""
+    try:
+        yield
+    except (OSError, TypeError, ValueError, UnsupportedAlgorithm, x509.ExtensionNotFound) as error:
+        raise CoheftError(f"{path} is not a {what} made by 'coheft keys': {error}") from error
+
+
 def _load_certificate(path: Path) -> x509.Certificate:
-    try:
+    with _reading(path, "certificate"):
         return x509.load_pem_x509_certificate(path.read_bytes())
-    except (OSError, ValueError) as error:
-        raise CoheftError(f"{path} is not a certificate made by 'coheft keys': {error}") from error
-
-
-def _hosts_in(path: Path, certificate: x509.Certificate) -> x509.SubjectAlternativeName:
-    try:
-        return certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
-    except (ValueError, x509.ExtensionNotFound) as error:
-        raise CoheftError(f"{path} is not a certificate made by 'coheft keys': {error}") from error
 
 
 def _check_time(path: Path, certificate: x509.Certificate) -> None:
@@ -179,10 +183,8 @@ def _check_time(path: Path, certificate: x509.Certificate) -> None:
 
 
 def _check_key(path: Path, of: Path, certificate: x509.Certificate) -> None:
-    try:
+    with _reading(path, "key"):
         key = serialization.load_pem_private_key(path.read_bytes(), password=None)
-    except (OSError, TypeError, ValueError, UnsupportedAlgorithm) as error:
-        raise CoheftError(f"{path} is not a key made by 'coheft keys': {error}") from error
     if key.public_key() != certificate.public_key():
         raise CoheftError(
             f"{path} is not the key of {of}: take both from one folder that 'coheft keys' made, or make new keys in "

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import select
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import IO
 
 import msgspec
 
+from coheft.agents.process.heartbeat import Heartbeat
 from coheft.app.names import few
 from coheft.app.results.record import Record
 from coheft.app.results.report import Report, build_report
-from coheft.app.run.beat import beating
 from coheft.app.run.folder import RunEnd, RunFile, announce, announced, has_gone, note_end, noted_end
 from coheft.app.run.follower import Follower
 from coheft.app.run.fork_server import ForkServer
@@ -27,6 +29,7 @@ from coheft.errors import CoheftError, LinkError
 from coheft.wire.messages.requests import Status, StatusRequest
 from coheft.wire.messages.states import RunState
 from coheft.wire.messages.structs import Problem
+from coheft.wire.process.supervised import BEAT
 from coheft.wire.scenario.plugins import estimator_names
 from coheft.wire.transport.planes import SERVER
 
@@ -80,7 +83,7 @@ def launch(
         for name, agent in plan.agents.items():
             processes.start(name, "coheft.agents.process.main", agent)
         assert server.process.stdin is not None
-        with announced(folder, _run_file(plan, processes)), beating(server.process.stdin):
+        with announced(folder, _run_file(plan, processes)), _beating(server.process.stdin):
             again = Restarts(
                 restarts, processes, observer, display, lambda: announce(folder, _run_file(plan, processes))
             )
@@ -133,6 +136,22 @@ class Audience:
                 follower.hear(news)
         self.display.update(self.record)
         return self.record.time > before
+
+
+def _beating(stdin: IO[bytes]) -> Heartbeat:
+    """Return a context in which heartbeats, a line each, are sent to the server's stdin.
+
+    A supervisor that is stopped (Ctrl-Z, SIGSTOP) would miss the rest of its run, and its report would be missing or
+    wrong. So the server pauses the run while no heartbeat arrives, and then resumes it.
+    """
+
+    def beat() -> None:
+        with suppress(OSError, ValueError):  # the server has ended, or its stdin is closed
+            if select.select([], [stdin], [], 0.0)[1]:  # do not wait for a frozen server, which reads nothing
+                stdin.write(b"\n")
+                stdin.flush()
+
+    return Heartbeat(beat, BEAT)
 
 
 def _run_file(plan: Plan, processes: Processes) -> RunFile:
