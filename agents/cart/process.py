@@ -91,7 +91,7 @@ class CartAgentProcess:
             LinkError: The link with the server is lost.
             Stopped: The server has ended the run.
         """
-        match self._links.sort(event, self._take):
+        match self._links.handle(event, self._take):
             case LinkChange(source, links=0):
                 raise LinkError(f"{self._config.name} lost its link with {source} at sample {self._block}")
 

@@ -88,14 +88,11 @@ def picture_folder(folder: Path | None, extra: str = "study") -> Iterator[None]:
 def figure_to(target: Path | IO[bytes], width: float, height: float, theme: Theme = LIGHT) -> Iterator[Any]:
     """Yield a figure of a size [inches] to draw into; at the end of the context it is written as PNG.
 
-    Raises:
-        MissingPackageError: The plotting package is not installed.
+    ``picture_folder`` has checked that the plotting package is installed.
     """
-    try:
-        from matplotlib import rc_context
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise MissingPackageError("matplotlib", "study") from error
+    from matplotlib import rc_context
+    from matplotlib.figure import Figure
+
     with rc_context(settings_of(theme)):
         figure = Figure(figsize=(width, height), layout="constrained")
         yield figure

@@ -33,12 +33,8 @@ _Active = list[tuple[AnyFault, np.random.Generator]]
 
 @dataclass(eq=False)
 class _Link:
-    """Messages from one agent to another.
-
-    Attributes:
-        under_way: Messages, with the block at which they arrive.
-        extra: Additional messages that must not make any difference.
-        had: Messages that have arrived.
+    """Messages from one agent to another: those under way with the block at which they arrive, extra ones that must not
+    make any difference, and those that it has had.
     """
 
     under_way: _Timed = field(default_factory=list)

@@ -21,14 +21,7 @@ from coheft.wire.messages.truth import Truth
 
 @dataclass(frozen=True, eq=False)
 class FaultyBlock:
-    """One block of a run.
-
-    Attributes:
-        block: The block's index.
-        truth: The true state.
-        outboxes: Messages of all agents that are running, by name.
-        crashes: Exceptions that agents raised, by name.
-    """
+    """One block of a run: messages of all agents that are running, and exceptions that agents raised, by name."""
 
     block: int
     truth: Truth

@@ -36,10 +36,7 @@ def can_fork() -> bool:
 class Forked:
     """A process of a fork server, with a part of the interface of ``subprocess.Popen``.
 
-    Attributes:
-        pid: Its process id.
-        stdin: Its standard input.
-        returncode: Its exit status, or minus the number of a signal; None while it runs.
+    ``returncode`` is its exit status, or minus the number of a signal; None while it runs.
     """
 
     def __init__(self, fork_server: ForkServer, pid: int, stdin: int) -> None:

@@ -21,12 +21,7 @@ from coheft.wire.scenario.schema import Scenario
 
 
 class TeamInProcess:
-    """All parts of a run. For each block, call ``measure``, then ``answer`` with what is ``measured`` and ``heard``.
-
-    Attributes:
-        graph: Neighbours of every robot.
-        simulation: The simulation of the physics.
-    """
+    """All parts of a run. For each block, call ``measure``, then ``answer`` with what is ``measured`` and ``heard``."""
 
     def __init__(self, scenario: Scenario) -> None:
         self.graph = build_graph(scenario.graph, scenario.robot_names)

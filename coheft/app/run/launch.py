@@ -113,11 +113,7 @@ def launch(
 class Audience:
     """All parts of this process that receive an observer's messages.
 
-    Attributes:
-        record: Collects the data of the report.
-        display: Shows the run in the terminal.
-        followers: All others.
-        is_told_end: Whether the display shows why a run was aborted; the supervisor raises that as an error instead.
+    The display shows why a run was aborted only if it ``is_told_end``; the supervisor raises that as an error instead.
     """
 
     record: Record

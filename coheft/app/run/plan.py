@@ -25,13 +25,9 @@ from coheft.wire.transport.security import Credentials, credentials_in
 
 @dataclass(frozen=True)
 class Plan:
-    """Configurations of all processes of a run.
+    """Configurations of all processes of a run, planned at ``began`` [s since 1970].
 
-    Attributes:
-        server: Configuration of the physics server.
-        agents: Configurations of the agents, by name.
-        keys: Folder with all participants' credentials; None for the open profile.
-        began: Time at which the plan was made, in seconds since 1970.
+    ``keys`` is the folder with all participants' credentials; None for the open profile.
     """
 
     server: ServerConfig

@@ -39,7 +39,7 @@ def write_folder(report: StudyReport, trials: Sequence[Trial], folder: Path) -> 
     """Write ``report.md``, its pictures and ``report.json`` into an existing folder.
 
     Raises:
-        CoheftError: The folder cannot be written, or the plotting package is not installed.
+        CoheftError: The folder cannot be written.
     """
     pictures = {"Errors over bounds": "ratios.png", "Errors of one run over time": "curves.png"}
     write_report(report, str(folder / "report.json"))
