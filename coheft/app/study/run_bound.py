@@ -8,10 +8,10 @@ import msgspec
 import numpy as np
 
 from coheft.app.results.judge import Judge
-from coheft.app.results.quantities import QUANTITIES
+from coheft.app.results.quantities import QUANTITIES, TeamArrays
 from coheft.app.results.record import load_ids
 from coheft.app.results.report import BoundReport, Report
-from coheft.app.study.exact_run import Bounds, ExactRun
+from coheft.app.study.exact_run import ExactRun
 from coheft.app.study.samples import TeamSamples, simulate, with_exact_sensors
 from coheft.wire.messages.truth import Truth
 from coheft.wire.scenario.schema import Scenario
@@ -53,7 +53,7 @@ def _is_same(one: Truth, other: Truth) -> bool:
     )
 
 
-def _reported(exact: TeamSamples, bounds: Bounds) -> dict[str, BoundReport]:
+def _reported(exact: TeamSamples, bounds: TeamArrays) -> dict[str, BoundReport]:
     """Return bounds by robot, in the units of errors in reports."""
     judge = Judge(exact.scene, exact.truths)
     sizes = {
