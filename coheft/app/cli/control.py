@@ -95,21 +95,20 @@ def use(estimator: str | None = None, *, run: options.RunFolder = None) -> None:
 @app.command(group=CONTROL)
 def pause(*, run: options.RunFolder = None) -> None:
     """Pause a run."""
-    from coheft.app.run.observer import ask_run
-    from coheft.wire.messages.requests import PauseRequest
-
-    status = ask_run(PauseRequest(paused=True), run)
-    print(f"paused at {status.time:.2f} s; 'coheft resume' continues")
+    print(f"paused at {_set_paused(run, paused=True):.2f} s; 'coheft resume' continues")
 
 
 @app.command(group=CONTROL)
 def resume(*, run: options.RunFolder = None) -> None:
     """Resume a paused run."""
+    print(f"resumed at {_set_paused(run, paused=False):.2f} s")
+
+
+def _set_paused(folder: Path | None, *, paused: bool) -> float:
     from coheft.app.run.observer import ask_run
     from coheft.wire.messages.requests import PauseRequest
 
-    status = ask_run(PauseRequest(paused=False), run)
-    print(f"resumed at {status.time:.2f} s")
+    return ask_run(PauseRequest(paused=paused), folder).time
 
 
 @app.command(group=CONTROL)

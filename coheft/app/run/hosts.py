@@ -138,13 +138,9 @@ def _is_host(host: str) -> bool:
     try:
         ipaddress.ip_address(host)
     except ValueError:
-        return re.fullmatch(r"[A-Za-z0-9]([A-Za-z0-9_.-]*[A-Za-z0-9])?", host) is not None and not _is_number(host)
+        is_invalid_address = host.replace(".", "").isdigit()  # such as 10.0.0.300
+        return not is_invalid_address and re.fullmatch(r"[A-Za-z0-9]([A-Za-z0-9_.-]*[A-Za-z0-9])?", host) is not None
     return True
-
-
-def _is_number(host: str) -> bool:
-    """Whether a name consists of digits and dots, as an invalid address such as 10.0.0.300 does."""
-    return host.replace(".", "").isdigit()
 
 
 def _is_loopback(host: str) -> bool:

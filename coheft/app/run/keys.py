@@ -55,22 +55,6 @@ class Authority:
             builder.add_extension(_usage(signs_certificates=True), critical=True).sign(key, hashes.SHA256()), key
         )
 
-    @classmethod
-    def load(cls, folder: Path) -> Self:
-        """Load the authority in a folder made by ``make_keys``.
-
-        Raises:
-            CoheftError: The folder contains none.
-        """
-        try:
-            key = serialization.load_pem_private_key((folder / "authority.key").read_bytes(), password=None)
-            certificate = x509.load_pem_x509_certificate((folder / "authority.crt").read_bytes())
-        except (OSError, ValueError) as error:
-            raise CoheftError(f"there is no authority in {folder}: {error}") from error
-        if not isinstance(key, ec.EllipticCurvePrivateKey):
-            raise CoheftError(f"{folder / 'authority.key'} contains another type of key than coheft makes")
-        return cls(certificate, key)
-
     def issue(self, folder: Path, name: str, host: str = LOOPBACK, lifetime: timedelta | None = None) -> None:
         """Write ``<name>.key`` and ``<name>.crt`` of a participant that listens at this address or host name.
 
