@@ -58,15 +58,15 @@ class EfficientEstimator:
             message = RowMessage.of_channels(channels, name)
             if message is not None and message.team == team.exchange.team:
                 messages.append(message)
-                team.hear_seals(channels, index)
+                team.receive_seals(channels, index)
                 team.adopt(channels)
                 is_welcoming |= team.welcomes(name)
-        team.exchange.hear(messages, index)
-        team.hear_of_change(index)
+        team.exchange.receive(messages, index)
+        team.look_closely_after(index)
         if own is not None and index >= team.start:
             team.enter(index, own.samples)
         team.take(index)
-        arrays: dict[str, Any] = team.exchange.tell(team.session.news_at).channels() | team.tell_seals()
+        arrays: dict[str, Any] = team.exchange.message(team.session.news_at).channels() | team.seal_channels()
         if is_welcoming:
             arrays |= team.known()
         return arrays
@@ -75,7 +75,7 @@ class EfficientEstimator:
         """See ``TakesLate.hear_late``: its rows count as those of any other message."""
         message = RowMessage.of_channels(channels)
         if self._team is not None and message is not None:
-            self._team.exchange.hear([message], index)
+            self._team.exchange.receive([message], index)
 
     def sign_with(self, signer: RowSigner) -> None:
         """See ``SignsRows.sign_with``; called before the first step."""
@@ -152,10 +152,10 @@ class EfficientEstimator:
         without = 0.0 if last is None else self._config.start_of(start) - self._config.start_of(last.newest + 1)
         known = None if last is None else last.session.hand_over(max(0.0, without))
         if last is not None and known is not None:
-            places = [last.places.get(each) for each in self._lives(names)]
-            newcomers = [each for each, then in zip(names, places, strict=True) if then is None]
-            prior = known.for_team(places, last.settings, fit_settings(self._config, names))
-            anchor = next(now for now, then in enumerate(places) if then is not None)
+            indices = [last.indices.get(each) for each in self._lives(names)]
+            newcomers = [each for each, then in zip(names, indices, strict=True) if then is None]
+            prior = known.for_team(indices, last.settings, fit_settings(self._config, names))
+            anchor = next(now for now, then in enumerate(indices) if then is not None)
         self._team = Team(self._lives(names), membership, graph, start, self._config, self._guards, self._signer)
         if prior is not None:
             self._team.begin(prior, anchor, newcomers)
@@ -168,8 +168,8 @@ class EfficientEstimator:
     def _notices(self, team: Team) -> tuple[LoadChangeNotice, ...]:
         start, times = self._config.start_of, team.times
         new = (
-            LoadChangeNotice(start(noticed + 1), start(times.first_block(first)))
-            for noticed, (first, _) in zip(team.noticed, team.session.certain_changes, strict=False)
+            LoadChangeNotice(start(noticed + 1), start(times.first_block(change.first)))
+            for noticed, change in zip(team.noticed, team.session.certain_changes, strict=False)
         )
         return (*self._former_changes, *new)
 
@@ -196,8 +196,8 @@ class EfficientEstimator:
                 not_observable.append(f"pose of {name}: turn the load about other axes as well")
                 continue
             derivative = relative_pose_derivative(state.poses[own], state.poses[other])
-            places = np.concatenate([unknowns.poses[own], unknowns.poses[other]])
-            covariance = derivative @ estimate.covariance[np.ix_(places, places)] @ derivative.T
+            indices = np.concatenate([unknowns.poses[own], unknowns.poses[other]])
+            covariance = derivative @ estimate.covariance[np.ix_(indices, indices)] @ derivative.T
             poses[name] = UncertainPose(state.poses[own].inverse() @ state.poses[other], covariance)
         payload = _payload(claim)
         return Belief(
@@ -220,7 +220,7 @@ def _in_words(verdict: Verdict, names: list[str]) -> str:
         return verdict.outcome.value + which
     robot, sensor = verdict.rival
     which = f"a {sensor} sensor" if robot is None else f"the {sensor} sensor of {names[robot]}"
-    return f"either the load has changed or {which} reads something in excess"
+    return f"either the load has changed or {which} has an offset"
 
 
 def _undeclared_in_words(found: UndeclaredError, names: list[str]) -> str:
@@ -228,7 +228,7 @@ def _undeclared_in_words(found: UndeclaredError, names: list[str]) -> str:
     sensor, _, what = found.kind.partition("_")
     seems = {"bias": "to have an offset", "mounting": "to be turned", "scale": "to have another scale"}.get(what, "")
     where = f"the {SENSOR_NAMES[sensor]} of {names[found.robot]}"
-    return f"{where} seems {seems or 'to be elsewhere'}, but is told to be exact"
+    return f"{where} seems {seems or 'to be elsewhere'}, but is declared to be exact"
 
 
 def _in_first(names: list[str], poses: tuple[Pose, ...]) -> dict[str, Pose]:

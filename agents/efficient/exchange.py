@@ -119,21 +119,21 @@ class Exchange:
         self.aside: dict[tuple[str, int, int], bytes] = {}
         self._count, self._own, self._times, self._size = count, own, times, size
         self.window = max(WINDOW, 2 * hops, sealing)
-        self._heard = deque[tuple[int, RowMessage]]()  # with the block of each, if there are seals
+        self._received = deque[tuple[int, RowMessage]]()  # with the block of each, if there are seals
         self._is_sealing = sealing > 0
         self._rows: dict[int, dict[int, bytes]] = {}  # by number and robot, in single precision
         self._oldest: int | None = None  # smallest number that may be in the table
         self._news: list[_Labelled] = []
-        self._told_once: list[_Labelled] = []
+        self._sent_once: list[_Labelled] = []
 
-    def enter(self, number: int, row: Array) -> None:
+    def add_own(self, number: int, row: Array) -> None:
         """Add this robot's own row, shape (size,)."""
         rows = self._rows.setdefault(number, {})
         if self._own not in rows:
             rows[self._own] = row.astype(np.float32).tobytes()
             self._news.append((self._own, number, rows[self._own]))
 
-    def hear(self, messages: Iterable[RowMessage], block: int) -> None:
+    def receive(self, messages: Iterable[RowMessage], block: int) -> None:
         """Process neighbours' messages that arrived before this block; of two different rows the first one counts."""
         begun, newest = self._times.begun_from(block), self._times.complete(block - 1)
         oldest = max(0, self._times.complete(block - self.window))
@@ -141,21 +141,21 @@ class Exchange:
             self._rows.pop(number, None)
         self._oldest = oldest
         length = self._size * np.dtype(np.float32).itemsize
-        while self._heard and self._heard[0][0] < block - self.window:
-            self._heard.popleft()
+        while self._received and self._received[0][0] < block - self.window:
+            self._received.popleft()
         self.aside = {key: row for key, row in self.aside.items() if key[2] >= oldest}
         for message in messages:
             if message.team != self.team or message.rows.shape[1] != self._size:
                 continue
             if self._is_sealing:
-                self._heard.append((block, message))
+                self._received.append((block, message))
             if self.news_at < message.news_at < begun:
                 self.news_at = message.news_at
             data = message.rows.tobytes()
-            for place, (robot, number) in enumerate(message.labels.tolist()):
+            for index, (robot, number) in enumerate(message.labels.tolist()):
                 if not 0 <= robot < self._count or not oldest <= number < newest:
                     continue
-                row = data[length * place : length * (place + 1)]
+                row = data[length * index : length * (index + 1)]
                 if self.distrusted and (message.sender, robot) in self.distrusted:
                     self.aside.setdefault((message.sender, robot, number), row)
                     continue
@@ -167,12 +167,12 @@ class Exchange:
                     if self._is_sealing:
                         self.aside.setdefault((message.sender, robot, number), row)
 
-    def tell(self, news_at: int) -> RowMessage:
+    def message(self, news_at: int) -> RowMessage:
         """Return the message for all neighbours; ``news_at`` as in ``RowMessage``."""
-        told = self._told_once + self._news
-        self._told_once, self._news = self._news, []
-        labels = np.array([(robot, number) for robot, number, _ in told], dtype=np.int32).reshape(-1, 2)
-        return RowMessage(self.team, news_at, labels, self._array(row for _, _, row in told))
+        sent = self._sent_once + self._news
+        self._sent_once, self._news = self._news, []
+        labels = np.array([(robot, number) for robot, number, _ in sent], dtype=np.int32).reshape(-1, 2)
+        return RowMessage(self.team, news_at, labels, self._array(row for _, _, row in sent))
 
     def complete(self, number: int) -> Array | None:
         """Return the team's row of this number: the rows of all robots, the constant 1, and what follows rows.
@@ -202,7 +202,7 @@ class Exchange:
     def remove(self, robot: int, number: int) -> list[Copy]:
         """Remove a robot's row; return the copies of it that neighbours have sent."""
         row = self._rows.get(number, {}).pop(robot, None)
-        everything = (copy for _, message in self._heard for copy in message.copies())
+        everything = (copy for _, message in self._received for copy in message.copies())
         return [copy for copy in everything if copy[1:] == (robot, number, row)]
 
     def _array(self, rows: Iterable[bytes]) -> npt.NDArray[np.float32]:

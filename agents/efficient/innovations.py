@@ -59,7 +59,7 @@ class Innovations:
         past: Rows of earlier chapters, None if there were none.
 
     Attributes:
-        excess: Mean residuals of all gyros and velocity sensors, in standard deviations, shape (12 N,).
+        mean_residuals: Mean residuals of all gyros and velocity sensors, in standard deviations, shape (12 N,).
     """
 
     def __init__(self, estimate: Estimate, chapter: Chapter, past: Past | None = None) -> None:
@@ -79,39 +79,41 @@ class Innovations:
         whitened = np.linalg.solve(root, body.wrench_map - load_operator(load) @ body.motion_map[FORCING])
         self._body, self._matrix = body, np.vstack([see, whitened, body.motion_map[:MOTION_SIZE]])
         one = ROW_SIZE * body.count
-        sums, self.excess = of_all.sums(one), np.zeros(KINEMATICS_SIZE * body.count)
+        sums, self.mean_residuals = of_all.sums(one), np.zeros(KINEMATICS_SIZE * body.count)
         rows = float(sums[one])
         if past is not None:  # a mean over few rows would be as noisy as the rows that are tested
             sums, rows = sums + past.rows * past.mean, rows + past.rows
         self._rows, self._mean = rows, sums / max(rows, 1.0)
-        mean = self.evaluate(self._mean).motion  # the excess is zero up to here
-        self.excess = np.where(np.arange(len(mean)) % KINEMATICS_SIZE < TWIST.stop, mean, 0.0)
+        mean = self.evaluate(self._mean).motion  # without the mean residuals, which are zero up to here
+        self.mean_residuals = np.where(np.arange(len(mean)) % KINEMATICS_SIZE < TWIST.stop, mean, 0.0)
 
     @property
     def past(self) -> Past:
-        """All rows up to now, for the next chapter. Their excess is evaluated at its estimates, which are better."""
+        """All rows up to now, for the next chapter, whose estimates are better for their mean residuals."""
         return Past(min(self._rows, ROWS_BEFORE), self._mean)
 
     @property
     def past_before_slip(self) -> Past:
-        """The same, with a made-up mean that gives the present excess at any poses."""
+        """The same, with a made-up mean that gives the present mean residuals at any poses."""
         mean = np.zeros_like(self._mean)
         mean[ROW_SIZE * self._body.count] = 1.0
         by_robot = mean[: ROW_SIZE * self._body.count].reshape(-1, ROW_SIZE)
-        root, excess = np.sqrt(self._body.weight), self.excess.reshape(-1, KINEMATICS_SIZE)
-        by_robot[:, :KINEMATICS_SIZE] = np.divide(excess, root, out=np.zeros_like(excess), where=root > 0.0)
+        root, mean_residuals = np.sqrt(self._body.weight), self.mean_residuals.reshape(-1, KINEMATICS_SIZE)
+        by_robot[:, :KINEMATICS_SIZE] = np.divide(
+            mean_residuals, root, out=np.zeros_like(mean_residuals), where=root > 0.0
+        )
         return Past(min(self._rows, ROWS_BEFORE), mean)
 
     def evaluate(self, row: Array) -> EvaluatedRow:
         """Evaluate an extended row (X,)."""
         evaluated = self._matrix @ row
-        motion = self._body.residuals(row[None], evaluated[None, _MOTION:])[0] - self.excess
+        motion = self._body.residuals(row[None], evaluated[None, _MOTION:])[0] - self.mean_residuals
         return EvaluatedRow(evaluated[:VIEW_SIZE], evaluated[VIEW_SIZE:_MOTION], motion)
 
     def residuals(self, rows: Array) -> tuple[Array, Array]:
         """Return residuals of extended rows (n, X): of the wrench (n, 1, 6), and of motion sensors (n, N, 12)."""
         evaluated = rows @ self._matrix[VIEW_SIZE:].T
-        motion = self._body.residuals(rows, evaluated[:, WRENCH_SIZE:]) - self.excess
+        motion = self._body.residuals(rows, evaluated[:, WRENCH_SIZE:]) - self.mean_residuals
         return evaluated[:, None, :WRENCH_SIZE], motion.reshape(len(rows), -1, KINEMATICS_SIZE)
 
     def gram(self, buffer: RowBuffer) -> Array:
@@ -120,10 +122,10 @@ class Innovations:
         result: Array = self._older + views.T @ views
         return result
 
-    def look_for_change(self, buffer: RowBuffer, before: int | None = None, small: SmallSteps | None = None) -> Look:
-        """Run the first test for a load change on all rows of the load, or on those before a place.
+    def look_for_change(self, buffer: RowBuffer, end: int | None = None, small: SmallSteps | None = None) -> Look:
+        """Run the first test for a load change on all rows of the load, or on those before an index.
 
         See ``coheft.estimation.moments.change.look_for_change``.
         """
-        views = buffer.views[buffer.start : buffer.count if before is None else before]
+        views = buffer.views[buffer.start : buffer.count if end is None else end]
         return look_for_change(views, self._older, self._weights, self._knows_load, small)

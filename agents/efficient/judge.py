@@ -34,7 +34,7 @@ class Outcome(Enum):
     NO_BODY = "motions do not fit one rigid body: a sensor may be off"
     BEYOND_TOLERANCE = "sensors are off by more than their tolerances say"
     NO_LOAD = "wrenches fit no load: a force or torque sensor may be off"
-    UNDECIDED = "either the load has changed or a sensor reads something in excess"
+    UNDECIDED = "either the load has changed or a sensor has an offset"
 
 
 @dataclass(frozen=True)
@@ -86,10 +86,10 @@ def judge(
     if not _fits(wrench, wrench.size - _LOAD, guards.largest_wrench_misfit, guards):
         return Verdict(Outcome.NO_LOAD)
     found = explanations(body, innovations.gram(buffer), assumed)
-    if found.both > guards.largest_constant_excess and not has_offset:
+    if found.both > guards.largest_constant_offset and not has_offset:
         return Verdict(Outcome.NO_LOAD)
     is_load = found.load > found.sensor and _has_another_mass(estimate, assumed, guards)
-    if load_before is None or found.sensor < guards.largest_excess or is_load:
+    if load_before is None or found.sensor < guards.largest_offset or is_load:
         return Verdict(Outcome.FITS)
     # Where torques are all measured about points of one body, it makes no difference whose torque sensor is off.
     return Verdict(Outcome.UNDECIDED, (found.robot if found.kind == "force" else None, found.kind))
@@ -112,12 +112,16 @@ def _robot_beyond_tolerance(estimate: Estimate, guards: Guards) -> int | None:
     """
     unknowns = estimate.body.unknowns
     for robot, every in enumerate(unknowns.deviations):
-        is_told = every > 0.0
-        if not is_told.any():
+        is_declared = every > 0.0
+        if not is_declared.any():
             continue
-        deviations, places, found = every[is_told], unknowns.eta[robot, is_told], estimate.state.eta[robot, is_told]
-        uncertain = estimate.covariance[np.ix_(places, places)] / np.outer(deviations, deviations)
-        seen, directions = np.linalg.eigh(np.eye(len(places)) - uncertain)
+        deviations, indices, found = (
+            every[is_declared],
+            unknowns.eta[robot, is_declared],
+            estimate.state.eta[robot, is_declared],
+        )
+        uncertain = estimate.covariance[np.ix_(indices, indices)] / np.outer(deviations, deviations)
+        seen, directions = np.linalg.eigh(np.eye(len(indices)) - uncertain)
         is_seen = seen > _SEEN
         square = np.square(found / deviations @ directions[:, is_seen]) / seen[is_seen]
         if is_seen.any() and square.sum() > chi_square_threshold(int(is_seen.sum()), guards.tolerance):

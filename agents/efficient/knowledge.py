@@ -129,12 +129,12 @@ class Knowledge:
         """Remove the rows of the present load from this number on."""
         self._next_fit -= self.buffer.take_back(number)
 
-    def fit(self, before: int | None = None, keeps_motion: bool = False) -> Estimate:
-        """Fit all unknowns to all rows, or to those before a place, and to the prior from earlier chapters; see
+    def fit(self, end: int | None = None, keeps_motion: bool = False) -> Estimate:
+        """Fit all unknowns to all rows, or to those before an index, and to the prior from earlier chapters; see
         ``Chapter.evaluation``.
         """
         chapter, settings, last = self._chapter, self._settings, self.estimate
-        evaluate = chapter.evaluation(before, keeps_motion)
+        evaluate = chapter.evaluation(end, keeps_motion)
         identity = [Pose.identity()] * self._count
         state = State.first(identity, settings.errors) if last is None else last.state
         is_unknown = np.arange(self._count) != self._anchor if last is None else last.hidden_poses()
@@ -150,17 +150,17 @@ class Knowledge:
         self._next_fit = number + max(3, round((self._growth - 1.0) * (number + self._rows_before)))
         return found
 
-    def forget_load(self, now: Estimate, place: int, has_changed: bool, least: int) -> None:
-        """Discard the load, which has to be estimated from ``least`` rows from this place on; poses stay.
+    def forget_load(self, now: Estimate, index: int, has_changed: bool, least: int) -> None:
+        """Discard the load, which has to be estimated from ``least`` rows from this index on; poses stay.
 
         Args:
             now: What is known.
-            place: Of the first row of the new load.
+            index: Of the first row of the new load.
             has_changed: Whether wrenches before fitted their load; else they have misled the poses, too.
             least: Rows of the next fit.
         """
         chapter, state = self._chapter, now.state.with_load(None)
-        chapter.end_of_load(now, self._guess, place, has_changed and not now.misses_poses)
+        chapter.end_of_load(now, self._guess, index, has_changed and not now.misses_poses)
         if has_changed:
             body = self._settings.body(state)
             self.estimate = Estimate(body, now.seen, now.hidden, now.step, now.size)
@@ -172,10 +172,10 @@ class Knowledge:
             )
         self._next_fit, self._rows_before = least, 0  # a load that is known from few rows is fitted often
 
-    def before(self, place: int) -> tuple[Estimate, Prior]:
-        """Return the estimate from the rows before a place, and the same as a prior; changes nothing here."""
+    def known_before(self, index: int) -> tuple[Estimate, Prior]:
+        """Return the estimate from the rows before an index, and the same as a prior; changes nothing here."""
         assert self.estimate is not None
-        chapter, evaluate = self._chapter, self._chapter.evaluation(place)
+        chapter, evaluate = self._chapter, self._chapter.evaluation(index)
         found = fit_state(
             self.estimate.state, evaluate, chapter.prior_evidence, self._guess, self._settings, self._anchor
         )
@@ -204,37 +204,37 @@ class Knowledge:
         """Covariance (u, u) of an estimate, with the drift of sensors over the rows that are kept."""
         if not self._settings.drift.is_any:
             return now.covariance
-        places, drifted = self._settings.drifted(now.body, self.buffer.count * self._settings.period)
+        indices, drifted = self._settings.drifted(now.body, self.buffer.count * self._settings.period)
         result = now.covariance.copy()
-        result[np.ix_(places, places)] += drifted
+        result[np.ix_(indices, indices)] += drifted
         return result
 
-    def surprise(self, place: int, now: Estimate) -> float:
+    def surprise(self, index: int, now: Estimate) -> float:
         """Return the statistic of a load change at this row over its threshold; allows for all uncertainty.
 
         Args:
-            place: Of the first row of the other load.
+            index: Of the first row of the other load.
             now: The fit to the rows before.
         """
         load = now.state.load
         assert load is not None
-        moments = wrench_moments(now.body, ProjectedMoments.of(self.buffer.window(place), now.body))
+        moments = wrench_moments(now.body, ProjectedMoments.of(self.buffer.window(index), now.body))
         newest = wrench_evidence(now.body, MotionDerivatives.at(now.body), moments, load)
         return surprise(newest, self.covariance_now(now), now.body.unknowns.theta)
 
-    def first_change(self, place: int, now: Estimate) -> tuple[int, Estimate]:
-        """Return where the load changed first, if it changed before this place as well, and the fit to the rows before.
+    def first_change(self, index: int, now: Estimate) -> tuple[int, Estimate]:
+        """Return where the load changed first, if it changed before this index as well, and the fit to the rows before.
 
         Args:
-            place: Of the first row after a change.
+            index: Of the first row after a change.
             now: The fit to the rows before.
         """
-        found = self.innovations.look_for_change(self.buffer, place)
-        while found.size > 1.0 and 0 < found.place < place - self.buffer.start:
-            place = self.buffer.start + found.place
-            now = self.fit(before=place)
-            found = self.innovations.look_for_change(self.buffer, place)
-        return place, now
+        found = self.innovations.look_for_change(self.buffer, index)
+        while found.statistic > 1.0 and 0 < found.first < index - self.buffer.start:
+            index = self.buffer.start + found.first
+            now = self.fit(end=index)
+            found = self.innovations.look_for_change(self.buffer, index)
+        return index, now
 
     def fade(self) -> None:
         """End the chapter after a while and inflate its prior, for sensor drift and for a fading memory of the load."""
@@ -251,10 +251,10 @@ class Knowledge:
         """End the chapter; inflate its prior for the time of its rows, and for one without rows [s]."""
         estimate, settings, buffer, chapter = self.estimate, self._settings, self.buffer, self._chapter
         assert estimate is not None
-        place = max(0, buffer.count - _KEPT_ON_PAGE)
-        seconds, theta = place * settings.period + missing, estimate.body.unknowns.theta
+        index = max(0, buffer.count - _KEPT_ON_PAGE)
+        seconds, theta = index * settings.period + missing, estimate.body.unknowns.theta
         self._past = self.innovations.past
-        chapter.end(estimate, self._guess, place)
+        chapter.end(estimate, self._guess, index)
         assert chapter.prior is not None  # ``end`` has set it
         if settings.memory is not None:
             faded = math.expm1(min(seconds / settings.memory, _LONGEST_FADING))
@@ -262,7 +262,7 @@ class Knowledge:
         if settings.drift.is_any:
             chapter.prior = chapter.prior.with_process_noise(*settings.drifted(estimate.body, seconds))
         longest = _LONGEST_OF_DRIFT if settings.memory is None else settings.memory
-        self._rows_before = min(self._rows_before + place, round(longest / settings.period))
+        self._rows_before = min(self._rows_before + index, round(longest / settings.period))
         self._set_estimate(estimate)
         self._next_fit = buffer.load_rows + max(3, round((self._growth - 1.0) * self._rows_before))
 

@@ -69,7 +69,7 @@ class Monitor:
         if self._spread is not None:
             squares /= self._spread[: len(windows)]
         squares = squares.sum(axis=2) / windows[:, None]
-        place = int(squares.argmax())
-        window, robot = divmod(place, self._count)
-        is_contradiction = squares.flat[place] > self._guards.largest_contradiction
+        index = int(squares.argmax())
+        window, robot = divmod(index, self._count)
+        is_contradiction = squares.flat[index] > self._guards.largest_contradiction
         return Contradiction(robot, int(windows[window])) if is_contradiction else None

@@ -82,15 +82,15 @@ class OwnRows:
 
     def add(self, index: int, samples: Array) -> list[tuple[int, Array]]:
         """Add a block of samples (B, 15); return numbers and rows that it completes, none with missing samples."""
-        size, block, before = self._times.row, self._times.block, 2 * self._margin
+        size, block, lead = self._times.row, self._times.block, 2 * self._margin
         has_gap = self._end != index * block
         kept = samples if has_gap or not len(self._kept) else np.concatenate([self._kept, samples])
         self._end = (index + 1) * block
         start, end = self._end - len(kept), self._end // size
-        self._kept = kept[max(0, end * size - before - start) :]
-        first = -(-(start + before) // size)
-        begins = [(number, number * size - before - start) for number in range(first, end)]
-        return [(number, self._row(kept[begin : begin + before + size])) for number, begin in begins]
+        self._kept = kept[max(0, end * size - lead - start) :]
+        first = -(-(start + lead) // size)
+        begins = [(number, number * size - lead - start) for number in range(first, end)]
+        return [(number, self._row(kept[begin : begin + lead + size])) for number, begin in begins]
 
     def _row(self, samples: Array) -> Array:
         """Of its samples and those before and after it, shape (L + 2 margin, 15)."""

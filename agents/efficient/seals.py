@@ -59,8 +59,8 @@ class Seal(NamedTuple):
 
     def confirms(self, number: int, row: bytes) -> bool:
         """Whether the robot has measured this row."""
-        place = _HASH * (number - self.first)
-        return self.hashes[place : place + _HASH] == _hash_of(row)
+        index = _HASH * (number - self.first)
+        return self.hashes[index : index + _HASH] == _hash_of(row)
 
     def encode(self) -> bytes:
         """Return bytes; their length depends only on the number of rows."""
@@ -174,18 +174,18 @@ class Seals:
             self._keep(unsigned._replace(signature=self._signer.sign(unsigned.content(self._exchange.team))))
             self._due[own] += span
 
-    def hear(self, channels: Channels, block: int) -> None:
+    def receive(self, channels: Channels, block: int) -> None:
         """Process the seals in a neighbour's message. After one that is not signed, the rest is ignored."""
         array = channels.get(_CHANNEL)
         if array is None or array.dtype != np.int32 or array.ndim != 2 or array.shape[1] * array.itemsize != self._size:
             return
         newest = self._times.complete(block - 1)
-        for place, (robot, first) in enumerate(array[:, :2].tolist()):
+        for index, (robot, first) in enumerate(array[:, :2].tolist()):
             if not 0 <= robot < len(self._names) or not self._due[robot] <= first < newest:
                 continue
             if (robot, first) in self._known or first != self._first_of(robot, first):
                 continue
-            seal = Seal.decode(array[place].tobytes())
+            seal = Seal.decode(array[index].tobytes())
             if not self._signer.is_signed_by(self._names[robot], seal.content(self._exchange.team), seal.signature):
                 return
             self._keep(seal)
@@ -197,17 +197,17 @@ class Seals:
         self._news.append(encoded)
         self._newest[seal.robot] = max(self._newest.get(seal.robot, (seal.first, encoded)), (seal.first, encoded))
 
-    def tell(self) -> dict[str, npt.NDArray[np.int32]]:
+    def channels(self) -> dict[str, npt.NDArray[np.int32]]:
         """Return the channel with seals for all neighbours: new ones, and known ones in rotation, in case one was lost.
 
         They are always as many, because messages whose arrays keep their shapes are decoded faster.
         """
-        told = [self._news.popleft() for _ in range(min(len(self._news), self._per_message))]
+        sent = [self._news.popleft() for _ in range(min(len(self._news), self._per_message))]
         known = list(self._newest.values())
-        while len(told) < self._per_message:
+        while len(sent) < self._per_message:
             self._turn += 1
-            told.append(known[self._turn % len(known)][1] if known else self._nothing)
-        return {_CHANNEL: np.frombuffer(b"".join(told), dtype=np.int32).reshape(len(told), self._size // 4)}
+            sent.append(known[self._turn % len(known)][1] if known else self._nothing)
+        return {_CHANNEL: np.frombuffer(b"".join(sent), dtype=np.int32).reshape(len(sent), self._size // 4)}
 
     # --- comparison ---
 
@@ -255,7 +255,7 @@ class Seals:
         """Remove rows that differ from their seals; yield their numbers."""
         fresh, self._fresh = self._fresh, []
         wrong = [seal for seal in fresh if self._hashes(seal.robot, seal.first) != seal.hashes]
-        numbers = [(seal.robot, seal.first + place) for seal in wrong for place in range(self._span)]
+        numbers = [(seal.robot, seal.first + index) for seal in wrong for index in range(self._span)]
         for robot, number in [*sorted(self._absent), *numbers]:
             seal, row = self._seal_of(robot, number), self._exchange.row(robot, number)
             self._absent.discard((robot, number))

@@ -8,14 +8,16 @@ row -> does a robot's motion contradict the team?   drop the row, and those sinc
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
+from coheft.agents.efficient.contradictions import Contradictions, Use
 from coheft.agents.efficient.judge import Outcome, Verdict, judge
 from coheft.agents.efficient.knowledge import Knowledge
-from coheft.agents.efficient.monitor import Monitor
 from coheft.agents.efficient.settings import Guards
 from coheft.agents.efficient.slips import Slip, Suspicion
-from coheft.agents.efficient.small_steps import UnnoticedStep, cover_drift
+from coheft.agents.efficient.small_steps import LoadChange, UnnoticedStep, cover_drift
 from coheft.agents.efficient.stages import TRANSITIONS, Event, Stage
 from coheft.agents.efficient.undeclared_watch import UndeclaredWatch
 from coheft.estimation.geometry.spatial import Array
@@ -42,9 +44,8 @@ class Session:
 
     Attributes:
         stage: What is known of the load.
-        changes: For each load change, the number of the new load's first row and of the row at which it was noticed.
+        changes: Load changes, oldest first.
         slips: Slips of grasps, oldest first.
-        contradicting: Index of a robot whose motion sensors contradict the others at present, or None.
         verdict: Verdict on the last fit.
         total_wrench: Total wrench about the origin of the body frame [N, N·m], mean over the newest row, shape (6,);
             None before the first row.
@@ -69,16 +70,16 @@ class Session:
         self._waits, self._calm, self._drifting = rows(guards.waiting), rows(guards.calm), rows(guards.drifting)
         self._turn, self._lasting, self._undecided = rows(guards.turn), rows(guards.lasting), rows(guards.undecided)
         self.stage = Stage.GATHERING
-        self.changes: list[tuple[int, int]] = []
+        self.changes: list[LoadChange] = []
         self.slips: list[Slip] = []
         self._suspicion: Suspicion | None = None
         self.verdict = Verdict(Outcome.FITS)
         self.total_wrench: Array | None = None
         self._undeclared = UndeclaredWatch(guards.undeclared_growth, rows(guards.undeclared_lasts))
-        self._telling_apart = rows(guards.telling_apart)
+        self._telling_apart, self._hopeless = rows(guards.telling_apart), rows(guards.unfitted)
         self._steps = UnnoticedStep(rows(guards.shortest), guards)
-        self._former_thetas = list[Array]()  # theta before each change
-        self._told_of = self._newest = -1  # the newest change that another robot has told of; the newest row
+        self._gives_up_at: float | None = None  # number of a row; None if a load has fitted since
+        self._known_news = self._newest = -1  # the newest change that another robot has told of; the newest row
         self._begin(Knowledge(count, anchor, settings, guards, prior))
         if prior is not None:
             self.stage, self._unconfirmed = TRANSITIONS[self.stage, Event.FITTED], self._confirming
@@ -86,13 +87,11 @@ class Session:
     def _begin(self, known: Knowledge) -> None:
         """Continue from ``known`` alone; load changes that were noticed before stay listed."""
         self._known = known
-        self._monitor = Monitor(self._count, self._guards, known.drift)
-        self.contradicting: int | None = None
+        self._contradictions = Contradictions(self._count, self._guards, known.drift, self._confirming, self._lasting)
         self._load_before: KnownLoad | None = None  # before the oldest change that may still be a sensor's fault
         self._surprises, self._look_until, self._pause = 0, -1, -1
-        self._steps.size = 0.0
+        self._steps.mass = 0.0
         self._unconfirmed = 0  # so many rows must still fit what was known
-        self._doubted_at, self._contradicted_at = -1, -self._confirming
         self._forgot_at = -self._calm
         self._undeclared.begin(known.rows_before_undeclared)
 
@@ -118,12 +117,17 @@ class Session:
     def claimable(self, estimate: Estimate) -> Estimate:
         """Return the estimate to publish: its covariance covers changes of the load that are not noticed yet."""
         rows = self._known.buffer.load_rows
-        return cover_drift(self._steps.cover(estimate), self._former_thetas, self.changes, rows, self._drifting)
+        return cover_drift(self._steps.cover(estimate), self.changes, rows, self._drifting)
 
     @property
     def unnoticed(self) -> float:
         """Mass by which the load may have changed without being noticed yet [kg]."""
-        return self._steps.size
+        return self._steps.mass
+
+    @property
+    def contradicting(self) -> int | None:
+        """Index of a robot whose motion sensors contradict the others at present, or None."""
+        return self._contradictions.robot
 
     @property
     def undeclared(self) -> UndeclaredError | None:
@@ -133,7 +137,7 @@ class Session:
     @property
     def changed_at(self) -> int:
         """Number of the first row with the present load, -1 if the load has never changed."""
-        return self.changes[-1][0] if self.changes else -1
+        return self.changes[-1].first if self.changes else -1
 
     @property
     def news_at(self) -> int:
@@ -146,7 +150,7 @@ class Session:
         return self._suspicion is not None and self._suspicion.is_load
 
     @property
-    def certain_changes(self) -> list[tuple[int, int]]:
+    def certain_changes(self) -> list[LoadChange]:
         """Load changes for which a slip has been ruled out."""
         suspicion = self._suspicion
         return self.changes if suspicion is None else self.changes[: suspicion.changes]
@@ -156,10 +160,10 @@ class Session:
         """Whether new rows have confirmed what was known before rows were missing, or in a former team."""
         return self._unconfirmed == 0
 
-    def hear_of_change(self, first: int, number: int) -> None:
+    def look_closely_after(self, first: int, number: int) -> None:
         """Test for a load change in every row for a while, as another robot has detected one at row ``first``."""
-        if first > max(self.news_at + self._turn, self._told_of):
-            self._told_of, self._look_until = first, number + self._turn
+        if first > max(self.news_at + self._turn, self._known_news):
+            self._known_news, self._look_until = first, number + self._turn
 
     def take_back(self, number: int) -> None:
         """Remove the rows from this number on, as if they had never arrived; where that is not possible any more,
@@ -167,8 +171,7 @@ class Session:
         """
         known, buffer = self._known, self._known.buffer
         is_since_load = buffer.count > buffer.start and number > buffer.numbers[buffer.start]
-        self.changes = [change for change in self.changes if change[0] < number]
-        del self._former_thetas[len(self.changes) :]
+        self.changes = [change for change in self.changes if change.first < number]
         self._suspicion, self._newest = None, number - 1
         if not is_since_load or known.misses_poses:
             self._start_over()
@@ -201,12 +204,12 @@ class Session:
                 self.total_wrench = evaluated.view[FORCING_SIZE:]
             if not self._check_motion(number, evaluated.motion):
                 return
-            place, has_moved = buffer.add(number, row)
-            buffer.views[place] = evaluated.view
+            index, has_moved = buffer.add(number, row)
+            buffer.views[index] = evaluated.view
             if self.stage is not Stage.GATHERING:
                 if has_moved:
                     known.reevaluate()
-                    self._monitor.forget()
+                    self._contradictions.forget()
                 self._surprises = (
                     self._surprises + 1 if evaluated.wrench @ evaluated.wrench > guards.largest_surprise else 0
                 )
@@ -225,34 +228,24 @@ class Session:
         """Test a row's motion and return whether to use the row; remove the rows since a contradiction began."""
         if self._known.misses_poses:
             return True
-        found = self._monitor.add(residuals)
-        if found is not None:
-            is_first = self.contradicting is None and number > self._contradicted_at + self._confirming
-            if is_first and found.rows == 1:  # one wrong sample, or a jump that a late sensor shows a row later
-                self._contradicted_at = number
-                self._monitor.forget()
-                return False
-            if self.contradicting is None or number > self._contradicted_at + self._confirming:
-                self._doubted_at = number
-            if self.contradicting is None:
+        use, first = self._contradictions.add(number, residuals)
+        match use:
+            case Use.BACK_TO_FIRST:
                 numbers = self._known.buffer.numbers[: self._known.buffer.count]
-                self._open_question(int(np.searchsorted(numbers, number - found.rows, side="right")), is_load=False)
-                self._known.take_back(number - found.rows + 1)
-            self.contradicting, self._contradicted_at = found.robot, number
-            self._monitor.forget()
-            if number - self._doubted_at > self._lasting:
+                self._open_question(int(np.searchsorted(numbers, first)), is_load=False)
+                self._known.take_back(first)
+            case Use.START_OVER:
                 self._start_over()
-            return False
-        if self.contradicting is not None and number - self._contradicted_at >= self._confirming:
-            self.contradicting, self._unconfirmed = None, self._confirming
-            if not self.is_cause_open:
-                self._suspicion = None
-        return self.contradicting is None
+            case Use.AGAIN:
+                self._unconfirmed = self._confirming
+                if not self.is_cause_open:
+                    self._suspicion = None
+        return use in (Use.AS_EVER, Use.AGAIN)
 
-    def _fit(self, before: int | None = None, keeps_motion: bool = False) -> Estimate:
+    def _fit(self, end: int | None = None, keeps_motion: bool = False) -> Estimate:
         """Call ``Knowledge.fit`` and let the monitor sum innovations from now on."""
-        self._monitor.forget()
-        return self._known.fit(before, keeps_motion)
+        self._contradictions.forget()
+        return self._known.fit(end, keeps_motion)
 
     def _fit_and_judge(self) -> None:
         """Fit, then test whether all rows fit and whether a faulty sensor would explain them as well as a load."""
@@ -263,9 +256,16 @@ class Session:
         is_body = self.verdict.outcome not in (Outcome.NO_BODY, Outcome.BEYOND_TOLERANCE)
         if self.stage is Stage.GATHERING and is_body:
             fresh = innovations.look_for_change(buffer)
-            if fresh.size > guards.fresh_change:
-                self.verdict, first = Verdict(Outcome.NO_LOAD), buffer.start + fresh.place
+            if fresh.statistic > guards.fresh_change:
+                self.verdict, first = Verdict(Outcome.NO_LOAD), buffer.start + fresh.first
+        if self.verdict.outcome is not Outcome.NO_LOAD:
+            self._gives_up_at = None
+        elif self._gives_up_at is None:
+            self._gives_up_at = self._newest + self._hopeless
         match self.verdict.outcome:
+            case Outcome.NO_LOAD if self._gives_up_at is not None and self._newest > self._gives_up_at:
+                self._start_over()
+                self._gives_up_at = math.inf
             case Outcome.NO_BODY | Outcome.BEYOND_TOLERANCE:
                 self._start_over()
             case Outcome.NO_LOAD:
@@ -283,13 +283,13 @@ class Session:
 
     # --- grasps that slip ---
 
-    def _open_question(self, place: int, is_load: bool) -> None:
+    def _open_question(self, index: int, is_load: bool) -> None:
         """Begin to compare causes: from this row on the load differs, or motions contradict, or a grasp has slipped."""
         known = self._known
         is_known = self.stage is Stage.ESTIMATING and not known.misses_poses
         if self._suspicion is None and is_known and known.is_small:
-            place = max(place, known.buffer.start)
-            self._suspicion = Suspicion(known, place, self._newest, len(self.changes), is_load)
+            index = max(index, known.buffer.start)
+            self._suspicion = Suspicion(known, index, self._newest, len(self.changes), is_load)
 
     def _decide(self, suspicion: Suspicion) -> None:
         """Decide between the causes once one of them leads; after a slip, continue from what was known before it."""
@@ -299,7 +299,7 @@ class Session:
             if known is not None:
                 self.slips.append(Slip(cause.robot, cause.first, suspicion.noticed, self._newest))
                 self.stage, self._suspicion = TRANSITIONS[self.stage, Event.SLIPPED], None
-                del self.changes[suspicion.changes :], self._former_thetas[suspicion.changes :]
+                del self.changes[suspicion.changes :]
                 self._begin(known)
                 self._unconfirmed = self._confirming
                 return
@@ -316,12 +316,12 @@ class Session:
         if known.misses_poses and not self.is_confirmed:
             if buffer.count < known.least:  # too few rows to find them
                 return False
-            self._fit(before=buffer.start, keeps_motion=True)  # wrenches may be of another load
+            self._fit(end=buffer.start, keeps_motion=True)  # wrenches may be of another load
         now = known.estimate
         assert now is not None
-        since, size, step = known.innovations.look_for_change(buffer, small=self._steps.sought(now))
+        since, statistic, step = known.innovations.look_for_change(buffer, small=self._steps.sought(now))
         self._steps.take(step)
-        if size <= 1.0:
+        if statistic <= 1.0:
             self._unconfirmed = max(0, self._unconfirmed - 1)
             return False
         if known.surprise(buffer.start + since, now) < self._guards.worth_a_fit:
@@ -329,29 +329,28 @@ class Session:
                 self._fit()
                 self._pause = number + self._confirming
             return False  # uncertain poses may explain it
-        now = self._fit(before=buffer.start + since)
-        place = buffer.start + known.innovations.look_for_change(buffer).place
-        if now.state.load is None or known.surprise(place, now) <= 1.0:
-            self._pause = number + buffer.count - place  # until there are twice as many rows
+        now = self._fit(end=buffer.start + since)
+        index = buffer.start + known.innovations.look_for_change(buffer).first
+        if now.state.load is None or known.surprise(index, now) <= 1.0:
+            self._pause = number + buffer.count - index  # until there are twice as many rows
             self._fit()
             return False
-        place, now = known.first_change(place, now)
+        index, now = known.first_change(index, now)
         load, theta = now.state.load, now.body.unknowns.theta
         assert load is not None
-        self._open_question(place, is_load=True)
-        self._former_thetas.append(load[THETA])
-        self.changes.append((int(buffer.numbers[place]), number))
+        self._open_question(index, is_load=True)
+        self.changes.append(LoadChange(int(buffer.numbers[index]), number, load[THETA]))
         if self._load_before is None:
             self._load_before = KnownLoad(load, now.covariance[theta, theta])
-        self._forget_load(place, Event.LOAD_CHANGED, now)
+        self._forget_load(index, Event.LOAD_CHANGED, now)
         return True
 
-    def _forget_load(self, place: int, event: Event, now: Estimate) -> None:
-        """Estimate the load anew from the row at this place on."""
+    def _forget_load(self, index: int, event: Event, now: Estimate) -> None:
+        """Estimate the load anew from the row at this index on."""
         is_troubled = self._newest - self._forgot_at < self._calm
         least = self._known.least * (1 + is_troubled)
-        self._known.forget_load(now, place, event is Event.LOAD_CHANGED, least)
-        self._monitor.forget()
+        self._known.forget_load(now, index, event is Event.LOAD_CHANGED, least)
+        self._contradictions.forget()
         self.stage = TRANSITIONS[self.stage, event]
         self._surprises, self._look_until = 0, -1
         self._forgot_at, self._unconfirmed = self._newest, 0

@@ -63,6 +63,8 @@ class Guards:
         contradiction: Probability that a robot's motion seems to contradict the team's over a window of rows without
             any fault. There are some 250 windows per second and robot, so this is one in many years.
         lasting: After a contradiction that lasts so long, poses may be wrong, and the robot starts over [s].
+        unfitted: After so long without any load that fits, poses may be wrong, and the robot starts over [s]; once
+            only, because a force sensor that remains off may be the cause.
         misfit: Probability that a stretch of rows fits so badly without any fault; a fit has some ten thousand.
         tolerance: Probability that a robot's sensor errors exceed their tolerances so much if these are right.
         undeclared: False-alarm probability for one kind of error of one robot whose tolerance is zero.
@@ -70,8 +72,8 @@ class Guards:
         undeclared_lasts: An undeclared error is over when rows do not show it for so long [s], or for as many rows.
         energy: Standard deviations by which the sum of all squared residuals may exceed its expectation.
         noise_tolerance: Share by which the variance of the noise may exceed its nominal value.
-        excess: Probability that a sensor offset seems to explain the wrenches of another load by chance.
-        constant_excess: Probability that a sensor seems to have had an offset all the time by chance, for any load.
+        offset: Probability that a sensor offset seems to explain the wrenches of another load by chance.
+        constant_offset: Probability that a sensor seems to have had an offset all the time by chance, for any load.
         fresh_change: Largest statistic of a change within the rows of a load that is fitted for the first time, over
             its threshold: some 1e-7 by chance.
         calm: A load that is forgotten again sooner than this needs twice as many rows [s]: a sensor may be faulty from
@@ -106,6 +108,7 @@ class Guards:
     worth_a_fit: float = 0.5
     contradiction: float = 1e-11
     lasting: float = 1.5
+    unfitted: float = 3.0
     misfit: float = 1e-13
     tolerance: float = 1e-8
     undeclared: float = 1e-9
@@ -113,8 +116,8 @@ class Guards:
     undeclared_lasts: float = 2.5
     energy: float = 6.0
     noise_tolerance: float = 0.2
-    excess: float = 1e-4
-    constant_excess: float = 1e-9
+    offset: float = 1e-4
+    constant_offset: float = 1e-9
     fresh_change: float = 0.65
     calm: float = 1.0
     mass: float = 1e-6
@@ -148,9 +151,9 @@ class Guards:
         return chi_square_threshold(WRENCH_SIZE, self.misfit)
 
     @property
-    def largest_excess(self) -> float:
-        """Chi-square of a sensor's excess, minus the three that chance alone gives."""
-        return chi_square_threshold(3, self.excess) - 3.0
+    def largest_offset(self) -> float:
+        """Chi-square of a sensor's offset, minus the three that chance alone gives."""
+        return chi_square_threshold(3, self.offset) - 3.0
 
     @property
     def least_mass_change(self) -> float:
@@ -163,9 +166,9 @@ class Guards:
         return chi_square_threshold(1, self.small_step)
 
     @property
-    def largest_constant_excess(self) -> float:
-        """Chi-square of a sensor's excess beside a load, minus the three that chance alone gives."""
-        return chi_square_threshold(3, self.constant_excess) - 3.0
+    def largest_constant_offset(self) -> float:
+        """Chi-square of a sensor's offset beside a load, minus the three that chance alone gives."""
+        return chi_square_threshold(3, self.constant_offset) - 3.0
 
     @property
     def lead(self) -> float:

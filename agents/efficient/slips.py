@@ -22,7 +22,7 @@ from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.moments.body import FORCING, load_operator, residual_covariance
 from coheft.estimation.moments.chapter import evidence_of
 from coheft.estimation.moments.fit import Estimate
-from coheft.estimation.moments.moments import RowMoments, evaluated_moments, robot_places
+from coheft.estimation.moments.moments import RowMoments, evaluated_moments, robot_indices
 from coheft.estimation.moments.suspects import LogRatios, log_ratios
 
 _LEAST, _GROWTH = 5, 1.5
@@ -64,7 +64,7 @@ class Suspicion:
 
     Args:
         known: Knowledge with all rows so far.
-        place: Place in its buffer of the first row after the change, as far as is known.
+        index: Index in its buffer of the first row after the change, as far as is known.
         noticed: Number of the row at which it was noticed.
         changes: Number of load changes before.
         is_load: Whether it looks like a load change; if not, motions contradict each other.
@@ -73,15 +73,15 @@ class Suspicion:
         noticed, changes, is_load: As given.
     """
 
-    def __init__(self, known: Knowledge, place: int, noticed: int, changes: int, is_load: bool) -> None:
+    def __init__(self, known: Knowledge, index: int, noticed: int, changes: int, is_load: bool) -> None:
         buffer = known.buffer
-        begin = max(place - _BEFORE, (buffer.start + place) // 2)
-        self._now, self._prior = known.before(begin)
+        begin = max(index - _BEFORE, (buffer.start + index) // 2)
+        self._now, self._prior = known.known_before(begin)
         self._covariance = known.covariance_now(self._now)
         self._past = known.innovations.past_before_slip
         numbers = buffer.numbers[begin : buffer.count].tolist()
         self._rows = dict(zip(numbers, buffer.window(begin).copy(), strict=True))
-        self._first = numbers[place - begin] if place < buffer.count else noticed
+        self._first = numbers[index - begin] if index < buffer.count else noticed
         self._next, self._tried = _LEAST, dict[int, LogRatios]()
         self.noticed, self.changes, self.is_load = noticed, changes, is_load
 
@@ -92,26 +92,26 @@ class Suspicion:
     def cause(self, guards: Guards) -> Cause | None:
         """Return the cause; None while it is not clear, or if few rows have come since the last comparison."""
         numbers, self._tried = sorted(self._rows), {}
-        place = bisect_left(numbers, self._first)
-        if len(numbers) - place < self._next:
+        index = bisect_left(numbers, self._first)
+        if len(numbers) - index < self._next:
             return None
-        self._next = math.ceil(_GROWTH * (len(numbers) - place))
+        self._next = math.ceil(_GROWTH * (len(numbers) - index))
         rows = np.array([self._rows[number] for number in numbers])
-        load, _ = self._likeliest(rows, place, lambda found: found.load)
-        sensor, _ = self._likeliest(rows, place, lambda found: found.sensor)
-        slip, first = self._likeliest(rows, place, lambda found: float(found.slips.max()))
+        load, _ = self._likeliest(rows, index, lambda found: found.load)
+        sensor, _ = self._likeliest(rows, index, lambda found: found.sensor)
+        slip, first = self._likeliest(rows, index, lambda found: float(found.slips.max()))
         if slip > max(load, sensor) + guards.lead:
             return Cause(int(self._ratios(rows, first).slips.argmax()), numbers[first])
         return Cause(None, self._first) if max(load, sensor) > slip + guards.lead else None
 
-    def _likeliest(self, rows: Array, place: int, ratio: Callable[[LogRatios], float]) -> tuple[float, int]:
-        """Return the largest log ratio over all possible first rows, and the place of that row."""
+    def _likeliest(self, rows: Array, index: int, ratio: Callable[[LogRatios], float]) -> tuple[float, int]:
+        """Return the largest log ratio over all possible first rows, and the index of that row."""
 
         def at(start: int) -> float:
             return ratio(self._ratios(rows, start))
 
         last, step = len(rows) - _LEAST, _STEP
-        best = max({place, *range(last, -1, -step)}, key=at)
+        best = max({index, *range(last, -1, -step)}, key=at)
         while step > 1:
             step = (step + 1) // 2
             best = max({best, max(best - step, 0), min(best + step, last)}, key=at)
@@ -137,21 +137,21 @@ class Suspicion:
         found = known.slipped(self._prior, cause.robot, rows, self._past)
         estimate = found.estimate
         assert estimate is not None
-        before = self._now.state.poses[cause.robot]
-        if _log_ratio_to_knock(estimate, cause.robot, before, np.array([row for _, row in rows])) < guards.lead:
+        former_pose = self._now.state.poses[cause.robot]
+        if _log_ratio_to_knock(estimate, cause.robot, former_pose, np.array([row for _, row in rows])) < guards.lead:
             return None
         verdict = judge(estimate, found.innovations, found.buffer, guards, None, has_offset, found.drift)
         return found if verdict.outcome is Outcome.FITS else None
 
 
-def _log_ratio_to_knock(estimate: Estimate, robot: int, before: Pose, rows: Array) -> float:
+def _log_ratio_to_knock(estimate: Estimate, robot: int, former_pose: Pose, rows: Array) -> float:
     """Return the log ratio of the wrenches of rows (n, X): slipped grasp to grasp as before."""
     body, load = estimate.body, estimate.state.load
     assert load is not None
     root = np.linalg.cholesky(residual_covariance(body, load))
-    needed, own = load_operator(load) @ body.motion_map[FORCING], robot_places(body.count, body.unknowns.errors)[robot]
-    to_before = before.adjoint() @ estimate.state.poses[robot].inverse().adjoint()
+    needed, own = load_operator(load) @ body.motion_map[FORCING], robot_indices(body.count, body.unknowns.errors)[robot]
+    to_former = former_pose.adjoint() @ estimate.state.poses[robot].inverse().adjoint()
     knocked = body.wrench_map.copy()
-    knocked[:, own] = to_before @ knocked[:, own]
+    knocked[:, own] = to_former @ knocked[:, own]
     of_slip, of_knock = (np.linalg.solve(root, (each - needed) @ rows.T) for each in (body.wrench_map, knocked))
     return 0.5 * float(np.square(of_knock).sum() - np.square(of_slip).sum())

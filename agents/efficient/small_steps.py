@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -32,12 +33,12 @@ class UnnoticedStep:
         guards: Thresholds.
 
     Attributes:
-        size: By how much the estimate of the mass may be off [kg].
+        mass: By how much the estimate of the mass may be off [kg].
     """
 
     def __init__(self, shortest: int, guards: Guards) -> None:
         self._shortest, self._significant, self._fades = shortest, guards.least_small_step, guards.small_step_fades
-        self.size = 0.0
+        self.mass = 0.0
 
     def sought(self, estimate: Estimate) -> SmallSteps | None:
         """Which steps a test for a change has to look for; None without a load."""
@@ -47,42 +48,54 @@ class UnnoticedStep:
     def take(self, found: float | None) -> None:
         """Process what such a test has found, see ``Look.step``."""
         if found is not None:
-            self.size = max(found, self._fades * self.size)
+            self.mass = max(found, self._fades * self.mass)
 
     def cover(self, estimate: Estimate) -> Estimate:
         """Return an estimate whose covariance covers the step."""
         load, theta = estimate.state.load, estimate.body.unknowns.theta
-        if load is None or self.size == 0.0:
+        if load is None or self.mass == 0.0:
             return estimate
         seen = estimate.seen.copy()
-        seen[theta, theta] += (_COVER * self.size) ** 2 * spread_mass(load[THETA], estimate.size)
+        seen[theta, theta] += (_COVER * self.mass) ** 2 * spread_mass(load[THETA], estimate.size)
         return replace(estimate, seen=seen)
 
 
-def cover_drift(
-    estimate: Estimate, before: Sequence[Array], changes: Sequence[tuple[int, int]], rows: int, longest: int
-) -> Estimate:
+class LoadChange(NamedTuple):
+    """A change of the load.
+
+    Attributes:
+        first: Number of the first row of the new load.
+        noticed: Number of the row at which the change was noticed.
+        former: Theta before the change, shape (10,).
+    """
+
+    first: int
+    noticed: int
+    former: Array
+
+
+def cover_drift(estimate: Estimate, changes: Sequence[LoadChange], rows: int, longest: int) -> Estimate:
     """Return an estimate whose covariance covers the drift of a load that keeps becoming lighter or heavier.
 
     It may have moved on as far as with the last change, in proportion to the time since.
 
     Args:
         estimate: The estimate.
-        before: Theta before each change, shape (10,).
-        changes: Number of the first row of each load, and of the row at which it was noticed.
+        changes: Load changes so far, oldest first.
         rows: Number of rows of the present load.
         longest: Loads that change after more rows do not drift.
     """
     load = estimate.state.load
     if len(changes) < 2 or load is None:
         return estimate
-    last, change = before[-1] - before[-2], load[THETA] - before[-1]
-    gap = max(1, changes[-1][0] - changes[-2][0])
+    second_last, last = changes[-2:]
+    step, change = last.former - second_last.former, load[THETA] - last.former
+    gap = max(1, last.first - second_last.first)
     # After three times the gap without another change it has not gone on.
-    is_drift = last[0] ** 2 / _ALIKE < change[0] * last[0] < last[0] ** 2 * _ALIKE
+    is_drift = step[0] ** 2 / _ALIKE < change[0] * step[0] < step[0] ** 2 * _ALIKE
     if not is_drift or gap > longest or rows > 3 * gap:
         return estimate
-    step = (_NOT_YET + _SINCE * rows / gap) * change
+    spread = (_NOT_YET + _SINCE * rows / gap) * change
     theta, seen = estimate.body.unknowns.theta, estimate.seen.copy()
-    seen[theta, theta] += np.outer(step, step)
+    seen[theta, theta] += np.outer(spread, spread)
     return replace(estimate, seen=seen)

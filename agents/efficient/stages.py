@@ -9,7 +9,7 @@ class Stage(Enum):
     """What a session knows of the load."""
 
     GATHERING = "gathering rows of a load that is not known yet"
-    UNDECIDED = "either the load has changed or a sensor reads something in excess"
+    UNDECIDED = "either the load has changed or a sensor has an offset"
     ESTIMATING = "the load is known"
 
 
@@ -17,7 +17,7 @@ class Event(Enum):
     """Events that cause transitions between stages."""
 
     FITTED = "a load has been fitted"
-    UNDECIDED = "a load has been fitted, but a sensor that reads something in excess explains wrenches as well"
+    UNDECIDED = "a load has been fitted, but a sensor that has an offset explains wrenches as well"
     LOAD_CHANGED = "the load is another one"
     MISFIT = "wrenches do not fit the load that was fitted to them"
     SLIPPED = "a grasp has slipped, and the load is what it was before"

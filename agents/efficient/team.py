@@ -42,7 +42,7 @@ class Team:
         signer: Signs rows, None if rows are not signed.
 
     Attributes:
-        places: Index of each robot by its name, incarnation and first block.
+        indices: Index of each robot by its name, incarnation and first block.
         names: Names of the robots.
         own: Index of this robot.
         times: Times of rows.
@@ -63,7 +63,7 @@ class Team:
         guards: Guards,
         signer: RowSigner | None = None,
     ) -> None:
-        self.places = {life: place for place, life in enumerate(lives)}
+        self.indices = {life: index for index, life in enumerate(lives)}
         self.names = [name for name, _, _ in lives]
         self.own, hops = self.names.index(config.name), diameter(graph)
         self.times = times = RowTimes.of_team(len(lives), config.block, config.rate)
@@ -127,18 +127,18 @@ class Team:
     def enter(self, index: int, samples: Array) -> None:
         """Cut a block of this robot's own samples (B, 15) into rows, and send them."""
         for number, row in self._own_rows.add(index, samples):
-            self.exchange.enter(number, row)
+            self.exchange.add_own(number, row)
             if self._seals is not None:
                 self._seals.seal(number)
 
-    def hear_seals(self, channels: Channels, index: int) -> None:
+    def receive_seals(self, channels: Channels, index: int) -> None:
         """Process the seals in a neighbour's message."""
         if self._seals is not None:
-            self._seals.hear(channels, index)
+            self._seals.receive(channels, index)
 
-    def tell_seals(self) -> dict[str, Any]:
+    def seal_channels(self) -> dict[str, Any]:
         """The channel with seals for neighbours, empty if rows are not signed."""
-        return {} if self._seals is None else self._seals.tell()
+        return {} if self._seals is None else self._seals.channels()
 
     def refused(self) -> list[str]:
         """Return what has been refused since the last call, in words."""
@@ -153,9 +153,9 @@ class Team:
             self._next = min(self._next, first)
             self.newest = min(self.newest, self.times.first_block(first) - 1)
 
-    def hear_of_change(self, index: int) -> None:
+    def look_closely_after(self, index: int) -> None:
         """Pass on load changes that other robots have reported up to this block."""
-        self.session.hear_of_change(self.exchange.news_at, self.times.begun_from(index))
+        self.session.look_closely_after(self.exchange.news_at, self.times.begun_from(index))
 
     def take(self, index: int) -> None:
         """Process all rows that are complete by now, even if an earlier one is not."""

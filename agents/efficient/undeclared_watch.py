@@ -37,7 +37,7 @@ class UndeclaredWatch:
         if rows < self._next or known.misses_poses:
             return False
         self._next = round(self._growth * rows)
-        found, before = known.undeclared_error(), self._last_found
+        found, last = known.undeclared_error(), self._last_found
         self._last_found = None if found is None else (found.robot, found.kind)
         if found is None:
             if rows >= self._over_with:
@@ -45,7 +45,7 @@ class UndeclaredWatch:
                 if rows > 2 * self._found_with:
                     self._found_with = 0
             return False
-        if self._last_found != before:  # a sensor may have been faulty for a while only
+        if self._last_found != last:  # a sensor may have been faulty for a while only
             self._next = 0
             return False
         is_again = self._found_with > 0

@@ -24,6 +24,15 @@ def test_levels_are_those_of_the_noise_whatever_the_motion(factor: float, least:
     assert (noise.levels <= most).all()
 
 
+def test_steps_are_repeated_for_noise_that_has_clearly_risen_only() -> None:
+    rng, noise = np.random.default_rng(5), WhiteNoise()
+    factors = np.repeat([1.0, 3.0, 1.0, 3.0], 600)
+    risen = [noise.see(Sighting(factor * rng.standard_normal(6), np.eye(6))) for factor in factors]
+    at = np.flatnonzero(risen)
+    assert (np.bincount(at // 600, minlength=4)[[1, 3]] > 0).all()
+    assert len(at) < 24
+
+
 def test_independent_innovations_fit_and_lasting_ones_do_not() -> None:
     rng, never = np.random.default_rng(2), np.ones(6)
     white = rng.standard_normal((600, 6))

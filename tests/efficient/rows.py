@@ -14,8 +14,8 @@ from coheft.estimation.rigid_body.regressor import features, regressor_coefficie
 RATE, BLOCK = 1000, 20
 PERIOD = BLOCK / RATE
 POSES = tuple(
-    Pose(rotation_exp(turn), np.array(place))
-    for turn, place in (
+    Pose(rotation_exp(turn), np.array(position))
+    for turn, position in (
         ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
         ((0.3, -0.2, 1.5), (-0.8, 0.1, 0.05)),
         ((0.1, 0.4, 3.0), (-0.7, -0.6, 0.0)),

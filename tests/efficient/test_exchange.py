@@ -38,13 +38,13 @@ def neighbours(robot: int) -> list[int]:
 
 def run(blocks: int, arrives: Callable[[int, int, int], bool] = lambda block, to, sender: True) -> list[Exchange]:
     """A line of robots; each measures one row per block."""
-    team, told = line(), dict[int, RowMessage]()
+    team, sent = line(), dict[int, RowMessage]()
     for block in range(blocks):
         for robot, exchange in enumerate(team):
-            heard_from = [other for other in neighbours(robot) if block and arrives(block, robot, other)]
-            exchange.hear([told[other] for other in heard_from], block)
-            exchange.enter(block, row_of(robot, block))
-        told = {robot: exchange.tell(-1) for robot, exchange in enumerate(team)}
+            received_from = [other for other in neighbours(robot) if block and arrives(block, robot, other)]
+            exchange.receive([sent[other] for other in received_from], block)
+            exchange.add_own(block, row_of(robot, block))
+        sent = {robot: exchange.message(-1) for robot, exchange in enumerate(team)}
     return team
 
 
@@ -78,10 +78,10 @@ def test_a_row_that_never_comes_delays_no_other() -> None:
 def test_the_order_in_which_rows_come_makes_no_difference(order: list[int]) -> None:
     exchange = Exchange(TEAM, COUNT, 0, HOPS, EACH_BLOCK)
     for number in order:
-        exchange.enter(number, row_of(0, number))
+        exchange.add_own(number, row_of(0, number))
         labels = np.array([[robot, number] for robot in range(1, COUNT)], dtype=np.int32)
         rows = np.array([row_of(robot, number) for robot in range(1, COUNT)], dtype=np.float32)
-        exchange.hear([RowMessage(TEAM, -1, labels, rows)], block=6)
+        exchange.receive([RowMessage(TEAM, -1, labels, rows)], block=6)
     for number in order:
         np.testing.assert_array_equal(exchange.complete(number), expected(number))
 
@@ -94,20 +94,20 @@ def test_rows_of_other_sizes_than_there_are_make_no_message(size: int) -> None:
 
 def heard(exchange: Exchange, label: tuple[int, int], block: int = 10, team: int = TEAM) -> None:
     rows = np.ones((1, ROW_SIZE), dtype=np.float32)
-    exchange.hear([RowMessage(team, 5, np.array([label], dtype=np.int32), rows)], block)
+    exchange.receive([RowMessage(team, 5, np.array([label], dtype=np.int32), rows)], block)
 
 
 @pytest.mark.parametrize("label", [(COUNT, 9), (-1, 9), (1, 10), (1, 99), (1, -1), (1, 10 - WINDOW)])
 def test_rows_of_unknown_robots_of_the_future_and_of_long_ago_are_left_out(label: tuple[int, int]) -> None:
     exchange = Exchange(TEAM, COUNT, 0, HOPS, EACH_BLOCK)
     heard(exchange, label)
-    assert len(exchange.tell(-1).rows) == 0
+    assert len(exchange.message(-1).rows) == 0
 
 
 def test_rows_and_news_of_another_team_are_left_out() -> None:
     exchange = Exchange(TEAM, COUNT, 0, HOPS, EACH_BLOCK)
     heard(exchange, (1, 9), team=TEAM + 1)
-    assert len(exchange.tell(-1).rows) == 0
+    assert len(exchange.message(-1).rows) == 0
     assert exchange.news_at == -1
 
 
@@ -115,8 +115,8 @@ def test_the_first_row_of_a_robot_and_block_counts() -> None:
     exchange = Exchange(TEAM, COUNT, 0, HOPS, EACH_BLOCK)
     heard(exchange, (1, 9))
     again = RowMessage(TEAM, -1, np.array([[1, 9]], dtype=np.int32), np.full((1, ROW_SIZE), 7, dtype=np.float32))
-    exchange.hear([again], 10)
-    assert exchange.tell(-1).rows.tolist() == np.ones((1, ROW_SIZE)).tolist()
+    exchange.receive([again], 10)
+    assert exchange.message(-1).rows.tolist() == np.ones((1, ROW_SIZE)).tolist()
 
 
 @pytest.mark.parametrize("at_once", [False, True])
@@ -127,30 +127,30 @@ def test_neighbours_that_send_the_same_row_are_heard_as_if_one_had_sent_it(at_on
     message = RowMessage(TEAM, -1, labels, rows)
     other = RowMessage(TEAM, -1, labels[:2], np.array([rows[0], rows[1] + 1.0], dtype=np.float32))
     for batch in [[message, other]] if at_once else [[message], [other]]:
-        exchange.hear(batch, 10)
-    told = exchange.tell(-1)
-    np.testing.assert_array_equal(told.labels, labels)
-    np.testing.assert_array_equal(told.rows, rows)
+        exchange.receive(batch, 10)
+    sent = exchange.message(-1)
+    np.testing.assert_array_equal(sent.labels, labels)
+    np.testing.assert_array_equal(sent.rows, rows)
     assert exchange.disputed == {2: 10}
 
 
 def test_memory_is_bounded_and_each_row_is_told_twice() -> None:
-    exchange, told = Exchange(TEAM, COUNT, 0, HOPS, TWO_PER_BLOCK), []
+    exchange, sent = Exchange(TEAM, COUNT, 0, HOPS, TWO_PER_BLOCK), []
     for block in range(3 * WINDOW):
-        exchange.enter(2 * block, row_of(0, block))
-        exchange.enter(2 * block + 1, row_of(0, block))
-        told.append(exchange.tell(-1).labels[:, 1].tolist())
-    assert max(map(len, told)) == 4
-    assert [number for numbers in told for number in numbers].count(20) == 2
+        exchange.add_own(2 * block, row_of(0, block))
+        exchange.add_own(2 * block + 1, row_of(0, block))
+        sent.append(exchange.message(-1).labels[:, 1].tolist())
+    assert max(map(len, sent)) == 4
+    assert [number for numbers in sent for number in numbers].count(20) == 2
 
 
 def test_the_newest_change_of_the_load_is_heard_of() -> None:
     exchange = Exchange(TEAM, COUNT, 0, HOPS, EACH_BLOCK)
     nothing = RowMessage(TEAM, 4, np.zeros((0, 2), dtype=np.int32), np.zeros((0, ROW_SIZE), dtype=np.float32))
-    exchange.hear([nothing], 10)
-    exchange.hear([replace(nothing, news_at=2)], 10)
+    exchange.receive([nothing], 10)
+    exchange.receive([replace(nothing, news_at=2)], 10)
     assert exchange.news_at == 4
-    exchange.hear([replace(nothing, news_at=10)], 10)  # of a row that has not been measured yet
+    exchange.receive([replace(nothing, news_at=10)], 10)  # of a row that has not been measured yet
     assert exchange.news_at == 4
 
 
@@ -172,24 +172,24 @@ def test_two_different_rows_of_one_robot_for_one_time_are_seen_by_whoever_hears_
     labels = np.array([[2, 5], [3, 5]], dtype=np.int32)
     rows = np.array([row_of(2, 5), row_of(3, 5)], dtype=np.float32)
     message = RowMessage(TEAM, -1, labels, rows)
-    exchange.hear([message], block=7)
-    exchange.hear([message], block=7)
+    exchange.receive([message], block=7)
+    exchange.receive([message], block=7)
     assert not exchange.disputed
     other = rows.copy()
     other[1, 4] = np.nextafter(other[1, 4], np.float32(np.inf))
-    exchange.hear([replace(message, rows=other)], block=8)
+    exchange.receive([replace(message, rows=other)], block=8)
     assert exchange.disputed == {3: 8}
     assert exchange.missing(5) == [0, 1]  # the first one stays
 
 
 def test_however_often_a_neighbour_repeats_a_wrong_row_it_is_set_aside_once() -> None:
     exchange = Exchange(TEAM, COUNT, 0, HOPS, EACH_BLOCK, sealing=20)
-    exchange.hear([RowMessage(TEAM, -1, *labelled(3, 5, 1.0), "r2")], block=6)
+    exchange.receive([RowMessage(TEAM, -1, *labelled(3, 5, 1.0), "r2")], block=6)
     labels, rows = labelled(3, 5, 2.0)
     many = RowMessage(TEAM, -1, np.repeat(labels, 500, axis=0), np.repeat(rows, 500, axis=0), "r2")
-    exchange.hear([many, many], block=6)
+    exchange.receive([many, many], block=6)
     assert list(exchange.aside) == [("r2", 3, 5)]
-    exchange.hear([], block=6 + exchange.window)
+    exchange.receive([], block=6 + exchange.window)
     assert not exchange.aside
 
 

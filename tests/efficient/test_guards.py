@@ -86,8 +86,8 @@ def _error(session: Session, load: Array) -> float:
 
 def with_more(share: float) -> Array:
     """The load with so much more mass, at one point."""
-    mass, place = share * LOAD[0], np.array([-0.2, -0.1, 0.1])
-    return LOAD + mass * point_mass(place)
+    mass, position = share * LOAD[0], np.array([-0.2, -0.1, 0.1])
+    return LOAD + mass * point_mass(position)
 
 
 def off(first: int, end: int, count: int, robot: int, column: int, size: float) -> Array:
@@ -123,13 +123,13 @@ def is_sure_after(then: History, row: int) -> bool:
 
 
 CASES = {
-    "surprise": Case(changed(0.05)[0], lambda session, _: session.changes[0][1] < 203, own=3),
+    "surprise": Case(changed(0.05)[0], lambda session, _: session.changes[0].noticed < 203, own=3),
     "contradiction": Case(off(150, 170, 200, 1, A.start, 0.3), lambda _, then: not {*range(152, 170)} & {*then.valid}),
     "lasting": Case(slipped(), lambda session, then: then.valid[-1] > 390 and session.estimate is not None),
     "misfit": Case(off(8, 16, 200, 2, FORCE.start, 0.5), lambda _, then: then.is_sure and then.valid[0] > 40),
     "energy": Case(made_up_rows(200), lambda _, then: then.valid[-1] < 199, told=0.8),
     "noise_tolerance": Case(made_up_rows(400), lambda _, then: len(then.valid) > 350, told=0.94),
-    "constant_excess": Case(off(0, 400, 400, 2, FORCE.start, 0.25), lambda _, then: then.is_sure),
+    "constant_offset": Case(off(0, 400, 400, 2, FORCE.start, 0.25), lambda _, then: then.is_sure),
     "mass": Case(off(200, 400, 400, 2, TORQUE.start, 0.125), lambda _, then: then.is_sure),
     "small_step": Case(changed(0.002)[0], lambda _, then: is_sure_after(then, 216), changed(0.002)[1]),
     "shortest": Case(changed(0.002)[0], lambda _, then: is_sure_after(then, 216), changed(0.002)[1]),
@@ -153,8 +153,8 @@ def test_a_change_that_another_robot_has_noticed_is_looked_for_at_once() -> None
     one, alone, told = (Session(len(POSES), own, settings, Guards()) for own in (2, 3, 3))
     for number, row in enumerate(rows):
         if one.changes:
-            told.hear_of_change(one.changes[0][0], number)
+            told.look_closely_after(one.changes[0].first, number)
         for session in (one, alone, told):
             session.take(number, row)
-    noticed = [session.changes[0][1] for session in (one, alone, told)]
+    noticed = [session.changes[0].noticed for session in (one, alone, told)]
     assert noticed[2] <= noticed[0] + 2 < noticed[1]

@@ -97,7 +97,7 @@ def test_another_load_is_noticed_within_two_rows_and_known_soon() -> None:
     for number, row in enumerate(rows):
         found.take(number, row)
         if number == 203:
-            assert [first for first, _ in found.changes] == pytest.approx([200], abs=1)
+            assert [change.first for change in found.changes] == pytest.approx([200], abs=1)
     assert len(found.changes) == 1
     assert_right(found, heavier)
 
@@ -171,6 +171,20 @@ def test_a_sensor_that_was_off_at_first_makes_all_begin_again() -> None:
         if number < 25:
             assert found.stage is not Stage.ESTIMATING
     assert Outcome.NO_BODY in outcomes
+    assert_right(found)
+
+
+def test_without_a_load_that_fits_poses_are_found_anew_but_only_once() -> None:
+    rows = made_up_rows(900)
+    rows[150:700, ROW_SIZE + FORCE.start] += np.random.default_rng(3).normal(size=550)
+    found, starts, had_poses = session(), list[int](), False
+    for number, row in enumerate(rows):
+        found.take(number, row)
+        if had_poses and found.estimate is None:
+            starts.append(number)
+        had_poses = found.estimate is not None
+    assert len(starts) == 1
+    assert 300 < starts[0] < 400
     assert_right(found)
 
 

@@ -166,6 +166,6 @@ def test_the_offsets_of_gyros_are_those_from_before_a_slip() -> None:
     body = settings.body(estimate.state.moved(slip, estimate.body.unknowns, 6.0))
     after = replace(estimate, body=body)
     chapter = Chapter(RowBuffer(rows.shape[1], False), settings)
-    kept, wrong = (Innovations(after, chapter, past).excess for past in (before.past_before_slip, before.past))
-    assert np.abs(before.excess).max() > 1.0
-    assert np.abs(kept - before.excess).max() < 0.2 * np.abs(wrong - before.excess).max()
+    kept, wrong = (Innovations(after, chapter, past).mean_residuals for past in (before.past_before_slip, before.past))
+    assert np.abs(before.mean_residuals).max() > 1.0
+    assert np.abs(kept - before.mean_residuals).max() < 0.2 * np.abs(wrong - before.mean_residuals).max()

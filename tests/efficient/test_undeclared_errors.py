@@ -1,4 +1,4 @@
-"""Robots that are told that sensors are exact, though they are not."""
+"""Robots that take sensors to be exact, though they are not."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from coheft.wire.scenario.file import load_scenario
 
 
 def estimates(duration: float, **errors: float) -> list[Estimate]:
-    """What the first of three robots says, whose sensors are told to be exact."""
+    """What the first of three robots says, whose sensors are declared to be exact."""
     shipped = load_scenario("ring3")
     sensors = msgspec.structs.replace(
         shipped.sensors, rate=500, block=10, tolerance=SensorTolerance(), errors=SensorTolerance(**errors)
@@ -35,7 +35,7 @@ def test_a_small_scale_that_no_one_told_of_is_named_and_nothing_holds() -> None:
     found = estimates(14.0, acceleration_scale=0.0033)
     assert share_valid(found, 8.0) < 0.2  # all the time without the look for undeclared errors
     reasons = Counter(reason for estimate in found if estimate.time > 8.0 for reason in estimate.reasons)
-    assert "seems to have another scale, but is told to be exact" in reasons.most_common(1)[0][0]
+    assert "seems to have another scale, but is declared to be exact" in reasons.most_common(1)[0][0]
     assert reasons.most_common(1)[0][0].startswith("the accelerometer of ")
 
 

@@ -38,8 +38,9 @@ from coheft.consensus.graph import build_graph
 from coheft.errors import ScenarioError
 from coheft.estimation.tolerance import INDUSTRIAL, SensorTolerance
 from coheft.wire.scenario.file import with_values
+from coheft.wire.scenario.motion import Motion
 from coheft.wire.scenario.payload import Box, Payload
-from coheft.wire.scenario.schema import Graph, LoadChange, Motion, Perimeter, Robots, Scenario, Sensors
+from coheft.wire.scenario.schema import Graph, LoadChange, Perimeter, Robots, Scenario, Sensors
 from coheft.wire.scenario.section import Vector
 
 MOST_FAULTS = 4

@@ -63,7 +63,7 @@ def _no_lever_arm(set_wrench: Function) -> Function:
 
     def mutant(self: BodyModel) -> None:
         set_wrench(self)
-        lever = skew(self.places) @ self.rotations
+        lever = skew(self.positions) @ self.rotations
         for robot, part in enumerate(np.split(self.wrench_map[:, :-1], self.count, axis=1)):
             part[3:, 12:15] -= lever[robot]
 
@@ -102,12 +102,13 @@ SWITCHED_OFF = {
     "surprise": 1e-300,
     "contradiction": 1e-300,
     "lasting": 1e9,
+    "unfitted": 1e9,
     "misfit": 1e-300,
     "tolerance": 1e-300,
     "energy": 1e9,
     "noise_tolerance": 0.0,
-    "excess": 1e-300,
-    "constant_excess": 1e-300,
+    "offset": 1e-300,
+    "constant_offset": 1e-300,
     "fresh_change": 1e9,
     "calm": 0.0,
     "mass": 0.999,

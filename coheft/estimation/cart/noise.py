@@ -35,6 +35,8 @@ _CLEAR = 8.0
 """The noise of ``n`` numbers is larger than stated if its estimate is, relatively, by more than this / ``sqrt(n)``."""
 _GONE = 1.15
 """Noise below this multiple of the stated one counts as normal again."""
+_RISEN = 1.2
+"""Ratio of the newest noise to the lowest level since the last rise from which on it has risen: less may be chance."""
 _MEDIAN = 0.6745
 """Median of the absolute value of a standard normal variable."""
 _THIRD = np.sqrt(20.0)
@@ -54,6 +56,7 @@ class WhiteNoise:
 
     def __init__(self) -> None:
         self.levels: Array = np.ones(MOTION_SIZE)
+        self._lowest = self.levels
         self._motions: deque[Array] = deque(maxlen=RECENT)
         self._since = 0
 
@@ -63,15 +66,16 @@ class WhiteNoise:
         return len(self._motions)
 
     def see(self, sighting: Sighting) -> bool:
-        """Add a measurement; return whether any level has risen."""
+        """Add a measurement; return whether any level has risen clearly."""
         self._motions.append(sighting.motion / np.sqrt(np.diag(sighting.covariance)))
         self._since += 1
         if len(self._motions) < _LEAST or self._since < _EVERY:
             return False
         self._since = 0
-        before = self.levels
-        self.levels = _white_levels(np.array(self._motions), before > 1.0)
-        return bool((self.levels > before).any())
+        self.levels = _white_levels(np.array(self._motions), self.levels > 1.0)
+        has_risen = bool((self.levels > _RISEN * self._lowest).any())
+        self._lowest = self.levels if has_risen else np.minimum(self._lowest, self.levels)
+        return has_risen
 
     def is_new(self) -> bool:
         """Whether the newest few measurements are noisier than before; levels then rise."""

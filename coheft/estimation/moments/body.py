@@ -45,10 +45,10 @@ _FAINT = 1e-6
 """Small prior information on the motion: keeps the fusion solvable where no sensor measures it."""
 
 
-def _centripetal(places: Array) -> Array:
+def _centripetal(positions: Array) -> Array:
     """``w x (w x p) == result @ products(w)``, shape (..., 3) to (..., 3, 6)."""
-    operator = inertia_operator(places)
-    operator[..., :3] -= places[..., None]
+    operator = inertia_operator(positions)
+    operator[..., :3] -= positions[..., None]
     return operator
 
 
@@ -134,7 +134,7 @@ class BodyModel:
         of_rates = MOTION_SIZE + of_motion[1:] if self.has_rates else []
         self.forcing: Indices = np.r_[of_motion, of_rates, self.flexing[:, FLEXING_SIZE // 2 :].ravel()].astype(np.intp)
         self.rotations = np.array([pose.rotation for pose in state.poses])
-        self.places = np.array([pose.translation for pose in state.poses])
+        self.positions = np.array([pose.translation for pose in state.poses])
         self.weight = 1.0 / self._corrected(noise.kinematics, rows.KINEMATICS)
         self.shares = self.weight[:, 0] / max(self.weight[:, 0].sum(), _FAINT)
         self.residual_noise: Array | None = None
@@ -143,11 +143,11 @@ class BodyModel:
 
     def _set_motion(self) -> None:
         count, rotations, to_own = self.count, self.rotations, self.rotations.swapaxes(1, 2)
-        lever = skew(self.places)
+        lever = skew(self.positions)
         self.predict = predict = np.zeros((count, KINEMATICS_SIZE, MOTION_SIZE))
         predict[:, rows.W, W] = predict[:, rows.V, V] = predict[:, rows.A, A] = predict[:, rows.SLOPE, ALPHA] = to_own
         predict[:, rows.V, W] = predict[:, rows.A, ALPHA] = -to_own @ lever
-        predict[:, rows.A, PRODUCTS] = to_own @ _centripetal(self.places)
+        predict[:, rows.A, PRODUCTS] = to_own @ _centripetal(self.positions)
         self.predict_products = pack_symmetric(to_own[:, None] @ _PACKED @ rotations[:, None]).swapaxes(1, 2)
         self.twist = Fusion.of(TWIST, rows.TWIST, self.weight, predict)
         self.accelerations = Fusion.of(ACCELERATIONS, rows.ACCELERATIONS, self.weight, predict)
@@ -175,8 +175,8 @@ class BodyModel:
                 by_robot[:MOTION_SIZE, :, :ROW_SIZE] = rates.swapaxes(0, 1)
             if self.unknowns.errors.is_flexing:
                 self._set_noise_of_flexing()
-                for robot, places in enumerate(self.flexing - MOTION_SIZE):
-                    by_robot[places, robot, -FLEXING_SIZE:] = np.eye(FLEXING_SIZE)
+                for robot, entries in enumerate(self.flexing - MOTION_SIZE):
+                    by_robot[entries, robot, -FLEXING_SIZE:] = np.eye(FLEXING_SIZE)
             self.motion_map = np.vstack([self.motion_map, more])
 
     def _variance_of_rates(self, deviations: Array, part: slice) -> Array:
@@ -230,15 +230,15 @@ class BodyModel:
         """Compliant robots' numbers are corrected by flexing, which is a regressor as well."""
         variance, noise = self._variance_of_flexing() / self.noise.slowness, self.motion_noise
         assert self.residual_noise is not None
-        for robot, places in enumerate(self.flexing):
-            noise[places, places] = variance[robot]
+        for robot, entries in enumerate(self.flexing):
+            noise[entries, entries] = variance[robot]
             own = self._compliance()[robot, rows.KINEMATICS] * variance[robot]
             for fusion in (self.twist, self.accelerations):
                 fused = fusion.gain[robot] @ own[fusion.sensors]
-                noise[fusion.part, places] += fused
-                noise[places, fusion.part] += fused.T
-                self.residual_noise[:, fusion.sensors, places] -= self.predict[:, fusion.sensors, fusion.part] @ fused
-            self.residual_noise[robot, :, places] += own.T
+                noise[fusion.part, entries] += fused
+                noise[entries, fusion.part] += fused.T
+                self.residual_noise[:, fusion.sensors, entries] -= self.predict[:, fusion.sensors, fusion.part] @ fused
+            self.residual_noise[robot, :, entries] += own.T
 
     def _take_out_gyro_offset(self, fusion_map: Array) -> None:
         """Subtract the gyro offset from the angular velocity and from its products."""
@@ -251,7 +251,7 @@ class BodyModel:
         count, rotations = self.count, self.rotations
         self.adjoints = np.zeros((count, 6, 6))
         self.adjoints[:, :3, :3] = self.adjoints[:, 3:, 3:] = rotations
-        self.adjoints[:, 3:, :3] = skew(self.places) @ rotations
+        self.adjoints[:, 3:, :3] = skew(self.positions) @ rotations
         wrench = np.zeros((6, ROW_SIZE * count + 1))
         wrench[:, :-1].reshape(6, count, ROW_SIZE)[:, :, rows.WRENCH] = self.adjoints.transpose(1, 0, 2)
         self.wrench_map = self._of_extended(wrench)
@@ -301,7 +301,7 @@ class BodyModel:
         turned = CROSS_OF_AXES @ self.rotations[:, None]
         result = np.zeros((self.count, 6, 6, 6))
         result[:, :3, :3, :3] = result[:, :3, 3:, 3:] = result[:, 3:, 3:, :3] = turned
-        result[:, :3, 3:, :3] = skew(self.places)[:, None] @ turned
+        result[:, :3, 3:, :3] = skew(self.positions)[:, None] @ turned
         return result
 
     def residuals(self, extended_rows: Array, motion: Array) -> Array:

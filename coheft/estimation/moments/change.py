@@ -103,25 +103,25 @@ class Look(NamedTuple):
     """The result of the first test.
 
     Attributes:
-        place: Place of the first row after the likeliest change.
-        size: Its statistic over the threshold for the probability ``FALSE_ALARM``.
+        first: Index of the first row after the likeliest change.
+        statistic: Its statistic over the threshold for the probability ``FALSE_ALARM``.
         step: Largest error of the estimated mass that any significant small step would mean [kg]; 0 if there is none,
             None if there are too few rows.
     """
 
-    place: int
-    size: float
+    first: int
+    statistic: float
     step: float | None
 
 
 def look_for_change(
-    views: Array, before: Array, weights: Weights, is_known: bool = False, small: SmallSteps | None = None
+    views: Array, older: Array, weights: Weights, is_known: bool = False, small: SmallSteps | None = None
 ) -> Look:
     """Run the first test, at fixed poses.
 
     Args:
         views: ``(motion[FORCING], wrench)`` of rows of the load, oldest first, shape (n, 19).
-        before: Gram matrix (19, 19) of older rows of the load.
+        older: Gram matrix (19, 19) of older rows of the load.
         weights: Maps from views to information.
         is_known: Whether there is a prior of the load, so that all of these rows may belong to another load.
         small: Small steps of the mass to look for, None for none.
@@ -132,15 +132,15 @@ def look_for_change(
         windows = np.append(windows, count)
     if len(windows) == 0:
         return Look(0, 0.0, None)
-    scores = _Scores.of(count - windows, views, before, weights)
-    place, size = scores.likeliest(count - windows, weights)
-    if size > 1.0:  # now exactly which row
-        newest = count - place
+    scores = _Scores.of(count - windows, views, older, weights)
+    index, statistic = scores.likeliest(count - windows, weights)
+    if statistic > 1.0:  # now exactly which row
+        newest = count - index
         near = np.arange(max(1, int(newest / _RATIO)), min(count + is_known, int(newest * _RATIO) + 2))
-        scores = _Scores.of(count - near, views, before, weights)
-        place, size = scores.likeliest(count - near, weights)
-        return Look(place, size, None)
-    return Look(place, size, None if small is None else scores.small_step(small, weights))
+        scores = _Scores.of(count - near, views, older, weights)
+        index, statistic = scores.likeliest(count - near, weights)
+        return Look(index, statistic, None)
+    return Look(index, statistic, None if small is None else scores.small_step(small, weights))
 
 
 def surprise(newest: Evidence, covariance: Array, theta: slice) -> float:
@@ -180,14 +180,14 @@ class _Scores(NamedTuple):
     load: Array
 
     @staticmethod
-    def of(places: Indices, views: Array, before: Array, weights: Weights) -> _Scores:
-        """Of the windows that begin with these places (k,), newest first."""
-        grams, end = np.empty((len(places) + 1, VIEW_SIZE, VIEW_SIZE)), len(views)
-        for k, place in enumerate([*places.tolist(), 0]):
-            stretch = views[place:end]
+    def of(indices: Indices, views: Array, older: Array, weights: Weights) -> _Scores:
+        """Of the windows that begin with these indices (k,), newest first."""
+        grams, end = np.empty((len(indices) + 1, VIEW_SIZE, VIEW_SIZE)), len(views)
+        for k, index in enumerate([*indices.tolist(), 0]):
+            stretch = views[index:end]
             np.matmul(stretch.T, stretch, out=grams[k])
-            end = place
-        grams[-1] += before
+            end = index
+        grams[-1] += older
         np.cumsum(grams, axis=0, out=grams)
         counts = grams[:, 0, 0]  # the first number of a view is 1
         matrices, vectors = weights.sums(grams)
@@ -210,15 +210,15 @@ class _Scores(NamedTuple):
         spread[:, each, each] += 1e-9
         return score, spread
 
-    def likeliest(self, places: Indices, weights: Weights) -> tuple[int, float]:
-        """Of the places of these windows, the likeliest for a change, and its statistic over the threshold."""
+    def likeliest(self, indices: Indices, weights: Weights) -> tuple[int, float]:
+        """Of the starts of these windows, the likeliest for a change, and its statistic over the threshold."""
         tested, _ = seen_directions(self.matrices[-1, THETA, THETA], self.of_noise[THETA, THETA])
-        if len(places) == 0 or len(tested) == 0:
+        if len(indices) == 0 or len(tested) == 0:
             return 0, 0.0
         score, spread = self.along(tested, weights)
         statistics = (score * np.linalg.solve(spread, score[..., None])[..., 0]).sum(axis=1)
         best = int(statistics.argmax())
-        return int(places[best]), float(statistics[best]) / chi_square_threshold(len(tested), FALSE_ALARM)
+        return int(indices[best]), float(statistics[best]) / chi_square_threshold(len(tested), FALSE_ALARM)
 
     def small_step(self, small: SmallSteps, weights: Weights) -> float | None:
         """Return ``Look.step``.
@@ -243,8 +243,8 @@ class _Scores(NamedTuple):
 
 def spread_mass(theta: Array, size: float) -> Array:
     """Second moment (10, 10) of theta of 1 kg that is anywhere in a load with this ``theta`` (10,) and size [m]."""
-    places = theta[1:4] / theta[0] + size * _SPHERE
-    points = np.array([point_mass(place) for place in places])
+    positions = theta[1:4] / theta[0] + size * _SPHERE
+    points = np.array([point_mass(position) for position in positions])
     result: Array = points.T @ points / len(points)
     return result
 

@@ -48,13 +48,13 @@ class Prior:
         """Return the evidence around another state nearby."""
         return self.evidence.shifted(body.state.since(self.state, body.unknowns))
 
-    def marginalized(self, places: Indices, limits: Array) -> Prior:
+    def marginalized(self, indices: Indices, limits: Array) -> Prior:
         """See ``Evidence.marginalized``."""
-        return replace(self, evidence=self.evidence.marginalized(places, limits))
+        return replace(self, evidence=self.evidence.marginalized(indices, limits))
 
-    def with_process_noise(self, places: slice | Indices, covariance: Array) -> Prior:
+    def with_process_noise(self, indices: slice | Indices, covariance: Array) -> Prior:
         """See ``Evidence.with_process_noise``."""
-        return replace(self, evidence=self.evidence.with_process_noise(places, covariance))
+        return replace(self, evidence=self.evidence.with_process_noise(indices, covariance))
 
     def for_team(self, members: Sequence[int | None], former: FitSettings, settings: FitSettings) -> Prior:
         """Convert to the prior of another team.
@@ -74,16 +74,16 @@ class Prior:
         joined = [now for now, then in enumerate(members) if then is None]
         evidence = self.evidence
         if left:
-            is_told = old.deviations[left] > 0.0
-            told = old.eta[left][is_told]
-            if len(told) and not self.has_expectations:
-                expected = Evidence.prior(old.deviations[left][is_told], -state.eta[left][is_told])
-                evidence += expected.embedded(old.size, told)
-            places = np.sort(np.concatenate([old.poses[left].ravel(), told]))
-            evidence = evidence.marginalized(places, former.limits(count, self.guess)[places])
+            is_declared = old.deviations[left] > 0.0
+            declared = old.eta[left][is_declared]
+            if len(declared) and not self.has_expectations:
+                expected = Evidence.prior(old.deviations[left][is_declared], -state.eta[left][is_declared])
+                evidence += expected.embedded(old.size, declared)
+            indices = np.sort(np.concatenate([old.poses[left].ravel(), declared]))
+            evidence = evidence.marginalized(indices, former.limits(count, self.guess)[indices])
         kept = np.concatenate([*(old.of_robot(then) for _, then in stayed), old.common])
-        places = np.concatenate([*(new.of_robot(now) for now, _ in stayed), new.common])
-        evidence = evidence.restricted(kept).embedded(new.size, places)
+        indices = np.concatenate([*(new.of_robot(now) for now, _ in stayed), new.common])
+        evidence = evidence.restricted(kept).embedded(new.size, indices)
         others = len(left) + len(joined)
         if settings.has_offset and others:
             of_left, of_joined = (
@@ -125,28 +125,28 @@ class Chapter:
         """Evidence at a state from earlier chapters and from the prior of sensor errors."""
         if self.prior is None:
             return self._settings.expected(body)
-        before = self.prior.at(body)
-        return before if self.prior.has_expectations else before + self._settings.expected(body)
+        end = self.prior.at(body)
+        return end if self.prior.has_expectations else end + self._settings.expected(body)
 
-    def evaluation(self, before: int | None = None, keeps_motion: bool = False) -> EvaluateMoments:
+    def evaluation(self, end: int | None = None, keeps_motion: bool = False) -> EvaluateMoments:
         """Return a function that computes the chapter's moments at a state.
 
         Args:
-            before: Leave out the rows from this place on.
+            end: Leave out the rows from this index on.
             keeps_motion: Leave out only the wrenches of these rows.
         """
         of_all, of_load = self.buffer.moments()
-        if before is not None:
-            newest = self.buffer.moments_since(before)
+        if end is not None:
+            newest = self.buffer.moments_since(end)
             is_only_load = of_all is of_load
             of_load = of_load - newest
             if not keeps_motion:
                 of_all = of_load if is_only_load else of_all - newest
         return lambda body: evaluated_moments(body, of_all, of_load)
 
-    def end_of_load(self, estimate: Estimate, guess: Guess, place: int, keeps_poses: bool) -> None:
-        """Start another load at this place; the wrenches' evidence on poses is kept only if ``keeps_poses``."""
-        of_load, body = self.buffer.begin_load(place), estimate.body
+    def end_of_load(self, estimate: Estimate, guess: Guess, index: int, keeps_poses: bool) -> None:
+        """Start another load at this index; the wrenches' evidence on poses is kept only if ``keeps_poses``."""
+        of_load, body = self.buffer.begin_load(index), estimate.body
         if keeps_poses:
             moments = wrench_moments(body, of_load)
             evidence = wrench_evidence(body, MotionDerivatives.at(body), moments, _load(body))
@@ -155,9 +155,9 @@ class Chapter:
             theta = np.arange(body.unknowns.size)[body.unknowns.theta]
             self.prior = replace(self.prior.marginalized(theta, guess.limits), knows_load=False)
 
-    def end(self, estimate: Estimate, guess: Guess, place: int) -> None:
-        """Make all rows before this place, and the prior of sensor errors, part of the chapter's prior."""
-        of_all, of_load = self.buffer.begin_chapter(place)
+    def end(self, estimate: Estimate, guess: Guess, index: int) -> None:
+        """Make all rows before this index, and the prior of sensor errors, part of the chapter's prior."""
+        of_all, of_load = self.buffer.begin_chapter(index)
         evidence = evidence_of(estimate.body, evaluated_moments(estimate.body, of_all, of_load))
         if self.prior is None or not self.prior.has_expectations:
             evidence += self._settings.expected(estimate.body)

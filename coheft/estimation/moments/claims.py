@@ -52,8 +52,8 @@ def claim_of(estimate: Estimate, robot: int) -> Claim:
     covariance, inertia, pose = estimate.covariance, possible_load(estimate), state.poses[robot]
     derivative = seen_inertia_derivative(pose, inertia)
     derivative[:, 6:] = derivative[:, 6:] @ central_derivative(inertia)
-    places = np.concatenate([unknowns.poses[robot], np.arange(unknowns.size)[unknowns.theta]])
-    covariance = derivative @ covariance[np.ix_(places, places)] @ derivative.T
+    indices = np.concatenate([unknowns.poses[robot], np.arange(unknowns.size)[unknowns.theta]])
+    covariance = derivative @ covariance[np.ix_(indices, indices)] @ derivative.T
     unseen = unseen_quantities(covariance, inertia.mass, estimate.size)
     quantities = {each.quantity for each in unseen}
     known = 0 if "mass" in quantities else 1 if "com" in quantities else 4 if "inertia" in quantities else 10
@@ -77,7 +77,7 @@ def possible_load(estimate: Estimate) -> Inertia:
     """Return the likeliest physically possible load, in the body frame; the estimate must have a load."""
     load = estimate.state.load
     assert load is not None
-    theta, places = load[THETA], estimate.body.unknowns.theta
+    theta, indices = load[THETA], estimate.body.unknowns.theta
     if not is_possible(theta):
-        theta = nearest_possible(theta, inverse_of(estimate.covariance[places, places]), estimate.size)
+        theta = nearest_possible(theta, inverse_of(estimate.covariance[indices, indices]), estimate.size)
     return Inertia.from_barycentric(theta)

@@ -110,8 +110,8 @@ class WrenchDerivatives:
         local[:, :POSE_SIZE, :, :WRENCH_SIZE] = body.adjoint_derivatives()
         if unknowns.errors.count:
             own = np.arange(rows.WRENCH.start, rows.WRENCH.stop)
-            places: Indices = np.concatenate([own, RATES + own])[:size]
-            local[:, POSE_SIZE:] = body.adjoints[:, None] @ unknowns.errors.generators[:, rows.WRENCH, places]
+            indices: Indices = np.concatenate([own, RATES + own])[:size]
+            local[:, POSE_SIZE:] = body.adjoints[:, None] @ unknowns.errors.generators[:, rows.WRENCH, indices]
 
         operator = load_operator(load)
         common = np.zeros((unknowns.size, 6, features))

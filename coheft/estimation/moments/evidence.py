@@ -86,38 +86,38 @@ class Evidence:
             self.doubt + other.doubt,
         )
 
-    def embedded(self, size: int, places: slice | Indices) -> Evidence:
-        """Return the same evidence among ``size`` unknowns, of which these are at ``places``."""
-        places = np.arange(size)[places]
-        square, score = np.ix_(places, places), np.zeros(size)
-        score[places] = self.score
+    def embedded(self, size: int, indices: slice | Indices) -> Evidence:
+        """Return the same evidence among ``size`` unknowns, of which these are at ``indices``."""
+        indices = np.arange(size)[indices]
+        square, score = np.ix_(indices, indices), np.zeros(size)
+        score[indices] = self.score
         information, noise, doubt = np.zeros((3, size, size))
         information[square], noise[square], doubt[square] = self.information, self.noise, self.doubt
         return Evidence(score, information, noise, doubt)
 
-    def restricted(self, places: Indices) -> Evidence:
+    def restricted(self, indices: Indices) -> Evidence:
         """Return the evidence on these unknowns, given the present values of all others."""
-        square = np.ix_(places, places)
-        return Evidence(self.score[places], self.information[square], self.noise[square], self.doubt[square])
+        square = np.ix_(indices, indices)
+        return Evidence(self.score[indices], self.information[square], self.noise[square], self.doubt[square])
 
     def shifted(self, step: Array) -> Evidence:
         """Return the same quadratic around another value, a step (u,) away."""
         return Evidence(self.score - self.information @ step, self.information, self.noise, self.doubt)
 
-    def marginalized(self, places: Indices, limits: Array) -> Evidence:
-        """Marginalize unknowns; they keep their places, without any information.
+    def marginalized(self, indices: Indices, limits: Array) -> Evidence:
+        """Marginalize unknowns; they keep their indices, without any information.
 
         Args:
-            places: Indices of the unknowns, shape (k,).
+            indices: Indices of the unknowns, shape (k,).
             limits: See ``solve``, shape (k,).
         """
-        others = np.setdiff1d(np.arange(len(self.score)), places)
-        inverse = self.restricted(places).solve(limits).inverse
+        others = np.setdiff1d(np.arange(len(self.score)), indices)
+        inverse = self.restricted(indices).solve(limits).inverse
         take = np.eye(len(self.score))
-        take[np.ix_(others, places)] = -self.information[np.ix_(others, places)] @ inverse
-        take[places] = 0.0
+        take[np.ix_(others, indices)] = -self.information[np.ix_(others, indices)] @ inverse
+        take[indices] = 0.0
         information = take @ self.information
-        information[:, places] = 0.0
+        information[:, indices] = 0.0
         return Evidence(
             take @ self.score,
             0.5 * (information + information.T),
@@ -125,7 +125,7 @@ class Evidence:
             take @ self.doubt @ take.T,
         )
 
-    def with_process_noise(self, places: slice | Indices, covariance: Array) -> Evidence:
+    def with_process_noise(self, indices: slice | Indices, covariance: Array) -> Evidence:
         """Add process noise: these unknowns have changed since, by a step with this covariance (k, k).
 
         The step is ``root z`` with a standard normal ``z``, so the covariance may be singular.
@@ -134,7 +134,7 @@ class Evidence:
         root = vectors[:, values > 0.0] * np.sqrt(values[values > 0.0])
         size, changed = len(self.score), root.shape[1]
         # The old value is the new one less the step.
-        before = np.hstack([np.eye(size), -np.eye(size)[:, places] @ root])
+        before = np.hstack([np.eye(size), -np.eye(size)[:, indices] @ root])
         both = Evidence(
             before.T @ self.score, *(before.T @ each @ before for each in (self.information, self.noise, self.doubt))
         )

@@ -76,7 +76,7 @@ EvaluateMoments = Callable[[BodyModel], EvaluatedMoments]
 def fit_state(
     state: State,
     evaluate: EvaluateMoments,
-    before: Callable[[BodyModel], Evidence],
+    prior: Callable[[BodyModel], Evidence],
     guess: Guess,
     settings: FitSettings,
     anchor: int,
@@ -87,7 +87,7 @@ def fit_state(
     Args:
         state: Where to begin; without a load, poses are fitted to the motion alone.
         evaluate: Moments at a state.
-        before: Prior evidence at a state.
+        prior: Prior evidence at a state.
         guess: Guess of theta.
         settings: Settings of the fit.
         anchor: Index of the robot whose pose stays fixed.
@@ -104,7 +104,7 @@ def fit_state(
             if moments.wrench.number > 0.0:
                 by_wrench = wrench_evidence(body, derivatives, moments.wrench, load, noise_of_wrench)
                 total, noise_of_wrench = total + by_wrench, by_wrench.noise
-        total += before(body)
+        total += prior(body)
         state, seen, hidden, size, left = _step(body, total, settings, guess, anchor)
         if size > _FAR:
             noise_of_motion = noise_of_wrench = None

@@ -143,10 +143,10 @@ class FitSettings:
         total = total.embedded(unknowns.size, unknowns.offset)
         gyros = np.full(3, self._of_fused_gyros(body))
         total += Evidence.prior(gyros, -state.gyros).embedded(unknowns.size, unknowns.gyros)
-        is_told = unknowns.deviations > 0.0
-        if is_told.any():
-            expected = Evidence.prior(unknowns.deviations[is_told], -state.eta[is_told])
-            total += expected.embedded(unknowns.size, unknowns.eta[is_told])
+        is_declared = unknowns.deviations > 0.0
+        if is_declared.any():
+            expected = Evidence.prior(unknowns.deviations[is_declared], -state.eta[is_declared])
+            total += expected.embedded(unknowns.size, unknowns.eta[is_declared])
         return total
 
     def _of_fused_gyros(self, body: BodyModel) -> float:
@@ -203,13 +203,13 @@ class FitSettings:
             (np.arange(unknowns.size)[unknowns.gyros], drift.gyro**2 / self._fused(body) * np.eye(3)),
             (unknowns.eta[:, is_bias].ravel(), drift.acceleration**2 * np.eye(unknowns.count * sum(is_bias))),
         ]
-        parts = [(places, covariance) for places, covariance in parts if covariance.any()]
-        size = sum(len(places) for places, _ in parts)
+        parts = [(indices, covariance) for indices, covariance in parts if covariance.any()]
+        size = sum(len(indices) for indices, _ in parts)
         result, first = np.zeros((size, size)), 0
-        for places, covariance in parts:
-            own = slice(first, first + len(places))
-            result[own, own], first = minutes * covariance + _EXACT**2 * np.eye(len(places)), own.stop
-        return np.concatenate([places for places, _ in parts]), result
+        for indices, covariance in parts:
+            own = slice(first, first + len(indices))
+            result[own, own], first = minutes * covariance + _EXACT**2 * np.eye(len(indices)), own.stop
+        return np.concatenate([indices for indices, _ in parts]), result
 
 
 def _of_total(body: BodyModel, force: float | Array, torque: float | Array) -> Array:

@@ -41,8 +41,8 @@ def found_errors(estimate: Estimate, robot: int) -> list[FoundError]:
     that of the robot that fixes the body frame.
     """
     unknowns = estimate.body.unknowns
-    places, errors = unknowns.eta[robot], unknowns.errors
-    deviations: Array = np.sqrt(np.maximum(estimate.covariance[places, places], 0.0))
+    indices, errors = unknowns.eta[robot], unknowns.errors
+    deviations: Array = np.sqrt(np.maximum(estimate.covariance[indices, indices], 0.0))
     found, axes = list[FoundError](), dict.fromkeys(errors.names, 0)
     for name, eta, std, told in zip(
         errors.names, estimate.state.eta[robot], deviations, unknowns.deviations[robot], strict=True

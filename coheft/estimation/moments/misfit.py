@@ -130,23 +130,23 @@ def explanations(body: BodyModel, gram: Array, assumed: KnownLoad) -> Explanatio
     score, spread = scale * score, scale[:, None] * spread * scale + _FAINT * np.eye(LOAD_SIZE)
     known = scale[THETA, None] * assumed.information * scale[THETA]
 
-    # A sensor's excess is one of the wrench offset: by force, then by torque, of each robot; shape (2 N, 6, 3).
-    excess = np.concatenate([body.adjoints[:, :, :3], body.adjoints[:, :, 3:]]) / scale[OFFSET, None]
-    excess /= np.linalg.norm(excess, axis=1, keepdims=True)
-    by_load, beside = _beside_theta(score, spread, excess, np.zeros_like(known))
-    by_known, beside_known = _beside_theta(score, spread, excess, known)
+    # A sensor's offset is one of the wrench offset: by force, then by torque, of each robot; shape (2 N, 6, 3).
+    offsets = np.concatenate([body.adjoints[:, :, :3], body.adjoints[:, :, 3:]]) / scale[OFFSET, None]
+    offsets /= np.linalg.norm(offsets, axis=1, keepdims=True)
+    by_load, beside = _beside_theta(score, spread, offsets, np.zeros_like(known))
+    by_known, beside_known = _beside_theta(score, spread, offsets, known)
     best = int(beside_known.argmax())
     kind, robot = divmod(best, body.count)
     sensor, both = by_known + float(beside_known[best]) - 3.0, float(beside.max()) - 3.0
     return Explanations(by_load - 10.0, sensor, both, robot, ("force", "torque")[kind])
 
 
-def _beside_theta(score: Array, spread: Array, excess: Array, known: Array) -> tuple[float, Array]:
+def _beside_theta(score: Array, spread: Array, offsets: Array, known: Array) -> tuple[float, Array]:
     """Return what theta explains, and what each offset (k, 6, 3) explains beside it, with information ``known``."""
     inverse = inverse_of(spread[THETA, THETA] + known)
     across = spread[OFFSET, THETA] @ inverse
     left = score[OFFSET] - across @ score[THETA]
-    square = excess.swapaxes(1, 2) @ (spread[OFFSET, OFFSET] - across @ spread[THETA, OFFSET]) @ excess
-    of_excess = left @ excess
-    explained = (of_excess * np.linalg.solve(square, of_excess[..., None])[..., 0]).sum(axis=1)
+    square = offsets.swapaxes(1, 2) @ (spread[OFFSET, OFFSET] - across @ spread[THETA, OFFSET]) @ offsets
+    of_offsets = left @ offsets
+    explained = (of_offsets * np.linalg.solve(square, of_offsets[..., None])[..., 0]).sum(axis=1)
     return float(score[THETA] @ inverse @ score[THETA]), explained

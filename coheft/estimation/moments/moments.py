@@ -28,7 +28,7 @@ class Moments(Protocol):
         """Compute ``sum x psi^T`` at a state, shape (X, features)."""
         ...
 
-    def of_wrenches(self, places: Indices) -> Array:
+    def of_wrenches(self, indices: Indices) -> Array:
         """``sum u u^T`` of all robots' wrenches and their rates, at these indices of a row, shape (w N, w N)."""
         ...
 
@@ -61,9 +61,9 @@ class RowMoments:
         result: Array = self.matrix @ body.motion_map.T
         return result
 
-    def of_wrenches(self, places: Indices) -> Array:
+    def of_wrenches(self, indices: Indices) -> Array:
         """See ``Moments``."""
-        result: Array = self.matrix[places[:, None], places]
+        result: Array = self.matrix[indices[:, None], indices]
         return result
 
     def sums(self, one: int) -> Array:
@@ -78,19 +78,19 @@ class RowMoments:
         return RowMoments(self.matrix - other.matrix)
 
 
-def robot_places(count: int, errors: SensorErrors) -> Indices:
+def robot_indices(count: int, errors: SensorErrors) -> Indices:
     """Places of each robot's row, and of what follows it, in extended rows of so many, shape (N, 24 + more)."""
     robots = np.arange(count)[:, None]
     more = ROW_SIZE * count + 1 + errors.more * robots + np.arange(errors.more)
     return np.hstack([ROW_SIZE * robots + np.arange(ROW_SIZE), more])
 
 
-def wrench_places(count: int, errors: SensorErrors) -> Indices:
+def wrench_indices(count: int, errors: SensorErrors) -> Indices:
     """Indices of all robots' wrenches in a row, each followed by its rates if there are any, shape (w N,)."""
     own = np.arange(WRENCH.start, WRENCH.stop)
     own = np.concatenate([own, ROW_SIZE + own]) if errors.has_rates else own
-    places: Indices = robot_places(count, errors)[:, own].ravel()
-    return places
+    indices: Indices = robot_indices(count, errors)[:, own].ravel()
+    return indices
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,16 +156,16 @@ def wrench_moments(body: BodyModel, moments: Moments) -> WrenchMoments:
 
 def view_moments(body: BodyModel, moments: Moments) -> Array:
     """Compute ``sum v v^T`` of views ``v = (motion[FORCING], total wrench)`` at a state, shape (19, 19)."""
-    crossed, places = moments.with_motion(body), wrench_places(body.count, body.unknowns.errors)
-    of_forcing, wrench = crossed[:, FORCING], body.wrench_map[:, places]
+    crossed, indices = moments.with_motion(body), wrench_indices(body.count, body.unknowns.errors)
+    of_forcing, wrench = crossed[:, FORCING], body.wrench_map[:, indices]
     one, size = ROW_SIZE * body.count, FORCING_SIZE
     result = np.zeros((size + 6, size + 6))
     result[:size, :size] = body.motion_map[FORCING] @ of_forcing
     result[size:, :size] = body.wrench_map @ of_forcing
     result[:size, size:] = result[size:, :size].T
     constant = body.wrench_map[:, one]
-    across = np.outer(wrench @ of_forcing[places, 0], constant)
-    square = wrench @ moments.of_wrenches(places) @ wrench.T
+    across = np.outer(wrench @ of_forcing[indices, 0], constant)
+    square = wrench @ moments.of_wrenches(indices) @ wrench.T
     result[size:, size:] = square + across + across.T + crossed[one, 0] * np.outer(constant, constant)
     return result
 
@@ -184,8 +184,8 @@ def _motion_moments(body: BodyModel, crossed: Array) -> MotionMoments:
 
 
 def _wrench_moments(body: BodyModel, moments: Moments, crossed: Array, of_motion: Array) -> WrenchMoments:
-    places, count = wrench_places(body.count, body.unknowns.errors), body.count
-    with_motion, of_wrenches = crossed[places], moments.of_wrenches(places)
+    indices, count = wrench_indices(body.count, body.unknowns.errors), body.count
+    with_motion, of_wrenches = crossed[indices], moments.of_wrenches(indices)
     if body.state.calibration is None:
         return WrenchMoments(of_wrenches, with_motion, of_motion)
     own = np.arange(rows.WRENCH.start, rows.WRENCH.stop)

@@ -16,7 +16,7 @@ from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.linear_algebra import inverse as inverse_of
 from coheft.estimation.moments import rows
 from coheft.estimation.moments.body import MOTION_SIZE, PRODUCTS, PRODUCTS_BY_RATE, BodyModel, W
-from coheft.estimation.moments.moments import Moments, wrench_places
+from coheft.estimation.moments.moments import Moments, wrench_indices
 from coheft.estimation.moments.rows import ROW_SIZE
 from coheft.estimation.moments.sensor_errors import MORE, ONE, RATES
 from coheft.estimation.moments.unknowns import Indices
@@ -66,13 +66,13 @@ class ProjectedMoments:
     @staticmethod
     def of(extended_rows: Array, body: BodyModel) -> ProjectedMoments:
         """Compute moments of extended rows (n, X), projected at a state."""
-        wrenches = extended_rows[:, wrench_places(body.count, body.unknowns.errors)]
+        wrenches = extended_rows[:, wrench_indices(body.count, body.unknowns.errors)]
         return ProjectedMoments(body, extended_rows.T @ (extended_rows @ body.motion_map.T), wrenches.T @ wrenches)
 
     @staticmethod
     def at(body: BodyModel, moments: Moments) -> ProjectedMoments:
         """Project moments at a state; those that are projected at another state are converted."""
-        wrenches = moments.of_wrenches(wrench_places(body.count, body.unknowns.errors))
+        wrenches = moments.of_wrenches(wrench_indices(body.count, body.unknowns.errors))
         return ProjectedMoments(body, moments.with_motion(body), wrenches)
 
     def with_motion(self, body: BodyModel) -> Array:
@@ -82,7 +82,7 @@ class ProjectedMoments:
         result: Array = self.crossed @ motion_then_to_now(self.body, body).T
         return result
 
-    def of_wrenches(self, places: Indices) -> Array:
+    def of_wrenches(self, indices: Indices) -> Array:
         """See ``Moments``."""
         return self.wrenches
 

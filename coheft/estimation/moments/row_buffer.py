@@ -45,7 +45,7 @@ class RowBuffer:
         self.count = self.start = 0
         self._former: Any = None  # Moments of former loads
         self._load: Any = RowMoments(np.zeros((size, size)))
-        self._summed = 0  # rows before this place are in the moments
+        self._summed = 0  # rows before this index are in the moments
         self._dropped = 0  # rows of the present load that are not kept any more
         self._since = -1  # number of the first row with the present load, or of the chapter
         self._seen_from: BodyModel | None = None
@@ -69,29 +69,29 @@ class RowBuffer:
         """Insert a row (X,) in the order of numbers.
 
         Returns:
-            Its place, and whether the older half of all rows was dropped, in which case all places have changed.
+            Its index, and whether the older half of all rows was dropped, in which case all indices have changed.
         """
         is_full = self.count == len(self.rows)
         if is_full:
             self._sum_up()
             self._drop(KEPT)
-        place = self.count
-        while place > 0 and self.numbers[place - 1] > number:
-            place -= 1
-        if place < self.count:
+        index = self.count
+        while index > 0 and self.numbers[index - 1] > number:
+            index -= 1
+        if index < self.count:
             for buffer in (self.rows, self.views, self.numbers):
-                buffer[place + 1 : self.count + 1] = buffer[place : self.count]
-        self.rows[place], self.numbers[place] = row, number
+                buffer[index + 1 : self.count + 1] = buffer[index : self.count]
+        self.rows[index], self.numbers[index] = row, number
         self.count += 1
         if number < self._since:
             self.start += 1
             if self._former is not None:
                 self._former = self._former + self.moments_of(row[None])
-        elif place < self._summed:
+        elif index < self._summed:
             self._load = self._load + self.moments_of(row[None])
-        if number < self._since or place < self._summed:
+        if number < self._since or index < self._summed:
             self._summed += 1
-        return place, is_full
+        return index, is_full
 
     def moments(self) -> tuple[Moments, Moments]:
         """Moments of all rows, and of those with the present load; the same object if there was no other load."""
@@ -103,18 +103,18 @@ class RowBuffer:
         """Compute moments of rows (n, X), projected if the others are."""
         return RowMoments.of(rows) if self._seen_from is None else ProjectedMoments.of(rows, self._seen_from)
 
-    def moments_since(self, place: int) -> Moments:
-        """Moments of the rows from this place on."""
+    def moments_since(self, index: int) -> Moments:
+        """Moments of the rows from this index on."""
         self._sum_up()
-        return self.moments_of(self.rows[place : self.count])
+        return self.moments_of(self.rows[index : self.count])
 
     def moments_kept(self) -> RowMoments:
         """Moments of all rows that are kept."""
         return RowMoments.of(self.rows[: self.count])
 
-    def window(self, place: int) -> Array:
-        """Rows from this place on, shape (n, X)."""
-        return self.rows[place : self.count]
+    def window(self, index: int) -> Array:
+        """Rows from this index on, shape (n, X)."""
+        return self.rows[index : self.count]
 
     def project_at(self, body: BodyModel) -> None:
         """Project moments at this state from now on, if the team is large."""
@@ -143,33 +143,33 @@ class RowBuffer:
         self.count = first
         return taken
 
-    def begin_load(self, place: int) -> Moments:
-        """Start another load at this place; return the moments of the last load."""
-        present = self.moments_since(place)
+    def begin_load(self, index: int) -> Moments:
+        """Start another load at this index; return the moments of the last load."""
+        present = self.moments_since(index)
         last: Moments = self._load - present
         self._former = last if self._former is None else self._former + last
         self._load = present
-        self.start, self._dropped = place, 0
-        self._since = self._number_at(place)
+        self.start, self._dropped = index, 0
+        self._since = self._number_at(index)
         return last
 
-    def begin_chapter(self, place: int) -> tuple[Moments, Moments]:
-        """Forget all rows before this place.
+    def begin_chapter(self, index: int) -> tuple[Moments, Moments]:
+        """Forget all rows before this index.
 
         Returns:
             The moments of all forgotten rows, and of those of them with the present load.
         """
         everything, of_load = self.moments()
-        newer = self.moments_since(place)
+        newer = self.moments_since(index)
         self._former, self._load = None, newer
-        self._since = self._number_at(place)
-        self._drop(place)
+        self._since = self._number_at(index)
+        self._drop(index)
         self.start, self._dropped = 0, 0
         return everything - newer, of_load - newer
 
-    def _number_at(self, place: int) -> int:
-        """Number of the row at this place, or of the next row to come there."""
-        return int(self.numbers[place] if place < self.count else self.numbers[place - 1] + 1)
+    def _number_at(self, index: int) -> int:
+        """Number of the row at this index, or of the next row to come there."""
+        return int(self.numbers[index] if index < self.count else self.numbers[index - 1] + 1)
 
     def _drop(self, dropped: int) -> None:
         """Drop the oldest rows."""

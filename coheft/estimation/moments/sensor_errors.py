@@ -101,8 +101,8 @@ class SensorErrors:
     def of(team: Sequence[SensorTolerance], drift: SensorDrift, others: Iterable[SensorTolerance] = ()) -> SensorErrors:
         """Errors of the data sheets of a team's robots; what ``others`` declare has parameters as well."""
         alike = team[:1] if len(set(team)) == 1 else team
-        declared = [kind for told in others for kind, size in _kinds(told, drift).items() if size]
-        return SensorErrors(*(_kinds(told, drift) for told in alike), other_kinds=declared)
+        declared = [kind for tolerance in others for kind, size in _kinds(tolerance, drift).items() if size]
+        return SensorErrors(*(_kinds(tolerance, drift) for tolerance in alike), other_kinds=declared)
 
     @property
     def count(self) -> int:
@@ -121,13 +121,13 @@ class SensorErrors:
                 return [[(A.start + axis, ONE, 1.0)] for axis in range(3)]
             case "clock" | "wrench_delay":
                 delayed = range(ROW_SIZE) if kind == "clock" else range(WRENCH.start, WRENCH.stop)
-                return [[(place, RATES + place, 1.0) for place in delayed]]
+                return [[(index, RATES + index, 1.0) for index in delayed]]
             case "velocity_place" | "acceleration_place":
                 of_axis = _velocity_at if kind == "velocity_place" else _acceleration_at
                 return [of_axis(axis) for axis in range(3)]
             case "grasp_compliance":
                 flexed = [*range(V.start, V.stop), *range(A.start, A.stop)]
-                return [[(place, self.flexing.start + k, 1.0) for k, place in enumerate(flexed)]]
+                return [[(index, self.flexing.start + k, 1.0) for k, index in enumerate(flexed)]]
         sensor, _, shape = kind.partition("_")
         return [_of_matrix(_FIRST[sensor], matrix) for matrix in SHAPES[shape]]
 
@@ -139,16 +139,16 @@ class SensorErrors:
         return result
 
 
-def _kinds(told: SensorTolerance, drift: SensorDrift) -> dict[str, float]:
+def _kinds(tolerance: SensorTolerance, drift: SensorDrift) -> dict[str, float]:
     """Standard deviation of each kind in a data sheet; a sensor that drifts has an offset even if it tells of none."""
-    kinds = {f"{sensor}_{shape}": told.of(sensor, shape) for shape in SHAPES for sensor in SENSORS}
+    kinds = {f"{sensor}_{shape}": tolerance.of(sensor, shape) for shape in SHAPES for sensor in SENSORS}
     return kinds | {
-        "acceleration_bias": max(told.acceleration_offset, drift.acceleration),
-        "velocity_place": told.velocity_place,
-        "acceleration_place": told.acceleration_place,
-        "clock": told.clock,
-        "wrench_delay": told.wrench_delay,
-        "grasp_compliance": told.grasp_compliance,
+        "acceleration_bias": max(tolerance.acceleration_offset, drift.acceleration),
+        "velocity_place": tolerance.velocity_place,
+        "acceleration_place": tolerance.acceleration_place,
+        "clock": tolerance.clock,
+        "wrench_delay": tolerance.wrench_delay,
+        "grasp_compliance": tolerance.grasp_compliance,
     }
 
 

@@ -23,15 +23,15 @@ from coheft.estimation.moments.moments import RowMoments, WrenchMoments
 from coheft.estimation.moments.rows import ROW_SIZE
 from coheft.estimation.moments.unknowns import Flags, State
 
-BY_PLACE = slice(10, MOTION_SIZE)
-"""Entries of the motion by which accelerations differ from place to place: ``(alpha, products of w)``."""
+BY_POSITION = slice(10, MOTION_SIZE)
+"""Entries of the motion by which accelerations differ from position to position: ``(alpha, products of w)``."""
 _WEAK = 1e-9
 """Regularization, as a share of the noise: keeps the velocity solvable if nothing rotates."""
 _FAINT = 1e-12
 _UNKNOWN = 1e3
 """Variance of a part of the motion that no robot measures; some are larger, none of those that one measures is."""
-_BY_PLACE = np.concatenate([CROSS_OF_AXES, CENTRIPETAL_OF_AXES.transpose(2, 1, 0)])
-"""``alpha x p + w x (w x p) == sum_k motion[BY_PLACE][k] _BY_PLACE[k] @ p``, shape (9, 3, 3)."""
+_BY_POSITION = np.concatenate([CROSS_OF_AXES, CENTRIPETAL_OF_AXES.transpose(2, 1, 0)])
+"""``alpha x p + w x (w x p) == sum_k motion[BY_POSITION][k] _BY_POSITION[k] @ p``, shape (9, 3, 3)."""
 
 
 def first_poses(moments: RowMoments, known: State, settings: FitSettings, is_unknown: Flags) -> State:
@@ -86,17 +86,17 @@ class _Motion:
         result: Array = self._of_motion[part, other] - self._number * np.outer(self._mean[part], self._mean[other])
         return result
 
-    def _varied_with(self, part: slice, place: slice) -> Array:
+    def _varied_with(self, part: slice, entries: slice) -> Array:
         """Moments of a part of the motion with a part of the row of all robots, less those of their means."""
-        means = np.outer(self._mean[part], self._mean_row[place])
-        result: Array = self._of_rows[place, part].T - self._number * means
+        means = np.outer(self._mean[part], self._mean_row[entries])
+        result: Array = self._of_rows[entries, part].T - self._number * means
         return result
 
     def first_pose(self, robot: int) -> Pose:
         """Compute a robot's pose."""
         first, own = ROW_SIZE * robot, np.sqrt(self._variances[robot])
-        places = {part.start: slice(first + part.start, first + part.stop) for part in (rows.W, rows.V, rows.A)}
-        w, v, a = (places[part.start] for part in (rows.W, rows.V, rows.A))
+        slices = {part.start: slice(first + part.start, first + part.stop) for part in (rows.W, rows.V, rows.A)}
+        w, v, a = (slices[part.start] for part in (rows.W, rows.V, rows.A))
         of_motion = self._noise.diagonal() / self._number
 
         def variance(part: slice, sensor: slice) -> float:
@@ -114,13 +114,13 @@ class _Motion:
         likeness += self._number**2 / (self._swaying + acceleration) * gravity
         has_twist = np.isfinite(own[rows.TWIST]).all() and of_motion[V.start] < _UNKNOWN
         if not has_twist:
-            turned = self._varied(BY_PLACE, BY_PLACE)
+            turned = self._varied(BY_POSITION, BY_POSITION)
             weak = _WEAK * np.trace(turned) + _WEAK * self._number * acceleration
-            by_place = np.linalg.solve(turned + weak * np.eye(len(turned)), self._varied_with(BY_PLACE, a))
-            likeness += 0.5 * (self._varied_with(A, a) - self._varied(A, BY_PLACE) @ by_place) / acceleration
+            by_position = np.linalg.solve(turned + weak * np.eye(len(turned)), self._varied_with(BY_POSITION, a))
+            likeness += 0.5 * (self._varied_with(A, a) - self._varied(A, BY_POSITION) @ by_position) / acceleration
         rotation = _likeliest_rotation(likeness)
         if np.isinf(own[rows.V.start]) or of_motion[V.start] >= _UNKNOWN:
-            return Pose(rotation, self._place_by_acceleration(rotation, a, acceleration))
+            return Pose(rotation, self._position_by_acceleration(rotation, a, acceleration))
         # A weak pull to zero holds the position where the motion does not show it.
         pull = 2.0 * self._number * gyro + 2.0 * velocity / POSE_LIMITS[3] ** 2
         moment = self._varied(W, V) - self._varied_with(W, v) @ rotation.T
@@ -128,14 +128,14 @@ class _Motion:
         spread = (np.trace(turning) + pull) * np.eye(3) - turning
         return Pose(rotation, np.linalg.solve(spread, turned))
 
-    def _place_by_acceleration(self, rotation: Array, place: slice, variance: float) -> Array:
+    def _position_by_acceleration(self, rotation: Array, entries: slice, variance: float) -> Array:
         """Compute where an accelerometer is from ``R a_i = a + alpha x p + w x (w x p)``, shape (3,)."""
-        square = (self._of_motion - self._noise)[BY_PLACE, BY_PLACE]
-        spread = np.einsum("kab,kl,lac->bc", _BY_PLACE, square, _BY_PLACE)
-        more = self._of_rows[place, BY_PLACE].T @ rotation.T - (self._of_motion - self._noise)[BY_PLACE, A]
+        square = (self._of_motion - self._noise)[BY_POSITION, BY_POSITION]
+        spread = np.einsum("kab,kl,lac->bc", _BY_POSITION, square, _BY_POSITION)
+        more = self._of_rows[entries, BY_POSITION].T @ rotation.T - (self._of_motion - self._noise)[BY_POSITION, A]
         values, vectors = np.linalg.eigh(spread)
         values = np.maximum(values, 0.0) + variance / POSE_LIMITS[3] ** 2
-        result: Array = vectors @ (vectors.T @ np.einsum("kab,ka->b", _BY_PLACE, more) / values)
+        result: Array = vectors @ (vectors.T @ np.einsum("kab,ka->b", _BY_POSITION, more) / values)
         return result
 
 
@@ -144,7 +144,7 @@ def poses_by_motion(
     is_unknown: Flags,
     kept: RowMoments,
     evaluate: EvaluateMoments,
-    before: Callable[[BodyModel], Evidence],
+    prior: Callable[[BodyModel], Evidence],
     settings: FitSettings,
     anchor: int,
 ) -> State:
@@ -155,13 +155,13 @@ def poses_by_motion(
         is_unknown: Whether each robot's pose is unknown, shape (N,).
         kept: Moments of rows for the closed form.
         evaluate: Moments that are fitted to, at a state.
-        before: Prior evidence at a state.
+        prior: Prior evidence at a state.
         settings: Settings of the fit.
         anchor: Index of the robot whose pose stays fixed.
     """
     state = first_poses(kept, state, settings, is_unknown).with_load(None)
     guess = Guess.of(settings.body(state), kept)
-    return fit_state(state, evaluate, before, guess, settings, anchor).state
+    return fit_state(state, evaluate, prior, guess, settings, anchor).state
 
 
 def _likeliest_rotation(likeness: Array) -> Array:

@@ -24,7 +24,7 @@ SLIP: Array = np.repeat([np.radians(2.0), 0.02], 3)
 """Prior standard deviation of a slip [rad, m]."""
 _SHARES = 1.0, 0.1, 0.01
 """Shares of the prior deviations that are tried; the likeliest one counts."""
-_EXCESS = 10.0, 1.0
+_OFFSETS = 10.0, 1.0
 """Prior standard deviation of a sudden offset of a force or torque sensor [N, N·m]."""
 
 
@@ -56,12 +56,12 @@ class _White(NamedTuple):
     @staticmethod
     def of(body: BodyModel, newest: Evidence, covariance: Array) -> _White:
         unknowns = body.unknowns
-        places = np.concatenate([unknowns.poses.ravel(), np.arange(unknowns.size)[unknowns.load]])
-        information, noise = newest.information[places], newest.noise[np.ix_(places, places)]
-        basis, _ = seen_directions(information[:, places] + noise, noise)
+        indices = np.concatenate([unknowns.poses.ravel(), np.arange(unknowns.size)[unknowns.load]])
+        information, noise = newest.information[indices], newest.noise[np.ix_(indices, indices)]
+        basis, _ = seen_directions(information[:, indices] + noise, noise)
         by_change = basis @ information
         root = np.linalg.cholesky(np.eye(len(basis)) + by_change @ covariance @ by_change.T)
-        return _White(np.linalg.solve(root, basis @ newest.score[places]), np.linalg.solve(root, by_change))
+        return _White(np.linalg.solve(root, basis @ newest.score[indices]), np.linalg.solve(root, by_change))
 
     def log_ratio(self, directions: Array) -> float:
         """Return the log ratio if unknowns have changed by ``directions`` (u, a) times standard normals, or a share."""
@@ -83,13 +83,13 @@ def log_ratios(body: BodyModel, newest: Evidence, covariance: Array, guess: Gues
         guess: Guess of the load.
     """
     white, every, unknowns = _White.of(body, newest, covariance), np.eye(body.unknowns.size), body.unknowns
-    excess = [
+    offsets = [
         every[:, unknowns.offset] @ (size * adjoint[:, part])
         for adjoint in body.adjoints
-        for size, part in zip(_EXCESS, (slice(0, 3), slice(3, 6)), strict=True)
+        for size, part in zip(_OFFSETS, (slice(0, 3), slice(3, 6)), strict=True)
     ]
     return LogRatios(
         white.log_ratio(every[:, unknowns.theta] * guess.limits),
         np.array([white.log_ratio(every[:, own] * SLIP) for own in unknowns.poses]),
-        max(map(white.log_ratio, excess)),
+        max(map(white.log_ratio, offsets)),
     )

@@ -60,13 +60,13 @@ def undeclared_error(
         anchor: Index of the robot whose pose stays fixed.
         false_alarm: False-alarm probability for one robot and one kind of error.
     """
-    told, unknowns = settings.errors, estimate.body.unknowns
-    is_told = unknowns.deviations > 0.0
-    names_told = [{name for name, has_it in zip(told.names, own, strict=True) if has_it} for own in is_told]
-    errors = SensorErrors(dict.fromkeys((*_TESTED, *told.names), 1.0))
+    declared, unknowns = settings.errors, estimate.body.unknowns
+    is_declared = unknowns.deviations > 0.0
+    names_declared = [{name for name, has_it in zip(declared.names, own, strict=True) if has_it} for own in is_declared]
+    errors = SensorErrors(dict.fromkeys((*_TESTED, *declared.names), 1.0))
     body = replace(settings, errors=errors).body(_with_errors(estimate.state, errors))
-    every, own = body.unknowns, np.flatnonzero([name in told.names for name in errors.names])
-    is_tested = np.array([[name in _TESTED and name not in known for name in errors.names] for known in names_told])
+    every, own = body.unknowns, np.flatnonzero([name in declared.names for name in errors.names])
+    is_tested = np.array([[name in _TESTED and name not in known for name in errors.names] for known in names_declared])
     others = _places(every, own)
 
     rows = evidence_of(body, chapter.evaluation()(body))

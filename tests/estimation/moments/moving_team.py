@@ -138,10 +138,10 @@ def make_team(
     rng = np.random.default_rng(seed)
     time = PERIOD * np.arange(number)
     rim = 2.0 * np.pi * np.arange(count) / count + rng.uniform(0.0, 2.0 * np.pi)
-    places = np.stack([0.55 * np.cos(rim), 0.4 * np.sin(rim), rng.uniform(-0.1, 0.1, count)], axis=1)
+    positions = np.stack([0.55 * np.cos(rim), 0.4 * np.sin(rim), rng.uniform(-0.1, 0.1, count)], axis=1)
     if on_a_line:
-        places = np.linspace(-0.6, 0.6, count)[:, None] * np.array([0.8, 0.6, 0.0])
-    poses = tuple(Pose(rotation_exp(rng.normal(size=3)), place) for place in places)
+        positions = np.linspace(-0.6, 0.6, count)[:, None] * np.array([0.8, 0.6, 0.0])
+    poses = tuple(Pose(rotation_exp(rng.normal(size=3)), position) for position in positions)
     tensor = np.diag(rng.uniform(1.0, 2.0, 3)) + 0.1
     inertia = Inertia(rng.uniform(15.0, 25.0), 0.05 * rng.normal(size=3), tensor)
     load = np.concatenate([offset * rng.normal(size=6) * np.repeat([1.0, 0.1], 3), inertia.barycentric()])

@@ -44,8 +44,8 @@ class Watched:
         return Watched(body, views, Weights.of(body, team.load, settings.expected(body)))
 
     def look(self, until: int | None = None, older: int = 0, is_known: bool = False) -> tuple[int, float]:
-        views, before = self.views[older:until], self.views[:older]
-        return look_for_change(views, before.T @ before, self.weights, is_known)[:2]
+        views, older = self.views[older:until], self.views[:older]
+        return look_for_change(views, older.T @ older, self.weights, is_known)[:2]
 
     def step(self, until: int, shortest: int = 8, mass: float | None = None) -> float | None:
         """By how much an estimate of the mass is off, of all rows unless it is given."""
@@ -56,13 +56,13 @@ class Watched:
         small = SmallSteps(shortest, chi_square_threshold(1, 0.012), mass)
         return look_for_change(self.views[:until], NOTHING_OLDER, self.weights, small=small).step
 
-    def gained(self, place: int, settings: FitSettings) -> float:
+    def gained(self, index: int, settings: FitSettings) -> float:
         """By how much the sum of squares of all rows is smaller if the load is another one from this place on."""
         root = np.linalg.cholesky(np.linalg.inv(residual_covariance(self.body, self.load))).T
         offset = np.linalg.cholesky(np.linalg.inv(settings.offset_covariance(self.body))).T
         by_load = np.einsum("nk,kij->nij", self.views[:, :13], REGRESSOR)
         newer = by_load[:, :, 6:].copy()
-        newer[:place] = 0.0
+        newer[:index] = 0.0
         left = np.concatenate([(self.views[:, 13:] @ root.T).ravel(), np.zeros(6)])
 
         def square(design: Array) -> float:
@@ -91,19 +91,19 @@ def test_the_statistic_is_what_least_squares_gain_from_two_loads(settings: FitSe
     team = team.holding(heavier(team, share), slice(90, None))
     watched = Watched.of(team, team.noisy(np.random.default_rng(2), QUIET), settings)
     for until, older in ((60, 0), (100, 0), (120, 0), (120, 40)):
-        place, size = watched.look(until, older)
+        index, statistic = watched.look(until, older)
         part = replace(watched, views=watched.views[:until])
-        assert size * THRESHOLD == pytest.approx(part.gained(older + place, settings), rel=2e-3, abs=0.02)
+        assert statistic * THRESHOLD == pytest.approx(part.gained(older + index, settings), rel=2e-3, abs=0.02)
 
 
 def test_the_place_is_the_likeliest_one() -> None:
     team, settings = make_team(seed=3, number=120), replace(IDEAL, noise=QUIET)
     team = team.holding(heavier(team, 0.05), slice(97, None))
     watched = Watched.of(team, team.noisy(np.random.default_rng(4), QUIET), settings)
-    gained = {place: watched.gained(place, settings) for place in range(60, 119)}
-    place, size = watched.look()
-    assert place == max(gained, key=lambda each: gained[each]) == 97
-    assert size > 10.0
+    gained = {index: watched.gained(index, settings) for index in range(60, 119)}
+    index, statistic = watched.look()
+    assert index == max(gained, key=lambda each: gained[each]) == 97
+    assert statistic > 10.0
 
 
 def test_no_alarm_without_a_change() -> None:
@@ -139,10 +139,10 @@ def test_rows_that_are_not_kept_count() -> None:
     team = make_team(seed=6, number=200)
     team = team.holding(heavier(team, 0.02), slice(190, None))
     watched = Watched.of(team, team.noisy(np.random.default_rng(7)), IDEAL)
-    (whole, size), (part, also) = watched.look(), watched.look(older=100)
+    (whole, statistic), (part, also) = watched.look(), watched.look(older=100)
     assert whole == part + 100
-    assert also == pytest.approx(size, rel=1e-6)
-    assert replace(watched, views=watched.views[100:]).look()[1] < size
+    assert also == pytest.approx(statistic, rel=1e-6)
+    assert replace(watched, views=watched.views[100:]).look()[1] < statistic
 
 
 @pytest.mark.parametrize("number", [1, 2, 10])
@@ -156,8 +156,8 @@ def test_a_load_that_was_known_may_have_changed_before_the_very_first_row(is_kno
     views = rows @ np.vstack([body.motion_map[FORCING], body.wrench_map]).T
     known = Chapter(former.chapter.buffer, IDEAL, prior).prior_evidence(body)
     assert body.state.load is not None
-    place, size, _ = look_for_change(views, NOTHING_OLDER, Weights.of(body, body.state.load, known), is_known)
-    assert (size > 1.0 and place == 0) == is_known
+    index, statistic, _ = look_for_change(views, NOTHING_OLDER, Weights.of(body, body.state.load, known), is_known)
+    assert (statistic > 1.0 and index == 0) == is_known
 
 
 def test_nothing_to_look_at() -> None:

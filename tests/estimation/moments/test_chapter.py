@@ -42,9 +42,9 @@ def deviations(found: Fitted, settings: FitSettings) -> Array:
     return np.sqrt(found.estimate.covariance.diagonal()[free])
 
 
-def in_chapters(rows: Array, settings: FitSettings, places: Sequence[int]) -> Fitted:
+def in_chapters(rows: Array, settings: FitSettings, indices: Sequence[int]) -> Fitted:
     """Each chapter begins at one of these rows, and keeps two rows of the one before."""
-    ends = [place + 2 for place in places]
+    ends = [index + 2 for index in indices]
     found = fit(rows[: ends[0]], settings)
     for first, end in pairwise([*ends, len(rows)]):
         found.chapter.end(found.estimate, found.guess, found.chapter.buffer.count - 2)
@@ -55,16 +55,16 @@ def in_chapters(rows: Array, settings: FitSettings, places: Sequence[int]) -> Fi
 
 # Means of twists are removed chapter by chapter, so short ones say a little less.
 @EVERY
-@pytest.mark.parametrize(("places", "most", "share"), [([150], 0.15, 0.05), ([100, 150, 220], 0.8, 0.15)])
-def test_several_chapters_say_what_one_says(kind: str, places: Sequence[int], most: float, share: float) -> None:
+@pytest.mark.parametrize(("indices", "most", "share"), [([150], 0.15, 0.05), ([100, 150, 220], 0.8, 0.15)])
+def test_several_chapters_say_what_one_says(kind: str, indices: Sequence[int], most: float, share: float) -> None:
     settings, rng = SETTINGS[kind], np.random.default_rng(1)
     _, rows = erring(make_team(seed=1, number=300), settings, rng)
-    one, many = fit(rows, settings), in_chapters(rows, settings, places)
-    assert many.chapter.buffer.load_rows == len(rows) - places[-1]
+    one, many = fit(rows, settings), in_chapters(rows, settings, indices)
+    assert many.chapter.buffer.load_rows == len(rows) - indices[-1]
     assert apart(one, many, settings) < most
     np.testing.assert_allclose(deviations(many, settings), deviations(one, settings), rtol=share)
     # The last one alone says much less.
-    assert (deviations(fit(rows[places[-1] :], settings), settings) > 1.1 * deviations(one, settings)).mean() > 0.8
+    assert (deviations(fit(rows[indices[-1] :], settings), settings) > 1.1 * deviations(one, settings)).mean() > 0.8
 
 
 @EVERY
@@ -122,7 +122,7 @@ def test_a_look_may_leave_out_the_newest_rows() -> None:
         chapter = Chapter(buffer_of(rows, settings, 3), settings)
         body = fit(rows, settings).estimate.body
         fewer = Chapter(buffer_of(rows[:60], settings, 3), settings)
-        seen, expected = chapter.evaluation(before=60)(body), fewer.evaluation()(body)
+        seen, expected = chapter.evaluation(end=60)(body), fewer.evaluation()(body)
         np.testing.assert_allclose(seen.motion.of_motion, expected.motion.of_motion, rtol=1e-6, atol=1e-5)
         np.testing.assert_allclose(seen.wrench.of_wrenches, expected.wrench.of_wrenches, rtol=1e-6, atol=1e-3)
         assert seen.wrench.number == pytest.approx(60.0)
@@ -132,7 +132,7 @@ def test_a_look_leaves_out_rows_of_the_load_but_not_former_ones() -> None:
     rows = make_team(seed=6).noisy(np.random.default_rng(7))
     found = fit(rows)
     found.chapter.buffer.begin_load(30)
-    seen = found.chapter.evaluation(before=60)(found.estimate.body)
+    seen = found.chapter.evaluation(end=60)(found.estimate.body)
     assert (seen.motion.number, seen.wrench.number) == pytest.approx((60.0, 30.0))
 
 
@@ -246,9 +246,9 @@ def test_who_has_left_is_eliminated(kind: str) -> None:
     joined = np.arange(2 * own, 3 * own)
     assert not size.information[joined].any()
     assert not size.score[joined].any()
-    for place, robot in ((0, 0), (1, 3), (3, 1)):
-        assert fewer.state.poses[place] is found.estimate.state.poses[robot]
-        np.testing.assert_array_equal(fewer.state.eta[place], found.estimate.state.eta[robot])
+    for index, robot in ((0, 0), (1, 3), (3, 1)):
+        assert fewer.state.poses[index] is found.estimate.state.poses[robot]
+        np.testing.assert_array_equal(fewer.state.eta[index], found.estimate.state.eta[robot])
     assert not fewer.state.eta[2].any()
     np.testing.assert_array_equal(fewer.state.load, found.estimate.state.load)
     # Poses of those that stayed and the load are as well known as before.
@@ -260,7 +260,7 @@ def test_who_has_left_is_eliminated(kind: str) -> None:
     after = np.zeros((unknowns.size, unknowns.size))
     expected = settings.expected(settings.body(fewer.state))
     after[np.ix_(held, held)] = (size + expected).restricted(held).solve(limits[held]).seen
-    poses = [place for place in range(len(new)) if place % own < 6 and place >= own]
+    poses = [index for index in range(len(new)) if index % own < 6 and index >= own]
     ratio = np.sqrt(after.diagonal()[new[poses]] / before.diagonal()[old[poses]])
     if kind != "offsets":
         np.testing.assert_allclose(ratio, 1.0, atol=1e-3)

@@ -29,9 +29,9 @@ def estimate_of(team: Team, seed: int = 0, poses: float = 1e-3) -> Estimate:
     guess = Guess.of(body, moments)
 
     def before(body: BodyModel) -> Evidence:
-        places = body.unknowns.poses.ravel()
-        step = team.state().since(body.state, body.unknowns)[places]
-        known = Evidence.prior(np.full(len(places), poses), step).embedded(body.unknowns.size, places)
+        indices = body.unknowns.poses.ravel()
+        step = team.state().since(body.state, body.unknowns)[indices]
+        known = Evidence.prior(np.full(len(indices), poses), step).embedded(body.unknowns.size, indices)
         return IDEAL.expected(body) + known
 
     state = first_load(state, evaluated_moments(body, moments, moments).wrench, guess, IDEAL)
@@ -101,8 +101,8 @@ def test_the_covariance_is_that_of_the_load_in_the_robot_s_frame(robot: int) -> 
         return Inertia.from_barycentric(load + perturbation[6:]).carried(pose.inverse()).central()
 
     columns = [(claimed(step * axis) - claimed(-step * axis)) / (2.0 * step) for axis in np.eye(16)]
-    derivative, places = np.array(columns).T, np.r_[unknowns.poses[robot], unknowns.theta]
-    expected = derivative @ estimate.covariance[np.ix_(places, places)] @ derivative.T
+    derivative, indices = np.array(columns).T, np.r_[unknowns.poses[robot], unknowns.theta]
+    expected = derivative @ estimate.covariance[np.ix_(indices, indices)] @ derivative.T
     scale = np.sqrt(expected.diagonal())
     found = claim_of(estimate, robot).covariance
     np.testing.assert_allclose(found / np.outer(scale, scale), expected / np.outer(scale, scale), atol=1e-5)

@@ -16,7 +16,7 @@ from coheft.estimation.moments.body import (
     residual_covariance,
 )
 from coheft.estimation.moments.derivatives import MotionDerivatives, WrenchDerivatives
-from coheft.estimation.moments.moments import wrench_places
+from coheft.estimation.moments.moments import wrench_indices
 from coheft.estimation.moments.rows import ROW_SIZE
 from coheft.estimation.moments.sensor_errors import SensorErrors
 from coheft.estimation.moments.unknowns import State
@@ -42,14 +42,14 @@ def case(count: int, errors: SensorErrors, seed: int = 1) -> tuple[BodyModel, Ar
     return body_at(state, errors, uneven_noise(count)), rows
 
 
-def moved(body: BodyModel, place: int, size: float) -> BodyModel:
+def moved(body: BodyModel, index: int, size: float) -> BodyModel:
     step = np.zeros(body.unknowns.size)
-    step[place] = size
+    step[index] = size
     return body_at(body.state.moved(step, body.unknowns, 1e9), body.unknowns.errors, body.noise)
 
 
-def both_sides(body: BodyModel, place: int) -> tuple[BodyModel, BodyModel]:
-    return moved(body, place, STEP), moved(body, place, -STEP)
+def both_sides(body: BodyModel, index: int) -> tuple[BodyModel, BodyModel]:
+    return moved(body, index, STEP), moved(body, index, -STEP)
 
 
 def residuals(body: BodyModel, rows: Array) -> Array:
@@ -70,7 +70,7 @@ def calibrated_wrenches(state: State, rows: Array) -> Array:
     """Robot by robot, with their rates if there are any, shape (n, w N)."""
     count = len(state.poses)
     if state.calibration is None:
-        return rows[:, wrench_places(count, EXACT)]
+        return rows[:, wrench_indices(count, EXACT)]
     own = np.einsum("nij,tnj->tni", state.calibration, by_robot(rows, count))
     parts = [own[:, :, 12:18]] + ([own[:, :, 37:43]] if own.shape[2] > 2 * ROW_SIZE else [])
     return np.concatenate(parts, axis=2).reshape(len(rows), -1)
@@ -83,8 +83,8 @@ def test_of_predictions(count: int, errors: SensorErrors) -> None:
     found = body.prediction_derivatives()
     assert not found[..., 19:].any()
     for robot in range(count):
-        for k, place in enumerate(body.unknowns.poses[robot]):
-            plus, minus = both_sides(body, place)
+        for k, index in enumerate(body.unknowns.poses[robot]):
+            plus, minus = both_sides(body, index)
             expected = (plus.predict - minus.predict) / (2.0 * STEP)
             np.testing.assert_allclose(found[robot, k, :, :19], expected[robot], atol=1e-8)
             assert not np.delete(expected, robot, axis=0).any()
@@ -95,8 +95,8 @@ def test_of_adjoints(count: int) -> None:
     body, _ = case(count, EXACT)
     found = body.adjoint_derivatives()
     for robot in range(count):
-        for k, place in enumerate(body.unknowns.poses[robot]):
-            plus, minus = both_sides(body, place)
+        for k, index in enumerate(body.unknowns.poses[robot]):
+            plus, minus = both_sides(body, index)
             expected = (plus.adjoints - minus.adjoints)[robot] / (2.0 * STEP)
             np.testing.assert_allclose(found[robot, k], expected, atol=1e-8)
 
@@ -106,10 +106,10 @@ def test_of_adjoints(count: int) -> None:
 def test_of_products(count: int, errors: SensorErrors) -> None:
     body, rows = case(count, errors)
     common, psi = MotionDerivatives.at(body).common, rows @ body.motion_map.T
-    for place in range(body.unknowns.motion_size):
-        plus, minus = both_sides(body, place)
+    for index in range(body.unknowns.motion_size):
+        plus, minus = both_sides(body, index)
         expected = (rows @ (plus.motion_map - minus.motion_map).T)[:, PRODUCTS] / (2.0 * STEP)
-        np.testing.assert_allclose(psi @ common[place].T, expected, atol=2e-7)
+        np.testing.assert_allclose(psi @ common[index].T, expected, atol=2e-7)
 
 
 @EVERY
@@ -118,10 +118,10 @@ def test_of_products_by_the_gyros_whatever_these_read_in_excess(errors: SensorEr
     state, rows = with_errors(team, errors, np.random.default_rng(3), gyros=0.3)
     body = body_at(state, errors)
     common, psi = MotionDerivatives.at(body).common, rows @ body.motion_map.T
-    for place in range(body.unknowns.gyros.start, body.unknowns.gyros.stop):
-        plus, minus = both_sides(body, place)
+    for index in range(body.unknowns.gyros.start, body.unknowns.gyros.stop):
+        plus, minus = both_sides(body, index)
         expected = (rows @ (plus.motion_map - minus.motion_map).T)[:, PRODUCTS] / (2.0 * STEP)
-        np.testing.assert_allclose(psi @ common[place].T, expected, atol=2e-7)
+        np.testing.assert_allclose(psi @ common[index].T, expected, atol=2e-7)
 
 
 @COUNTS
@@ -129,10 +129,10 @@ def test_of_products_by_the_gyros_whatever_these_read_in_excess(errors: SensorEr
 def test_of_fused_accelerations(count: int, errors: SensorErrors) -> None:
     body, rows = case(count, errors)
     found, psi = MotionDerivatives.at(body).found, rows @ body.motion_map.T
-    for place in range(body.unknowns.motion_size):
-        plus, minus = both_sides(body, place)
+    for index in range(body.unknowns.motion_size):
+        plus, minus = both_sides(body, index)
         expected = (rows @ (plus.motion_map - minus.motion_map).T)[:, ACCELERATIONS] / (2.0 * STEP)
-        now = psi @ (-body.accelerations.covariance @ found[place]).T
+        now = psi @ (-body.accelerations.covariance @ found[index]).T
         np.testing.assert_allclose(now, expected, atol=1e-6)
 
 
@@ -143,16 +143,16 @@ def test_of_residuals_of_motion(count: int, errors: SensorErrors) -> None:
     derivatives, psi, unknowns = MotionDerivatives.at(body), rows @ body.motion_map.T, body.unknowns
     design = body.predict[:, :, 1:13]
     information = np.einsum("nki,nk,nkj->ij", design, body.weight, design)
-    for place in range(unknowns.motion_size):
-        change = -np.einsum("nij,mj->mni", body.predict[:, :, PRODUCTS], psi @ derivatives.common[place].T)
-        robot, own = divmod(place, unknowns.own)
+    for index in range(unknowns.motion_size):
+        change = -np.einsum("nij,mj->mni", body.predict[:, :, PRODUCTS], psi @ derivatives.common[index].T)
+        robot, own = divmod(index, unknowns.own)
         if robot < count:
             change[:, robot] -= psi @ derivatives.own[robot, own].T
         change[:, :, :6] -= change[:, :, :6].mean(axis=0)
         # The motion is fitted to what has changed.
         weighted = np.einsum("nki,nk,mnk->mi", design, body.weight, change)
         change -= np.einsum("nki,mi->mnk", design, np.linalg.solve(information, weighted.T).T)
-        plus, minus = both_sides(body, place)
+        plus, minus = both_sides(body, index)
         expected = (residuals(plus, rows) - residuals(minus, rows)) / (2.0 * STEP)
         np.testing.assert_allclose(change, expected, atol=1e-5)
 
@@ -169,12 +169,12 @@ def test_of_the_residual_of_the_wrench(count: int, errors: SensorErrors) -> None
     residual = wrenches @ found.of_wrenches.T + psi @ found.of_motion.T
     np.testing.assert_allclose(residual, rho(body, rows) @ root.T, atol=1e-8)
     by_own = wrenches.reshape(len(rows), count, -1)
-    for place in range(unknowns.size):
-        change = psi @ found.common[place].T
-        robot, own = divmod(place, unknowns.own)
+    for index in range(unknowns.size):
+        change = psi @ found.common[index].T
+        robot, own = divmod(index, unknowns.own)
         if robot < count:
             change = change + by_own[:, robot] @ found.local[robot, own].T
-        plus, minus = both_sides(body, place)
+        plus, minus = both_sides(body, index)
         expected = (rho(plus, rows) - rho(minus, rows)) @ root.T / (2.0 * STEP)
         np.testing.assert_allclose(change, expected, rtol=1e-6, atol=1e-6 * max(1.0, float(np.abs(expected).max())))
 

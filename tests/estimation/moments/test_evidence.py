@@ -61,10 +61,10 @@ def test_moved_is_the_same_quadratic_around_another_value(seed: int) -> None:
 
 
 def test_placed_and_of_undo_each_other() -> None:
-    evidence, places = random_evidence(1, 0.1), np.array([7, 0, 3, 9, 5, 2])
-    placed = evidence.embedded(10, places)
-    assert_equal(placed.restricted(places), evidence)
-    others = np.setdiff1d(np.arange(10), places)
+    evidence, indices = random_evidence(1, 0.1), np.array([7, 0, 3, 9, 5, 2])
+    placed = evidence.embedded(10, indices)
+    assert_equal(placed.restricted(indices), evidence)
+    others = np.setdiff1d(np.arange(10), indices)
     assert not placed.score[others].any()
     for matrix in (placed.information, placed.noise, placed.doubt):
         assert not matrix[others].any()

@@ -129,13 +129,13 @@ def test_the_order_of_robots_does_not_matter(order: Sequence[int]) -> None:
     own = rows[:, :-1].reshape(len(rows), 4, 24)[:, order]
     one = fit(rows, anchor=0)
     other = fit(np.hstack([own.reshape(len(rows), -1), rows[:, -1:]]), anchor=list(order).index(0))
-    for place, robot in enumerate(order):
+    for index, robot in enumerate(order):
         expected = one.estimate.state.poses[robot].numbers()
-        np.testing.assert_allclose(other.estimate.state.poses[place].numbers(), expected, atol=1e-8)
+        np.testing.assert_allclose(other.estimate.state.poses[index].numbers(), expected, atol=1e-8)
     np.testing.assert_allclose(other.estimate.state.load, one.estimate.state.load, atol=1e-7)
     unknowns = one.estimate.body.unknowns
-    places = np.concatenate([unknowns.poses[order].ravel(), unknowns.common])
-    expected = one.estimate.covariance[np.ix_(places, places)]
+    indices = np.concatenate([unknowns.poses[order].ravel(), unknowns.common])
+    expected = one.estimate.covariance[np.ix_(indices, indices)]
     scale = np.sqrt(np.maximum(expected.diagonal(), 1e-12))
     np.testing.assert_allclose(
         other.estimate.covariance / np.outer(scale, scale), expected / np.outer(scale, scale), atol=1e-6
@@ -160,8 +160,8 @@ def poses_alone(team: Team, rows: Array, start: State, known: float = np.inf) ->
 
     def before(body: BodyModel) -> Evidence:
         step = start.since(body.state, body.unknowns)
-        places = body.unknowns.poses.ravel()
-        return Evidence.prior(np.full(len(places), known), step[places]).embedded(body.unknowns.size, places)
+        indices = body.unknowns.poses.ravel()
+        return Evidence.prior(np.full(len(indices), known), step[indices]).embedded(body.unknowns.size, indices)
 
     return fit_state(start, lambda body: evaluated_moments(body, moments, moments), before, guess, IDEAL, 0)
 

@@ -36,7 +36,7 @@ def test_the_worst_stretch_is_found(number: int, sources: int, size: int, seed: 
 
 
 @pytest.mark.parametrize("rows", [1, 4, 16])
-def test_a_constant_excess_is_found_where_it_is(rows: int) -> None:
+def test_a_constant_offset_is_found_where_it_is(rows: int) -> None:
     residuals = np.random.default_rng(1).normal(size=(100, 3, 6))
     residuals[40 : 40 + rows, 1, 2] += 30.0 / np.sqrt(rows)
     found = worst_misfit(residuals)

@@ -12,10 +12,10 @@ from coheft.estimation.moments.moments import (
     RowMoments,
     WrenchMoments,
     evaluated_moments,
-    robot_places,
+    robot_indices,
     view_moments,
+    wrench_indices,
     wrench_moments,
-    wrench_places,
 )
 from coheft.estimation.moments.projected import ProjectedMoments
 from coheft.estimation.moments.rows import ROW_SIZE
@@ -56,8 +56,8 @@ def assert_of_motion(moments: MotionMoments, body: BodyModel, rows: Array) -> No
 
 def assert_of_wrenches(moments: WrenchMoments, body: BodyModel, rows: Array) -> None:
     psi, own = rows @ body.motion_map.T, calibrated(body, rows)
-    places = np.r_[12:18, 37:43] if body.has_rates else np.r_[12:18]
-    wrenches = own[:, :, places].reshape(len(rows), -1)
+    indices = np.r_[12:18, 37:43] if body.has_rates else np.r_[12:18]
+    wrenches = own[:, :, indices].reshape(len(rows), -1)
     np.testing.assert_allclose(moments.of_wrenches, wrenches.T @ wrenches, rtol=1e-9, atol=1e-6)
     np.testing.assert_allclose(moments.with_motion, wrenches.T @ psi, rtol=1e-9, atol=1e-6)
     np.testing.assert_allclose(moments.of_motion, psi.T @ psi, rtol=1e-9, atol=1e-6)
@@ -121,10 +121,10 @@ def test_moments_add_up() -> None:
 
 @EVERY
 def test_places_of_robots_and_of_their_wrenches(errors: SensorErrors) -> None:
-    places, wrenches = robot_places(3, errors), wrench_places(3, errors).reshape(3, -1)
+    indices, wrenches = robot_indices(3, errors), wrench_indices(3, errors).reshape(3, -1)
     row = 1000.0 * np.arange(3)[:, None] + np.arange(24 + errors.more)
     x = np.concatenate([row[:, :24].ravel(), [1.0], row[:, 24:].ravel()])
-    np.testing.assert_array_equal(x[places], row)
+    np.testing.assert_array_equal(x[indices], row)
     for robot in range(3):
         own = 24 * robot + np.arange(12, 18)
         rates = 73 + errors.more * robot + np.arange(12, 18)

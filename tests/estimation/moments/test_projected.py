@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from coheft.estimation.geometry.spatial import Array
-from coheft.estimation.moments.moments import RowMoments, evaluated_moments, wrench_places
+from coheft.estimation.moments.moments import RowMoments, evaluated_moments, wrench_indices
 from coheft.estimation.moments.projected import ProjectedMoments, motion_then_to_now
 from coheft.estimation.moments.rows import ROW_SIZE
 from coheft.estimation.moments.sensor_errors import SensorErrors
@@ -51,7 +51,7 @@ def test_from_where_they_were_seen_all_is_exact(errors: SensorErrors) -> None:
     projected = ProjectedMoments.of(rows, body)
     one = ROW_SIZE * 3
     np.testing.assert_allclose(projected.sums(one), rows.sum(axis=0), rtol=1e-9, atol=1e-7)
-    wrenches = rows[:, wrench_places(3, errors)]
+    wrenches = rows[:, wrench_indices(3, errors)]
     np.testing.assert_allclose(projected.of_wrenches(np.arange(3)), wrenches.T @ wrenches, rtol=1e-12)
 
 

@@ -39,19 +39,19 @@ class Naive:
     def place_of_load(self) -> int:
         return sum(number < self.since for number in self.kept)
 
-    def begin_load(self, place: int) -> list[int]:
-        self.since = self.kept[place] if place < len(self.kept) else self.kept[-1] + 1
+    def begin_load(self, index: int) -> list[int]:
+        self.since = self.kept[index] if index < len(self.kept) else self.kept[-1] + 1
         last = [number for number in self.load if number < self.since]
         self.former += last
         self.load = [number for number in self.load if number >= self.since]
         return last
 
-    def begin_chapter(self, place: int) -> tuple[list[int], list[int]]:
-        self.begin = self.kept[place] if place < len(self.kept) else self.kept[-1] + 1
+    def begin_chapter(self, index: int) -> tuple[list[int], list[int]]:
+        self.begin = self.kept[index] if index < len(self.kept) else self.kept[-1] + 1
         gone = [number for number in self.load if number < self.begin]
         everything = self.former + gone
         self.load = [number for number in self.load if number >= self.begin]
-        self.former, self.kept, self.since = [], self.kept[place:], self.begin
+        self.former, self.kept, self.since = [], self.kept[index:], self.begin
         return everything, gone
 
     def take_back(self, number: int) -> int:
@@ -76,7 +76,7 @@ def test_moments_are_sums_over_rows_whatever_happens(operations: list[tuple[str,
     buffer, naive, newest, missing = RowBuffer(SIZE), Naive(), 2, [0, 1, 2]
     for what, share in operations:
         start, count = naive.place_of_load(), len(naive.kept)
-        place = start + round(share * (count - start))
+        index = start + round(share * (count - start))
         missing = [number for number in missing if number >= naive.begin]
         if what in ("next", "gap") or (what == "late" and missing and count < 2 * KEPT):
             if what == "late":
@@ -91,12 +91,12 @@ def test_moments_are_sums_over_rows_whatever_happens(operations: list[tuple[str,
             assert had_to_drop == is_full
             assert found == naive.kept.index(number)
         elif what == "load" and count:
-            last = buffer.begin_load(place)
+            last = buffer.begin_load(index)
             np.testing.assert_allclose(
-                last.sums(SIZE - 1), gram(list(map(row, naive.begin_load(place))))[-1], atol=1e-9
+                last.sums(SIZE - 1), gram(list(map(row, naive.begin_load(index))))[-1], atol=1e-9
             )
         elif what == "chapter" and count:
-            found_gone, expected_gone = buffer.begin_chapter(place), naive.begin_chapter(place)
+            found_gone, expected_gone = buffer.begin_chapter(index), naive.begin_chapter(index)
             for one, other in zip(found_gone, expected_gone, strict=True):
                 assert isinstance(one, RowMoments)
                 np.testing.assert_allclose(one.matrix, gram(list(map(row, other))), atol=1e-9)
@@ -110,9 +110,9 @@ def test_moments_are_sums_over_rows_whatever_happens(operations: list[tuple[str,
         elif what == "look":
             load = gram(list(map(row, naive.load)))
             assert_moments(buffer, load + gram(list(map(row, naive.former))), load)
-            newer = buffer.moments_since(place)
+            newer = buffer.moments_since(index)
             assert isinstance(newer, RowMoments)
-            np.testing.assert_allclose(newer.matrix, gram(list(map(row, naive.kept[place:]))), atol=1e-9)
+            np.testing.assert_allclose(newer.matrix, gram(list(map(row, naive.kept[index:]))), atol=1e-9)
         assert buffer.numbers[: buffer.count].tolist() == naive.kept
         assert buffer.start == naive.place_of_load()
         assert buffer.load_rows == len(naive.load)

@@ -87,15 +87,15 @@ def test_noise_of_rows_and_of_their_rates_is_as_claimed_if_it_is_slow(correlatio
             samples[:, [0, 9]] = noise[run, k * size : k * size + size + 2]
             rows[run, k] = row_with_rates(samples, 0.0, RATE)
     by_itself = np.concatenate([claimed.kinematics[0], claimed.wrench[0]]) / math.sqrt(claimed.slowness)
-    for place in (W.start, SLOPE.start, WRENCH.start):
-        assert rows[..., place].std() == pytest.approx(by_itself[place], rel=0.05)
-        assert rows[..., 24 + place].std() == pytest.approx(by_itself[place] * claimed.rates[0, place], rel=0.05)
+    for index in (W.start, SLOPE.start, WRENCH.start):
+        assert rows[..., index].std() == pytest.approx(by_itself[index], rel=0.05)
+        assert rows[..., 24 + index].std() == pytest.approx(by_itself[index] * claimed.rates[0, index], rel=0.05)
         # Beside the row its rate is noise of its own.
-        together = np.mean(rows[..., place] * rows[..., 24 + place])
-        assert abs(together) < 0.02 * rows[..., place].std() * rows[..., 24 + place].std()
-    for place in (W.start, WRENCH.start):
-        spread = math.sqrt(number) * rows[..., place].mean(axis=1).std()
-        assert spread == pytest.approx(by_itself[place] * math.sqrt(claimed.slowness), rel=0.2)
+        together = np.mean(rows[..., index] * rows[..., 24 + index])
+        assert abs(together) < 0.02 * rows[..., index].std() * rows[..., 24 + index].std()
+    for index in (W.start, WRENCH.start):
+        spread = math.sqrt(number) * rows[..., index].mean(axis=1).std()
+        assert spread == pytest.approx(by_itself[index] * math.sqrt(claimed.slowness), rel=0.2)
 
 
 @pytest.mark.parametrize("duration", [0.02, 0.1])

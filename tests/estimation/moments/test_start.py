@@ -62,10 +62,10 @@ GYRO, VELOCITY, ACCELERATION = [0, 1, 2, 9, 10, 11], [3, 4, 5], [6, 7, 8]
 def test_exact_rows_show_exact_poses_of_robots_without_a_sensor(missing: dict[int, list[int]]) -> None:
     team = make_team(seed=3)
     rows, kinematics = team.rows.copy(), np.repeat(QUIET.kinematics, 3, axis=0)
-    for robot, places in missing.items():
-        kinematics[robot, places] = np.inf
-        rows[:, 24 * robot + np.array(places)] = 0.0
-        if 0 in places:
+    for robot, indices in missing.items():
+        kinematics[robot, indices] = np.inf
+        rows[:, 24 * robot + np.array(indices)] = 0.0
+        if 0 in indices:
             rows[:, 24 * robot + 18 : 24 * robot + 24] = 0.0
     found = errors_of_poses(team, rows, 0, RowNoise(kinematics, QUIET.wrench))
     np.testing.assert_allclose(found, 0.0, atol=1e-4)

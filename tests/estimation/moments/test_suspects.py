@@ -46,8 +46,8 @@ def test_each_ratio_is_that_of_two_densities_of_the_score() -> None:
     of_places = information[PLACES]
     unchanged = of_places[:, PLACES] + of_places @ covariance @ of_places.T
 
-    def expected(places: Array, deviations: Array) -> float:
-        moved = of_places[:, places] * deviations
+    def expected(indices: Array, deviations: Array) -> float:
+        moved = of_places[:, indices] * deviations
         score = newest.score[PLACES]
         densities = [log_density(score, unchanged + share**2 * moved @ moved.T) for share in (1.0, 0.1, 0.01)]
         return max(densities) - log_density(score, unchanged)

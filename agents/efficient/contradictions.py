@@ -1,0 +1,79 @@
+"""What becomes of rows while a robot's motion sensors contradict the team.
+
+no contradiction -> one row only                   leave it out
+                 -> a window of rows               take back the rows since its first; leave out all until it is over
+it lasts too long                                  start over: the poses may be wrong
+no contradiction for a while                       it is over; new rows have to confirm what was known
+"""
+
+from __future__ import annotations
+
+from enum import Enum, auto
+
+from coheft.agents.efficient.monitor import Monitor
+from coheft.agents.efficient.settings import Guards
+from coheft.estimation.geometry.spatial import Array
+
+
+class Use(Enum):
+    """What to do with a row."""
+
+    AS_EVER = auto()
+    AGAIN = auto()  # a contradiction is over
+    LEAVE_OUT = auto()
+    BACK_TO_FIRST = auto()  # a contradiction has begun: leave out the row, take back those since the first
+    START_OVER = auto()
+
+
+class Contradictions:
+    """The contradictions of one team.
+
+    Args:
+        count: Number of robots.
+        guards: Thresholds.
+        drift: See ``Monitor``.
+        confirming: Number of rows without a contradiction after which one is over.
+        lasting: Number of rows after which one has lasted too long.
+
+    Attributes:
+        robot: Index of a robot whose sensors contradict the others at present, or None.
+    """
+
+    def __init__(self, count: int, guards: Guards, drift: Array, confirming: int, lasting: int) -> None:
+        self._monitor, self._confirming, self._lasting = Monitor(count, guards, drift), confirming, lasting
+        self.robot: int | None = None
+        self._began, self._newest = -1, -confirming  # numbers of rows
+
+    def forget(self) -> None:
+        """Discard earlier residuals, for instance because the estimate has changed."""
+        self._monitor.forget()
+
+    def add(self, number: int, residuals: Array) -> tuple[Use, int]:
+        """Test a row.
+
+        Args:
+            number: Number of the row.
+            residuals: See ``Monitor.add``.
+
+        Returns:
+            What to do with the row, and the number of the first row that contradicts.
+        """
+        found, is_calm = self._monitor.add(residuals), number > self._newest + self._confirming
+        if found is None:
+            if self.robot is None:
+                return Use.AS_EVER, number
+            if number < self._newest + self._confirming:
+                return Use.LEAVE_OUT, number
+            self.robot = None
+            return Use.AGAIN, number
+        is_new = self.robot is None
+        self._newest = number
+        self.forget()
+        if is_new and is_calm and found.rows == 1:  # one wrong sample, or a jump that a late sensor shows a row later
+            return Use.LEAVE_OUT, number
+        if is_new or is_calm:
+            self._began = number
+        self.robot = found.robot
+        if number - self._began > self._lasting:
+            return Use.START_OVER, number
+        return Use.BACK_TO_FIRST if is_new else Use.LEAVE_OUT, number - found.rows + 1
