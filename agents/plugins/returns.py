@@ -73,11 +73,7 @@ def _plain_channel(name: object, value: object) -> Array:
 
 
 def plain_answer(returned: object) -> bool:
-    """Convert the return value of ``Estimator.fits``.
-
-    Raises:
-        MessageError: It is neither True nor False.
-    """
+    """Convert the return value of ``Estimator.fits``, or raise a ``MessageError`` if it is neither True nor False."""
     if not isinstance(returned, bool | np.bool_):
         raise MessageError(f"it is {_kind(returned)}, expected True or False")
     return bool(returned)
@@ -119,10 +115,9 @@ def plain_belief(returned: object, index: int, neighbours: Collection[str]) -> B
 
 
 def plain_array(value: object, place: str) -> Array:
-    """Return a copy as float64 in row-major order, as sums over other layouts may differ in the last digit.
+    """Return a copy as float64 in row-major order, or raise a ``MessageError`` if it is no array of real numbers.
 
-    Raises:
-        MessageError: The value is not an array of real numbers.
+    Sums over other layouts may differ in the last digit.
     """
     if not isinstance(value, np.ndarray):
         raise MessageError(f"{place} is {_kind(value)}, expected an array: np.array(…) makes one")
@@ -180,11 +175,7 @@ def _plain_items(items: object, kind: type[S], place: str) -> tuple[S, ...]:
 
 
 def plain_texts(texts: object, place: str = "it") -> tuple[str, ...]:
-    """Convert texts, such as the return value of ``Estimator.doubts``; line breaks in them are removed.
-
-    Raises:
-        MessageError: It is not a tuple of texts.
-    """
+    """Convert texts, such as those of ``Estimator.doubts``, without line breaks, or raise a ``MessageError``."""
     found = _sequence(texts, place)
     for text in found:
         if not isinstance(text, str):

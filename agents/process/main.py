@@ -255,11 +255,7 @@ class AgentProcess:
         self._network.problems.tell(f"refused from {source}: {why}")
 
     def _take_measurements(self, message: Measurements) -> None:
-        """Keep measurements for their step; restart the agent if they are of a new world.
-
-        Raises:
-            MessageError: They are for another robot or an unknown estimator, of an old block, or of the wrong shape.
-        """
+        """Keep valid measurements for their step; restart the agent if they are of a new world."""
         check_field("robot", message.robot, self._name)
         check_field("samples.shape", message.samples.shape, (self._config.agent.block, SAMPLE_SIZE))
         estimator = self._estimator_for(message)

@@ -19,11 +19,7 @@ def write_outputs(*outputs: tuple[Any, Callable[[Any], object]]) -> None:
 
 
 def write_text(path: Path, text: str, what: str = "") -> None:
-    """Write a text file; ``what`` describes it in errors, before its path.
-
-    Raises:
-        CoheftError: It cannot be written.
-    """
+    """Write a text file, or raise a ``CoheftError`` in which ``what`` describes it, before its path."""
     try:
         path.write_text(text, encoding="utf-8")
     except OSError as error:

@@ -57,11 +57,7 @@ class FaultyRun:
         self._references: dict[int, dict[str, Reference]] = {}
 
     def __iter__(self) -> Iterator[FaultyBlock]:
-        """Yield all remaining blocks of the run.
-
-        Raises:
-            SimulationError: The robots have lost the payload.
-        """
+        """Yield all remaining blocks of the run, or raise a ``SimulationError`` when robots have lost the payload."""
         while self.next_block < self._schedule.scenario.blocks:
             yield self._advance()
 

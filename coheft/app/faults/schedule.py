@@ -229,11 +229,7 @@ def write_schedule(schedule: FaultSchedule, path: Path) -> None:
 
 
 def read_schedule(path: Path) -> FaultSchedule:
-    """Read a schedule, also one that version 345a219 wrote.
-
-    Raises:
-        ScenarioError: The file cannot be read, or its schedule is invalid.
-    """
+    """Read a schedule, also one that version 345a219 wrote, or raise a ``ScenarioError``."""
     try:
         table = msgspec.json.decode(path.read_bytes())
         if isinstance(table, dict) and isinstance(table.get("scenario"), dict):

@@ -182,11 +182,7 @@ class Report(msgspec.Struct, frozen=True):
         return {self.estimator: self, **self.beside}
 
     def of_estimator(self, name: str | None) -> Report:
-        """Return the report of one of the estimators; None stands for the robots' own.
-
-        Raises:
-            CoheftError: It did not run.
-        """
+        """Return the report of an estimator, by default the robots' own; a ``CoheftError`` if it did not run."""
         return self.by_estimator[chosen_estimator(name, list(self.by_estimator))]
 
     @property
@@ -202,11 +198,7 @@ class Report(msgspec.Struct, frozen=True):
 
 
 def chosen_estimator(name: str | None, names: Sequence[str]) -> str:
-    """Return the estimator whose results are to be used: by default the first, the robots' own.
-
-    Raises:
-        CoheftError: It did not run.
-    """
+    """Return the estimator whose results are to be used, by default the first; a ``CoheftError`` if it did not run."""
     chosen = names[0] if name is None else present(name)
     if chosen not in names:
         raise CoheftError(f"the estimator {chosen} did not run: there are results of {', '.join(names)}")
@@ -284,11 +276,7 @@ def _consensus(record: Record) -> ConsensusReport:
 
 
 def write_report(report: msgspec.Struct, target: str) -> None:
-    """Write the report as JSON to a file, or to standard output if ``target`` is ``-``.
-
-    Raises:
-        CoheftError: The file cannot be written.
-    """
+    """Write the report as JSON to a file, or to standard output if it is ``-``; a ``CoheftError`` if that fails."""
     text = msgspec.json.format(msgspec.json.encode(report)).decode() + "\n"
     if target == "-":
         sys.stdout.write(text)

@@ -108,20 +108,12 @@ def announced(folder: Path, run_file: RunFile) -> Iterator[None]:
 
 
 def announce(folder: Path, run_file: RunFile) -> None:
-    """Write the run file atomically.
-
-    Raises:
-        CoheftError: It cannot be written.
-    """
+    """Write the run file atomically, or raise a ``CoheftError``."""
     _write(folder / RUN_FILE, run_file)
 
 
 def note_end(folder: Path, end: RunEnd) -> None:
-    """Write down how a run has ended, atomically.
-
-    Raises:
-        CoheftError: It cannot be written.
-    """
+    """Write down how a run has ended, atomically, or raise a ``CoheftError``."""
     _write(folder / END_FILE, end)
 
 

@@ -51,11 +51,7 @@ class Forked:
         return self.returncode
 
     def wait(self, timeout: float | None = None) -> int:
-        """Wait for the end of the process and return its exit status.
-
-        Raises:
-            subprocess.TimeoutExpired: It still runs after ``timeout`` [s].
-        """
+        """Wait for the end of the process and return its exit status; ``TimeoutExpired`` after so many seconds."""
         deadline = None if timeout is None else time.monotonic() + timeout
         while self.returncode is None:
             left = None if deadline is None else deadline - time.monotonic()

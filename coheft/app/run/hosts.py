@@ -67,11 +67,7 @@ def places_on(hosts: Hosts, names: Iterable[str]) -> Iterator[str]:
 
 
 def load_hosts(path: Path, scenario: Scenario) -> Hosts:
-    """Read the hosts of the parts of a scenario.
-
-    Raises:
-        ScenarioError: The file cannot be used.
-    """
+    """Read the hosts of the parts of a scenario, or raise a ``ScenarioError``."""
     table: dict[str, object] = {}
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8-sig"))

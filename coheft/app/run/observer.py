@@ -124,11 +124,7 @@ class Observer:
         return self._unanswered >= _MAX_UNANSWERED
 
     def check_server(self) -> None:
-        """Check that the server has not been lost.
-
-        Raises:
-            LinkError: It has been lost.
-        """
+        """Raise a ``LinkError`` if the server has been lost."""
         if self.has_lost_server:
             raise LinkError(f"the server has not answered {_MAX_UNANSWERED} requests in a row: it has ended, or hangs")
 

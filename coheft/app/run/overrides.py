@@ -34,10 +34,7 @@ def override(
 ) -> Scenario:
     """Return the scenario with the given values in place of its own; ``changes`` replace all load changes.
 
-    ``origin`` names the source of the values in errors.
-
-    Raises:
-        ScenarioError: The result is not valid.
+    ``origin`` names the source of the values in the ``ScenarioError`` that says why the result is not valid.
     """
     table = msgspec.to_builtins(scenario)
     given = {"duration": duration, "seed": seed, "estimator": estimator}

@@ -64,11 +64,7 @@ class Plan:
 
 
 def check_no_parts(folder: Path, scenario: Scenario) -> None:
-    """Check that no configuration would be overwritten: parts of two runs in one folder would not find each other.
-
-    Raises:
-        CoheftError: The folder contains a configuration.
-    """
+    """Raise a ``CoheftError`` if a configuration would be overwritten: parts of two runs would not find each other."""
     for name in (RUN_FILE, *(f"{part}.json" for part in (SERVER, *scenario.robot_names))):
         if (folder / name).exists():
             raise CoheftError(

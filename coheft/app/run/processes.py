@@ -145,11 +145,7 @@ class Processes:
         return any(child.process.poll() is not None for child in self.children if child.name == name)
 
     def wait_for_all_but(self, name: str, seconds: float) -> None:
-        """Wait for the end of every process except ``name``.
-
-        Raises:
-            ProcessError: One has failed, or some have not ended after ``seconds``; the message names them.
-        """
+        """Wait for the end of every other process, or raise a ``ProcessError`` with those that fail or do not end."""
         deadline = time.monotonic() + seconds
         while not self.all_done_but(name):
             self.check()
@@ -261,11 +257,7 @@ def _error(failed: Sequence[Child], limit: int | None = None) -> ProcessError:
 
 
 def read_config(config: Path) -> bytes:
-    """Return a configuration as one line of JSON, with absolute file paths.
-
-    Raises:
-        CoheftError: It cannot be read.
-    """
+    """Return a configuration as one line of JSON, with absolute file paths, or raise a ``CoheftError``."""
     try:
         return msgspec.json.encode(_with_paths_from(config.parent, msgspec.json.decode(config.read_bytes())))
     except OSError as error:

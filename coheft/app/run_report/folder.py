@@ -22,10 +22,7 @@ _WIDTH = 10.0
 def write_folder(folder: Path, scenario: Scenario, clock: str | None, series: Series, report: Report) -> Path:
     """Write a report into a folder that exists, in place of a former one; return the path of the page.
 
-    ``clock`` is None for a recording.
-
-    Raises:
-        CoheftError: It cannot be written.
+    ``clock`` is None for a recording. A ``CoheftError`` says what cannot be written.
     """
     page = folder / PAGE
     try:

@@ -147,9 +147,6 @@ def run_study(
     """Run a study; return the report, and the runs at the first noise scale in the order of their seeds.
 
     See ``workers`` for ``jobs`` and ``dask``; ``on_progress`` is called with the number of finished runs.
-
-    Raises:
-        MissingPackageError: A package that studies need is not installed.
     """
     trials: dict[tuple[float, int], Trial] = {}
     with workers(jobs, dask):

@@ -36,11 +36,7 @@ class VariedReport(msgspec.Struct, frozen=True):
 
 
 def write_folder(report: StudyReport, trials: Sequence[Trial], folder: Path) -> None:
-    """Write ``report.md``, its pictures and ``report.json`` into an existing folder.
-
-    Raises:
-        CoheftError: The folder cannot be written.
-    """
+    """Write ``report.md``, its pictures and ``report.json`` into an existing folder, or raise a ``CoheftError``."""
     pictures = {"Errors over bounds": "ratios.png", "Errors of one run over time": "curves.png"}
     write_report(report, str(folder / "report.json"))
     try:
