@@ -80,12 +80,7 @@ def plain_answer(returned: object) -> bool:
 
 
 def plain_belief(returned: object, index: int, neighbours: Collection[str]) -> Belief:
-    """Check and convert the return value of ``Estimator.belief``.
-
-    Args:
-        returned: The return value.
-        index: The last block that the estimator has processed.
-        neighbours: Names of the robots whose poses it may contain.
+    """Check and convert the return value of ``Estimator.belief`` after the block ``index``.
 
     Raises:
         MessageError: Other robots could not use it; the text says what to do.

@@ -200,12 +200,8 @@ def open_links(
 ) -> Iterator[AgentLinks]:
     """Open an agent's links, until the server ends the run.
 
-    Args:
-        config: Endpoints to dial and to listen at.
-        measurements: Type of the server's measurement messages.
-        from_neighbours: Type of the neighbours' messages, apart from hello.
-        security: Credentials; None for the open profile.
-        largest: Size of the largest message of a neighbour [B].
+    They receive messages of two types from the server and from neighbours, apart from hello, of at most ``largest``
+    [B]. Without credentials the profile is open.
 
     Raises:
         LinkError: Another process listens at one of the agent's endpoints.

@@ -30,10 +30,7 @@ without a clock starts in 1970. A robot can replace any accepted incarnation, be
 class RecordCheck:
     """Checks the records in the messages of one agent's neighbours; each record is checked once.
 
-    Args:
-        name: The agent's name.
-        signatures: Signs and checks records in the secure profile; None for the open profile.
-        clock: Returns the time [ns since 1970].
+    Without signatures the profile is open; ``clock`` returns the time [ns since 1970].
     """
 
     def __init__(

@@ -22,14 +22,7 @@ _SEEDS, _ROOM = 2**32, 10**6
 
 
 class Header(msgspec.Struct, frozen=True):
-    """First line of a file of outcomes; the code, the mutant and the values have to be the same for all outcomes.
-
-    Attributes:
-        code: Hash of the code.
-        mutant: The deliberate bug, if any.
-        values: Keys of the scenarios that were set instead of drawn.
-        first_seed: First seed of the campaign that began the file.
-    """
+    """First line of a file of outcomes: what is the same for all of them, and the seed with which the file began."""
 
     code: str
     mutant: str = ""
@@ -114,13 +107,9 @@ def run_campaign(
 ) -> list[Outcome]:
     """Run one schedule per seed; return all outcomes, in the order of seeds.
 
-    Args:
-        seeds: Seeds of the schedules.
-        jobs: Number of processes; None for one per core.
-        kept: File to which outcomes are appended; schedules whose outcome it contains are not run again.
-        mutant: A deliberate bug to put into the agents, see ``mutants``.
-        values: Keys of the scenarios that are set instead of drawn, see ``draw_schedule``.
-        on_outcome: Called with every outcome, those in the file first.
+    Outcomes are appended to the file ``kept``, and schedules whose outcome it contains are not run again.
+    ``on_outcome`` is called with every outcome, those in the file first. See ``workers``, ``mutants`` and
+    ``draw_schedule``.
 
     Raises:
         MissingPackageError: A package that campaigns need is not installed.

@@ -145,11 +145,8 @@ def find_run(folder: Path | None = None, *, acts: bool = False) -> RunFile:
 def locate_run(folder: Path | None = None, *, acts: bool = False) -> tuple[Path, RunFile]:
     """Return a run in progress and its folder. If it is the newest of several, print that to stderr.
 
-    A folder among this user's runs can be given by its bare name, unless a folder of that name exists here.
-
-    Args:
-        folder: The run's folder; None for the newest of this user's runs.
-        acts: Whether the command changes the run: then the folder is required if there are several runs.
+    A folder among this user's runs can be given by its bare name, unless a folder of that name exists here. For a
+    command that ``acts``, which changes the run, the folder is required if there are several.
 
     Raises:
         CoheftError: There is no such run, or it is not clear which one is meant.

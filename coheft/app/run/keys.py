@@ -88,12 +88,7 @@ def make_keys(
 ) -> tuple[str, ...]:
     """Make an authority and one certificate per participant; return the participants' names.
 
-    Args:
-        folder: Folder for the files; made if it does not exist.
-        scenario: The scenario that names the participants.
-        hosts: Addresses at which they listen; None for the loopback interface.
-        lifetime: Lifetime of all certificates.
-        keeps_authority: Whether to keep the authority's key, with which more certificates can be made later.
+    Without hosts, all listen at the loopback interface. The authority's key is needed only for more certificates later.
 
     Raises:
         CoheftError: The folder contains an authority already, or cannot be written to.

@@ -20,14 +20,7 @@ from coheft.estimation.geometry.spatial import Array
 
 @dataclass(frozen=True)
 class Shown:
-    """How a quantity is shown.
-
-    Attributes:
-        name: Name of its picture.
-        quantity: The quantity.
-        unit: Unit of the picture.
-        per_unit: Number of these units in one of the quantity's own.
-    """
+    """How a quantity is shown: name of its picture, unit, and number of these units in one of the quantity's own."""
 
     name: str
     quantity: Quantity

@@ -10,9 +10,8 @@ from coheft.app.results.record import load_ids, loads_since
 from coheft.app.run.follower import Follower
 from coheft.app.run.heard import News
 from coheft.app.run.pairing import Pairing
+from coheft.app.run_report.limited import Spans, Thinned
 from coheft.app.run_report.points import Point, make_point
-from coheft.app.run_report.states import Spans
-from coheft.app.run_report.thinned import Thinned
 from coheft.wire.messages.requests import Status
 from coheft.wire.messages.scene import Scene
 from coheft.wire.messages.structs import Estimate, EstimateBeside, Problem
@@ -95,12 +94,7 @@ class Series:
 
 
 class SeriesFollower(Follower):
-    """Follows a run, and keeps what the report draws.
-
-    Attributes:
-        series: The data so far.
-        is_live: Whether the run is in progress, so that it has a pace; a recording has none.
-    """
+    """Follows a run, and keeps what the report draws; a recording is not live, so it has no pace."""
 
     series: Series
     is_live = True
