@@ -1,4 +1,4 @@
-"""Series of any length in limited memory: evenly spread items, and the states that a robot reported as spans of time."""
+"""Series of any length in limited memory: evenly spread items, and the states that a robot reported as spans."""
 
 from __future__ import annotations
 
