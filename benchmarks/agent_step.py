@@ -84,12 +84,7 @@ class Source:
 
 
 class Process:
-    """The process of a team, see ``benchmarks.agent_step_team``.
-
-    Attributes:
-        name: Description.
-        costs: Costs of each turn so far.
-    """
+    """The process of a team, see ``benchmarks.agent_step_team``."""
 
     def __init__(self, robots: int, estimator: str, root: Path, is_counting: bool) -> None:
         self.name = estimator if root == HERE else f"{estimator} of {root}"

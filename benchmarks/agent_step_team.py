@@ -165,12 +165,7 @@ def _key(name: str) -> str:
 
 
 class WholeTeam:
-    """All agents of a team.
-
-    Args:
-        scenario: The scenario.
-        is_counting: Whether to count calls, which makes times longer.
-    """
+    """All agents of a team. Counting calls makes times longer."""
 
     def __init__(self, scenario: Scenario, is_counting: bool) -> None:
         graph = build_graph(scenario.graph, scenario.robot_names)

@@ -66,15 +66,7 @@ class Section(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Machine(msgspec.Struct, frozen=True, kw_only=True):
-    """The machine, and its load.
-
-    Attributes:
-        cores: Number of cores.
-        python: Version of Python.
-        numpy: Version of NumPy.
-        load_before: Load average of the minute before.
-        load_after: Load average of the last minute.
-    """
+    """The machine, and its load."""
 
     cores: int
     python: str
@@ -114,20 +106,12 @@ class Results(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def load_results(path: Path) -> Results:
-    """Read the JSON of ``Results.write``.
-
-    Raises:
-        CoheftError: It cannot be read.
-    """
+    """Read the JSON of ``Results.write``; raise ``CoheftError`` if it cannot be read."""
     return read_json(path, Results, "a bench.json of 'python -m benchmarks'", "python -m benchmarks")
 
 
 def read_json(path: Path, kind: type[T], what: str, command: str) -> T:
-    """Read a JSON file that a command writes.
-
-    Raises:
-        CoheftError: It cannot be read.
-    """
+    """Read a JSON file that a command writes; raise ``CoheftError`` if it cannot be read."""
     try:
         return msgspec.json.decode(path.read_bytes(), type=kind)
     except OSError as error:
@@ -157,10 +141,22 @@ def _row(figure: Figure) -> str:
 
 
 def ratio(times: Sequence[float], others: Sequence[float]) -> float:
-    """Return the median over the rounds of the ratio of two times that were measured side by side, so that other load
-    affects both.
-    """
+    """Return the median over rounds of the ratio of two times measured side by side: other load affects both."""
     return statistics.median(mine / its for mine, its in zip(times, others, strict=True))
+
+
+def against(
+    name: str,
+    times: Sequence[float],
+    others: Sequence[float],
+    *,
+    bar: float | None = None,
+    is_guarded: bool = False,
+    of: str = "",
+) -> Figure:
+    """Return the ``ratio`` of times [s] that were measured side by side; ``of`` says whose they are."""
+    note = f"{1e3 * statistics.median(times):.2f} against {1e3 * statistics.median(others):.2f} ms{of}"
+    return Figure(name=name, value=ratio(times, others), bar=bar, is_guarded=is_guarded, note=note)
 
 
 def digits(value: float) -> str:

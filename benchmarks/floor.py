@@ -28,7 +28,7 @@ import msgspec
 import mujoco
 
 from benchmarks.command import run_command
-from benchmarks.figures import Effort, Figure, Section, ratio, section_lines
+from benchmarks.figures import Effort, Figure, Section, against, ratio, section_lines
 from benchmarks.paced_team import SIZES, TURN, Turn, paced_team
 from benchmarks.raw_team import Sizes, raw_team
 from benchmarks.replay import record, sizes
@@ -47,26 +47,6 @@ _STEPPED = 50
 """Number of blocks that MuJoCo steps through at a turn."""
 
 
-class Ratios(msgspec.Struct, frozen=True, kw_only=True):
-    """Ratios of times per block, medians over the turns.
-
-    Attributes:
-        whole_over_zenoh: Wall-clock time of the whole system, against Zenoh alone.
-        bare_over_zenoh: The same of the bare floor.
-        whole_over_zenoh_cpu: CPU time of all processes of the whole system, against Zenoh alone.
-        bare_over_zenoh_cpu: The same of the bare floor.
-        server_over_bare_server: CPU time of the server, against that of the bare floor, which sends the same bytes.
-        server_over_steps: CPU time of the server, against MuJoCo's steps.
-    """
-
-    whole_over_zenoh: float
-    bare_over_zenoh: float
-    whole_over_zenoh_cpu: float
-    bare_over_zenoh_cpu: float
-    server_over_bare_server: float
-    server_over_steps: float
-
-
 @dataclass(frozen=True)
 class Turns:
     """Turns of each team, and CPU times of MuJoCo's steps of a block beside them [s]."""
@@ -76,16 +56,16 @@ class Turns:
     zenoh: list[Turn]
     steps: list[float]
 
-    def ratios(self) -> Ratios:
-        """Return the medians over the turns."""
-        return Ratios(
-            whole_over_zenoh=ratio(_wall(self.whole), _wall(self.zenoh)),
-            bare_over_zenoh=ratio(_wall(self.bare), _wall(self.zenoh)),
-            whole_over_zenoh_cpu=ratio(_cpu(self.whole), _cpu(self.zenoh)),
-            bare_over_zenoh_cpu=ratio(_cpu(self.bare), _cpu(self.zenoh)),
-            server_over_bare_server=ratio(_server(self.whole), _server(self.bare)),
-            server_over_steps=ratio(_server(self.whole), self.steps),
-        )
+    def ratios(self) -> dict[str, float]:
+        """Return the medians over the turns of ratios of times per block; of the whole team unless of the server."""
+        return {
+            "whole_over_zenoh": ratio(_wall(self.whole), _wall(self.zenoh)),
+            "bare_over_zenoh": ratio(_wall(self.bare), _wall(self.zenoh)),
+            "whole_over_zenoh_cpu": ratio(_cpu(self.whole), _cpu(self.zenoh)),
+            "bare_over_zenoh_cpu": ratio(_cpu(self.bare), _cpu(self.zenoh)),
+            "server_over_bare_server": ratio(_server(self.whole), _server(self.bare)),
+            "server_over_steps": ratio(_server(self.whole), self.steps),
+        }
 
 
 def _wall(turns: Sequence[Turn]) -> list[float]:
@@ -105,14 +85,11 @@ def measure(effort: Effort) -> Section:
     return _section(effort)[0]
 
 
-def _section(effort: Effort) -> tuple[Section, dict[str, Ratios]]:
-    figures: list[Figure] = []
-    ratios: dict[str, Ratios] = {}
-    for robots in SIZES:
-        found = _of_size(robots, _TURNS[effort])
-        ratios[str(robots)] = found.ratios()
-        figures += _figures(robots, found, ratios[str(robots)])
-    return Section(name="floor", title="Whole system and bare floor against Zenoh alone", figures=figures), ratios
+def _section(effort: Effort) -> tuple[Section, dict[str, dict[str, float]]]:
+    found = {robots: _of_size(robots, _TURNS[effort]) for robots in SIZES}
+    figures = [figure for robots, turns in found.items() for figure in _figures(robots, turns)]
+    section = Section(name="floor", title="Whole system and bare floor against Zenoh alone", figures=figures)
+    return section, {str(robots): turns.ratios() for robots, turns in found.items()}
 
 
 def _of_size(robots: int, turns: int) -> Turns:
@@ -150,45 +127,37 @@ def _stepper(scenario: Scenario) -> Callable[[], float]:
     return timed
 
 
-def _figures(robots: int, found: Turns, ratios: Ratios) -> list[Figure]:
+def _figures(robots: int, found: Turns) -> list[Figure]:
     team, is_small = f"N = {robots}", robots == SIZES[0]
     figures = []
-    for name, turns, bar, wall, cpu in (
-        ("the whole system", found.whole, WHOLE_BAR, ratios.whole_over_zenoh, ratios.whole_over_zenoh_cpu),
-        ("the bare floor", found.bare, BARE_BAR[robots], ratios.bare_over_zenoh, ratios.bare_over_zenoh_cpu),
+    for name, turns, bar in (
+        ("the whole system", found.whole, WHOLE_BAR),
+        ("the bare floor", found.bare, BARE_BAR[robots]),
     ):
         what = f"per block of {name}, against Zenoh alone, {team}"
-        cpu_note = f"{_medians(_cpu(turns), _cpu(found.zenoh))}, all processes"
         figures += [
-            Figure(name=f"time {what}", value=wall, bar=bar, note=_medians(_wall(turns), _wall(found.zenoh))),
-            Figure(name=f"CPU time {what}", value=cpu, is_guarded=True, note=cpu_note),
+            against(f"time {what}", _wall(turns), _wall(found.zenoh), bar=bar),
+            against(f"CPU time {what}", _cpu(turns), _cpu(found.zenoh), is_guarded=True, of=", all processes"),
         ]
-    agents, bare_agents = ([turn.agent_time for turn in turns] for turns in (found.whole, found.bare))
     return [
         *figures,
-        Figure(
-            name=f"CPU time of the server per block, against the floor's, {team}",
-            value=ratios.server_over_bare_server,
+        against(
+            f"CPU time of the server per block, against the floor's, {team}",
+            *(_server(found.whole), _server(found.bare)),
             bar=SERVER_BAR if is_small else None,
             is_guarded=True,
-            note=_medians(_server(found.whole), _server(found.bare)),
         ),
         Figure(
             name=f"CPU time of the server per block, against MuJoCo's steps, {team}",
-            value=ratios.server_over_steps,
+            value=ratio(_server(found.whole), found.steps),
             bar=STEPS_BAR if is_small else None,
             note=f"of which a block takes {1e3 * statistics.median(found.steps):.3f} ms",
         ),
-        Figure(
-            name=f"CPU time per agent and block, against the floor's, {team}",
-            value=ratio(agents, bare_agents),
-            note=_medians(agents, bare_agents),
+        against(
+            f"CPU time per agent and block, against the floor's, {team}",
+            *([turn.agent_time for turn in turns] for turns in (found.whole, found.bare)),
         ),
     ]
-
-
-def _medians(times: Sequence[float], others: Sequence[float]) -> str:
-    return f"{1e3 * statistics.median(times):.2f} against {1e3 * statistics.median(others):.2f} ms"
 
 
 def main(*, effort: Effort = "usual", json: Path | None = None) -> None:

@@ -79,11 +79,7 @@ class PacedTeam:
         self._children = {name: psutil.Process(pid) for name, pid in processes.pids.items()}
 
     def run_until(self, seconds: float) -> None:
-        """Run up to a simulated time [s], then pause.
-
-        Raises:
-            LinkError: The team does not reach this time.
-        """
+        """Run up to a simulated time [s], then pause; raise ``LinkError`` if the team does not reach it."""
         deadline = time.monotonic() + _LIMIT
         while True:
             self._processes.check()
@@ -113,11 +109,7 @@ class PacedTeam:
         )
 
     def _ask(self, request: Request) -> Status:
-        """Return the server's answer.
-
-        Raises:
-            LinkError: There is none, or the server refuses.
-        """
+        """Return the server's answer."""
         answer = ask(self._session, self._key, request, timeout=_ANSWER)
         if isinstance(answer, Refusal):
             raise LinkError(f"the server refuses: {answer.reason}")

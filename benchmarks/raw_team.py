@@ -44,11 +44,7 @@ class RawTeam:
         self._children = {name: psutil.Process(process.pid) for name, process in processes.items()}
 
     def turn(self, seconds: float) -> Turn:
-        """Run for a time [s].
-
-        Raises:
-            LinkError: The server has ended.
-        """
+        """Run for a time [s]; raise ``LinkError`` if the server has ended."""
         before = cpu_times(self._children)
         try:
             self._turns.send(seconds)

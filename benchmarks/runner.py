@@ -25,33 +25,29 @@ GUARDED: tuple[Benchmark, ...] = ("startup", "floor")
 
 def measure(name: str, effort: Effort) -> Section:
     """Run one benchmark: the module of that name in this package."""
-    began = time.monotonic()
     section: Section = importlib.import_module(f"benchmarks.{name}").measure(effort)
-    return replace(section, seconds=time.monotonic() - began)
+    return section
 
 
 def measure_all(names: Sequence[str], effort: Effort) -> Iterator[Section]:
     """Yield the results of benchmarks, one after another; their progress and their errors go to stderr."""
     for name in names:
         print(f"{name} …", file=sys.stderr, flush=True)
+        began = time.monotonic()
         try:
             section = measure(name, effort)
         except Exception as error:  # the others can still be measured
-            section = _failed(name, error)
+            reason = f"{type(error).__name__}: {error}"
+            if isinstance(error, CoheftError):
+                reason = str(error)
+                print(reason, file=sys.stderr)
+            else:
+                traceback.print_exception(error)
+            skipped = {"all of it": " ".join(reason.split())}
+            section = Section(name=name, title=name, figures=[], skipped=skipped, has_failed=True)
+        section = replace(section, seconds=time.monotonic() - began)
         print(f"{name}: {section.seconds:.0f} s", file=sys.stderr, flush=True)
         yield section
-
-
-def _failed(name: str, error: Exception) -> Section:
-    """Return the section of a benchmark that an error ended."""
-    if isinstance(error, CoheftError):
-        reason = str(error)
-        print(reason, file=sys.stderr)
-    else:
-        reason = f"{type(error).__name__}: {error}"
-        traceback.print_exception(error)
-    skipped = {"all of it": " ".join(reason.split())}
-    return Section(name=name, title=name, figures=[], skipped=skipped, has_failed=True)
 
 
 def this_machine(load_before: float) -> Machine:

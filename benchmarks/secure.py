@@ -5,12 +5,11 @@ Two teams take turns of a second or two, while the other stands still.
 
 from __future__ import annotations
 
-import statistics
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
-from benchmarks.figures import Effort, Figure, Section, ratio
+from benchmarks.figures import Effort, Figure, Section, against
 from benchmarks.paced_team import SIZES, TURN, Turn, paced_team
 from benchmarks.scenarios import SETTLED, team_scenario
 from coheft.app.run.keys import make_keys
@@ -40,13 +39,11 @@ def _of_size(robots: int, turns: int) -> list[Figure]:
                     secure.append(locked.turn(TURN[robots]))
                     plain.append(free.turn(TURN[robots]))
 
-    def against(title: str, quantity: Callable[[Turn], float], bar: float | None = None) -> Figure:
-        mine, its = [quantity(turn) for turn in secure], [quantity(turn) for turn in plain]
-        note = f"{1e3 * statistics.median(mine):.2f} against {1e3 * statistics.median(its):.2f} ms"
-        return Figure(name=f"{title}, N = {robots}", value=ratio(mine, its), bar=bar, note=note)
+    def figure(title: str, quantity: Callable[[Turn], float], bar: float | None = None) -> Figure:
+        return against(f"{title}, N = {robots}", list(map(quantity, secure)), list(map(quantity, plain)), bar=bar)
 
     return [
-        against("time per block", lambda turn: turn.block_time, BAR),
-        against("CPU time per agent and block", lambda turn: turn.agent_time),
-        against("CPU time of the server per block", lambda turn: turn.server_time),
+        figure("time per block", lambda turn: turn.block_time, BAR),
+        figure("CPU time per agent and block", lambda turn: turn.agent_time),
+        figure("CPU time of the server per block", lambda turn: turn.server_time),
     ]

@@ -104,11 +104,7 @@ class Run:
             )
 
     def began(self) -> float:
-        """Return the time at which the first block began, by ``time.monotonic`` [s].
-
-        Raises:
-            LinkError: The run does not begin.
-        """
+        """Return when the first block began, by ``time.monotonic`` [s]; raise ``LinkError`` if it does not."""
         status, _ = self._wait_for(lambda status: status.real_time_factor > 0.0)
         return time.monotonic() - status.time / status.real_time_factor
 
@@ -123,11 +119,7 @@ class Run:
         return {name: psutil.Process(pid).memory_info().rss / 1e6 for name, pid in pids.items()}
 
     def _wait_for(self, condition: Callable[[Status], bool]) -> tuple[Status, RunFile]:
-        """Wait until the run's status meets a condition.
-
-        Raises:
-            LinkError: It does not in time, or the run has ended.
-        """
+        """Wait until the run's status meets a condition."""
         while True:
             try:
                 run_file = find_run(self._folder)

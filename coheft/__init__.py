@@ -28,12 +28,12 @@ if TYPE_CHECKING:
     from coheft.app.identify.choices import Bounds
     from coheft.app.results.states import State
     from coheft.errors import CoheftError
+    from coheft.wire.scenario.motion import Motion
     from coheft.wire.scenario.payload import Box, MassProperties, Payload
     from coheft.wire.scenario.schema import (
         Graph,
         Grasp,
         LoadChange,
-        Motion,
         Perimeter,
         Robots,
         Scenario,
@@ -53,9 +53,8 @@ _HOMES = {
     "coheft.app.results.states": ("State",),
     "coheft.errors": ("CoheftError",),
     "coheft.wire.scenario.payload": ("Box", "MassProperties", "Payload"),
-    "coheft.wire.scenario.schema": (
-        *("Grasp", "Graph", "LoadChange", "Motion", "Perimeter", "Robots", "Scenario", "Sensors"),
-    ),
+    "coheft.wire.scenario.motion": ("Motion",),
+    "coheft.wire.scenario.schema": (*("Grasp", "Graph", "LoadChange", "Perimeter", "Robots", "Scenario", "Sensors"),),
 }
 """Modules, and the public names in them."""
 _MODULES = {name: module for module, names in _HOMES.items() for name in names}

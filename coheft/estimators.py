@@ -18,9 +18,9 @@ from coheft.wire.config import AgentConfig
 from coheft.wire.messages.structs import Estimate
 from coheft.wire.scenario.errors import explain
 from coheft.wire.scenario.estimator_settings import Converged, EfficientSettings, Fan2017Settings
+from coheft.wire.scenario.motion import Motion, draw_waves
 from coheft.wire.scenario.robot_sensors import other_sensors_complaints
-from coheft.wire.scenario.schema import Graph, GraphKind, Motion, Sensors
-from coheft.wire.scenario.waves import draw_waves
+from coheft.wire.scenario.schema import Graph, GraphKind, Sensors
 
 __all__ = ["Estimate", "Sensors", "Team"]
 

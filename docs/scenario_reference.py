@@ -14,7 +14,7 @@ from typing import Any
 import msgspec
 from msgspec import inspect as types
 
-from coheft.wire.scenario.meanings import meanings, summary
+from coheft.wire.scenario.json_schema import meanings, summary
 from coheft.wire.scenario.schema import Scenario
 from coheft.wire.scenario.section import NAME_IN_WORDS
 

@@ -1,4 +1,4 @@
-"""The estimator that all robots of a run use."""
+"""The choice of another estimator for all robots during a run."""
 
 from __future__ import annotations
 
@@ -11,36 +11,19 @@ from coheft.wire.scenario.plugins import usable_in_run
 from coheft.wire.scenario.schema import Scenario
 
 
-class EstimatorChoice:
-    """The scenario's estimator, until the operator selects another one.
+def check_choice(estimator: str, used: str, scenario: Scenario) -> None:
+    """Check that the robots of a run can change to an estimator from another one that they use.
 
-    Args:
-        scenario: The scenario of the run.
-
-    Attributes:
-        chosen: Name of the estimator to use from the next block on.
-        available: Names of the estimators that may be chosen.
+    Raises:
+        ScenarioError: The estimator does not support the scenario.
+        CoheftError: It is not available in this run, or in use already.
     """
-
-    def __init__(self, scenario: Scenario) -> None:
-        self._scenario = scenario
-        self.chosen = scenario.estimator
-        self.available = usable_in_run(scenario.estimator)
-
-    def choose(self, estimator: str) -> None:
-        """Select another estimator.
-
-        Raises:
-            ScenarioError: The estimator does not support the scenario.
-            CoheftError: It is not available in this run, or in use already.
-        """
-        if estimator not in self.available:
-            raise CoheftError(
-                f"this run has no estimator {estimator!r}; available: {', '.join(self.available)}."
-                f"{did_you_mean(estimator, self.available)} A user's estimator has to be the one used from the start"
-            )
-        if estimator == self.chosen:
-            raise CoheftError(f"the robots already use the estimator '{estimator}'")
-        scenario = structs.replace(self._scenario, estimator=estimator)
-        check_scenario(scenario, f"scenario '{scenario.name}'")
-        self.chosen = estimator
+    available = usable_in_run(scenario.estimator)
+    if estimator not in available:
+        raise CoheftError(
+            f"this run has no estimator {estimator!r}; available: {', '.join(available)}."
+            f"{did_you_mean(estimator, available)} A user's estimator has to be the one used from the start"
+        )
+    if estimator == used:
+        raise CoheftError(f"the robots already use the estimator '{estimator}'")
+    check_scenario(structs.replace(scenario, estimator=estimator), f"scenario '{scenario.name}'")

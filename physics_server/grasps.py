@@ -15,8 +15,6 @@ class Grasps:
     """The grasp frames of N robots in the payload's frame.
 
     Args:
-        robots: The robots' names.
-        poses: Poses of their grasp frames.
         model: The engine's model. Sites of a robot on the payload (grasp and sensors) have names that begin with its
             own.
 

@@ -10,11 +10,7 @@ TELL_EVERY = 5.0
 
 
 class LateAnswers:
-    """Counts references that had not arrived when their block was simulated.
-
-    Attributes:
-        count: Number of late references, over all robots.
-    """
+    """Counts references that had not arrived when their block was simulated."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -22,11 +18,7 @@ class LateAnswers:
         self._reported_at: float | None = None
 
     def add(self, names: Sequence[str], time: float) -> str | None:
-        """Count the robots whose references are late for a block.
-
-        Args:
-            names: Their names; usually none.
-            time: Start of the block [s].
+        """Count the robots whose references are late for a block that starts at ``time`` [s].
 
         Returns:
             The text to report now, None if there is none: the first late answer at once, later ones as a number.

@@ -9,11 +9,7 @@ from coheft.wire.scenario.schema import LoadChange, Scenario, Slip
 
 
 class LoadSchedule:
-    """The load changes and slips of a scenario, in order of time.
-
-    Raises:
-        ScenarioError: Some of them cannot be made.
-    """
+    """The load changes and slips of a scenario, by time; raises ``ScenarioError`` if some cannot be made."""
 
     def __init__(self, scenario: Scenario) -> None:
         check(scenario, scenario.name, load_complaints)

@@ -54,8 +54,6 @@ class Loads:
         inertia: Mass properties of the payload with its loads, in the payload's frame.
     """
 
-    inertia: Inertia
-
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, payload_body: int, payload: Inertia, slots: int):
         self._model = model
         self._data = data
@@ -194,9 +192,7 @@ def _inertia_of(load: LoadState) -> Inertia:
 
 
 def _extent(model: mujoco.MjModel, body: int, payload: Inertia) -> Extent:
-    """Return the extent of a payload's boxes or, without boxes, of a box with its mass properties, as in scenario
-    checks.
-    """
+    """Return the extent of a payload's boxes, or of a box with its mass properties, as scenario checks do."""
     geoms = np.flatnonzero(model.geom_bodyid == body)
     if not geoms.size:
         return Extent.like(MassProperties.of(payload))

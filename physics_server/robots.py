@@ -7,7 +7,6 @@ import time
 from collections.abc import Iterable, Mapping
 
 from coheft.errors import LinkError, MessageError
-from coheft.physics_server.absence import Absences
 from coheft.physics_server.late_answers import LateAnswers
 from coheft.wire.messages.structs import Measurements, Message, Reference
 from coheft.wire.process.problem_log import ProblemLog
@@ -18,19 +17,14 @@ ANSWER_LIMIT = 10.0
 
 
 class Robots:
-    """The links of all robots.
-
-    Args:
-        links: One link per robot.
-        problems: Log for problems with the robots.
-        return_limit: Time to wait for the return of a lost robot [s].
-    """
+    """The links of all robots."""
 
     def __init__(self, links: Iterable[RobotLink], problems: ProblemLog, return_limit: float) -> None:
         self._links = {link.name: link for link in links}
         self._problems = problems
         self._return_limit = return_limit
-        self._absences = Absences(return_limit)
+        self._waited_for: dict[str, float] = {}  # deadlines for the return of robots, from the first loss of their link
+        self._given_up: set[str] = set()
         self._is_running = False
         self._stop_reason: str | None = None
         self._next = 0
@@ -63,7 +57,8 @@ class Robots:
         if self._stop_reason is not None:
             link.send_stop(self._stop_reason)
         elif self._is_running:
-            self._absences.end(name)
+            self._waited_for.pop(name, None)
+            self._given_up.discard(name)
             link.join(self._next)
             self._problems.tell(f"{name} is back before block {self._next}")
 
@@ -73,7 +68,8 @@ class Robots:
         answered = link.answered
         link.note_links(count)
         if count == 0 and self._is_running:
-            self._absences.begin(name)
+            if name not in self._given_up:
+                self._waited_for.setdefault(name, time.monotonic() + self._return_limit)
             self._problems.tell(f"lost the link with {name}, which had answered block {answered}")
 
     # --- one block ---
@@ -124,7 +120,7 @@ class Robots:
     @property
     def away(self) -> list[str]:
         """Robots that are lost and may still return in time."""
-        return self._absences.waited_for
+        return list(self._waited_for)
 
     def check(self) -> None:
         """Report robots that have not answered for long, and continue without those that have been away for too long.
@@ -133,9 +129,12 @@ class Robots:
             LinkError: All robots have been away for too long.
         """
         self._report_silence()
-        for name in self._absences.give_up():
+        now = time.monotonic()
+        for name in [name for name, deadline in self._waited_for.items() if deadline <= now]:
+            del self._waited_for[name]
+            self._given_up.add(name)
             self._problems.tell(f"{name} did not return within {self._return_limit:g} s: the run continues without it")
-        if len(self._absences.given_up) == len(self._links):
+        if len(self._given_up) == len(self._links):
             raise LinkError(f"all robots are lost, and none returned within {self._return_limit:g} s")
 
     def _report_silence(self) -> None:

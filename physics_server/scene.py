@@ -28,13 +28,7 @@ def home_name(robot: str) -> str:
 
 
 def build_model(scenario: Scenario, grasps: Sequence[Pose], errors: SensorErrors) -> mujoco.MjModel:
-    """Compile the scene. Nothing collides, and welds are the only constraints.
-
-    Args:
-        scenario: The scenario to simulate.
-        grasps: Pose of each robot's grasp in the payload's frame.
-        errors: Sensor errors, which include the positions of sensors.
-    """
+    """Compile the scene. Nothing collides, and welds are the only constraints."""
     spec = mujoco.MjSpec()
     spec.modelname = scenario.name
     spec.option.timestep = 1.0 / PHYSICS_RATE
@@ -44,8 +38,7 @@ def build_model(scenario: Scenario, grasps: Sequence[Pose], errors: SensorErrors
     has_joints = scenario.robots.arms == "seven-joint"
     if has_joints:
         # With Euler's method, hands drift off the payload by about h² per step. Welds correct this by a motion that the
-        # payload does not have. Joint damping would also make the arms' motion differ from the accelerometers'
-        # readings.
+        # payload does not have, and joint damping would make the arms move unlike the accelerometers' readings.
         spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
     else:
         spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER

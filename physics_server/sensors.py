@@ -43,10 +43,6 @@ class Sensors:
 
     Each robot draws from its own random stream, so its readings depend neither on the number of robots nor on the
     number of samples per block.
-
-    Args:
-        scenario: The scenario, with noise and sample rate.
-        errors: True errors of the robots' sensors.
     """
 
     def __init__(self, scenario: Scenario, errors: SensorErrors) -> None:
@@ -73,14 +69,11 @@ class Sensors:
         self._past: deque[Array] = deque(maxlen=1 + int(longest) // scenario.sensors.block)
 
     def measure(self, kinematics: Array, wrenches: Array) -> Array:
-        """Return one block of measurements; draws the noise of the robots' next B samples.
+        """Return a block as in ``MeasurementBlock``, (N, B, 15); draws the noise of the robots' next B samples.
 
         Args:
             kinematics: Exact ``(w, v, a)``, shape (B, N, 9).
             wrenches: Exact ``(f, t)``, shape (B, N, 6).
-
-        Returns:
-            Shape (N, B, 15), columns as in ``MeasurementBlock``.
         """
         samples, count = kinematics.shape[:2]
         measured = np.empty((count, samples, SAMPLE_SIZE))
@@ -105,9 +98,7 @@ class Sensors:
         return measured
 
     def set_clock(self, robot: int, ahead: float) -> None:
-        """From the next block on this robot's samples are older than their stamps by ``ahead`` [s], in addition to its
-        delays.
-        """
+        """Make a robot's samples older than their stamps by ``ahead`` [s] beside its delays, from the next block on."""
         self._late[robot] = (self._errors.delays[robot] + ahead) * self._rate
 
     def begin_anew(self, robot: int) -> None:
@@ -115,9 +106,7 @@ class Sensors:
         self._grasps.begin_anew(robot)
 
     def _correlate(self, white: Array) -> None:
-        """Turn white noise of variance 1, shape (N, B, 15), into first-order Gauss-Markov noise of variance 1, in
-        place.
-        """
+        """Turn white noise of variance 1, (N, B, 15), into Gauss-Markov noise of the first order, in place."""
         first = self._noise_before is None
         before = white[:, 0] if self._noise_before is None else self._noise_before
         fresh = np.sqrt(1.0 - self._alike**2)

@@ -14,9 +14,9 @@ from typing import NoReturn
 import zenoh
 
 from coheft.errors import CoheftError, one_line
-from coheft.physics_server.clock import Stopwatch, make_clock
+from coheft.physics_server.clock import Clock, Stopwatch
 from coheft.physics_server.data_recorder import DataRecorder
-from coheft.physics_server.estimator_choice import EstimatorChoice
+from coheft.physics_server.estimator_choice import check_choice
 from coheft.physics_server.request_words import in_words
 from coheft.physics_server.robots import ANSWER_LIMIT, Robots
 from coheft.physics_server.simulation import Simulation
@@ -36,10 +36,10 @@ from coheft.wire.messages.requests import (
 )
 from coheft.wire.messages.states import RunState
 from coheft.wire.messages.structs import Message
-from coheft.wire.messages.told import set_clock
 from coheft.wire.process.log import LOG
 from coheft.wire.process.problem_log import ProblemLog
 from coheft.wire.process.supervised import COMMENT_AFTER, is_supervisor_stopped, supervised_main
+from coheft.wire.scenario.plugins import usable_in_run
 from coheft.wire.scenario.reach import Reach
 from coheft.wire.transport.inbox import Event, Inbox, LinkChange, Question, Received, Refused
 from coheft.wire.transport.planes import SERVER, guard_server_for_observers, guard_server_for_robot
@@ -68,11 +68,10 @@ class Server:
     def __init__(self, config: ServerConfig, robots: dict[str, zenoh.Session], observers: zenoh.Session) -> None:
         scenario, keys = config.scenario, Keys(config.run)
         self._scenario = scenario
-        self._waits_for_robots = config.clock != "realtime"
-        self._clock = make_clock(config.clock, scenario.lookahead, scenario.block_duration)
+        self._clock = Clock(config.clock, scenario.lookahead, scenario.block_duration)
         self._stopwatch = Stopwatch()
         self._simulation = Simulation(scenario, config.neighbours)
-        self._estimators = EstimatorChoice(scenario)
+        self._estimator = scenario.estimator
         self._state = RunState.WAITING
         self._save_data = config.save_data
         self._unsaved = ""
@@ -190,7 +189,7 @@ class Server:
 
     def _delay(self) -> float:
         """Return the time until the next block may be simulated [s]; infinite if that depends on others."""
-        if self._state is not RunState.RUNNING or (self._waits_for_robots and self._robots.away):
+        if self._state is not RunState.RUNNING or (self._clock.waits_for_robots and self._robots.away):
             return math.inf
         block = self._simulation.block
         answered = self._robots.answered
@@ -212,7 +211,7 @@ class Server:
         result = self._simulation.advance(self._robots.take_references(block, block * self._scenario.block_duration))
         if self._recorder is not None:
             self._recorder.add(result)
-        self._robots.send_measurements(result.measurements, block, self._estimators.chosen)
+        self._robots.send_measurements(result.measurements, block, self._estimator)
         self._truth.send(result.truth)
         for problem in result.problems:
             self._problems.tell(problem)
@@ -240,7 +239,8 @@ class Server:
         """Carry out a request, if the role is allowed to make it, and log that."""
         try:
             if not isinstance(request, StatusRequest):
-                self._check_role(role)
+                if role != "operator":
+                    raise CoheftError(f"only the operator may change a run, not the {role}")
                 self._carry_out(request)
                 done = f"done for the {role} before block {self._simulation.block}: {in_words(request)}"
                 LOG.info("%s", one_line(done))
@@ -249,18 +249,8 @@ class Server:
             return Refusal(reason=str(error))
         return self._status()
 
-    def _check_role(self, role: Role) -> None:
-        if role != "operator":
-            raise CoheftError(f"only the operator may change a run, not the {role}")
-
     def _carry_out(self, request: Message) -> None:
-        """Carry out a request.
-
-        Raises:
-            LoadError: The payload cannot take the load.
-            ScenarioError: The estimator does not support the scenario.
-            CoheftError: The request is not possible in the present state.
-        """
+        """Carry out a request."""
         if self._state is RunState.FINISHED:
             raise CoheftError(_OVER)
         match request:
@@ -279,7 +269,8 @@ class Server:
                     raise CoheftError(f"{robot} is the only robot that holds the payload, which would fall")
                 self._simulation.release(robot)
             case EstimatorRequest():
-                self._estimators.choose(request.estimator)
+                check_choice(request.estimator, self._estimator, self._scenario)
+                self._estimator = request.estimator
             case PauseRequest():
                 if self._state is RunState.WAITING:
                     raise CoheftError(f"the run has not begun: waiting for {', '.join(self._robots.not_ready)}")
@@ -290,7 +281,9 @@ class Server:
                     self._go_on()
             case ClockRequest():
                 self._simulation.set_clock(request.robot, request.ahead)
-                self._problems.tell(set_clock(request.robot, request.ahead))
+                what = f"the clock of {request.robot}"
+                ahead = f"set {what}: {request.ahead:g} s ahead" if request.ahead else f"restored {what}"
+                self._problems.tell(f"the operator has {ahead}")
             case StopRequest():
                 self._stop_asked = True
 
@@ -308,8 +301,8 @@ class Server:
             loads=self._simulation.loads,
             slots_free=self._simulation.slots_free,
             waiting_for=robots.not_ready if self._state is RunState.WAITING else robots.away + robots.in_debt,
-            estimator=self._estimators.chosen,
-            estimators=self._estimators.available,
+            estimator=self._estimator,
+            estimators=usable_in_run(self._scenario.estimator),
             scene=self._simulation.scene,
             unsaved=self._unsaved,
             failure=self._failure,

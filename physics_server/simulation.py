@@ -28,6 +28,7 @@ from coheft.wire.messages.structs import Measurements, Reference
 from coheft.wire.messages.truth import LoadState, PayloadTruth, Truth
 from coheft.wire.process.log import LOG
 from coheft.wire.scenario.grasps import place_grasps
+from coheft.wire.scenario.payload import vector_of
 from coheft.wire.scenario.payload_surface import from_text
 from coheft.wire.scenario.rules import check
 from coheft.wire.scenario.schema import PHYSICS_RATE, Scenario
@@ -68,11 +69,6 @@ class Simulation:
         data: The engine's state, for views.
     """
 
-    scene: Scene
-    block: int
-    model: mujoco.MjModel
-    data: mujoco.MjData
-
     def __init__(self, scenario: Scenario, neighbours: Mapping[str, Sequence[str]] | None = None) -> None:
         """Build the scene, with the payload at rest where the robots hold it.
 
@@ -95,7 +91,7 @@ class Simulation:
             neighbours={name: list(others) for name, others in (neighbours or {}).items()},
             triangles=from_text(scenario.payload.surface),
             boxes=[BoxShape(box.size, box.position, box.rotation_deg) for box in scenario.payload.boxes],
-            home=_vector(PAYLOAD_HOME.translation),
+            home=vector_of(PAYLOAD_HOME.translation),
         )
         self.block = 0
         if mujoco.get_mju_user_warning() is None:  # by default MuJoCo writes a file into the current folder
@@ -105,8 +101,11 @@ class Simulation:
         self.data = mujoco.MjData(self.model)
         self._grasps = Grasps(names, grasps, self.model)
         arms = TorqueArms if scenario.robots.arms == "seven-joint" else Arms
-        self._arms = arms(scenario, names, grasps, self.model, self.data)
-        self._settle()
+        self._arms = arms(scenario, grasps, self.model, self.data)
+        # The arms take up the weight; then the run starts at rest.
+        self._arms.settle(int(SETTLING_TIME * PHYSICS_RATE))
+        self.data.qvel[:] = 0.0
+        self.data.time = 0.0
         homes = [self.model.site(home_name(name)).id for name in names]
         self._home_rotations = self.data.site_xmat[homes].reshape(-1, 3, 3)
         self._home_positions = self.data.site_xpos[homes].copy()
@@ -115,19 +114,14 @@ class Simulation:
         self._at_rest = np.zeros((len(names), READINGS))
         self._at_rest[:, ACCELERATION] = -self.model.opt.gravity @ self._home_rotations
         self._sensors, self._compliances = Sensors(scenario, errors), errors.compliances
-        self._encoders = _encoders_of(scenario, names)
+        self._encoders = _encoders_of(scenario)
         payload_body = self.model.body(PAYLOAD).id
         self._loads = Loads(
             self.model, self.data, payload_body, scenario.payload.inertia(), scenario.payload.load_slots
         )
         self._loads_since = 0.0
         self._schedule = LoadSchedule(scenario)
-
-    def _settle(self) -> None:
-        """Let the arms take up the weight, then set velocities to zero, so that the run starts at rest."""
-        self._arms.settle(int(SETTLING_TIME * PHYSICS_RATE))
-        self.data.qvel[:] = 0.0
-        self.data.time = 0.0
+        self._clocks: dict[str, float] = {}
 
     @property
     def _now(self) -> float:
@@ -150,11 +144,7 @@ class Simulation:
         return [name for name, is_holding in zip(self._names, self._is_holding, strict=True) if is_holding]
 
     def holds(self, robot: str) -> bool:
-        """Whether a robot holds the payload.
-
-        Raises:
-            SimulationError: There is no such robot.
-        """
+        """Whether a robot holds the payload; raise ``SimulationError`` if there is no such robot."""
         return bool(self._is_holding[self._number(robot)])
 
     def inject(self, mass: float, position: Vector, size: Vector = (0.1, 0.1, 0.1), leak: float = 0.0) -> LoadState:
@@ -169,11 +159,7 @@ class Simulation:
         return load
 
     def remove(self, load_id: int) -> LoadState:
-        """Remove a load before the next block, see ``Loads.take``.
-
-        Raises:
-            LoadError: There is no load with this number.
-        """
+        """Remove a load before the next block; raise ``LoadError`` if there is none with this number."""
         load = self._loads.take(load_id)
         self._loads_since = self._now
         return load
@@ -209,6 +195,7 @@ class Simulation:
         if not 0.0 <= ahead <= LATEST:
             raise SimulationError(f"a clock may be 0 to {LATEST:g} s ahead, not {ahead:g} s")
         self._sensors.set_clock(self._number(robot), ahead)
+        self._clocks = {name: each for name, each in {**self._clocks, robot: ahead}.items() if each}
 
     def _number(self, robot: str) -> int:
         if robot not in self._names:
@@ -291,9 +278,7 @@ class Simulation:
             self._sensors.begin_anew(number)
 
     def _truth(self, position: Array, samples: Array) -> Truth:
-        """Return the truth at the block's last sample, from the payload's position (7,) and the measurements (N,
-        15).
-        """
+        """Return the truth at the block's last sample, from the payload's position (7,) and measurements (N, 15)."""
         payload = self._loads.inertia
         holding = self._is_holding
         return Truth(
@@ -307,21 +292,17 @@ class Simulation:
             total_wrench=np.einsum("nij,nj->i", self._grasps.adjoints[holding], samples[holding, WRENCH]),
             samples=samples,
             slipped=self._grasps.slipped,
+            clocks=self._clocks,
         )
 
 
-def _vector(array: Array) -> Vector:
-    x, y, z = array.tolist()
-    return x, y, z
-
-
-def _encoders_of(scenario: Scenario, robots: Sequence[str]) -> Encoders | None:
+def _encoders_of(scenario: Scenario) -> Encoders | None:
     errors = scenario.sensors.encoders
     if errors is None:
         return None
     from coheft.physics_server.arms.encoders import Encoders  # slow to import: it loads scipy
 
-    return Encoders(errors, scenario, robots)
+    return Encoders(errors, scenario)
 
 
 def _warn(text: str) -> None:

@@ -12,8 +12,8 @@ from coheft.estimation.geometry.spatial import Array
 from coheft.physics_server.simulation import BlockResult, Simulation
 from coheft.wire.messages.structs import Reference
 from coheft.wire.scenario.file import load_scenario
+from coheft.wire.scenario.motion import draw_waves
 from coheft.wire.scenario.schema import Scenario
-from coheft.wire.scenario.waves import draw_waves
 
 References = Callable[[int], Mapping[str, Reference]]
 

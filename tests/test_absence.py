@@ -2,39 +2,66 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import pytest
 
-from coheft.physics_server.absence import Absences
+from coheft.errors import LinkError
+from coheft.physics_server.robots import Robots
 from tests.wall_clock import WallClock, wall_clock_of
 
 
 @pytest.fixture
 def now(monkeypatch: pytest.MonkeyPatch) -> WallClock:
-    return wall_clock_of("coheft.physics_server.absence", monkeypatch)
+    return wall_clock_of("coheft.physics_server.robots", monkeypatch)
+
+
+class Link(SimpleNamespace):
+    """Of a robot that is ready whenever its link stands."""
+
+    def note_links(self, count: int) -> None:
+        self.is_ready = count > 0 and self.is_ready
+
+    def take(self, _: object) -> None:
+        self.is_ready = True
+
+    def join(self, block: int) -> None:
+        """Nothing follows."""
+
+
+def running(told: list[str], *names: str) -> Robots:
+    links = [Link(name=name, is_ready=True, is_linked=True, answered=-1, owes_answer=False) for name in names]
+    robots = Robots(links, SimpleNamespace(tell=told.append), return_limit=10.0)
+    robots.go_on()
+    return robots
 
 
 def test_who_does_not_come_back_in_time_is_given_up_and_may_come_back_later(now: WallClock) -> None:
-    absences = Absences(10.0)
-    absences.begin("r1")
+    told: list[str] = []
+    robots = running(told, "r1", "r2")
+    robots.note_links("r1", 0)
     now.time += 9.9
-    assert absences.give_up() == []
-    assert absences.waited_for == ["r1"]
+    robots.check()
+    assert robots.away == ["r1"]
     now.time += 0.2
-    assert absences.give_up() == ["r1"]
-    assert (absences.waited_for, absences.given_up) == ([], {"r1"})
-    absences.end("r1")
-    assert absences.given_up == set()
-    absences.begin("r1")
-    assert absences.waited_for == ["r1"]
+    robots.check()
+    assert robots.away == []
+    assert told[-1] == "r1 did not return within 10 s: the run continues without it"
+    robots.take("r1", object())
+    assert told[-1] == "r1 is back before block 0"
+    robots.note_links("r1", 0)
+    assert robots.away == ["r1"]
 
 
-def test_who_comes_and_goes_is_not_waited_for_for_ever(now: WallClock) -> None:
+def test_who_comes_and_goes_is_not_waited_for_without_end(now: WallClock) -> None:
     """As an agent that dies as soon as its link stands, and is started again every time."""
-    absences = Absences(10.0)
-    absences.begin("r1")
+    robots = running([], "r1")
+    robots.note_links("r1", 0)
     for _ in range(5):
         now.time += 2.1
-        absences.begin("r1")
-    assert absences.give_up() == ["r1"]
-    absences.begin("r1")
-    assert (absences.waited_for, absences.given_up) == ([], {"r1"})
+        robots.note_links("r1", 1)
+        robots.note_links("r1", 0)
+    with pytest.raises(LinkError, match="all robots are lost, and none returned within 10 s"):
+        robots.check()
+    robots.note_links("r1", 0)
+    assert robots.away == []

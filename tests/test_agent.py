@@ -17,8 +17,8 @@ from coheft.wire.config import AgentConfig, KnownPayload, agent_config
 from coheft.wire.messages.codec import encode
 from coheft.wire.messages.structs import NeighbourMessage
 from coheft.wire.scenario.file import load_scenario
-from coheft.wire.scenario.schema import Graph, Motion
-from coheft.wire.scenario.waves import draw_waves
+from coheft.wire.scenario.motion import Motion, draw_waves
+from coheft.wire.scenario.schema import Graph
 from tests.in_process import assert_good, changed, run_with_faults
 
 DURATION = 12.0

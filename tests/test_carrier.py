@@ -22,9 +22,9 @@ from coheft.physics_server.simulation import Simulation
 from coheft.wire.config import AgentConfig, agent_config
 from coheft.wire.messages.states import Validity
 from coheft.wire.messages.structs import Estimate, PayloadEstimate
-from coheft.wire.scenario.carry import Carry
 from coheft.wire.scenario.checks import check_scenario
 from coheft.wire.scenario.file import load_scenario
+from coheft.wire.scenario.motion import Carry
 from coheft.wire.scenario.schema import LoadChange, Scenario
 
 STILL = Carry(start=0.1, ramp=0.1, translation=(0.0,) * 3, rotation_deg=(0.0,) * 3, feedforward_at=0.0)

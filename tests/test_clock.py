@@ -10,7 +10,7 @@ import pytest
 
 from coheft.app.run.hosts import free_ports
 from coheft.app.run.plan import make_plan
-from coheft.physics_server.clock import Lockstep, Paced, Realtime, Stopwatch
+from coheft.physics_server.clock import Clock, Stopwatch
 from coheft.physics_server.robots import Robots
 from coheft.wire.messages.structs import Measurements, Reference
 from coheft.wire.process.log import log_to_stderr
@@ -32,7 +32,7 @@ def now(monkeypatch: pytest.MonkeyPatch) -> WallClock:
 
 
 def test_in_real_time_a_block_is_simulated_when_it_has_ended(now: WallClock) -> None:
-    clock = Realtime(DURATION)
+    clock = Clock("realtime", LAG, DURATION)
     clock.start(0)
     for block in range(3):
         assert clock.delay(block, answered=-1) == pytest.approx((block + 1) * DURATION)
@@ -42,14 +42,14 @@ def test_in_real_time_a_block_is_simulated_when_it_has_ended(now: WallClock) -> 
 
 
 def test_a_paced_clock_waits_for_robots_and_is_no_faster_than_the_wall(now: WallClock) -> None:
-    clock = Paced(LAG, DURATION)
+    clock = Clock("paced", LAG, DURATION)
     clock.start(0)
     assert clock.delay(LAG + 1, answered=0) == math.inf
     assert clock.delay(LAG + 1, answered=1) == pytest.approx((LAG + 2) * DURATION)
 
 
 def test_a_paced_clock_goes_slower_where_robots_are_slow_and_makes_up_for_small_delays_only(now: WallClock) -> None:
-    clock = Paced(LAG, DURATION)
+    clock = Clock("paced", LAG, DURATION)
     clock.start(0)
     now.time += 3 * DURATION
     assert [clock.delay(block, answered=block) for block in range(4)] == pytest.approx([0.0, 0.0, 0.0, DURATION])
@@ -59,7 +59,7 @@ def test_a_paced_clock_goes_slower_where_robots_are_slow_and_makes_up_for_small_
 
 
 def test_in_real_time_nothing_is_made_up_for_after_a_pause(now: WallClock) -> None:
-    clock = Realtime(DURATION)
+    clock = Clock("realtime", LAG, DURATION)
     clock.start(0)
     now.time += 1000.0
     clock.start(50)
@@ -67,13 +67,13 @@ def test_in_real_time_nothing_is_made_up_for_after_a_pause(now: WallClock) -> No
 
 
 def test_in_lockstep_a_block_waits_for_the_answers_that_it_needs() -> None:
-    clock = Lockstep(LAG)
+    clock = Clock("lockstep", LAG, DURATION)
     clock.start(0)
     assert [clock.delay(block, answered=7) for block in (8, 9, 10)] == [0.0, 0.0, math.inf]
 
 
 def test_where_many_blocks_may_be_under_way_they_come_by_twos() -> None:
-    clock = Lockstep(4)
+    clock = Clock("lockstep", 4, DURATION)
     clock.start(0)
     assert [clock.delay(block, answered=4) for block in (7, 8, 9)] == [0.0, math.inf, math.inf]
     assert [clock.delay(block, answered=5) for block in (8, 9, 10)] == [0.0, 0.0, math.inf]

@@ -6,17 +6,15 @@ import msgspec
 import pytest
 
 from coheft.errors import CoheftError
-from coheft.physics_server.estimator_choice import EstimatorChoice
+from coheft.physics_server.estimator_choice import check_choice
 from coheft.wire.scenario.estimator_settings import Fan2017Settings
 from coheft.wire.scenario.file import load_scenario
 from coheft.wire.scenario.schema import Graph
 
 
 def test_the_built_in_ones_and_the_one_of_the_scenario_may_be_chosen() -> None:
-    choice = EstimatorChoice(msgspec.structs.replace(load_scenario("ring3"), estimator="mine"))
-    assert (choice.chosen, choice.available) == ("mine", ["efficient", "fan2017", "mine"])
-    choice.choose("fan2017")
-    assert choice.chosen == "fan2017"
+    scenario = msgspec.structs.replace(load_scenario("ring3"), estimator="mine")
+    check_choice("fan2017", "mine", scenario)
 
 
 @pytest.mark.parametrize(
@@ -28,15 +26,13 @@ def test_the_built_in_ones_and_the_one_of_the_scenario_may_be_chosen() -> None:
     ],
 )
 def test_others_are_refused(estimator: str, said: str) -> None:
-    choice = EstimatorChoice(load_scenario("ring3"))
     with pytest.raises(CoheftError, match=said):
-        choice.choose(estimator)
-    assert choice.chosen == "efficient"
+        check_choice(estimator, "efficient", load_scenario("ring3"))
 
 
 def test_what_the_scenario_could_not_begin_with_is_refused() -> None:
     with pytest.raises(CoheftError, match="'carry': found with 'estimator' = 'fan2017', expected 'efficient'"):
-        EstimatorChoice(load_scenario("carry6")).choose("fan2017")
+        check_choice("fan2017", "efficient", load_scenario("carry6"))
     ring3 = load_scenario("ring3")
     long = msgspec.structs.replace(
         ring3,
@@ -45,4 +41,4 @@ def test_what_the_scenario_could_not_begin_with_is_refused() -> None:
         fan2017=Fan2017Settings(rounds=256),
     )
     with pytest.raises(CoheftError, match=r"'fan2017\.rounds' = 256: messages between neighbours would take up to"):
-        EstimatorChoice(long).choose("fan2017")
+        check_choice("fan2017", "efficient", long)

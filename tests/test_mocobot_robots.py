@@ -18,8 +18,8 @@ from coheft.physics_server.simulation import Simulation
 from coheft.wire.scenario.encoders import EncoderErrors
 from coheft.wire.scenario.file import load_scenario, parse_scenario
 from coheft.wire.scenario.grasps import place_grasps
-from coheft.wire.scenario.schema import Motion, Scenario
-from coheft.wire.scenario.via_points import ViaPoints
+from coheft.wire.scenario.motion import Motion, ViaPoints
+from coheft.wire.scenario.schema import Scenario
 from tests.physics_run import reference as reference_of
 from tests.physics_run import run, samples, scenario
 
@@ -124,7 +124,7 @@ def still(count: int, robots: int = 3) -> tuple[Array, Array, Array]:
 
 def test_encoder_noise_is_of_the_size_that_was_asked_for() -> None:
     base = load_scenario("mocobot_a")
-    told = Encoders(EncoderErrors(angle_bits=13), base, base.robot_names).measure(*still(20000))
+    told = Encoders(EncoderErrors(angle_bits=13), base).measure(*still(20000))
     angles = np.degrees(gimbal_angles(told.rotations))
     step = 360.0 / 2**13
     np.testing.assert_allclose(angles / step, np.round(angles / step), atol=1e-6)
@@ -145,7 +145,7 @@ def test_calibration_errors_are_the_robots_own_and_stay() -> None:
         calibration_seed=4,
     )
     one, other = load_scenario("mocobot_a"), msgspec.structs.replace(load_scenario("mocobot_d"), seed=99)
-    first, second = (Encoders(bounds, base, base.robot_names) for base in (one, other))
+    first, second = (Encoders(bounds, base) for base in (one, other))
     for name in ("zero", "angle_scale", "position_scale", "force_scale", "force_offset"):
         np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
         values = getattr(first, name)

@@ -15,11 +15,11 @@ from coheft.errors import ScenarioError
 from coheft.estimation.geometry.spatial import Array
 from coheft.wire.config import agent_config
 from coheft.wire.scenario.file import load_scenario, parse_scenario
+from coheft.wire.scenario.motion import Motion, ViaPoints
 from coheft.wire.scenario.motion_checks import motion_complaints
 from coheft.wire.scenario.reach import Reach
 from coheft.wire.scenario.rules import check
-from coheft.wire.scenario.schema import Motion, Scenario
-from coheft.wire.scenario.via_points import ViaPoints
+from coheft.wire.scenario.schema import Scenario
 from tests.physics_run import reference
 
 BLOCKS = 1000

@@ -13,8 +13,9 @@ from coheft.app.run.overrides import override
 from coheft.errors import PluginError, ScenarioError
 from coheft.wire.config import agent_config
 from coheft.wire.scenario.file import load_scenario, parse_scenario
+from coheft.wire.scenario.motion import Motion
 from coheft.wire.scenario.plugins import available
-from coheft.wire.scenario.schema import Motion, Scenario
+from coheft.wire.scenario.schema import Scenario
 from tests.own_packages import write_package
 
 ESTIMATOR = """

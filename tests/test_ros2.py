@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 
 from coheft.app.recording import ros
 from coheft.app.ros2.drive import drive
-from coheft.app.ros2.readings import AT_ONCE, Readings
-from coheft.app.ros2.samples import STREAMS, BlockBuilder, read
+from coheft.app.ros2.samples import AT_ONCE, STREAMS, BlockBuilder, Readings, read
 from coheft.app.ros2.stamps import Stamps
 from coheft.app.run.plan import make_plan
 from coheft.errors import LinkError, MessageError, UsageError

@@ -19,7 +19,7 @@ from coheft.wire.messages.requests import InjectRequest, Refusal, Status, Status
 from coheft.wire.messages.scene import Scene as SceneMessage
 from coheft.wire.messages.states import RunState
 from coheft.wire.messages.structs import Hello, Measurements, Ready
-from coheft.wire.transport.callback_thread import keep_thread_state
+from coheft.wire.transport.backlog import keep_thread_state
 from coheft.wire.transport.inbox import Inbox, LinkChange, Question, Received, Refused
 from coheft.wire.transport.sessions import REFUSAL, Keys, Sender, ask, check_name, open_session
 from tests.fuzz.any_message import of_version

@@ -16,7 +16,6 @@ from coheft.app.view.traces import WINDOW
 from coheft.wire.messages.requests import Status
 from coheft.wire.messages.states import RunState, Validity
 from coheft.wire.messages.structs import LoadChangeNotice, Problem
-from coheft.wire.messages.told import changed_link, set_clock
 from coheft.wire.messages.truth import LoadState
 from coheft.wire.scenario.network import LinkQuality
 from tests.synthetic_run import BLOCK, HEAVY, LIGHT, ROBOTS, SCENE, STD, changing_run, estimate, truth
@@ -170,17 +169,16 @@ def test_numbers_have_as_many_digits_as_their_std_says_something_about() -> None
         assert not re.search(r">(± )?0\.0+<", text), text
 
 
-def test_what_the_operator_has_disturbed_is_shown_until_it_is_restored_or_its_agent_restarts() -> None:
+def test_what_the_operator_has_disturbed_is_shown_until_it_is_restored() -> None:
     model, lossy = ViewModel(STATUS), LinkQuality(loss=0.2)
-    model.note_pids({"r1": 1, "r2": 2})
     assert words.disturbances(model) == ""
-    for source, text in (
-        ("r1", changed_link("r2", lossy)),
-        ("r2", changed_link("r1", lossy)),
-        ("r3", changed_link("r2", LinkQuality(delay=0.1))),
-        ("server", set_clock("r2", 0.003)),
+    model.hear(msgspec.structs.replace(truth(0, LIGHT), clocks={"r2": 0.003}))
+    for name, disturbed in (
+        ("r1", {"r2": lossy}),
+        ("r2", {"r1": lossy}),
+        ("r3", {"r2": LinkQuality(delay=0.1)}),
     ):
-        model.hear(Problem(source=source, text=text))
+        model.hear(msgspec.structs.replace(estimate(name, 0, LIGHT), disturbed=disturbed))
     text = words.disturbances(model)
     for line in (
         "r1-r2: 20 % lost, others 0 s late",
@@ -188,8 +186,8 @@ def test_what_the_operator_has_disturbed_is_shown_until_it_is_restored_or_its_ag
         "clock of r2: 0.003 s ahead",
     ):
         assert f"<div>{line}</div>" in text
-    model.note_pids({"r1": 3, "r2": 2})
+    model.hear(estimate("r1", 1, LIGHT))
     assert "r1 to r2: 20 %" in words.disturbances(model), "r1 receives everything in time, and r2 does not"
-    for source, text in (("r2", changed_link("r1", LinkQuality())), ("server", set_clock("r2", 0.0))):
-        model.hear(Problem(source=source, text=text))
+    model.hear(truth(1, LIGHT))
+    model.hear(estimate("r2", 1, LIGHT))
     assert list(model.disturbances) == [("r2", "r3")]

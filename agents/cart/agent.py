@@ -45,11 +45,7 @@ class CartOutbox:
 
 
 class CartAgent:
-    """One pusher of a cart.
-
-    Args:
-        config: All that the pusher knows at the start.
-    """
+    """One pusher of a cart."""
 
     def __init__(self, config: CartAgentConfig) -> None:
         self.config = config

@@ -85,22 +85,13 @@ class CartAgentProcess:
             self._links.estimate.send(structs.replace(outbox.estimate, problems=self._links.problems.count))
 
     def _handle(self, event: Event | None) -> None:
-        """Process an event.
-
-        Raises:
-            LinkError: The link with the server is lost.
-            Stopped: The server has ended the run.
-        """
+        """Process an event."""
         match self._links.sort(event, self._take):
             case LinkChange(source, links=0):
                 raise LinkError(f"{self._config.name} lost its link with {source} at sample {self._block}")
 
     def _take(self, source: str, message: Message) -> None:
-        """Process a message.
-
-        Raises:
-            MessageError: The message is not valid here and now.
-        """
+        """Process a message."""
         match message:
             case CartMeasurement():
                 check_field("robot", message.robot, self._config.name)
@@ -123,8 +114,7 @@ class CartAgentProcess:
 
     def _check_message(self, source: str, message: CartMessage) -> None:
         check_field("sender", message.sender, source)
-        # A neighbour needs this pusher's message of a sample to complete the next one, so it is at most one sample
-        # ahead.
+        # A neighbour needs this pusher's message of a sample for the next one, so it is at most one sample ahead.
         expected = [b for b in (self._block - 1, self._block) if b >= 0 and source not in self._messages.get(b, {})]
         if message.block not in expected:
             raise MessageError(f"block is {message.block} but expected one of {expected}")
@@ -132,11 +122,7 @@ class CartAgentProcess:
 
 
 def check_content(message: CartMessage) -> None:
-    """Check the sums and the records in a neighbour's message.
-
-    Raises:
-        MessageError: They cannot be used.
-    """
+    """Check the sums and records in a neighbour's message; raise ``MessageError`` if they cannot be used."""
     rounds = message.valid.size
     check_array(message.valid, (rounds,), "valid")
     check_array(message.stages, (rounds, 1, CHANNELS), "stages")

@@ -46,22 +46,13 @@ class Totals:
 
 @dataclass(frozen=True, eq=False)
 class Lost:
-    """A sample whose totals were lost.
-
-    Attributes:
-        block: The sample.
-    """
+    """A sample whose totals were lost."""
 
     block: int
 
 
 class CartSums:
-    """One pusher's part in the sums.
-
-    Args:
-        name: The pusher's name.
-        gossip: The pusher's knowledge of the team.
-    """
+    """One pusher's part in the sums."""
 
     def __init__(self, name: str, gossip: Gossip) -> None:
         self._name = name

@@ -45,7 +45,6 @@ class Agreement:
     Before the first estimate h is at the own grasp, so that the consensus on h is the centre of the grasps.
 
     Args:
-        network: The team as the robot sees it.
         mass: Initial guess [kg].
     """
 

@@ -7,23 +7,27 @@ joint least squares with forgetting, and consensus over the robots' estimates.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Mapping
 
 import numpy as np
 
 from coheft.agents.estimator import Belief, Channels
-from coheft.agents.fan2017 import kinematics
 from coheft.agents.fan2017.inertial_phase import InertialPhase
-from coheft.agents.fan2017.load_changes import LoadChanges
 from coheft.consensus.gossip import Gossip
 from coheft.consensus.graph import Neighbours
 from coheft.estimation.fan2017.pose_rls import PoseRls
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.geometry.uncertain_pose import UncertainPose
-from coheft.estimation.measurement import KINEMATICS, MeasurementBlock
+from coheft.estimation.measurement import KINEMATICS, KINEMATICS_SIZE, MeasurementBlock
 from coheft.estimation.tolerance import SensorDrift, SensorTolerance
 from coheft.wire.config import AgentConfig
+from coheft.wire.messages.structs import LoadChangeNotice
 
+_CHANNEL = "kinematics"
+"""Channel of the twists and accelerations of a block's samples, columns ``KINEMATICS``, shape (B, 9)."""
+_NOTICES = 32
+"""Number of newest load changes that are reported."""
 _SOLVE_EVERY = 5
 """Blocks per solution of a pose filter: poses do not change, and solving costs more than taking in."""
 
@@ -43,7 +47,7 @@ class Fan2017Estimator:
         self._config = config
         self._settings = config.fan2017
         self._gossip = gossip
-        self._load_changes = LoadChanges(config)
+        self._load_changes: deque[LoadChangeNotice] = deque(maxlen=_NOTICES)
         self._may_sensors_be_off = (
             config.tolerance != SensorTolerance()
             or config.drift != SensorDrift()
@@ -65,7 +69,7 @@ class Fan2017Estimator:
     def step(self, index: int, own: MeasurementBlock | None, inbox: Mapping[str, Channels]) -> dict[str, Array]:
         """See ``Estimator.step``."""
         previous = self._blocks.get(index - 1)
-        heard = {name: told[kinematics.CHANNEL] for name, told in inbox.items() if kinematics.CHANNEL in told}
+        heard = {name: told[_CHANNEL] for name, told in inbox.items() if _CHANNEL in told}
         self._follow_holds()
         if previous is not None:
             for name in heard.keys() & self._filters.keys():
@@ -75,7 +79,7 @@ class Fan2017Estimator:
             self._blocks[index] = own.samples
         kept = index - self._settings.rounds - 3
         self._blocks = {block: rows for block, rows in self._blocks.items() if block > kept}
-        sent = {} if own is None else {kinematics.CHANNEL: own.samples[:, KINEMATICS]}
+        sent = {} if own is None else {_CHANNEL: own.samples[:, KINEMATICS]}
 
         if self._gossip.membership != self._team:  # one of its members started again, let go, or took hold
             self._team, self._inertial_phase = self._gossip.membership, None
@@ -114,7 +118,7 @@ class Fan2017Estimator:
 
     def fits(self, channels: Channels) -> bool:
         """See ``Estimator.fits``."""
-        return kinematics.are_readable(channels, self._config.block)
+        return _CHANNEL not in channels or channels[_CHANNEL].shape == (self._config.block, KINEMATICS_SIZE)
 
     def belief(self) -> Belief:
         """See ``Estimator.belief``."""
@@ -127,7 +131,7 @@ class Fan2017Estimator:
         )
         phase = self._inertial_phase
         if phase is None:
-            return Belief("poses", False, None, poses, not_observable=missing, load_changes=self._load_changes.notices)
+            return Belief("poses", False, None, poses, not_observable=missing, load_changes=tuple(self._load_changes))
         claim = None if self._may_sensors_be_off else phase.payload()
         return Belief(
             phase="inertia",
@@ -138,7 +142,7 @@ class Fan2017Estimator:
             total_block=phase.newest,
             total_wrench=phase.total_wrench,
             not_observable=missing,
-            load_changes=self._load_changes.notices,
+            load_changes=tuple(self._load_changes),
             learned_block=phase.newest,
         )
 

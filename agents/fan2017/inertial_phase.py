@@ -6,6 +6,7 @@ on which robots agree.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import replace
 from math import ceil, log
@@ -15,7 +16,6 @@ import numpy as np
 from coheft.agents.estimator import Channels
 from coheft.agents.fan2017.agreement import Agreed, Agreement
 from coheft.agents.fan2017.claims import claim
-from coheft.agents.fan2017.load_changes import LoadChanges
 from coheft.agents.fan2017.mean_moves import CHANNEL, MeanMoves
 from coheft.agents.fan2017.network import Network
 from coheft.consensus.dynamic import DynamicConsensus
@@ -31,7 +31,7 @@ from coheft.estimation.fan2017.systematic import (
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.geometry.uncertain_pose import UncertainPose
 from coheft.wire.config import AgentConfig, KnownPayload
-from coheft.wire.messages.structs import PayloadEstimate
+from coheft.wire.messages.structs import LoadChangeNotice, PayloadEstimate
 
 _SAMPLE_CHANNELS = 10
 """Per sample: total force and torque, angular acceleration, and 1 where these were measured or 0 where made up."""
@@ -58,7 +58,7 @@ class InertialPhase:
         config: The robot's settings.
         graph: Of all robots that hold the load.
         poses_j_in_i: Of its neighbours among them, by name.
-        load_changes: Told of those that are noticed.
+        load_changes: Those that are noticed are appended.
 
     Attributes:
         newest: The newest block whose totals have come, -1 while there is none.
@@ -70,7 +70,7 @@ class InertialPhase:
         config: AgentConfig,
         graph: Neighbours,
         poses_j_in_i: Mapping[str, UncertainPose],
-        load_changes: LoadChanges,
+        load_changes: deque[LoadChangeNotice],
     ) -> None:
         self._config = config
         self._settings = config.fan2017
@@ -259,7 +259,8 @@ class InertialPhase:
         if self._surprised:
             self._moves.noise.pause(self._rounds)
         if self._surprised >= _SURPRISED_BLOCKS and self._config.start_of(index) > self._quiet_until:
-            self._load_changes.notice(leaving + 1 - self._surprised, index, within=0)
+            changed_at = self._config.start_of(leaving + 1 - self._surprised)
+            self._load_changes.append(LoadChangeNotice(self._config.start_of(index + 1), changed_at))
             assert self._filter is not None
             self._filter.note_change()
             self._quiet_until = self._config.start_of(index) + self._settings.memory + _SETTLED

@@ -26,10 +26,6 @@ class MeanMoves:
         network: The team as the robot sees it.
         rounds: Number of rounds per block.
         memory: Number of blocks over which estimates forget.
-
-    Attributes:
-        noise: How noisy the mean is.
-        consensus: The robot's state of the consensus.
     """
 
     def __init__(self, network: Network, rounds: int, memory: float) -> None:

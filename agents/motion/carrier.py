@@ -22,7 +22,7 @@ from coheft.estimation.rigid_body.unseen import middle_and_size
 from coheft.wire.config import AgentConfig
 from coheft.wire.messages.states import Validity
 from coheft.wire.messages.structs import Estimate
-from coheft.wire.scenario.carry import Carry
+from coheft.wire.scenario.motion import Carry
 
 _STEP = 1e-3
 """Time step of the finite differences that give accelerations [s]."""
@@ -40,11 +40,6 @@ class Carrier:
 
     An estimate that is doubted, or not known well, is not used: the last good one stays in use. The poses of a former
     team also stay in use until there are new ones.
-
-    Args:
-        config: The agent's settings.
-        carry: The path.
-        alone: The robot's motion before the common path begins.
     """
 
     def __init__(self, config: AgentConfig, carry: Carry, alone: ReferenceMotion) -> None:
@@ -107,7 +102,7 @@ class Carrier:
             return alone, np.zeros(6)
         if samples is not None and self._config.start_of(index) >= self._path.full_from:
             self._update_gravity(index, samples)
-        time = self._times(ahead)
+        time = self._config.start_of(ahead) + np.arange(self._config.block) / self._config.rate
         common = self._motion(self._path, time)
         share, share_rate = self._path.share(time)
         fading = np.hstack(
@@ -117,9 +112,7 @@ class Carrier:
         return fading + together, self._wrench(self._path, ahead)
 
     def _update_gravity(self, index: int, samples: Array) -> None:
-        """Update the mean of the accelerometer's reading minus the acceleration of the path: the opposite of
-        gravity.
-        """
+        """Update the mean of the accelerometer's reading minus the path's acceleration, the opposite of gravity."""
         assert self._path is not None
         rotation, acceleration, _, _ = self._mid_block_motion(self._path, index)
         read = rotation @ samples[:, ACCELERATION].mean(axis=0) - acceleration
@@ -127,9 +120,7 @@ class Carrier:
         self._lift += (read - self._lift) / min(self._lift_blocks, self._config.blocks(_LEVEL_TIME))
 
     def _wrench(self, path: CommonPath, block: int) -> Array:
-        """Return this robot's share of the wrench that moves the load, in the middle of a block: ``(f, t)`` in ``F_i``,
-        (6,).
-        """
+        """Return this robot's share of the wrench that moves the load, mid-block: ``(f, t)`` in ``F_i``, (6,)."""
         carry = self._carry
         is_on = carry.feedforward and self._config.start_of(block) >= carry.feedforward_at
         is_level = self._lift_blocks >= self._config.blocks(_LEVEL_TIME)
@@ -161,6 +152,3 @@ class Carrier:
 
     def _motion(self, path: CommonPath, time: Array) -> CarriedMotion:
         return carried_motion(*path.displacement(time), self._pose_in_ref)
-
-    def _times(self, block: int) -> Array:
-        return self._config.start_of(block) + np.arange(self._config.block) / self._config.rate

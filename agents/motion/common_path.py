@@ -6,17 +6,13 @@ import numpy as np
 
 from coheft.estimation.geometry.smooth_step import least_jerk_step
 from coheft.estimation.geometry.spatial import Array
-from coheft.wire.scenario.carry import Carry
+from coheft.wire.scenario.motion import Carry
 
 
 class CommonPath:
-    """A sinusoid per coordinate, with a smooth start.
+    """A sinusoid per coordinate, with a smooth start from ``start`` [s] on.
 
     At a given time the path is the same for all robots whose start is over, whenever each started.
-
-    Args:
-        carry: Amplitudes, periods, ramp.
-        start: Time at which this robot's smooth start begins [s].
     """
 
     def __init__(self, carry: Carry, start: float) -> None:

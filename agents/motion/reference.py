@@ -12,9 +12,8 @@ from coheft.errors import PluginError
 from coheft.estimation.geometry.smooth_step import cubic_step
 from coheft.estimation.geometry.spatial import Array
 from coheft.wire.config import AgentConfig
+from coheft.wire.scenario.motion import Motion, Waves
 from coheft.wire.scenario.plugins import told
-from coheft.wire.scenario.schema import Motion
-from coheft.wire.scenario.waves import Waves
 
 _BATCH = 320
 """Number of samples for which references are computed at once, which takes hardly longer than for a few."""
@@ -36,11 +35,7 @@ class ReferenceMotion(Protocol):
 
 
 def make_motion(config: AgentConfig) -> ReferenceMotion:
-    """Make the reference motion that an agent's configuration names.
-
-    Raises:
-        PluginError: A user's motion cannot be used.
-    """
+    """Make the motion that a configuration names; raise ``PluginError`` if a user's own cannot be used."""
     motion = config.motion
     if motion.own is not None:
         return OwnMotion(motion.own, config)
@@ -53,10 +48,6 @@ class OwnMotion:
     """A user's motion. Checks the shape of what it returns, and raises an error that names the problem.
 
     Whether numbers are finite, and whether the arm can follow them, is checked where the arm is moved.
-
-    Args:
-        name: Name of the entry point.
-        config: The robot's configuration.
 
     Raises:
         PluginError: The motion cannot be used.
@@ -91,12 +82,6 @@ class Excitation:
 
     All six degrees of freedom move, at frequencies at which inertial forces matter: identification needs acceleration,
     and in slow motions gravity dominates.
-
-    Args:
-        motion: Amplitudes, ramp.
-        waves: The sinusoids.
-        rate: Samples per second.
-        block: Samples per block.
     """
 
     def __init__(self, motion: Motion, waves: Waves, rate: int, block: int) -> None:
@@ -133,13 +118,11 @@ class Excitation:
         by_axis = self._turns @ gains.transpose(4, 1, 3, 2, 0).reshape(6, 4, -1)
         waves = by_axis.reshape(6, self._block, self._batch, 2).transpose(2, 1, 3, 0)
         if start[0] < self._ramp:
-            ramp, ramp_rate = self._ramp_at(start[:, None] + np.arange(self._block) / self._rate)
-            waves = np.stack([ramp * waves[:, :, 0], ramp * waves[:, :, 1] + ramp_rate * waves[:, :, 0]], axis=2)
+            times = start[:, None] + np.arange(self._block) / self._rate
+            ramp, rate = cubic_step(np.clip(times / self._ramp, 0.0, 1.0)[..., None])
+            waves = np.stack(
+                [ramp * waves[:, :, 0], ramp * waves[:, :, 1] + rate / self._ramp * waves[:, :, 0]], axis=2
+            )
         references: Array = waves.reshape(self._batch, self._block, 12)
         references.flags.writeable = False
         return references
-
-    def _ramp_at(self, time: Array) -> tuple[Array, Array]:
-        """Return a smooth step from 0 to 1 over the ramp, and its rate, at times (n, B), each (n, B, 1)."""
-        share, rate = cubic_step(np.clip(time / self._ramp, 0.0, 1.0)[..., None])
-        return share, rate / self._ramp

@@ -6,8 +6,7 @@ import numpy as np
 
 from coheft.estimation.geometry.smooth_step import least_jerk_step
 from coheft.estimation.geometry.spatial import Array
-from coheft.wire.scenario.schema import Motion
-from coheft.wire.scenario.via_points import ViaPoints
+from coheft.wire.scenario.motion import Motion, ViaPoints
 
 
 class ViaPointMotion:
@@ -15,13 +14,6 @@ class ViaPointMotion:
 
     The last points are held still: all robots rest at the same times, so that gravity is the only load, in a different
     direction each time. Their heights are spread over the whole range, in random order. Then the motion starts again.
-
-    Args:
-        motion: Range, times.
-        via: Via points and holds.
-        seed: This robot's seed.
-        rate: Samples per second.
-        block: Samples per block.
     """
 
     def __init__(self, motion: Motion, via: ViaPoints, seed: int, rate: int, block: int) -> None:
@@ -41,9 +33,7 @@ class ViaPointMotion:
         self._block = block
 
     def reference(self, block: int) -> Array:
-        """Return the displacement from the home pose during a block, and its rate, see
-        ``ReferenceMotion.reference``.
-        """
+        """See ``ReferenceMotion.reference``."""
         time = (block * self._block + np.arange(self._block)) / self._rate
         time %= self._times[-1]
         k = np.searchsorted(self._times, time, side="right") - 1

@@ -13,7 +13,6 @@ from coheft.wire.config import AgentProcessConfig
 from coheft.wire.messages.requests import CutLinks, DisturbedLink, DisturbRequest, LinkRequest, Refusal
 from coheft.wire.messages.size import LEAST_LIMIT
 from coheft.wire.messages.structs import Hello, Message, Stop
-from coheft.wire.messages.told import changed_link
 from coheft.wire.process.problem_log import ProblemLog
 from coheft.wire.transport.dialled import DialledLink
 from coheft.wire.transport.inbox import Event, Inbox, LinkChange, Presence, Question, Received, Refused
@@ -177,7 +176,11 @@ class AgentLinks:
             question.answer(Refusal(reason=reason))
             return None
         question.answer(DisturbedLink(robot=self._name, neighbour=request.neighbour, quality=request.quality))
-        self.problems.tell(changed_link(request.neighbour, request.quality))
+        link = f"the link from {request.neighbour}"
+        if request.quality.is_ideal:
+            self.problems.tell(f"the operator has restored {link}")
+        else:
+            self.problems.tell(f"the operator has disturbed {link}: {request.quality.in_words}")
         return request
 
     def _session_with(self, neighbour: str) -> str:

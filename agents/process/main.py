@@ -175,7 +175,11 @@ class AgentProcess:
             said = outbox.estimate.status, tuple(outbox.estimate.reasons)
             if self._last_estimate is None or said != (self._last_estimate.status, tuple(self._last_estimate.reasons)):
                 LOG.debug("block %d: %s", self._block, "; ".join([outbox.estimate.status, *outbox.estimate.reasons]))
-            self._last_estimate = structs.replace(outbox.estimate, problems=self._outside.problems.count)
+            self._last_estimate = structs.replace(
+                outbox.estimate,
+                problems=self._outside.problems.count,
+                disturbed={other: quality for other, quality in self._qualities.items() if not quality.is_ideal},
+            )
             self._outside.estimate.send(self._last_estimate)
         for beside in outbox.beside:
             self._outside.estimate.send(beside)

@@ -7,8 +7,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from coheft.api.tracks import RobotResult
 from coheft.app.results.report import LoadChangeReport, Report
+from coheft.errors import MissingPackageError
+from coheft.estimation.rigid_body.mass_properties import pack_symmetric
 from coheft.wire.scenario.schema import Scenario
 
 if TYPE_CHECKING:
@@ -64,9 +68,11 @@ class Result:
         Raises:
             MissingPackageError: pandas is not installed.
         """
-        from coheft.api.table import dataframe_of
-
-        return dataframe_of(self)
+        try:
+            import pandas
+        except ImportError as error:
+            raise MissingPackageError("pandas", "frame") from error
+        return pandas.concat([_table_of(name, robot) for name, robot in self.robots.items()], ignore_index=True)
 
     def save(self, path: str | Path) -> Path:
         """Write the result to an ``.npz`` file, which ``coheft.load`` reads; return its path.
@@ -77,3 +83,16 @@ class Result:
         from coheft.api.files import save_result
 
         return save_result(self, Path(path))
+
+
+def _table_of(name: str, robot: RobotResult) -> pandas.DataFrame:
+    import pandas
+
+    from coheft.app.run_report.data import PAYLOAD_COLUMNS
+
+    columns = {"robot": name, "time_s": robot.time, "state": robot.state, "valid": robot.valid}
+    for prefix, part in (("", "estimate"), ("true_", "truth"), ("std_", "std")):
+        mass, com, inertia = (getattr(track, part) for track in (robot.mass, robot.com, robot.inertia))
+        values = np.column_stack([mass, com, pack_symmetric(inertia)])
+        columns |= {f"{prefix}{column}": values[:, k] for k, column in enumerate(PAYLOAD_COLUMNS)}
+    return pandas.DataFrame(columns)

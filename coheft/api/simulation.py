@@ -27,9 +27,6 @@ class Simulation:
 
     Without interventions, the numbers are those of ``coheft run`` in lockstep, bit for bit.
 
-    Args:
-        scenario: The scenario to run, checked as ``coheft.load_scenario`` does.
-
     Attributes:
         scenario: The scenario.
         truth: The truth after the last block; None before the first.

@@ -31,3 +31,9 @@ def is_positive_definite(matrix: Array) -> bool:
     except np.linalg.LinAlgError:
         return False
     return True
+
+
+def principal_axes(symmetric: Array) -> tuple[Array, Array]:
+    """Return the eigenvalues (3,) of a symmetric matrix (3, 3), ascending, and their axes as a rotation (3, 3)."""
+    values, axes = np.linalg.eigh(symmetric)
+    return values, axes * np.sign(np.linalg.det(axes))  # a rotation, not a reflection

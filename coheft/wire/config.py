@@ -12,14 +12,13 @@ from coheft.estimation.tolerance import SensorDrift, SensorTolerance
 from coheft.wire.former_names import keep_present
 from coheft.wire.messages.size import LEAST_LIMIT
 from coheft.wire.process.log import LogLevel
-from coheft.wire.scenario.carry import Carry
 from coheft.wire.scenario.estimator_settings import Converged, EfficientSettings, Fan2017Settings
 from coheft.wire.scenario.grasps import place_grasps
+from coheft.wire.scenario.motion import Carry, Motion, Waves, draw_waves
 from coheft.wire.scenario.network import LinkQuality
 from coheft.wire.scenario.plugins import estimator_names
 from coheft.wire.scenario.robot_sensors import RobotSensors
-from coheft.wire.scenario.schema import Motion, Scenario
-from coheft.wire.scenario.waves import Waves, draw_waves
+from coheft.wire.scenario.schema import Scenario
 from coheft.wire.transport.security import Credentials
 
 ClockKind = Literal["lockstep", "paced", "realtime"]
@@ -49,29 +48,19 @@ class KnownPayload(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
 class AgentConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """All that one agent knows at the start. It includes neither the team's size, nor the graph, nor the payload.
 
+    What is not listed here is as in the scenario, see ``Scenario`` and ``Sensors``.
+
     Attributes:
         name: The agent's name.
         neighbours: Names of its neighbours.
-        noise: Noise of all robots' sensors but those in ``unequal``.
-        noise_correlation: Correlation time of the noise [s].
-        tolerance: Standard deviations of constant errors of all robots' sensors but those in ``unequal``.
-        drift: Random walk of these errors.
+        noise, tolerance: Those of all robots' sensors but the ones in ``unequal``.
         unequal: Sensors of the robots that differ, by name; its own may be among them.
-        rate: Samples per second.
-        block: Samples per block.
         lag: Number of blocks from a measurement to the reference that answers it.
         seed: Seed of its own random choice of a motion.
-        motion: Settings of its motion.
         waves: The sinusoids that were drawn for it, used by motions that are made of sinusoids.
-        estimator: Name of its estimator; several with commas between run side by side, the first is its own.
-        fan2017: Settings of the estimator ``fan2017``.
-        efficient: Settings of the estimator ``efficient``.
         estimator_settings: Settings of a user's estimator; of several estimators, a table for each.
         motion_settings: Settings of a user's motion.
-        converged: Standard deviations below which its estimate has converged.
-        carry: The path along which to carry the load with the others; None if there is none.
         known: Payload parameters that it knows at the start, for the estimator ``fan2017``.
-        network: Simulated loss and delay of its neighbours' messages.
     """
 
     name: str
@@ -113,95 +102,87 @@ class AgentConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
         return block * self.block / self.rate
 
 
-class AgentProcessConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class ProcessConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What the configurations of all processes of a run have.
+
+    Attributes:
+        run: Prefix of all keys of this run.
+        observe: Endpoint at which observers dial.
+        security: Credentials of the process; None for the open profile.
+        log_level: The lowest level of messages in its log.
+    """
+
+    run: str
+    observe: str
+    security: Credentials | None = None
+    log_level: LogLevel = "info"
+
+
+class AgentProcessConfig(ProcessConfig, frozen=True, kw_only=True):
     """Configuration of an agent's process.
 
     Attributes:
         agent: Configuration of the agent.
-        run: Prefix of all keys of this run.
         server: Endpoint of the server for this robot, to dial.
         listen: Endpoint at which neighbours dial this agent.
-        observe: Endpoint at which observers dial this agent.
         neighbours: Its neighbours, with their endpoints.
         patience: Time after its measurements for which the agent waits for the message of a neighbour whose link is up
             [s]; it does not wait again for that neighbour until it keeps pace again.
         server_limit: Time for which it waits for a lost server to return [s].
-        security: Its credentials; None for the open profile.
         largest_message: Size of the largest message of a neighbour [B].
         largest_arrays: Size that a user's estimator may use of it for its arrays [B].
-        log_level: The lowest level of messages in its log.
     """
 
     agent: AgentConfig
-    run: str
     server: str
     listen: str
-    observe: str
     neighbours: tuple[Neighbour, ...]
     patience: float = 10.0
     server_limit: float = 30.0
-    security: Credentials | None = None
     largest_message: int = LEAST_LIMIT
     largest_arrays: int = LEAST_LIMIT
-    log_level: LogLevel = "info"
 
 
-class ServerConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class ServerConfig(ProcessConfig, frozen=True, kw_only=True):
     """Configuration of the physics server's process.
 
     Attributes:
         scenario: The scenario to simulate.
-        run: Prefix of all keys of this run.
         robots: Endpoint at which each robot dials, by name: each has a separate link.
-        observe: Endpoint at which observers dial.
         neighbours: The graph, for observers only.
         clock: ``lockstep`` waits for every agent, ``realtime`` for none; ``paced`` waits for every agent, and is not
             faster than real time.
         save_data: File for all robots' measurements, see ``coheft.wire.data.file``; None for none.
         return_limit: Time for which the run waits for a lost robot to return, except in real time, and for which it
             continues after all robots are lost [s].
-        security: Its credentials; None for the open profile.
-        log_level: The lowest level of messages in its log.
     """
 
     scenario: Scenario
-    run: str
     robots: dict[str, str]
-    observe: str
     neighbours: dict[str, tuple[str, ...]]
     clock: ClockKind = "lockstep"
     save_data: str | None = None
     return_limit: float = 10.0
-    security: Credentials | None = None
-    log_level: LogLevel = "info"
 
 
 def agent_config(scenario: Scenario, name: str, neighbours: tuple[str, ...]) -> AgentConfig:
     """Return an agent's configuration. Its seed is 1000 times the scenario's seed plus its own number, from 0."""
-    seed = 1000 * scenario.seed + scenario.robot_names.index(name)
+    seed, sensors = 1000 * scenario.seed + scenario.robot_names.index(name), scenario.sensors
+    same = ("motion", "estimator", "fan2017", "efficient", "converged", "carry", "network")
+    same_of_sensors = ("noise_correlation", "tolerance", "drift", "rate", "block")
     return AgentConfig(
         name=name,
         neighbours=neighbours,
         noise=scenario.noise,
-        noise_correlation=scenario.sensors.noise_correlation,
-        tolerance=scenario.sensors.tolerance,
-        drift=scenario.sensors.drift,
-        rate=scenario.sensors.rate,
-        block=scenario.sensors.block,
         lag=scenario.lookahead,
         seed=seed,
-        motion=scenario.motion,
         waves=draw_waves(scenario.motion.frequency, seed),
-        estimator=scenario.estimator,
-        fan2017=scenario.fan2017,
-        efficient=scenario.efficient,
         estimator_settings=_estimator_settings(scenario),
         motion_settings=scenario.settings.get(scenario.motion.own or "", {}),
-        converged=scenario.converged,
-        carry=scenario.carry,
         known=_known(scenario, name),
-        network=scenario.network,
-        unequal=scenario.sensors.unequal(),
+        unequal=sensors.unequal(),
+        **{key: getattr(scenario, key) for key in same},
+        **{key: getattr(sensors, key) for key in same_of_sensors},
     )
 
 

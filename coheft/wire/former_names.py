@@ -32,11 +32,7 @@ def keep_present(struct: msgspec.Struct) -> None:
 
 
 def rename_sections(table: dict[str, Any], origin: str) -> None:
-    """Rename the sections of a scenario that have earlier names.
-
-    Args:
-        table: A scenario, as nested dictionaries and lists; modified in place.
-        origin: Name of the scenario in errors.
+    """Rename sections of a scenario, in place, that have earlier names; ``origin`` names it in errors.
 
     Raises:
         ScenarioError: A key is present under both names.

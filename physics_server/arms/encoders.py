@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -56,20 +55,13 @@ class Encoders:
         force_offset: Offsets of the forces, shape (N, 3) [N].
     """
 
-    zero: Array
-    angle_scale: Array
-    position_scale: Array
-    force_scale: Array
-    force_offset: Array
-
-    def __init__(self, errors: EncoderErrors, scenario: Scenario, robots: Sequence[str]) -> None:
+    def __init__(self, errors: EncoderErrors, scenario: Scenario) -> None:
         self._errors = errors
         self._force_noise = scenario.noise.force
-        seeds = np.random.SeedSequence((scenario.seed, _STREAM)).spawn(len(robots))
+        count = scenario.robot_count
+        seeds = np.random.SeedSequence((scenario.seed, _STREAM)).spawn(count)
         self._streams = [np.random.default_rng(seed) for seed in seeds]
-        own = [
-            np.random.default_rng(seed) for seed in np.random.SeedSequence(errors.calibration_seed).spawn(len(robots))
-        ]
+        own = [np.random.default_rng(seed) for seed in np.random.SeedSequence(errors.calibration_seed).spawn(count)]
         self.zero = np.radians([errors.misalignment_deg * rng.uniform(-1, 1) * _direction(rng) for rng in own])
         self.angle_scale = np.array([1.0 + errors.angle_scale * rng.uniform(-1, 1, 3) for rng in own])
         self.position_scale = np.array([1.0 + errors.position_scale * rng.uniform(-1, 1, 1) for rng in own])

@@ -41,29 +41,15 @@ class Arms:
     A robot without a reference for a block holds its last displacement, at rest and without feed-forward.
 
     Args:
-        scenario: The scenario, with stiffness, damping and the length of a block.
-        robots: Names of the N robots.
-        grasps: Their grasps in the payload's frame.
         model: The engine's model with their actuators; the payload's free joint comes first.
-        data: The engine's state.
 
     Attributes:
         pushed: Feed-forward wrench ``(f, t)`` of each robot in its own ``F_i`` during the newest block, shape (N, 6).
         read_size: Length of ``readings``.
     """
 
-    pushed: Array
-    read_size: int
-
-    def __init__(
-        self,
-        scenario: Scenario,
-        robots: Sequence[str],
-        grasps: Sequence[Pose],
-        model: mujoco.MjModel,
-        data: mujoco.MjData,
-    ) -> None:
-        self._robots = tuple(robots)
+    def __init__(self, scenario: Scenario, grasps: Sequence[Pose], model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        self._robots = scenario.robot_names
         self._adjoints = np.array([grasp.adjoint() for grasp in grasps])
         self._is_holding = np.ones(len(self._robots), dtype=np.bool_)
         self._model, self._data = model, data
@@ -76,10 +62,8 @@ class Arms:
         self._steps_per_sample = PHYSICS_RATE // scenario.sensors.rate
         (k_t, k_r), (d_t, d_r) = scenario.robots.stiffness, scenario.robots.damping
         damping = np.repeat([d_t / k_t, d_r / k_r if k_r > 0.0 else 0.0], 3)  # a gimbal has neither
-        # Between samples the reference is extrapolated with its rate, and the rate with its slope: a rate that is
-        # constant
-        # between samples would excite the payload at half the sample rate. The spring's damping also acts on the
-        # reference's rate.
+        # Between samples the reference is extrapolated with its rate, and the rate with its slope: constant rates would
+        # excite the payload at half the sample rate. The spring's damping also acts on the reference's rate.
         since_sample = np.arange(self._steps_per_sample)[:, None, None] / PHYSICS_RATE
         self._rate_gains = since_sample + damping
         self._slope_gains = scenario.sensors.rate * since_sample * (0.5 * since_sample + damping)
@@ -94,9 +78,6 @@ class Arms:
 
     def controls(self, references: Mapping[str, Reference]) -> Array:
         """Return the controls for ``drive`` at every physics step of a block; the push is the same for all of them.
-
-        Args:
-            references: References by robot, see ``Reference``.
 
         Returns:
             Displacements from the homes at which the springs are at rest, shape (B * steps per sample, 6 N).

@@ -31,15 +31,9 @@ class TorqueArms(Arms):
     The controller uses the arms' state of the last stage of the integrator's step.
     """
 
-    def __init__(
-        self,
-        scenario: Scenario,
-        robots: Sequence[str],
-        grasps: Sequence[Pose],
-        model: mujoco.MjModel,
-        data: mujoco.MjData,
-    ) -> None:
-        super().__init__(scenario, robots, grasps, model, data)
+    def __init__(self, scenario: Scenario, grasps: Sequence[Pose], model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        super().__init__(scenario, grasps, model, data)
+        robots = scenario.robot_names
         self.read_size = 6 * len(robots)
         (k_t, k_r), (d_t, d_r) = scenario.robots.stiffness, scenario.robots.damping
         self._stiffness = np.repeat([k_t, k_r], 3)
@@ -88,18 +82,12 @@ class TorqueArms(Arms):
         data.ctrl[:] = torques.reshape(count * JOINTS)
 
     def readings(self) -> Array:
-        """Return a view of the readings of the wrists' force-torque sensors, shape (6 N,); they are the last
-        sensors.
-        """
+        """Return a view of the wrists' force-torque readings, shape (6 N,): they are the last sensors."""
         readings: Array = self._data.sensordata[-self.read_size :]
         return readings
 
     def set_holding(self, robot: str, holding: bool) -> None:
-        """Refuse, as welds cannot be released.
-
-        Raises:
-            SimulationError: Always.
-        """
+        """Raise ``SimulationError``, as welds cannot be released."""
         raise SimulationError(f"the hand of {robot} is welded to the payload, it cannot {_VERBS[holding]} it")
 
     def wrenches(self, read: Array, rotations: Array, home_rotations: Array) -> Array:

@@ -84,10 +84,7 @@ class CartSimulation:
         self._rng = np.random.default_rng(scenario.seed)
 
     def advance(self, pushes: Mapping[str, CartPush]) -> CartSample:
-        """Advance to the next sample.
-
-        Args:
-            pushes: Pushes of the hands until then, by pusher; a missing hand exerts no wrench.
+        """Advance to the next sample with the pushes of the hands until then; a missing hand exerts no wrench.
 
         Raises:
             SimulationError: The cart has moved out of bounds.
@@ -170,9 +167,7 @@ class CartSimulation:
         return result
 
     def _change(self, load: CartLoad) -> None:
-        """Add or remove a load. A load that is added was at rest; momentum is conserved along the unconstrained
-        directions.
-        """
+        """Add or remove a load; one that is added was at rest, and momentum along free directions is conserved."""
         old, new = self._cart, with_load(self._cart, load)
         if load.mass > 0.0:
             theta = float(self.data.qpos[2])

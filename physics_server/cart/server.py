@@ -14,7 +14,7 @@ import zenoh
 from coheft.errors import CoheftError, LinkError, MessageError
 from coheft.physics_server.cart.physics import CartSimulation
 from coheft.wire.cart.config import CartServerConfig
-from coheft.wire.cart.messages import CartMeasurement, CartPush
+from coheft.wire.cart.messages import CartPush
 from coheft.wire.messages.codec import check_array, check_field
 from coheft.wire.messages.structs import Message, Ready, Stop
 from coheft.wire.process.problem_log import ProblemLog
@@ -34,6 +34,8 @@ class _PusherLink:
         is_ready: Whether its links are up and it receives the server's messages.
         answered: The last sample that it has answered, -1 if none.
         pushes: Its announced pushes, by sample.
+        measurements: Sends its samples.
+        stop: Tells it that the run is over.
     """
 
     def __init__(self, name: str, session: zenoh.Session, inbox: Inbox, keys: Keys, lag: int) -> None:
@@ -42,21 +44,17 @@ class _PusherLink:
         self.pushes: dict[int, CartPush] = {}
         self._name = name
         self._lag = lag
-        self._measurements = Sender(session, keys.robot(name, "measurements"), may_drop=False)
-        self._stop = Sender(session, keys.robot(name, "stop"), may_drop=False)
+        self.measurements = Sender(session, keys.robot(name, "measurements"), may_drop=False)
+        self.stop = Sender(session, keys.robot(name, "stop"), may_drop=False)
         inbox.watch_links(session, name)
         inbox.listen(session, name, {keys.robot(name, "ready"): Ready, keys.robot(name, "reference"): CartPush})
 
     def take(self, message: Message) -> None:
-        """Process the pusher's message.
-
-        Raises:
-            MessageError: The message is not valid here and now.
-        """
+        """Process the pusher's message."""
         match message:
             case Ready():
                 check_field("robot", message.robot, self._name)
-                self.is_ready = self._measurements.has_listener
+                self.is_ready = self.measurements.has_listener
             case CartPush():
                 check_field("robot", message.robot, self._name)
                 check_field("answers", message.answers, self.answered + 1)
@@ -65,14 +63,6 @@ class _PusherLink:
                 check_array(message.hand, (2,), "hand")
                 self.answered = message.answers
                 self.pushes[message.block] = message
-
-    def send(self, measurement: CartMeasurement) -> None:
-        """Send the pusher its own sample."""
-        self._measurements.send(measurement)
-
-    def send_stop(self, reason: str) -> None:
-        """Tell the pusher that the run is over."""
-        self._stop.send(Stop(reason=reason))
 
 
 class CartServer:
@@ -112,21 +102,17 @@ class CartServer:
         finally:
             self._is_over = True
             for link in self._links.values():
-                link.send_stop(reason)
+                link.stop.send(Stop(reason=reason))
 
     def _advance(self, block: int) -> None:
         pushes = {name: link.pushes.pop(block) for name, link in self._links.items() if block in link.pushes}
         sample = self._simulation.advance(pushes)
         for name, link in self._links.items():
-            link.send(sample.measurements[name])
+            link.measurements.send(sample.measurements[name])
         self._truth.send(sample.truth)
 
     def _wait_for(self, block: int) -> None:
-        """Wait until all pushers have answered a sample.
-
-        Raises:
-            LinkError: A pusher is lost, or does not answer.
-        """
+        """Wait until all pushers have answered a sample."""
         deadline = time.monotonic() + _ANSWER_LIMIT
         while silent := [name for name, link in self._links.items() if link.answered < block]:
             left = deadline - time.monotonic()
@@ -135,11 +121,7 @@ class CartServer:
             self._handle(self._inbox.receive(left))
 
     def _handle(self, event: Event | None) -> None:
-        """Process an event.
-
-        Raises:
-            LinkError: A pusher is lost.
-        """
+        """Process an event."""
         match event:
             case Received(name, CartPush() | Ready() as message):
                 try:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks import check
-from benchmarks.compare import LIMIT, compare, load_committed, write_committed
+from benchmarks.check import LIMIT, compare, load_committed, write_committed
 from benchmarks.figures import Figure, Section
 from coheft.errors import CoheftError
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import msgspec
 import pytest
 
-from benchmarks.compare import load_committed
+from benchmarks.check import load_committed
 from benchmarks.figures import Section, guarded
-from benchmarks.floor import Ratios, Turns, _figures
+from benchmarks.floor import Turns, _figures
 from benchmarks.paced_team import SIZES, Turn
 
 
@@ -26,20 +25,19 @@ TURNS = Turns(
 
 
 def test_ratios_are_medians_of_what_was_side_by_side() -> None:
-    assert TURNS.ratios() == Ratios(
-        whole_over_zenoh=4.0,
-        bare_over_zenoh=2.0,
-        whole_over_zenoh_cpu=5.0,
-        bare_over_zenoh_cpu=2.0,
-        server_over_bare_server=2.0,
-        server_over_steps=8.0,
-    )
-    assert {"whole_over_zenoh", "bare_over_zenoh", "server_over_bare_server"} < set(msgspec.to_builtins(TURNS.ratios()))
+    assert TURNS.ratios() == {
+        "whole_over_zenoh": 4.0,
+        "bare_over_zenoh": 2.0,
+        "whole_over_zenoh_cpu": 5.0,
+        "bare_over_zenoh_cpu": 2.0,
+        "server_over_bare_server": 2.0,
+        "server_over_steps": 8.0,
+    }
 
 
 @pytest.mark.parametrize("robots", SIZES)
 def test_what_is_guarded_has_been_committed(robots: int) -> None:
-    figures = _figures(robots, TURNS, TURNS.ratios())
+    figures = _figures(robots, TURNS)
     found = guarded([Section(name="floor", title="", figures=figures)])
     assert found.keys() <= load_committed().keys()
     assert len(found) == 3

@@ -40,6 +40,8 @@ def values(kind: Any) -> st.SearchStrategy[Any]:
         return st.floats(allow_nan=False)
     if kind is int:
         return st.integers(-(2**63), 2**63 - 1)
+    if origin is typing.Annotated:
+        return st.floats(arguments[1].ge, arguments[1].le)
     if origin is np.ndarray:
         return arrays(np.float64, array_shapes(min_dims=0, max_dims=4, min_side=0, max_side=4))
     if origin is typing.Literal:

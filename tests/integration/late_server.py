@@ -5,16 +5,14 @@ The server itself is the real one. Only its clock is ahead.
 
 from __future__ import annotations
 
-from typing import Literal
-
 from coheft.physics_server import server
-from coheft.physics_server.clock import Clock, Realtime
+from coheft.physics_server.clock import Clock
 
 AHEAD = 3600.0
 """More than can be made up for in a test [s]."""
 
 
-class FastClock(Realtime):
+class FastClock(Clock):
     """All blocks are due."""
 
     def start(self, block: int) -> None:
@@ -22,11 +20,6 @@ class FastClock(Realtime):
         self._origin -= AHEAD
 
 
-def make_fast_clock(kind: Literal["lockstep", "realtime"], lag: int, block_duration: float) -> Clock:
-    assert kind == "realtime"
-    return FastClock(block_duration)
-
-
 if __name__ == "__main__":
-    server.make_clock = make_fast_clock
+    server.Clock = FastClock
     server.main()

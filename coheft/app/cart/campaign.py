@@ -53,13 +53,7 @@ def run_cases(
     run: Run = run_in_process,
     on_progress: Callable[[int], None] = lambda done: None,
 ) -> list[Outcome]:
-    """Run all cases, and return their outcomes in the same order.
-
-    Args:
-        cases: The runs.
-        jobs: Number of parallel processes.
-        run: Runs a scenario, if there is one job.
-        on_progress: Called with the number of finished runs.
+    """Run all cases with ``run``, or in so many processes, and return their outcomes in the same order.
 
     Raises:
         MissingPackageError: There is more than one job, but joblib is not installed.

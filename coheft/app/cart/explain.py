@@ -58,16 +58,13 @@ def _meanings(recording: CartRecording, hand: Hand) -> Iterator[tuple[str, CartR
         yield f"the hand were on the other side (--hand {x:g} {-y:g})", recording, (x, -y)
     for words, length in (("feet", _FEET), ("centimetres", _CM)):
         lengths = np.array([length, length, 1.0])
-        yield f"lengths were in {words}", _moved(recording, lengths), hand
+        moved = replace(recording, poses=poses * lengths, rates=recording.rates * lengths)
+        yield f"lengths were in {words}", moved, hand
     for samples in (1, 3, -1, -3):
         late = recording.times[abs(samples)] - recording.times[0]
         shifted = np.roll(pushes, -samples, axis=0)[4:-4]
         words = f"pushes were {1e3 * late:.0f} ms too {'late' if samples > 0 else 'early'}"
         yield words, _part(replace(recording, pushes=pushes), shifted), hand
-
-
-def _moved(recording: CartRecording, factors: Array) -> CartRecording:
-    return replace(recording, poses=recording.poses * factors, rates=recording.rates * factors)
 
 
 def _part(recording: CartRecording, pushes: Array) -> CartRecording:

@@ -34,12 +34,15 @@ def draw(outcomes: Sequence[Outcome], folder: Path) -> list[Path]:
 
 
 def _draw_tracking(learned: dict[int, Outcome], fixed: dict[int, Outcome], path: Path) -> Path:
+    from matplotlib import colormaps
+
     with figure_to(path, *_SIZE) as figure:
         axes = figure.subplots()
         for test, outcome in fixed.items():
             label = "without the estimator" if test == min(fixed) else None
             axes.plot(outcome.times, outcome.tracking_errors, color="0.7", linestyle="--", linewidth=1, label=label)
-        axes.set_prop_cycle(color=_colours())  # as many as there are tests
+        colours: Any = colormaps["tab20"]
+        axes.set_prop_cycle(color=colours.colors[::2] + colours.colors[1::2])  # as many as there are tests
         for test, outcome in learned.items():
             axes.plot(outcome.times, outcome.tracking_errors, linewidth=1, label=f"test {test}")
         axes.set_ylim(0.0, 0.5)
@@ -63,11 +66,3 @@ def _draw_masses(outcomes: Sequence[Outcome], path: Path, limits: tuple[float, f
         axes.set_ylabel("mass [kg]; shaded: ± 2 own std")
         axes.legend(ncols=2)
     return path
-
-
-def _colours() -> Any:
-    """One for each test."""
-    from matplotlib import colormaps
-
-    colours: Any = colormaps["tab20"]
-    return colours.colors[::2] + colours.colors[1::2]

@@ -170,11 +170,7 @@ def _identified(
 
 
 def _check_motion(recording: CartRecording) -> None:
-    """Check that rates are those of poses.
-
-    Raises:
-        RecordingError: They are not; the message says which error would explain it.
-    """
+    """Check that rates are those of poses."""
     times, poses, rates = recording.times, recording.poses, recording.rates
     if _misfit(times, poses, rates) < _SAME:
         factor = _pace(times, poses, rates)
@@ -214,11 +210,7 @@ def _pace(times: Array, poses: Array, rates: Array) -> float:
 
 
 def _check_axle(recording: CartRecording, noise: float) -> None:
-    """Check that the axle does not move sideways.
-
-    Raises:
-        RecordingError: It does; the message says which error of the pose would explain it.
-    """
+    """Check that the axle does not move sideways."""
     ahead, aside = _in_cart(recording.poses, recording.rates)
     motions = np.column_stack([ahead, recording.rates[:, 2]])
     information = motions.T @ motions
@@ -274,11 +266,7 @@ def _rms(values: Array) -> float:
 
 
 def _check_pushes(recording: CartRecording, pushes: Array) -> None:
-    """Check that the cart goes where it is pushed.
-
-    Raises:
-        RecordingError: It has hardly moved, or it goes the other way.
-    """
+    """Check that the cart goes where it is pushed."""
     speeds, _ = _in_cart(recording.poses, recording.rates)
     if np.abs(speeds).max() < _PRIOR.slow:
         raise RecordingError(

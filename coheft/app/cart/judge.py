@@ -107,7 +107,7 @@ def judge(run: CartRun, test: int) -> CartReport:
     com_errors = {name: float(np.hypot(*np.subtract(e.cart.com, truth.com))) for name, e in last.items()}
     worst = last[max(com_errors, key=lambda name: com_errors[name])]
     at_time = {name: _newest(estimates, MASS_AT) for name, estimates in run.estimates.items()}
-    mass_then = _newest_truth(run, MASS_AT)
+    mass_then = max((each for each in run.truths if each.time <= MASS_AT), key=lambda each: each.time).cart.mass
     farthest = max(at_time.values(), key=lambda estimate: abs(estimate.cart.mass - mass_then))
     times, errors = tracking_errors(run)
     com = slice(QUANTITIES.index("d_x"), QUANTITIES.index("d_y") + 1)
@@ -138,11 +138,6 @@ def judge(run: CartRun, test: int) -> CartReport:
 def _newest(estimates: Sequence[CartEstimate], time: float) -> CartEstimate:
     """The newest estimate at a time [s], or else the first one."""
     return max((e for e in estimates if e.time <= time), key=lambda e: e.time, default=estimates[0])
-
-
-def _newest_truth(run: CartRun, time: float) -> float:
-    """True mass at a time [s]."""
-    return max((truth for truth in run.truths if truth.time <= time), key=lambda truth: truth.time).cart.mass
 
 
 def _recoveries(run: CartRun) -> list[LoadRecovery]:

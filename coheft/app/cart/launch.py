@@ -99,10 +99,6 @@ def run_in_processes(
 def check_complete(run: CartRun, folder: Path) -> None:
     """Check that a run can be judged: messages to observers may be lost.
 
-    Args:
-        run: The run, at its end.
-        folder: With its logs.
-
     Raises:
         LinkError: Samples of the cart are missing, or all estimates of a pusher.
     """

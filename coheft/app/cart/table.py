@@ -34,12 +34,7 @@ _RECOVERY_LIMIT = 1.0
 
 
 class CartStudy(msgspec.Struct, frozen=True):
-    """Results of the command ``coheft cart``.
-
-    Attributes:
-        reports: One per run.
-        missed: Results that are worse than expected, as sentences.
-    """
+    """Results of the command ``coheft cart``."""
 
     reports: list[CartReport]
     missed: list[str]

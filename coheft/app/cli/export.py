@@ -47,7 +47,7 @@ def export(
         max_inertia: With verdict: largest allowed moment of inertia at the centre of mass [kg·m²].
         to: Write to this file instead of standard output.
     """
-    from coheft.app.export.handover import hand_over
+    from coheft.app.export.formats import hand_over
     from coheft.app.export.sources import hear_load, read_load
     from coheft.app.export.verdict import Limits
     from coheft.app.outputs import write_text

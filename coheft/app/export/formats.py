@@ -7,17 +7,49 @@ from collections.abc import Callable, Iterable
 from typing import Literal
 from xml.sax.saxutils import quoteattr
 
+import msgspec
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from coheft.app.export.found_load import FoundLoad
-from coheft.errors import CoheftError
+from coheft.app.export.verdict import Answer, Limits, judge_load
+from coheft.errors import CoheftError, UsageError
 from coheft.estimation.geometry.spatial import Array
+from coheft.estimation.linear_algebra import principal_axes
 from coheft.estimation.rigid_body.mass_properties import pack_symmetric
+from coheft.wire.scenario.section import pose_of
 
 Format = Literal["urdf", "mjcf", "franka", "ur", "kuka"]
+Target = Format | Literal["verdict"]
+Placement = tuple[float, float, float, float, float, float]
+"""Pose of the grasp frame in the frame of the flange: position [m], rotation vector [degrees]."""
 _LARGEST_OF_UR = 133.0
 """Largest component that ``set_target_payload`` accepts [kg·m²]."""
+
+
+def hand_over(load: FoundLoad, target: Target, flange: Placement | None, limits: Limits) -> tuple[str, Answer]:
+    """Return the text for the target, and whether the load is within the limits.
+
+    Args:
+        load: The load in the grasp frame of the robot that identified it.
+        target: The target.
+        flange: Pose of that frame in the frame of the flange; None if they coincide.
+        limits: Limits for a verdict.
+
+    Raises:
+        UsageError: There are limits, but the target is not a verdict.
+        CoheftError: The target does not accept such a load.
+    """
+    if target != "verdict" and limits != Limits():
+        raise UsageError("limits of mass, offset and inertia are for a verdict: add --as verdict, or leave them out")
+    frame = f"grasp frame of {load.robot}, which is taken for that of the flange"
+    if flange is not None:
+        load = load.seen_from(pose_of(flange[:3], flange[3:]))
+        frame = f"flange, with the grasp frame of {load.robot} at {' '.join(f'{x:g}' for x in flange)} (m, degrees)"
+    if target == "verdict":
+        verdict = judge_load(load, limits, frame)
+        return msgspec.json.format(msgspec.json.encode(verdict)).decode() + "\n", verdict.answer
+    return export_load(load, target, frame), "within"
 
 
 def export_load(load: FoundLoad, format: Format, frame: str) -> str:
@@ -86,8 +118,7 @@ def _ur(load: FoundLoad) -> str:
 def _kuka(load: FoundLoad) -> str:
     """KRL: mass [kg], centre of mass in the flange's frame [mm], principal axes as angles [°], moments [kg·m²]."""
     inertia = load.inertia
-    moments, axes = np.linalg.eigh(inertia.tensor)
-    axes *= np.sign(np.linalg.det(axes))  # a rotation, not a reflection
+    moments, axes = principal_axes(inertia.tensor)
     centre = _named("XYZ", 1e3 * inertia.com) + "," + _named("ABC", _kuka_angles(axes))
     return f"LOAD_DATA[1]={{M {_decimal(inertia.mass)},CM {{{centre}}},J {{{_named('XYZ', moments)}}}}}\n"
 

@@ -54,13 +54,7 @@ class FoundLoad:
 
 
 def of_run(report: Report, robot: str | None, source: str, estimator: str | None = None) -> FoundLoad:
-    """Return the load that a robot, by default the first, reported at the end of a run.
-
-    Args:
-        report: The report.
-        robot: The robot; None for the first one.
-        source: Description of the source.
-        estimator: Estimator whose result is used, if several ran; None for the robots' own.
+    """Return the load that a robot (default: the first) found in a run with an estimator (default: its own).
 
     Raises:
         CoheftError: There is no such robot or estimator, or its estimate may not be used; the message says why.
@@ -85,11 +79,7 @@ def of_run(report: Report, robot: str | None, source: str, estimator: str | None
 
 
 def of_estimate(estimate: Estimate, source: str) -> FoundLoad:
-    """Return the load of an estimate of a run in progress.
-
-    Raises:
-        CoheftError: It may not be used; the message says why.
-    """
+    """Return the load of an estimate in a run; raise ``CoheftError`` with the reason if it may not be used."""
     name, payload = estimate.robot, estimate.payload
     _check_status(name, estimate.status, estimate.reasons)
     if payload is None or payload.com is None or payload.tensor is None:
@@ -128,11 +118,7 @@ def of_recording(report: IdentifyReport, robot: str | None, source: str) -> Foun
 
 
 def chosen_robot(robot: str | None, names: list[str]) -> str:
-    """Return the robot, by default the first.
-
-    Raises:
-        CoheftError: There is no such robot.
-    """
+    """Return the robot, by default the first; raise ``CoheftError`` if there is no such robot."""
     name = names[0] if robot is None else robot
     if name not in names:
         raise CoheftError(f"there is no robot {name}: the robots are {', '.join(names)}")
@@ -155,11 +141,7 @@ def _not_known(robot: str, not_observable: list[str]) -> CoheftError:
 def _checked(
     inertia: Inertia, std: tuple[float, Array, Array], robot: str, source: str, remarks: tuple[str, ...]
 ) -> FoundLoad:
-    """Return the load, if a body with these mass properties can exist.
-
-    Raises:
-        CoheftError: No such body can exist.
-    """
+    """Return the load, if a body with these mass properties can exist."""
     if inertia.com.shape != (3,) or inertia.tensor.shape != (3, 3):
         raise CoheftError(f"{source}: expected 3 numbers for the centre of mass and 3 × 3 for the inertia")
     scale = np.sqrt(np.abs(np.diag(inertia.pseudo_inertia())))

@@ -18,12 +18,7 @@ _PATIENCE = 5.0
 
 
 def read_load(path: Path, robot: str | None, estimator: str | None = None) -> FoundLoad:
-    """Return the load of a JSON report of ``coheft run`` or ``coheft identify``.
-
-    Args:
-        path: Path of the report.
-        robot: Robot whose estimate is used; None for the first one.
-        estimator: Estimator whose result is used, if several ran; None for the robots' own.
+    """Return the load of a JSON report of ``coheft run`` or ``coheft identify``; choices as for ``of_run``.
 
     Raises:
         CoheftError: It is not such a report, that estimator did not run, or its estimate may not be used; the message
@@ -58,12 +53,7 @@ def refuse_estimator(estimator: str | None, source: str) -> None:
 
 
 def hear_load(folder: Path | None, robot: str | None, estimator: str | None = None) -> FoundLoad:
-    """Return the load that a robot of a run in progress reports now.
-
-    Args:
-        folder: Folder of the run; None for the newest.
-        robot: Robot whose estimate is used; None for the first one.
-        estimator: Estimator whose result is used, if several run; None for the robots' own.
+    """Return the load that a robot of a run in progress, by default the newest, reports now; choices as for ``of_run``.
 
     Raises:
         CoheftError: There is no such run, robot or estimator, it sends no estimate, or its estimate may not be used.

@@ -37,8 +37,9 @@ from coheft.app.faults.unlike import with_unlike_robots
 from coheft.app.faults.values import with_values
 from coheft.consensus.graph import build_graph
 from coheft.estimation.tolerance import INDUSTRIAL, SensorTolerance
+from coheft.wire.scenario.motion import Motion
 from coheft.wire.scenario.payload import Box, Payload
-from coheft.wire.scenario.schema import Graph, LoadChange, Motion, Perimeter, Robots, Scenario, Sensors
+from coheft.wire.scenario.schema import Graph, LoadChange, Perimeter, Robots, Scenario, Sensors
 from coheft.wire.scenario.section import Vector
 
 MOST_FAULTS = 4

@@ -17,8 +17,8 @@ from coheft.physics_server.simulation import Simulation
 from coheft.wire.config import agent_config
 from coheft.wire.messages.structs import Reference
 from coheft.wire.scenario.grasps import place_grasps
+from coheft.wire.scenario.motion import ViaPoints
 from coheft.wire.scenario.schema import Scenario
-from coheft.wire.scenario.via_points import ViaPoints
 
 ReferenceOf = Callable[[int], Array]
 """Function from a block's number to its reference motion, see ``ReferenceMotion.reference``."""

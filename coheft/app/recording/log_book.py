@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple
 
 from coheft.app.recording import ros
 from coheft.app.results.states import State
@@ -13,23 +12,15 @@ from coheft.wire.messages.truth import LoadState, Truth
 from coheft.wire.transport.planes import SERVER
 
 
-class Line(NamedTuple):
-    """A line of the log, with its source and its level."""
-
-    name: str
-    level: int
-    text: str
-
-
 class LogBook:
-    """Turns messages into log lines for new events."""
+    """Turns messages into log lines for new events: source, level and text."""
 
     def __init__(self) -> None:
         self._loads: dict[int, LoadState] | None = None
         self._states: dict[str, str] = {}
         self._logged: set[tuple[str, str]] = set()
 
-    def lines(self, news: News) -> Iterator[Line]:
+    def lines(self, news: News) -> Iterator[tuple[str, int, str]]:
         """Yield a line for each new event in a message."""
         match news:
             case Truth():
@@ -37,29 +28,29 @@ class LogBook:
             case Estimate():
                 yield from self._robot_lines(news)
             case Problem():
-                yield Line(news.source, ros.WARN, news.text)
+                yield news.source, ros.WARN, news.text
 
-    def _load_lines(self, loads: dict[int, LoadState]) -> Iterator[Line]:
+    def _load_lines(self, loads: dict[int, LoadState]) -> Iterator[tuple[str, int, str]]:
         before = loads if self._loads is None else self._loads
         for number, load in loads.items():
             if number not in before:
                 place = ", ".join(f"{value:g}" for value in load.position)
-                yield Line(SERVER, ros.INFO, f"load {number} of {load.mass:g} kg is added at ({place}) m")
+                yield SERVER, ros.INFO, f"load {number} of {load.mass:g} kg is added at ({place}) m"
         for number in before:
             if number not in loads:
-                yield Line(SERVER, ros.INFO, f"load {number} is removed")
+                yield SERVER, ros.INFO, f"load {number} is removed"
         self._loads = loads
 
-    def _robot_lines(self, estimate: Estimate) -> Iterator[Line]:
+    def _robot_lines(self, estimate: Estimate) -> Iterator[tuple[str, int, str]]:
         name = estimate.robot
         events = [f"notices at {each.noticed_at:.2f} s that the load has changed" for each in estimate.load_changes]
         events += [f"finds at {s.named_at:.2f} s that the grasp of {s.robot} has slipped" for s in estimate.slips]
         for text in events:
             if (name, text) not in self._logged:
                 self._logged.add((name, text))
-                yield Line(name, ros.INFO, text)
+                yield name, ros.INFO, text
         state = State.of(estimate)
         if state != self._states.get(name):
             self._states[name] = state
             reasons = f": {'; '.join(estimate.reasons)}" if estimate.reasons else ""
-            yield Line(name, ros.WARN if state is State.STALE else ros.INFO, f"is {state}{reasons}")
+            yield name, ros.WARN if state is State.STALE else ros.INFO, f"is {state}{reasons}"

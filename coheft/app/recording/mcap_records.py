@@ -21,11 +21,7 @@ DAMAGE = (McapError, zstandard.ZstdError, ValueError, struct.error, OverflowErro
 
 
 def is_finished(file: BinaryIO) -> bool:
-    """Whether an MCAP file is complete; leaves the file at its start.
-
-    Raises:
-        RecordingError: It is not an MCAP file.
-    """
+    """Whether an MCAP file, left at its start, is complete; raise ``RecordingError`` if it is none."""
     start = file.read(len(MAGIC))
     if start != MAGIC:
         raise RecordingError("it is not an MCAP file" if start else "it is empty")

@@ -6,6 +6,7 @@ contain their own length, so damage right before one does not hide it. Every oth
 
 from __future__ import annotations
 
+import math
 import re
 import struct
 import zlib
@@ -51,22 +52,31 @@ class Piece:
 
 
 @dataclass(frozen=True)
-class Loss:
-    """A damaged piece of a file between two offsets [bytes]."""
+class Lost:
+    """A part of a file that could not be saved.
+
+    Attributes:
+        start: Its start [bytes].
+        end: Its end [bytes].
+        after: Latest time of the run before it [s]; -inf if there is none.
+        before: Earliest time of the run after it [s]; inf if there is none.
+    """
 
     start: int
     end: int
+    after: float = -math.inf
+    before: float = math.inf
 
 
-def pieces(content: bytes) -> Iterator[Piece | Loss]:
-    """Yield all pieces of a file in order, without the magic bytes at both ends.
+def pieces(content: bytes) -> Iterator[Piece | Lost]:
+    """Yield all pieces of a file in order, without the magic bytes at both ends; times of lost ones are not set.
 
     Args:
         content: Content of the file; anything that can be sliced like bytes, so that it need not be in memory.
     """
     place = len(MAGIC)
     while place < len(content) and not _is_end(content, place):
-        yield (found := _piece_at(content, place) or Loss(place, _next_place(content, place)))
+        yield (found := _piece_at(content, place) or Lost(place, _next_place(content, place)))
         place = found.end
 
 
@@ -76,7 +86,7 @@ def is_whole(content: bytes) -> bool:
         return False
     last: McapRecord | None = None
     for piece in pieces(content):
-        if isinstance(piece, Loss):
+        if isinstance(piece, Lost):
             return False
         last = piece.records[-1] if piece.records else None
         match last:
@@ -152,9 +162,7 @@ def _chunk(content: bytes, place: int, end: int | None) -> Piece | None:
 
 
 def _next_place(content: bytes, place: int) -> int:
-    """Return where to continue after damage: after the damaged record if its length is right, or else at a sealed
-    piece.
-    """
+    """Return where to continue: after the damaged record if its length is right, or else at a sealed piece."""
     if place + _HEAD.size <= len(content):
         behind: int = place + _HEAD.size + _HEAD.unpack(content[place : place + _HEAD.size])[1]
         if behind == len(content) or (behind < len(content) and _piece_at(content, behind)):

@@ -29,10 +29,6 @@ class Recorder(Follower):
     the file is removed. If the file can no longer be written, the run continues without it, so that its other results
     are not lost.
 
-    Args:
-        path: Path of the file, which must not exist yet.
-        scenario: The scenario of the run.
-
     Raises:
         RecordingError: The file exists already, or cannot be written.
     """

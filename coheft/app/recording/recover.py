@@ -15,28 +15,11 @@ from mcap.writer import Writer
 
 from coheft.app.recording.mcap_file import COPY, make_writer
 from coheft.app.recording.mcap_records import DAMAGE, MAGIC
-from coheft.app.recording.pieces import Loss, Piece, is_whole, pieces
+from coheft.app.recording.pieces import Lost, is_whole, pieces
 from coheft.errors import RecordingError
 
 _MAGIC_MATCHES = 5
 """Number of correct bytes of the magic number with which a file counts as a damaged MCAP file."""
-
-
-@dataclass(frozen=True)
-class Lost:
-    """A part of a file that could not be saved.
-
-    Attributes:
-        start: Its start in the old file [bytes].
-        end: Its end [bytes].
-        after: Latest time of the run before it [s]; -inf if there is none.
-        before: Earliest time of the run after it [s]; inf if there is none.
-    """
-
-    start: int
-    end: int
-    after: float
-    before: float
 
 
 @dataclass(frozen=True)
@@ -60,11 +43,6 @@ def recover(path: Path, output: Path, *, overwrite: bool = False) -> Saved | Non
     """Write the undamaged content of an incomplete or damaged MCAP file to a new, complete one.
 
     The old file is not changed, unless it is also the output. The output appears only when it is complete.
-
-    Args:
-        path: The recording.
-        output: The file to write.
-        overwrite: Whether to replace an existing output.
 
     Returns:
         The result; None if the recording is complete, so that nothing was written.
@@ -93,11 +71,7 @@ def recover(path: Path, output: Path, *, overwrite: bool = False) -> Saved | Non
 
 @contextmanager
 def _content(path: Path) -> Iterator[bytes]:
-    """Map the content of an MCAP file into memory.
-
-    Raises:
-        RecordingError: It is not an MCAP file.
-    """
+    """Map the content of an MCAP file into memory."""
     with path.open("rb") as file:
         begin = file.read(len(MAGIC))
         if not begin:
@@ -114,22 +88,30 @@ def _copy(content: bytes, writer: Writer) -> Saved:
     count, nameless, latest = 0, 0, -math.inf
     lost: list[Lost] = []
     for piece in pieces(content):
-        if isinstance(piece, Loss):
-            lost = _with(lost, piece, latest)
+        if isinstance(piece, Lost):
+            if lost and lost[-1].end == piece.start:
+                lost[-1] = replace(lost[-1], end=piece.end)
+            else:
+                lost.append(replace(piece, after=latest))
             continue
-        messages = [record for record in piece.records if isinstance(record, Message)]
-        if messages:
-            first = min(message.log_time for message in messages) / 1e9
-            lost = [replace(each, before=min(each.before, first)) for each in lost]
-            latest = max(latest, max(message.log_time for message in messages) / 1e9)
-        for message in messages:
-            channel = channels.get(message.channel_id)
-            if channel is None:
-                nameless += 1
-                continue
-            count += 1
-            writer.add_message(channel, message.log_time, message.data, message.publish_time, message.sequence)
-        _copy_others(piece, writer)
+        times = [record.log_time / 1e9 for record in piece.records if isinstance(record, Message)]
+        if times:
+            lost = [replace(each, before=min(each.before, *times)) for each in lost]
+            latest = max(latest, *times)
+        for record in piece.records:
+            match record:
+                case Message() if record.channel_id not in channels:
+                    nameless += 1
+                case Message():
+                    count += 1
+                    channel, time = channels[record.channel_id], record.log_time
+                    writer.add_message(channel, time, record.data, record.publish_time, record.sequence)
+                case Attachment() if record.name != COPY:  # the new file needs no copy of its definitions
+                    writer.add_attachment(
+                        record.create_time, record.log_time, record.name, record.media_type, record.data
+                    )
+                case Metadata():
+                    writer.add_metadata(record.name, record.metadata)
     if count == 0:
         raise RecordingError("it contains no message that could be saved")
     writer.finish()
@@ -145,7 +127,7 @@ def _define(content: bytes, writer: Writer) -> dict[int, int]:
     header = Header("", "")
     found: dict[tuple[type[McapRecord], int], McapRecord] = {}
     for piece in pieces(content):
-        if isinstance(piece, Loss):
+        if isinstance(piece, Lost):
             continue
         for record in _with_copied(piece.records):
             match record:
@@ -173,19 +155,3 @@ def _with_copied(records: list[McapRecord]) -> Iterator[McapRecord]:
         if isinstance(record, Attachment) and record.name == COPY:
             with suppress(*DAMAGE):
                 yield from breakup_chunk(Chunk("", record.data, 0, 0, 0, len(record.data)))
-
-
-def _with(lost: list[Lost], loss: Loss, latest: float) -> list[Lost]:
-    if lost and lost[-1].end == loss.start:
-        return [*lost[:-1], replace(lost[-1], end=loss.end)]
-    return [*lost, Lost(loss.start, loss.end, latest, math.inf)]
-
-
-def _copy_others(piece: Piece, writer: Writer) -> None:
-    """Write attachments and metadata; the new file needs no copy of its definitions."""
-    for record in piece.records:
-        match record:
-            case Attachment() if record.name != COPY:
-                writer.add_attachment(record.create_time, record.log_time, record.name, record.media_type, record.data)
-            case Metadata():
-                writer.add_metadata(record.name, record.metadata)

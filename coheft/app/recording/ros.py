@@ -56,11 +56,7 @@ def to_cdr(message: RosMessage) -> bytes | memoryview:
 
 
 def from_cdr(cdr: bytes, kind: str) -> RosMessage:
-    """Decode a message of a type from CDR.
-
-    Raises:
-        MessageError: It has another type.
-    """
+    """Decode a message of a type from CDR; raise ``MessageError`` if it has another."""
     try:
         return _STORE.deserialize_cdr(cdr, kind)
     except SerdeError as error:
@@ -85,11 +81,7 @@ def of_bytes(data: bytes) -> RosMessage:
 
 
 def bytes_in(cdr: bytes) -> bytes:
-    """Return the bytes in a message of ``of_bytes``, given as CDR.
-
-    Raises:
-        MessageError: It has another type.
-    """
+    """Return the bytes in a message of ``of_bytes``, given as CDR; raise ``MessageError`` if it is another."""
     data: bytes = from_cdr(cdr, BYTES_TYPE).data.tobytes()
     return data
 

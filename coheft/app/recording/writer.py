@@ -7,14 +7,12 @@ from collections.abc import Iterable
 import msgspec
 
 from coheft.app.recording import ros
-from coheft.app.recording.error_topics import error_messages
-from coheft.app.recording.estimate_topics import estimate_messages
 from coheft.app.recording.log_book import LogBook
 from coheft.app.recording.mcap_file import McapFile
 from coheft.app.recording.raw import to_raw
 from coheft.app.recording.reader import BEGIN, SCENARIO, VERSIONS
 from coheft.app.recording.ros import RosMessage
-from coheft.app.recording.truth_topics import box_messages, scene_messages, truth_messages
+from coheft.app.recording.topics import box_messages, error_messages, estimate_messages, scene_messages, truth_messages
 from coheft.app.results.record import load_ids
 from coheft.app.run.heard import News
 from coheft.app.run.pairing import Pairing
@@ -30,11 +28,6 @@ class RunWriter:
     """Writes the messages of a run to an MCAP file, which the caller flushes and completes.
 
     The log time of a message is the simulated time that it refers to; the time in its header is that of the sample.
-
-    Args:
-        out: The file.
-        scenario: The scenario of the run.
-        begin: The server's status when the run has begun.
     """
 
     def __init__(self, out: McapFile, scenario: Scenario, begin: Status) -> None:
@@ -66,7 +59,7 @@ class RunWriter:
             case EstimateBeside(estimate=estimate) if f"/{estimate.estimator}" in self._pairings:
                 self._write_estimate(time, estimate, f"/{estimate.estimator}")
         for line in self._log.lines(news):
-            self._out.write("/rosout", time, ros.log(time, line.name, line.level, line.text))
+            self._out.write("/rosout", time, ros.log(time, *line))
 
     def _write_truth(self, time: int, truth: Truth) -> None:
         sampled = max(0, time - self._sample)

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 
 from coheft.app.recording import ros
-from coheft.app.recording.estimate_topics import estimate_messages
 from coheft.app.recording.log_book import LogBook
 from coheft.app.recording.ros import RosMessage
-from coheft.app.recording.truth_topics import scene_messages, truth_messages
+from coheft.app.recording.topics import estimate_messages, scene_messages, truth_messages
 from coheft.app.ros2.names import check_ros_names
 from coheft.app.ros2.node import RosNode, open_node
 from coheft.app.run.folder import RunFile
@@ -17,7 +16,7 @@ from coheft.app.run.observer import observe
 from coheft.wire.messages.requests import StatusRequest
 from coheft.wire.messages.scene import Scene
 from coheft.wire.messages.states import RunState
-from coheft.wire.messages.structs import Estimate, EstimateBeside, Problem
+from coheft.wire.messages.structs import Estimate
 from coheft.wire.messages.truth import Truth
 
 NODES = ("coheft", "coheft_driver")
@@ -44,27 +43,22 @@ class Bridge:
         self._epoch = self._newest = epoch
 
     def show_scene(self, scene: Scene) -> None:
-        """Publish the constant part of the scene."""
+        """Publish the constant part of the scene, which the truth needs."""
+        self._scene = scene
         self._publish(scene_messages(self._epoch, scene))
 
-    def hear_truth(self, truth: Truth, scene: Scene) -> None:
-        """Publish the truth."""
-        time = self._note_time(truth.time)
-        self._node.publish("/clock", ros.clock(time))
-        self._publish(truth_messages(time, truth, scene))
-        self._tell_log(truth)
-
-    def hear_robot(self, news: Estimate | EstimateBeside | Problem) -> None:
-        """Publish a robot's estimate, or a problem."""
-        if isinstance(news, Estimate):
+    def hear(self, news: News) -> None:
+        """Publish a message and the lines of the log that follow from it."""
+        if isinstance(news, Truth):
+            time = self._note_time(news.time)
+            self._node.publish("/clock", ros.clock(time))
+            self._publish(truth_messages(time, news, self._scene))
+        elif isinstance(news, Estimate):
             time = self._note_time(news.time)
             total_time = self._note_time(news.time * (news.total_block + 1) / (news.block + 1))
             self._publish(estimate_messages(time, news, total_time))
-        self._tell_log(news)
-
-    def _tell_log(self, news: News) -> None:
         for line in self._log.lines(news):
-            self._node.publish("/rosout", ros.log(self._newest, line.name, line.level, line.text))
+            self._node.publish("/rosout", ros.log(self._newest, *line))
 
     def _note_time(self, seconds: float) -> int:
         """Convert a simulated time [s] to a stamp [ns]."""
@@ -104,10 +98,7 @@ def bridge_run(run_file: RunFile, endpoint: str, domain: int, tell: Callable[[st
         while status.state is not RunState.FINISHED:
             news = observer.collect(scene, _SILENCE)
             for item in news:
-                if isinstance(item, Truth):
-                    bridge.hear_truth(item, scene)
-                else:
-                    bridge.hear_robot(item)
+                bridge.hear(item)
             if not news:
                 status = observer.status() or status
                 observer.check_server()

@@ -21,11 +21,7 @@ _TURNING, _UNLIKE = 0.1, 0.3
 
 
 class Contents:
-    """The newest blocks of all robots.
-
-    Args:
-        rates: Blocks per second, by robot.
-    """
+    """The newest blocks of all robots; ``rates`` are blocks per second."""
 
     def __init__(self, rates: dict[str, float]) -> None:
         self._blocks: dict[str, deque[tuple[int, Array]]] = {

@@ -90,11 +90,7 @@ def drive(
 
 
 def _check_whole(configs: Sequence[AgentProcessConfig]) -> None:
-    """Check that the configurations are of a whole team: as graphs are connected, no neighbour may be missing.
-
-    Raises:
-        UsageError: A neighbour is missing.
-    """
+    """Check that the configurations are of a whole team: as graphs are connected, no neighbour may be missing."""
     others = {name for config in configs for name in config.agent.neighbours} - {c.agent.name for c in configs}
     if others:
         raise UsageError(

@@ -102,11 +102,7 @@ def attachment(sequence: int, time: int, gid: bytes) -> bytes:
 
 
 def check_ros_names(robots: Iterable[str]) -> None:
-    """Check that robots' names can be parts of topic names.
-
-    Raises:
-        CoheftError: A name is not allowed in ROS.
-    """
+    """Check that robots' names can be parts of topic names; raise ``CoheftError`` if ROS does not allow one."""
     for name in robots:
         if not _TOKEN.fullmatch(name) or name.endswith("_"):
             raise CoheftError(

@@ -108,13 +108,7 @@ class RosNode:
 
 
 class Publisher:
-    """Publisher of one topic.
-
-    Args:
-        session: The session.
-        key: Key of the topic.
-        latched: Whether to keep the last message for late subscribers.
-    """
+    """Publisher of one topic; ``latched`` keeps the last message for late subscribers."""
 
     def __init__(self, session: zenoh.Session, key: str, *, latched: bool) -> None:
         options: dict[str, Any] = {"congestion_control": zenoh.CongestionControl.DROP}
@@ -149,12 +143,6 @@ def open_node(name: str, endpoint: str, domain: int, namespace: str = "") -> Ite
     """Open a node that is linked with a router of ROS 2, and through it with all other nodes, while the context lasts.
 
     A router that goes is dialled again in the background.
-
-    Args:
-        name: Name of the node.
-        endpoint: Endpoint of the router.
-        domain: Number of the ROS domain.
-        namespace: Namespace of the node and of all its topics, such as ``/cell``.
 
     Raises:
         LinkError: No router listens there.

@@ -110,15 +110,7 @@ class Pace:
 
 
 def words_of(paces: Mapping[str, Mapping[str, Pace]], rate: Mapping[str, float]) -> dict[tuple[str, ...], str]:
-    """Describe what is wrong with the paces of all robots.
-
-    Args:
-        paces: Paces by robot and stream.
-        rate: Samples per second, by robot.
-
-    Returns:
-        Sentences, by what they are about.
-    """
+    """Describe what is wrong with paces by robot and stream, at rates by robot [1/s]; by what the words are about."""
     found: dict[tuple[str, ...], str] = {}
     for robot, own in paces.items():
         faults = {stream: fault for stream, pace in own.items() if (fault := pace.fault(rate[robot])) is not None}

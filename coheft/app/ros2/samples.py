@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Iterator, Sequence
+from queue import Empty, SimpleQueue
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +19,10 @@ from coheft.wire.scenario.robot_sensors import RobotSensors
 
 _OPEN = 8
 """Largest number of incomplete blocks."""
+AT_ONCE = 1024
+"""Number of measurements read before agents are served, because measurements may arrive faster than they are read."""
+_ROOM = 2**16
+"""Largest number of measurements in the queue; when it is full, the newest are lost."""
 
 
 class Stream(NamedTuple):
@@ -62,6 +68,55 @@ def read(stream: str, cdr: bytes) -> tuple[int, Array]:
     return ros.time_of(message), values
 
 
+class Reading(NamedTuple):
+    """A measurement with its stamp [ns] and its arrival [ns] by our own clock."""
+
+    robot: str
+    stream: str
+    stamp: int
+    values: Array
+    arrival: int
+
+
+class Readings:
+    """Queue of measurements; ``complain`` is called with descriptions of refused messages.
+
+    Attributes:
+        came: Streams, by robot and kind, of which any message arrived, including refused ones.
+    """
+
+    def __init__(self, complain: Callable[[str], None]) -> None:
+        self.came: set[tuple[str, str]] = set()
+        self._complain = complain
+        self._waiting: SimpleQueue[tuple[str, str, bytes, int]] = SimpleQueue()
+
+    def put(self, robot: str, stream: str, cdr: bytes) -> None:
+        """Add a message to the queue, in any thread."""
+        self.came.add((robot, stream))
+        if self._waiting.qsize() < _ROOM:
+            self._waiting.put((robot, stream, cdr, time.monotonic_ns()))
+
+    def forget(self) -> None:
+        """Empty the queue."""
+        while not self._waiting.empty():
+            self._waiting.get()
+
+    def take(self, seconds: float) -> Iterator[Reading]:
+        """Return valid measurements from the queue, up to a limit; if it is empty, wait for a time."""
+        for number in range(AT_ONCE):
+            try:
+                item = self._waiting.get_nowait() if number else self._waiting.get(timeout=seconds)
+            except Empty:
+                return
+            robot, stream, cdr, arrival = item
+            try:
+                reading = Reading(robot, stream, *read(stream, cdr), arrival)
+            except MessageError as error:
+                self._complain(f"refused from /{robot}/{stream}: {error}")
+                continue
+            yield reading
+
+
 class BlockBuilder:
     """Combines the measurements of one robot to blocks.
 
@@ -70,11 +125,7 @@ class BlockBuilder:
     misses some when a later one is complete is given up: an agent can do without a block, not with half of one.
 
     Args:
-        robot: Name of the robot.
-        rate: Samples per second.
-        block: Samples per block.
         epoch: Stamp of sample 0 of block 0 [ns].
-        stamps: Checks the stamps of all robots.
         sensors: The robot's sensors; what is missing is zero.
 
     Attributes:
@@ -96,12 +147,12 @@ class BlockBuilder:
         self._open: dict[int, Array] = {}
         self._newest = -1
 
-    def add(self, stream: str, time: int, values: Array, arrival: int) -> tuple[int, Array] | None:
+    def add(self, stream: str, stamp: int, values: Array, arrival: int) -> tuple[int, Array] | None:
         """Add a measurement; return the block that it completes: its number, and the samples (B, 15).
 
         Args:
             stream: Name of the stream.
-            time: Its stamp [ns].
+            stamp: Its stamp [ns].
             values: Its numbers.
             arrival: Time of arrival [ns], by our own clock.
 
@@ -109,13 +160,13 @@ class BlockBuilder:
             MessageError: Its stamp is too far in the future.
         """
         self.counts[stream] += 1
-        self.paces[stream].note(time, arrival)
+        self.paces[stream].note(stamp, arrival)
         self.behind = 0.0
-        self._stamps.check(self._robot, time, arrival)
-        sample = (2 * (time - self._epoch) * self._rate + 10**9) // (2 * 10**9)
+        self._stamps.check(self._robot, stamp, arrival)
+        sample = (2 * (stamp - self._epoch) * self._rate + 10**9) // (2 * 10**9)
         number, row = divmod(sample, self._block)
         if number <= self._newest:
-            self.behind = (self._newest + 1) * self._block / self._rate - (time - self._epoch) / 1e9
+            self.behind = (self._newest + 1) * self._block / self._rate - (stamp - self._epoch) / 1e9
             return None
         samples = self._open.setdefault(number, self._empty.copy())
         samples[row, STREAMS[stream].columns] = values
@@ -123,7 +174,7 @@ class BlockBuilder:
             self._give_up(list(self._open)[:-_OPEN])  # the first to be opened: a wrong stamp may be far in the future
             return None
         self._newest = number
-        self._stamps.trust(time, arrival)
+        self._stamps.trust(stamp, arrival)
         self.counts = dict.fromkeys(self.counts, 0)
         del self._open[number]
         self._give_up([other for other in self._open if other < number])

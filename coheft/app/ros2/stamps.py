@@ -15,9 +15,6 @@ class Stamps:
 
     How far does not matter, only that it does not grow at once. It may shrink: simulations are paused. It may grow with
     each block: recordings are played fast. And it may jump, if it does so for most robots, and more than one.
-
-    Args:
-        robots: Number of robots that are driven.
     """
 
     def __init__(self, robots: int) -> None:

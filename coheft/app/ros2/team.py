@@ -17,12 +17,11 @@ from coheft.app.ros2.graph import reasons, shared
 from coheft.app.ros2.names import Topic
 from coheft.app.ros2.node import RosNode, typed_topic
 from coheft.app.ros2.pace import words_of
-from coheft.app.ros2.readings import Readings
-from coheft.app.ros2.samples import STREAMS, BlockBuilder, streams_of
+from coheft.app.ros2.samples import STREAMS, BlockBuilder, Readings, streams_of
 from coheft.app.ros2.stamps import LIMIT, Stamps
 from coheft.app.run.heard import check_estimate
 from coheft.errors import CoheftError, MessageError, one_line
-from coheft.estimation.geometry.spatial import Array, quaternion_from_rotation, rotation_exp
+from coheft.estimation.geometry.spatial import quaternion_from_rotation, rotation_exp
 from coheft.wire.config import AgentConfig, AgentProcessConfig
 from coheft.wire.messages.structs import Estimate, EstimateBeside, Measurements, Message, Problem, Reference
 from coheft.wire.transport.inbox import Inbox, LinkChange, Received, Refused
@@ -44,13 +43,7 @@ _LINES = 20
 
 
 class Team:
-    """Robots whose sensors and arms are in ROS 2.
-
-    Args:
-        node: The ROS node.
-        inbox: Receives messages of their agents.
-        tell: Called with lines for the user.
-    """
+    """Robots whose sensors and arms are in ROS 2."""
 
     def __init__(self, node: RosNode, inbox: Inbox, tell: Callable[[str], None]) -> None:
         self._node = node
@@ -101,9 +94,6 @@ class Team:
 
         Args:
             epoch: ROS time of the start of block 0 [ns]; None for one block after the measurements.
-
-        Returns:
-            What stamps can be right from now on.
 
         Raises:
             CoheftError: The epoch is that of another clock than the robots'.
@@ -161,8 +151,11 @@ class Team:
                         self._tell(f"refused from /{robot}/{stream}: {error}")
                     continue
                 if block is not None:
-                    self._feed(robot, *block)
-                    contents.note(robot, *block)
+                    number, samples = block
+                    self._next[robot] = number + 1
+                    if self._links[robot].is_ready:
+                        self._links[robot].send_measurements(Measurements(robot=robot, block=number, samples=samples))
+                    contents.note(robot, number, samples)
                     fed_at[robot] = time.monotonic()
             self._hear_agents(0.0)
             if time.monotonic() > next_look:
@@ -189,12 +182,6 @@ class Team:
         self._epoch = epoch
         self._bridge = Bridge(self._node, epoch)
         self._tell(f"block 0 begins at {epoch / 1e9:.3f} s; Ctrl-C ends it")
-
-    def _feed(self, robot: str, block: int, samples: Array) -> None:
-        link = self._links[robot]
-        self._next[robot] = block + 1
-        if link.is_ready:
-            link.send_measurements(Measurements(robot=robot, block=block, samples=samples))
 
     def _hear_agents(self, seconds: float) -> None:
         """Process an event of the agents, waiting up to a time for it."""
@@ -224,20 +211,16 @@ class Team:
         link.note_links(count)
 
     def _take(self, name: str, message: Message) -> None:
-        """Pass on an agent's message.
-
-        Raises:
-            MessageError: The message is not valid here and now.
-        """
+        """Pass on an agent's message."""
         link, config = self._links[name], self._configs[name]
         match message:
             case Estimate():
                 check_estimate(message, name, {name, *config.neighbours})
-                self._bridge.hear_robot(message)
+                self._bridge.hear(message)
             case EstimateBeside():
                 pass  # ROS 2 has the robot's own
             case Problem():
-                self._bridge.hear_robot(Problem(source=name, text=one_line(message.text)))
+                self._bridge.hear(Problem(source=name, text=one_line(message.text)))
             case _:
                 was_ready = link.is_ready
                 link.take(message)

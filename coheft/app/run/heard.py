@@ -107,6 +107,9 @@ def check_truth(truth: Truth, scene: Scene) -> None:
         check_array(grasp.rotation, (3, 3), "rotation")
         check_rotation(grasp.rotation, name)
         check_numbers(grasp.translation, (3,), "translation")
+    for name, ahead in truth.clocks.items():
+        check_choice("robot whose clock is set", name, scene.robots)
+        check_number(ahead, "a clock")
     for load in truth.loads:
         for value in (load.mass, *load.position, *load.size, load.leak):
             check_number(value, f"a number of load {load.id}")
@@ -139,8 +142,8 @@ def check_estimate(estimate: Estimate, source: str, robots: Collection[str]) -> 
     for slip in estimate.slips:
         check_choice("robot whose grasp has slipped", slip.robot, robots)
         check_numbers(np.array([slip.noticed_at, slip.named_at, slip.slipped_at]), (3,), "a slip")
-    for name in estimate.silent:
-        check_choice("robot that is silent", name, robots)
+    for name in (*estimate.silent, *estimate.disturbed):
+        check_choice("robot that is silent, or whose link is disturbed", name, robots)
     for error in estimate.sensor_errors:
         check_choice("key of a sensor's error", error.key, SensorTolerance.__struct_fields__)
         check_choice("axis of a sensor's error", error.axis, ("", *AXES, *PAIRS))

@@ -8,8 +8,9 @@ import numpy as np
 
 from coheft.estimation.tolerance import SensorTolerance
 from coheft.wire.scenario.file import with_values
+from coheft.wire.scenario.motion import Motion
 from coheft.wire.scenario.payload import Box, Payload
-from coheft.wire.scenario.schema import Graph, GraphKind, Motion, Perimeter, Robots, Scenario, Sensors
+from coheft.wire.scenario.schema import Graph, GraphKind, Perimeter, Robots, Scenario, Sensors
 
 RANDOM = "random"
 """Name of a study in which every run has a different random team."""

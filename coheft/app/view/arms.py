@@ -9,7 +9,6 @@ import trimesh
 import viser
 
 from coheft.app.view import colours
-from coheft.app.view.changes import Changes
 from coheft.app.view.geometry import extent, rotation_to, stands
 from coheft.app.view.model import ViewModel
 from coheft.estimation.geometry.spatial import Array, quaternion_from_rotation
@@ -18,15 +17,9 @@ from coheft.wire.messages.states import Validity
 
 
 class Arms:
-    """Draws the robots with viser.
-
-    Args:
-        viewer: The scene to draw into.
-        scene: The robots.
-    """
+    """Draws the robots with viser."""
 
     def __init__(self, viewer: viser.SceneApi, scene: Scene) -> None:
-        self._changes = Changes()
         self._stands = stands(scene)
         size, count = extent(scene), len(self._stands)
         base = trimesh.creation.cylinder(radius=0.15 * size, height=0.04 * size, sections=32)
@@ -73,16 +66,8 @@ class Arms:
 
     def paint(self, model: ViewModel, chosen: str) -> None:
         """Colour hands by the status of their robots' estimates, and the arm of the chosen robot."""
-        names = model.scene.robots
-        beliefs = model.beliefs
-        statuses = tuple(beliefs[name].status if name in beliefs else Validity.STARTING for name in names)
-
-        def paint_hands() -> None:
-            self._hands.batched_colors = np.array([colours.STATUS[status] for status in statuses], dtype=np.uint8)
-
-        def paint_arms() -> None:
-            arms = [colours.ACCENT if name == chosen else colours.ARM for name in names]
-            self._upper.batched_colors = self._fore.batched_colors = np.array(arms, dtype=np.uint8)
-
-        self._changes.once("hands", statuses, paint_hands)
-        self._changes.once("chosen", chosen, paint_arms)
+        names, beliefs = model.scene.robots, model.beliefs
+        statuses = [beliefs[name].status if name in beliefs else Validity.STARTING for name in names]
+        self._hands.batched_colors = np.array([colours.STATUS[status] for status in statuses], dtype=np.uint8)
+        arms = [colours.ACCENT if name == chosen else colours.ARM for name in names]
+        self._upper.batched_colors = self._fore.batched_colors = np.array(arms, dtype=np.uint8)

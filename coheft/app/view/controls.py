@@ -41,12 +41,6 @@ class Controls:
     """The controls on the page.
 
     Callbacks run in viser's threads; a lock allows one action at a time.
-
-    Args:
-        page: The page.
-        model: The state of the run.
-        run_file: Addresses of the run.
-        folder: Folder of the run.
     """
 
     def __init__(self, page: Page, model: ViewModel, run_file: RunFile, folder: Path) -> None:
@@ -91,13 +85,8 @@ class Controls:
             request = InjectRequest(mass=float(self._mass.value), position=self._place, size=(size, size, size))
             self._ask(event, request, f"dropped {request.mass:g} kg")
 
-        @self._loads.dropdown.on_update
-        def _(_: object) -> None:
-            self._tell_what_is_taken()
-
-        @self._remove.on_click
-        def _(event: Any) -> None:
-            self._act(event, self._take_away)
+        self._loads.dropdown.on_update(lambda _: self._tell_what_is_taken())
+        self._remove.on_click(lambda event: self._act(event, self._take_away))
 
         @self._page.stage.on_payload_click
         def _(hit: Any) -> None:
@@ -123,9 +112,8 @@ class Controls:
             pause = self._model.status.state is not RunState.PAUSED
             self._ask(event, PauseRequest(paused=pause), "paused" if pause else "resumed")
 
-        @stop.on_click
-        def _(event: Any) -> None:
-            self._ask(event, StopRequest(), "stopped; the terminal that started the run shows its report")
+        stopped = "stopped; the terminal that started the run shows its report"
+        stop.on_click(lambda event: self._ask(event, StopRequest(), stopped))
 
         @choice.on_update
         def _(_: object) -> None:
@@ -151,9 +139,7 @@ class Controls:
         self._buttons += [kill]
         self._change = change
 
-        @kill.on_click
-        def _(event: Any) -> None:
-            self._act(event, self._kill, self._page.chosen)
+        kill.on_click(lambda event: self._act(event, self._kill, self._page.chosen))
 
         @change.on_click
         def _(event: Any) -> None:
@@ -161,11 +147,7 @@ class Controls:
             self._act(event, self._set_link, edge, change.value == "Cut")
 
     def end(self, ask_again: Callable[[], None] | None) -> None:
-        """Disable the controls, because the run has ended, and offer another one.
-
-        Args:
-            ask_again: Requests another run; None if there cannot be one.
-        """
+        """Disable the controls, because the run has ended, and offer another one, unless ``ask_again`` is None."""
         for button in self._buttons:
             button.disabled = True
         self._change.visible = False  # a group cannot be disabled
@@ -187,17 +169,14 @@ class Controls:
         self._pause.label = "Resume" if status.state is RunState.PAUSED else "Pause"
         loads = self._model.loads
         self._loads.show(loads)
-        if self._remove.disabled != (not loads):
-            self._remove.disabled = not loads
+        self._remove.disabled = not loads
         self._tell_what_is_taken()
         self._disturbing.update()
 
     def _tell_what_is_taken(self) -> None:
         """Name the load that a click removes on the button, because the browser's list may be newer than ours."""
         chosen = self._loads.dropdown.value
-        label = f"Take {chosen} away" if chosen.startswith("#") else _TAKE_AWAY
-        if self._remove.label != label:
-            self._remove.label = label
+        self._remove.label = f"Take {chosen} away" if chosen.startswith("#") else _TAKE_AWAY
 
     def _settle_place(self) -> None:
         """Place the load on top of the clicked point, for its present size."""

@@ -21,12 +21,6 @@ _LATEST = 1000
 class Disturbing:
     """A list of links and robots, how they are to be disturbed, and what is disturbed now.
 
-    Args:
-        gui: The GUI to which they are added.
-        model: The state of the run.
-        run_file: Addresses of the run.
-        act: Performs an action with arguments for the client of an event, see ``Controls``.
-
     Attributes:
         buttons: The buttons.
         clock: How far a robot's clock is ahead [ms].
@@ -47,22 +41,17 @@ class Disturbing:
         self.buttons = [disturb, restore]
         self._allow_clock()
 
-        @self.where.on_update
-        def _(_: object) -> None:
-            self._allow_clock()
+        self.where.on_update(lambda _: self._allow_clock())
+        restore.on_click(lambda event: act(event, self.set, LinkQuality(), 0.0))
 
         @disturb.on_click
         def _(event: Any) -> None:
-            act(event, self.set, self._quality, self.clock.value)
-
-        @restore.on_click
-        def _(event: Any) -> None:
-            act(event, self.set, LinkQuality(), 0.0)
+            quality = LinkQuality(1e-2 * self._loss.value, 1e-3 * self._delay.value, 1e-3 * self._jitter.value)
+            act(event, self.set, quality, self.clock.value)
 
     def update(self) -> None:
         """Show what is disturbed."""
-        if (text := words.disturbances(self._model)) != self._state.content:
-            self._state.content = text
+        self._state.content = words.disturbances(self._model)
 
     def set(self, quality: LinkQuality, clock: float) -> str:
         """Set the chosen link, or the links and the clock [ms] of the chosen robot; return what was done."""
@@ -75,10 +64,6 @@ class Disturbing:
             ask_server(self._run_file, ClockRequest(robot=where, ahead=1e-3 * clock))
         is_right = quality.is_ideal and not (clock and edge is None)
         return f"{'restored' if is_right else 'disturbed'} {'the link ' if edge is not None else ''}{where}"
-
-    @property
-    def _quality(self) -> LinkQuality:
-        return LinkQuality(1e-2 * self._loss.value, 1e-3 * self._delay.value, 1e-3 * self._jitter.value)
 
     def _allow_clock(self) -> None:
         self.clock.disabled = self.where.value in self._edges

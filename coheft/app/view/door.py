@@ -41,12 +41,7 @@ REFUSAL = b"""<!doctype html>
 
 
 class Door:
-    """Accepts requests with the secret, to an address of this view, from no other page.
-
-    Args:
-        host: Host at which the view listens.
-        token: The secret; None for a new one.
-    """
+    """Accepts requests with the secret, to an address of this view, from no other page."""
 
     def __init__(self, host: str, token: str | None = None) -> None:
         self.host = host

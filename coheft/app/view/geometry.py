@@ -9,7 +9,8 @@ import numpy as np
 import trimesh
 
 from coheft.estimation.geometry.spatial import Array, Pose
-from coheft.estimation.rigid_body.mass_properties import Inertia
+from coheft.estimation.linear_algebra import principal_axes
+from coheft.estimation.rigid_body.mass_properties import Inertia, edges_of_box
 from coheft.wire.messages.scene import BoxShape, Scene
 from coheft.wire.scenario.section import pose_of
 
@@ -33,27 +34,15 @@ _LINK_SHARE = 0.62
 
 
 def equivalent_box(inertia: Inertia) -> tuple[Pose, Array]:
-    """Return the homogeneous box with the same mass, centre of mass and inertia.
-
-    Principal moments ``I_k`` make edges ``a_k^2 = 6 (I_i + I_j - I_k) / m``.
-
-    Returns:
-        Its pose in the frame of the inertia, and its edge lengths (3,) [m].
-    """
-    moments, axes = np.linalg.eigh(inertia.tensor)
-    squares = 6.0 * (moments.sum() - 2.0 * moments) / inertia.mass
-    return Pose(_right_handed(axes), inertia.com), np.sqrt(np.maximum(squares, _THINNEST**2))
+    """Return pose and edges (3,) [m] of the homogeneous box with the same mass, centre of mass and inertia."""
+    moments, axes = principal_axes(inertia.tensor)
+    return Pose(axes, inertia.com), np.maximum(edges_of_box(inertia.mass, moments), _THINNEST)
 
 
 def ellipsoid(centre: Array, covariance: Array) -> tuple[Pose, Array]:
     """Return the ellipsoid of a covariance (3, 3): pose, and half lengths (3,) at three standard deviations."""
-    variances, axes = np.linalg.eigh(covariance)
-    return Pose(_right_handed(axes), centre), SIGMAS * np.sqrt(np.maximum(variances, 0.0))
-
-
-def _right_handed(axes: Array) -> Array:
-    result: Array = axes * np.array([1.0, 1.0, np.sign(np.linalg.det(axes))])
-    return result
+    variances, axes = principal_axes(covariance)
+    return Pose(axes, centre), SIGMAS * np.sqrt(np.maximum(variances, 0.0))
 
 
 def box_edges(pose: Pose, size: Array) -> Array:

@@ -10,7 +10,7 @@ from typing import NoReturn
 
 import viser
 
-from coheft.app.run.folder import locate_run, read_run_file
+from coheft.app.run.folder import locate_run
 from coheft.app.run.observer import Observer, may_operate, observe
 from coheft.app.view import words
 from coheft.app.view.controls import Controls
@@ -77,7 +77,7 @@ def show_run(
         else:
             controls = Controls(page, model, run_file, folder)
         shown()
-        _follow(folder, observer, model, page, controls)
+        _follow(observer, model, page, controls)
     if controls is not None:
         controls.end(ask_again)
     while True:
@@ -85,7 +85,7 @@ def show_run(
         time.sleep(FRAME)
 
 
-def _follow(folder: Path, observer: Observer, model: ViewModel, page: Page, controls: Controls | None) -> None:
+def _follow(observer: Observer, model: ViewModel, page: Page, controls: Controls | None) -> None:
     """Show news until the run has ended or its server is lost."""
     asked_at = drawn_at = -math.inf
     moved_at, end_at, seen = time.monotonic(), math.inf, model.time
@@ -97,8 +97,6 @@ def _follow(folder: Path, observer: Observer, model: ViewModel, page: Page, cont
             status: Status | None = observer.status()
             if status is not None:
                 model.note_status(status)
-                if (run_file := read_run_file(folder)) is not None:
-                    model.note_pids(run_file.pids)
                 if controls is not None:
                     controls.update()
                 if status.state is RunState.FINISHED:

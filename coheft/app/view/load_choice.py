@@ -17,9 +17,6 @@ _CHOOSE = "choose one"
 class LoadChoice:
     """A list of the loads' numbers, and a line with their masses.
 
-    Args:
-        gui: The GUI to which they are added.
-
     Attributes:
         dropdown: The list. It has numbers only: with a leaking mass in it, an option would change, and viser would
             select the first one instead.
@@ -36,11 +33,7 @@ class LoadChoice:
 
     @property
     def number(self) -> int:
-        """Number of the chosen load.
-
-        Raises:
-            CoheftError: No load is chosen.
-        """
+        """Number of the chosen load; raises ``CoheftError`` if none is chosen."""
         value = self.dropdown.value
         if not value.startswith("#"):
             raise CoheftError("there is no load" if value == _NO_LOAD else "choose a load first")
@@ -57,5 +50,4 @@ class LoadChoice:
         options = ((_CHOOSE, *names) if is_gone else names) if names else (_NO_LOAD,)
         if self.dropdown.options != options:
             self.dropdown.options = options
-        if (text := words.loads(loads)) != self._masses.content:
-            self._masses.content = text
+        self._masses.content = words.loads(loads)

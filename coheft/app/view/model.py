@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from typing import Literal
 
 import msgspec
@@ -17,7 +17,6 @@ from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.wire.messages.requests import Status
 from coheft.wire.messages.states import RunState
 from coheft.wire.messages.structs import Estimate, EstimateBeside, Problem
-from coheft.wire.messages.told import disturbance_in
 from coheft.wire.messages.truth import LoadState, Truth
 from coheft.wire.scenario.plugins import estimator_names
 
@@ -32,17 +31,12 @@ Edge = tuple[str, str]
 class ViewModel:
     """The state of a run, from the messages that were received.
 
-    Args:
-        status: Status of the run, with the scene.
-
     Attributes:
         status: The latest status.
         scene: The scene.
         edges: Edges of the graph, each once.
         truth: The latest truth.
         problems: Problems with the time of their arrival [s], latest last.
-        disturbances: What the operator has disturbed, in words, as reported since the view began: by the sender and the
-            receiver of a link's messages, or by the robot whose clock it is.
         beside: The same model for the estimators that run beside the robots' own, by name.
         by_estimator: This model and those of ``beside``, by the names with which the run was begun.
         changes: Number of changes so far; a drawing is up to date while it stays the same.
@@ -66,8 +60,6 @@ class ViewModel:
         self._reports: dict[str, RobotReport] = {}
         self._traces = {name: Trace() for name in order}
         self.problems: deque[tuple[float, Problem]] = deque(maxlen=_PROBLEMS)
-        self.disturbances: dict[tuple[str, ...], str] = {}
-        self._pids: Mapping[str, int] = {}
         self.beside = {
             name: ViewModel(msgspec.structs.replace(status, estimator=name))
             for name in estimator_names(status.estimator)[1:]
@@ -92,20 +84,6 @@ class ViewModel:
                     beside.hear(estimate)
             case Problem():
                 self.problems.append((self.time, news))
-                if (found := disturbance_in(news.source, news.text)) is not None:
-                    self._note_disturbance(*found)
-
-    def _note_disturbance(self, where: tuple[str, ...], what: str) -> None:
-        self.disturbances.pop(where, None)
-        if what:
-            self.disturbances[where] = what
-
-    def note_pids(self, pids: Mapping[str, int]) -> None:
-        """Take in process ids by name: an agent that has restarted receives everything in time again."""
-        for name in [name for name, pid in self._pids.items() if pids.get(name, pid) != pid]:
-            for where in [where for where in self.disturbances if len(where) == 2 and where[1] == name]:
-                del self.disturbances[where]
-        self._pids = pids
 
     def note_status(self, status: Status) -> None:
         """Set the status."""
@@ -132,6 +110,17 @@ class ViewModel:
         if truth is None or (status.state is RunState.PAUSED and status.block > truth.block):
             return status.loads
         return truth.loads
+
+    @property
+    def disturbances(self) -> dict[tuple[str, ...], str]:
+        """What the operator has disturbed, in words, by sender and receiver of messages, or by a clock's robot."""
+        found: dict[tuple[str, ...], str] = {
+            (sender, name): quality.in_words
+            for name, estimate in self._latest.items()
+            for sender, quality in estimate.disturbed.items()
+        }
+        clocks = {} if self.truth is None else self.truth.clocks
+        return found | {(robot,): f"{ahead:g} s ahead" for robot, ahead in clocks.items()}
 
     @property
     def estimator(self) -> str:

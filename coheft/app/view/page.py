@@ -21,12 +21,7 @@ _LAST = 1e9
 
 
 class Page:
-    """The whole page; ``draw`` updates it.
-
-    Args:
-        server: The server for browsers.
-        model: The state to show.
-    """
+    """The whole page; ``draw`` updates it."""
 
     def __init__(self, server: viser.ViserServer, model: ViewModel) -> None:
         server.gui.configure_theme(dark_mode=True, control_width="large", show_logo=False, show_share_button=False)
@@ -96,5 +91,4 @@ class Page:
             (self._disturbances, words.disturbances(model)),
             (self._problems, words.problems(model)),
         ):
-            if handle.content != text:
-                handle.content = text
+            handle.content = text

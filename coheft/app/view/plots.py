@@ -25,12 +25,7 @@ _HEIGHT = 105
 
 
 class Plots:
-    """A plot for each quantity of the chosen robot, and each estimator; those of a quantity are below each other.
-
-    Args:
-        server: The server for browsers.
-        estimators: The estimators that run side by side, the robots' own first.
-    """
+    """A plot for each quantity of the chosen robot, and each estimator; those of a quantity are below each other."""
 
     def __init__(self, server: viser.ViserServer, estimators: Sequence[str]) -> None:
         keys = list(product(_TITLES, estimators))

@@ -25,13 +25,7 @@ _READY, _SEEN, _AGAIN = "the view is ready", "a browser is connected", "again"
 
 
 class Place(msgspec.Struct, frozen=True):
-    """Address of a view; the next run may have its view at the same one.
-
-    Attributes:
-        host: Host at which it listens.
-        port: Port at which it listens.
-        token: Secret in its URL.
-    """
+    """Address of a view; the next run may have its view at the same one."""
 
     host: str
     port: int
@@ -39,11 +33,7 @@ class Place(msgspec.Struct, frozen=True):
 
     @classmethod
     def choose(cls, host: str, port: int | None = None) -> Place:
-        """Return a place with a new secret; without a port, at any free one.
-
-        Raises:
-            LinkError: The port is taken.
-        """
+        """Return a place with a new secret, without a port at any free one; raise ``LinkError`` if it is taken."""
         return cls(host, choose_port(host, port), new_token())
 
     @property

@@ -22,13 +22,7 @@ _STEP = 0.05
 
 
 def view_recording(path: Path, door: Door, port: int | None, tell: Callable[[str], None]) -> None:
-    """Show a recording until Ctrl-C.
-
-    Args:
-        path: A recording of 'coheft run --record'.
-        door: Access control.
-        port: Port; None for any free one.
-        tell: Called with the URL of the view.
+    """Show a recording of 'coheft run --record' until Ctrl-C; other arguments as for ``live.view_run``.
 
     Raises:
         RecordingError: It cannot be read.
@@ -52,12 +46,7 @@ def view_recording(path: Path, door: Door, port: int | None, tell: Callable[[str
 
 
 class Player:
-    """Controls of the replay, and its present time.
-
-    Args:
-        page: The page.
-        end: End of the recording [s].
-    """
+    """Controls of the replay, and its present time."""
 
     def __init__(self, page: Page, end: float) -> None:
         self._end = end

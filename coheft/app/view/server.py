@@ -20,11 +20,7 @@ from coheft.errors import CoheftError
 
 @contextmanager
 def open_server(door: Door, port: int | None) -> Iterator[viser.ViserServer]:
-    """Run a server for browsers.
-
-    Args:
-        door: Host and access control.
-        port: Port; None for any free one.
+    """Run a server for browsers at a door, on a port or, if that is None, on any free one.
 
     Raises:
         LinkError: It cannot listen there.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,6 @@ import viser
 
 from coheft.app.view import colours, words
 from coheft.app.view.arms import Arms
-from coheft.app.view.changes import Changes
 from coheft.app.view.geometry import (
     FOV,
     box_edges,
@@ -30,7 +28,7 @@ from coheft.estimation.geometry.spatial import Array, Pose, quaternion_from_rota
 from coheft.estimation.measurement import WRENCH
 from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.wire.messages.scene import Scene
-from coheft.wire.messages.structs import Estimate, PayloadEstimate
+from coheft.wire.messages.structs import Estimate
 from coheft.wire.messages.truth import LoadState, Truth
 from coheft.wire.scenario.section import Vector, pose_of
 
@@ -46,12 +44,7 @@ _SHARP = np.radians(25.0)
 
 
 class Stage:
-    """Draws a view model with viser; only changes are sent.
-
-    Args:
-        server: The server for browsers.
-        model: The state to show.
-    """
+    """Draws a view model with viser, which sends only what has changed."""
 
     def __init__(self, server: viser.ViserServer, model: ViewModel) -> None:
         self._scene = server.scene
@@ -61,9 +54,8 @@ class Stage:
         self._rotations = model.scene.rotations
         self._index = {name: index for index, name in enumerate(model.scene.robots)}
         self.surface = surface_of(model.scene)
-        self._loads: dict[int, tuple[LoadState, list[Any]]] = {}
+        self._loads: dict[int, list[Any]] = {}
         self._newton: float | None = None
-        self._changes = Changes()
         self.doubt_scale = 10.0
         self._set_up(server)
         self._arms = Arms(server.scene, model.scene)
@@ -196,8 +188,7 @@ class Stage:
         self._draw_belief(model.believed_payload(chosen), model.beliefs.get(chosen))
         self._arms.paint(model, chosen)
         for edge, lines in self._links.items():
-            health = model.link(edge)
-            self._changes.once(f"link {edge}", health, partial(_paint, lines, colours.LINK[health]))
+            lines.colors = np.array(colours.LINK[model.link(edge)], dtype=np.uint8)
 
     def _move(self, payload: Pose) -> None:
         """Move the payload and the arms that hold it to its pose in the world."""
@@ -222,15 +213,13 @@ class Stage:
     def _draw_loads(self, loads: list[LoadState]) -> None:
         there = {load.id: load for load in loads}
         for number in [number for number in self._loads if number not in there]:
-            for handle in self._loads.pop(number)[1]:
+            for handle in self._loads.pop(number):
                 handle.remove()
         for number, load in there.items():
             if number not in self._loads:
-                self._loads[number] = load, self._add_load(load)
-            elif self._loads[number][0].mass != load.mass:
-                handles = self._loads[number][1]
-                self._loads[number] = load, handles
-                self._changes.once(f"load {number}", words.load(load), partial(_tell, handles[1], load))
+                self._loads[number] = self._add_load(load)
+            _, label = self._loads[number]
+            label.text = words.load(load)
 
     def _add_load(self, load: LoadState) -> list[Any]:
         box = self._scene.add_box(
@@ -244,26 +233,16 @@ class Stage:
 
     def _draw_truth(self, truth: Truth) -> None:
         payload = truth.payload
-        known = payload.mass, payload.com.tolist()
-
-        def draw() -> None:
-            self._true_com.position = payload.com
-            self._true_box.points = box_edges(*equivalent_box(Inertia(payload.mass, payload.com, payload.tensor)))
-
-        self._changes.once("truth", known, draw)
+        self._true_com.position = payload.com
+        self._true_box.points = box_edges(*equivalent_box(Inertia(payload.mass, payload.com, payload.tensor)))
 
     def _draw_belief(self, believed: Inertia | None, estimate: Estimate | None) -> None:
         for handle in (self._doubt, self._cross, self._belief_box):
-            if handle.visible != (believed is not None):
-                handle.visible = believed is not None
+            handle.visible = believed is not None
         if believed is None or estimate is None or estimate.payload is None:
             return
-        key = estimate.robot, estimate.block, self.doubt_scale
-        self._changes.once("belief", key, partial(self._show_belief, believed, estimate.robot, estimate.payload))
-
-    def _show_belief(self, believed: Inertia, robot: str, payload: PayloadEstimate) -> None:
-        rotation = self._rotations[self._index[robot]]
-        pose, half = ellipsoid(believed.com, rotation @ payload.covariance[1:4, 1:4] @ rotation.T)
+        rotation = self._rotations[self._index[estimate.robot]]
+        pose, half = ellipsoid(believed.com, rotation @ estimate.payload.covariance[1:4, 1:4] @ rotation.T)
         self._doubt.position, self._doubt.wxyz = pose.translation, quaternion_from_rotation(pose.rotation)
         self._doubt.scale = tuple(np.clip(self.doubt_scale * half, 1e-4, 4.0 * self._size).tolist())
         arm = 0.08 * self._size * np.eye(3)
@@ -287,11 +266,3 @@ class Stage:
     def show_place(self, place: Vector, edge: float) -> None:
         """Show the place of the next load: centre in the payload's frame and edge length [m]."""
         self._place.points = box_edges(Pose(np.eye(3), np.array(place)), np.full(3, edge))
-
-
-def _paint(lines: Any, colour: colours.Colour) -> None:
-    lines.colors = np.array(colour, dtype=np.uint8)
-
-
-def _tell(label: Any, load: LoadState) -> None:
-    label.text = words.load(load)

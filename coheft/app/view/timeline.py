@@ -20,10 +20,6 @@ class Timeline:
 
     A view shows nothing older than its curves, so a jump replays only the messages of that time.
 
-    Args:
-        begin: Status at the beginning of the run.
-        news: Simulated time [s] and message, in order of arrival.
-
     Attributes:
         end: Time of the last message [s].
         model: The present state to show.

@@ -6,17 +6,16 @@ import numpy as np
 
 from coheft.estimation.geometry.spatial import Array
 
+_LEAST_FORCE = 1.0
+"""Forces below this tell nothing of the best contact point [N]."""
 MOVING = [0, 2]
 """Components of a ``wrench_b`` that move the cart: forward force and torque. The wheels take up the other."""
 
 
 def grasp_map(contact: Array) -> Array:
-    """``G``, shape (3, 3): maps a hand's planar wrench from its contact point to the origin of ``{b}``.
+    """``G``, shape (3, 3): maps a planar wrench from a contact point in ``{b}``, (2,) [m], to the origin of ``{b}``.
 
     The planar part of ``Ad_g^T B_a`` (Aguilera et al., eqs 22-24), the contact frame having the axes of ``{b}``.
-
-    Args:
-        contact: Contact point in ``{b}``, shape (2,) [m].
     """
     x, y = contact.tolist()
     return np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-y, x, 1.0]])
@@ -72,12 +71,10 @@ class BestContact:
 
     Args:
         memory: Number of pushes in the forgetting's time constant.
-        floor: Forces below this are ignored [N].
     """
 
-    def __init__(self, memory: float, floor: float = 1.0) -> None:
+    def __init__(self, memory: float) -> None:
         self._keep = 1.0 - 1.0 / memory
-        self._floor = floor**2
         self._products = 0.0
         self._squares = 0.0
 
@@ -86,4 +83,4 @@ class BestContact:
         force, torque = float(wrench_b[0]), float(wrench_b[2])
         self._products = self._keep * self._products + force * torque
         self._squares = self._keep * self._squares + force * force
-        return None if self._squares < self._floor else -self._products / self._squares
+        return None if self._squares < _LEAST_FORCE**2 else -self._products / self._squares

@@ -49,11 +49,7 @@ def regulator(alpha: float, weights: tuple[float, float]) -> Array:
 
 
 class Tracker:
-    """Computes wrenches that make a cart follow its targets.
-
-    Args:
-        tracking: Settings of the regulator.
-    """
+    """Computes wrenches that make a cart follow its targets."""
 
     def __init__(self, tracking: Tracking) -> None:
         self._tracking = tracking

@@ -10,16 +10,7 @@ from coheft.estimation.geometry.spatial import Array
 
 
 class FixedCart:
-    """Has the methods of ``CartLearner``, but keeps the guess; the motion is the last measured one, not filtered.
-
-    Args:
-        guess: The cart.
-
-    Attributes:
-        body: The guess.
-        jumps: Always 0.
-        is_judged: Always false.
-    """
+    """Has the methods of ``CartLearner``, but keeps the guess; the motion is the last measured one, not filtered."""
 
     def __init__(self, guess: CartBody) -> None:
         self.body = guess

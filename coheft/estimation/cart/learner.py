@@ -76,11 +76,6 @@ class CartLearner:
     "Stochastic Processes and Filtering Theory" (1970). Each repetition of the steps is one step of Gauss-Newton (Bell,
     "The iterated Kalman smoother as a Gauss-Newton method", 1994).
 
-    Args:
-        guess: First guess of the cart.
-        first: The first measurement.
-        prior: Uncertainty of the guess.
-
     Attributes:
         belief: Belief about state and parameters after the last push.
         jumps: Number of sudden changes so far.

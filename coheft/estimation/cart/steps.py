@@ -40,12 +40,7 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """A load that has been added or removed.
-
-    Attributes:
-        before: Belief before the change, with the jolt's covariance.
-        load: The load.
-    """
+    """A load that has been added or removed."""
 
     before: Belief
     load: UnknownLoad

@@ -59,16 +59,13 @@ class AngularAcceleration:
         return np.linalg.inv(information + self._gyro_weight * np.eye(3))
 
     def estimate(self, gyro_derivative: Array, gyro: Array, acceleration: Array, others: Sequence[Array]) -> Array:
-        """``alpha_i`` of a block.
+        """``alpha_i`` of a block, shape (B, 3) [rad/s²].
 
         Args:
             gyro_derivative: Own, shape (B, 3) [rad/s²].
             gyro: Own ``w_i``, shape (B, 3) [rad/s].
             acceleration: Own ``a_i``, shape (B, 3) [m/s²].
             others: The neighbours' ``a_j`` in their own frames, shape (B, 3) each.
-
-        Returns:
-            Shape (B, 3) [rad/s²].
         """
         carried = [other @ pose.rotation.T for pose, other in zip(self.poses_j_in_i, others, strict=True)]
         moment = self._gyro_weight * gyro_derivative

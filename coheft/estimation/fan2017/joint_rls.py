@@ -36,11 +36,7 @@ _SINGULAR = 1e-9
 
 
 def joint_regressor(w: Array, a: Array, alpha: Array, force: Array, torque: Array) -> tuple[Array, Array]:
-    """Observation matrix and right-hand side of eq. (30) for samples of shape (B, 3) each.
-
-    Returns:
-        Shapes (B, 6, 10) and (B, 6).
-    """
+    """Matrix (B, 6, 10) and right-hand side (B, 6) of eq. (30) for samples of shape (B, 3) each."""
     matrix = np.zeros((len(w), 6, 10))
     cross_w = skew(w)
     matrix[:, :3, :6] = euler_regressor(w, alpha)

@@ -170,6 +170,15 @@ class Inertia:
         return np.concatenate([force, torque], axis=-1)
 
 
+def edges_of_box(mass: float, moments: Array) -> Array:
+    """Return the edges (3,) [m] of the homogeneous box with principal moments ``I_k``, (3,); 0 where no box has them.
+
+    ``a_k^2 = 6 (I_i + I_j - I_k) / m``.
+    """
+    edges: Array = np.sqrt(np.maximum(6.0 / mass * (moments.sum() - 2.0 * moments), 0.0))
+    return edges
+
+
 def combined(bodies: Iterable[Inertia]) -> Inertia:
     """Return the inertia of bodies that are fixed to each other, all given in one frame."""
     return Inertia.from_barycentric(np.sum([body.barycentric() for body in bodies], axis=0))

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 from coheft.estimation.cart.model import CartBody
-from coheft.wire.messages.structs import LinkState, Message
+from coheft.wire.messages.structs import LinkState, Message, sent_as
 
 # --- robot plane -------------------------------------------------------------------------------------------------
 
 
+@sent_as(50, block="block", is_steady=True)
 class CartMeasurement(Message, frozen=True):
     """Server to pusher: a sample of its sensors.
 
@@ -25,10 +26,6 @@ class CartMeasurement(Message, frozen=True):
         hand: Its contact point in ``{b}``, shape (2,) [m].
     """
 
-    code: ClassVar[int] = 50
-    in_header: ClassVar[tuple[str | None, str | None]] = ("block", None)
-    is_steady: ClassVar[bool] = True
-
     robot: str
     block: int
     motion: np.ndarray[Any, Any]
@@ -36,6 +33,7 @@ class CartMeasurement(Message, frozen=True):
     hand: np.ndarray[Any, Any]
 
 
+@sent_as(51, block="block", number="answers", is_steady=True)
 class CartPush(Message, frozen=True):
     """Pusher to server: the answer to a sample, with the wrench of its hand ``lag`` samples later.
 
@@ -47,10 +45,6 @@ class CartPush(Message, frozen=True):
         hand: The contact point in ``{b}``, shape (2,) [m].
     """
 
-    code: ClassVar[int] = 51
-    in_header: ClassVar[tuple[str | None, str | None]] = ("block", "answers")
-    is_steady: ClassVar[bool] = True
-
     robot: str
     block: int
     answers: int
@@ -61,6 +55,7 @@ class CartPush(Message, frozen=True):
 # --- neighbour plane ---------------------------------------------------------------------------------------------
 
 
+@sent_as(52, block="block", is_steady=True)
 class CartMessage(Message, frozen=True):
     """Pusher to each neighbour, once per sample.
 
@@ -72,10 +67,6 @@ class CartMessage(Message, frozen=True):
         valid: Which of them are complete, 0 or 1, shape (K,).
     """
 
-    code: ClassVar[int] = 52
-    in_header: ClassVar[tuple[str | None, str | None]] = ("block", None)
-    is_steady: ClassVar[bool] = True
-
     sender: str
     block: int
     gossip: list[LinkState]
@@ -86,6 +77,7 @@ class CartMessage(Message, frozen=True):
 # --- observer plane ----------------------------------------------------------------------------------------------
 
 
+@sent_as(53, block="block")
 class CartEstimate(Message, frozen=True):
     """Estimate of one pusher, to observers.
 
@@ -102,9 +94,6 @@ class CartEstimate(Message, frozen=True):
         problems: Number of refused messages.
     """
 
-    code: ClassVar[int] = 53
-    in_header: ClassVar[tuple[str | None, str | None]] = ("block", None)
-
     robot: str
     block: int
     time: float
@@ -117,6 +106,7 @@ class CartEstimate(Message, frozen=True):
     problems: int = 0
 
 
+@sent_as(54, block="block")
 class CartTruth(Message, frozen=True):
     """Server to observers: the truth, which pushers cannot read.
 
@@ -129,9 +119,6 @@ class CartTruth(Message, frozen=True):
         effort: Root of the sum over hands of ``f^2 + (tau / arm)^2`` [N].
         slip: Sideways velocity of the wheels [m/s].
     """
-
-    code: ClassVar[int] = 54
-    in_header: ClassVar[tuple[str | None, str | None]] = ("block", None)
 
     block: int
     time: float

@@ -83,11 +83,7 @@ def _read(path: Path) -> dict[str, Array]:
 
 
 def _check_names(kind: str, found: list[str], known: list[str], optional: list[str]) -> None:
-    """Check that all names but optional ones are there, and no others.
-
-    Raises:
-        RecordingError: A name is missing or unknown.
-    """
+    """Check that all names but optional ones are there, and no others."""
     missing = [name for name in known if name not in found and name not in optional]
     unknown = [name for name in found if name not in known]
     if missing:

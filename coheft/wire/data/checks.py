@@ -59,11 +59,7 @@ def robot_of(name: str, table: Mapping[str, Array]) -> RobotRecord:
 
 
 def gravity_of(array: Array) -> Array:
-    """Check gravity, shape (3,) [m/s²].
-
-    Raises:
-        RecordingError: It is invalid.
-    """
+    """Check gravity, shape (3,) [m/s²]; raise ``RecordingError`` if it is invalid."""
     _check("'gravity'", array, (3,))
     size = float(np.linalg.norm(array))
     if array.any() and not _LEAST_GRAVITY < size < _MOST_GRAVITY:
@@ -72,11 +68,7 @@ def gravity_of(array: Array) -> Array:
 
 
 def noise_of(array: Array) -> SensorNoise:
-    """Make the noise from its standard deviations, shape (5,).
-
-    Raises:
-        RecordingError: They are invalid.
-    """
+    """Make the noise from its standard deviations, shape (5,); raise ``RecordingError`` if they are invalid."""
     if array.shape != (5,) or not np.all(np.isfinite(array) & (array > 0.0)):
         raise RecordingError(
             f"'noise': expected 5 positive numbers: gyro, velocity, acceleration, force, torque; "

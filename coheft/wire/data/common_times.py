@@ -39,13 +39,9 @@ def at_common_times(robots: Mapping[str, RobotRecord]) -> dict[str, RobotRecord]
 
 
 def align(streams: Mapping[str, Mapping[str, Stream]]) -> tuple[dict[str, RobotRecord], float]:
-    """Resample all sensors at the same times; times that count from 1970 then count from the first sample.
+    """Resample all sensors of streams, by robot and channel, at the same times; return what was taken from times [s].
 
-    Args:
-        streams: Streams by robot and channel.
-
-    Returns:
-        The robots, and what was taken from their times [s].
+    Times that count from 1970 then count from the first sample.
 
     Raises:
         RecordingError: There are too few samples, or no time that all sensors cover.

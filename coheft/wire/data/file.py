@@ -181,11 +181,7 @@ _ADVICE = dict.fromkeys("mM", ": convert it with .astype('datetime64[ns]').astyp
 
 
 def _as_numbers(arrays: Mapping[str, npt.NDArray[Any]], what: str) -> dict[str, Array]:
-    """Convert an array to real numbers; ``what`` begins the error.
-
-    Raises:
-        RecordingError: It is something else.
-    """
+    """Convert an array to real numbers; ``what`` begins the error."""
     for key, array in arrays.items():
         if array.dtype.kind not in "biuf":
             advice = _ADVICE.get(array.dtype.kind, "")

@@ -87,7 +87,11 @@ def write_folder(recording: Recording, folder: Path) -> None:
             raise RecordingError(f"robot '{one_line(name)}': no name of a file: rename it, or write an .npz file")
     folder.mkdir(parents=True, exist_ok=True)
     old = check_folder(folder)
-    writers = {folder / f"{name}.csv": _robot_writer(robot) for name, robot in recording.robots.items()}
+    writers = {}
+    for name, robot in recording.robots.items():
+        channels = channels_of(robot)
+        samples = np.hstack([robot.time[:, None], *channels.values()])
+        writers[folder / f"{name}.csv"] = _writer(_header(channels), samples)
     if recording.holds is not None:
         holds = np.array(recording.holds, dtype=np.float64).reshape(-1, 2)
         writers[folder / f"{_HOLDS}.csv"] = _writer(_HOLDS_HEADER, holds)
@@ -124,11 +128,6 @@ def _is_ours(file: Path) -> bool:
 
 def _header(channels: Iterable[str]) -> tuple[str, ...]:
     return (TIME, *(column for channel in channels for column in COLUMNS[channel]))
-
-
-def _robot_writer(robot: RobotRecord) -> Callable[[BinaryIO], None]:
-    channels = channels_of(robot)
-    return _writer(_header(channels), np.hstack([robot.time[:, None], *channels.values()]))
 
 
 def _writer(header: tuple[str, ...], rows: Array) -> Callable[[BinaryIO], None]:
@@ -187,11 +186,7 @@ def read_channels(folder: Path) -> dict[str, dict[str, Array]]:
 
 
 def _known(table: Table) -> Table:
-    """Return a table with names as in ``COLUMNS``, if all of its columns are known.
-
-    Raises:
-        RecordingError: A column is unknown, or there twice.
-    """
+    """Return a table with names as in ``COLUMNS``, if all of its columns are known."""
     known = _header(COLUMNS)
     names = [_TIMES.get(column.lower(), column.lower()) for column in table.names]
     unknown = [column for column, name in zip(table.names, names, strict=True) if name not in known]

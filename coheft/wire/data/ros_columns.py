@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from itertools import chain
 
 from coheft.errors import RecordingError, one_line
 from coheft.estimation.batch.alignment import Stream
@@ -17,13 +18,16 @@ _NANOSECONDS = ("header.stamp.nsecs", "header.stamp.nanosec")
 """Stamps in two columns, as bagpy and others write them; without the prefix."""
 _FIELD = "field."
 _TO_SECONDS = 1e-9
-_PARTS = {
-    "pose": (("position", "xyz"), ("orientation", "xyzw")),
-    "twist": (("twist.angular", "xyz"), ("twist.linear", "xyz")),
-    "acceleration": (("accel.linear", "xyz"),),
-    "wrench": (("force", "xyz"), ("torque", "xyz")),
+_ENDS = {
+    channel: tuple(f"{part}.{axis}" for part, axes in parts for axis in axes)
+    for channel, parts in {
+        "pose": (("position", "xyz"), ("orientation", "xyzw")),
+        "twist": (("twist.angular", "xyz"), ("twist.linear", "xyz")),
+        "acceleration": (("accel.linear", "xyz"),),
+        "wrench": (("force", "xyz"), ("torque", "xyz")),
+    }.items()
 }
-"""Last parts of the columns' names, in the order of ``RobotRecord``."""
+"""Last parts of the columns' names by channel, in the order of ``RobotRecord``."""
 _OTHER_NAMES = {
     "transform.translation": "position",
     "transform.rotation": "orientation",
@@ -47,9 +51,7 @@ def is_of_ros(table: Table) -> bool:
 
 
 def robot_named(stem: str) -> str:
-    """Return the robot of a file: its name without words such as ``wrench`` and ``pose``: ``left`` of
-    ``left_wrench``.
-    """
+    """Return the robot of a file: its name without words of the topic, ``left`` of ``left_wrench``."""
     words = [word for word in re.split(r"[-_. ]+", stem) if word]
     kept = [word for word in words if word.lower() not in _WORDS]
     return "_".join(kept) or stem
@@ -65,8 +67,7 @@ def streams_of(table: Table) -> dict[str, Stream]:
     """
     columns = _known_columns(table)
     found: dict[str, Array] = {}
-    for channel, parts in _PARTS.items():
-        wanted = [f"{part}.{axis}" for part, axes in parts for axis in axes]
+    for channel, wanted in _ENDS.items():
         missing = [name for name in wanted if name not in columns]
         if set(wanted[:3]) <= set(missing):  # an IMU has an orientation without a position
             continue
@@ -75,12 +76,10 @@ def streams_of(table: Table) -> dict[str, Stream]:
                 f"{table.file}: '{channel}' lacks column{'s' * (len(missing) > 1)} "
                 f"{', '.join(_FIELD + name for name in missing)}; found {_listed(table)}"
             )
-        values = table.numbers([columns[name] for name in wanted])
-        found[channel] = values
+        found[channel] = table.numbers([columns[name] for name in wanted])
     if not found:
         expected = "; ".join(
-            f"{channel}: " + " ".join(f"{_FIELD}….{part}.{axis}" for part, axes in parts for axis in axes)
-            for channel, parts in _PARTS.items()
+            f"{channel}: {' '.join(f'{_FIELD}….{end}' for end in ends)}" for channel, ends in _ENDS.items()
         )
         raise RecordingError(
             f"{table.file}: found columns {_listed(table)}: none of what a robot measures; expected {expected}"
@@ -90,14 +89,13 @@ def streams_of(table: Table) -> dict[str, Stream]:
 
 
 def _known_columns(table: Table) -> dict[str, str]:
-    """Return columns by the last parts of their names, as in ``_PARTS``: ``force.x`` for ``field.wrench.force.x``."""
-    ends = {f"{part}.{axis}" for parts in _PARTS.values() for part, axes in parts for axis in axes}
+    """Return columns by the last parts of their names, as in ``_ENDS``: ``force.x`` for ``field.wrench.force.x``."""
     found: dict[str, str] = {}
     for name in table.names:
         plain = name
         for other, ours in _OTHER_NAMES.items():
             plain = plain.replace(other, ours)
-        for end in ends:
+        for end in chain.from_iterable(_ENDS.values()):
             if f".{plain}".endswith(f".{end}"):
                 if end in found:
                     raise RecordingError(

@@ -21,12 +21,7 @@ _SHORTEST = 0.2
 
 
 def samples_in_seconds(name: str, time: Array) -> Array:
-    """Return the times of samples (n,) in seconds; another unit is logged.
-
-    Args:
-        name: Name of the robot in messages.
-        time: Times in any unit.
-    """
+    """Return a robot's times (n,), in any unit, in seconds; another unit is logged."""
     if len(time) < 2:
         return time
     step = float(np.median(np.diff(time)))

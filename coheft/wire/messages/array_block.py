@@ -46,11 +46,7 @@ def described(arrays: Iterable[AnyArray]) -> bytes:
 
 
 def places_of(shapes: bytes) -> Places:
-    """Decode what ``described`` has encoded.
-
-    Raises:
-        ValueError: The bytes are not valid types and shapes.
-    """
+    """Decode what ``described`` has encoded; raise ``ValueError`` if the bytes are something else."""
     words = struct.unpack(f"<{len(shapes) // WORD}I", shapes)
     places: list[Place] = []
     at = end = 0

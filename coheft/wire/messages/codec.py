@@ -44,12 +44,7 @@ class Writer:
 
 
 class Reader(Generic[M]):
-    """Decodes the messages that are received under one key.
-
-    Args:
-        kind: The expected type: a message, or a union of messages.
-        key: The key.
-    """
+    """Decodes the messages of a kind, or of a union of kinds, that are received under one key."""
 
     def __init__(self, kind: type[M], key: str) -> None:
         self._name = getattr(kind, "__name__", str(kind))
@@ -67,9 +62,7 @@ class Reader(Generic[M]):
         return cast(M, self._in_words(data) if message is None else message)
 
     def _of_known_start(self, data: bytes) -> Message | None:
-        """Decode a message whose fields and shapes are known from an earlier one; return None otherwise, also for
-        invalid bytes.
-        """
+        """Decode a message whose fields and shapes are known from an earlier one; None otherwise, or if invalid."""
         if len(data) < HEADER.size:
             return None
         checksum, version, code, words, run, size, block, number = HEADER.unpack_from(data)
@@ -116,17 +109,12 @@ def decode(data: bytes, kind: type[M], key: str) -> M:
 
 def is_finite(array: Array) -> bool:
     """Whether all numbers of an array are finite."""
-    # Nearly always the sum of squares is finite: one pass instead of three. It may overflow although all numbers are
-    # finite.
+    # Nearly always the sum of squares is finite: one pass instead of three. It may overflow for finite numbers.
     return math.isfinite(np.vdot(array, array)) or bool(np.isfinite(array).all())
 
 
 def check_array(array: Array, shape: tuple[int, ...], name: str) -> None:
-    """Check a received array.
-
-    Raises:
-        MessageError: Its shape is not ``shape``, or it contains numbers that are not finite.
-    """
+    """Check that a received array has a shape and is finite; raise ``MessageError`` if not."""
     if array.shape != shape:
         raise MessageError(f"{name}.shape is {array.shape} but expected {shape}")
     if not is_finite(array):
@@ -135,20 +123,12 @@ def check_array(array: Array, shape: tuple[int, ...], name: str) -> None:
 
 
 def check_field(name: str, found: object, expected: object) -> None:
-    """Check a field of a received message.
-
-    Raises:
-        MessageError: It is not as expected.
-    """
+    """Check a field of a received message; raise ``MessageError`` if it is not as expected."""
     if found != expected:
         raise MessageError(f"{name} is {found!r} but expected {expected!r}")
 
 
 def check_choice(name: str, found: object, choices: Collection[object]) -> None:
-    """Check that a field of a received message is one of the allowed values.
-
-    Raises:
-        MessageError: It is not.
-    """
+    """Check that a received field is one of the allowed values; raise ``MessageError`` if not."""
     if found not in choices:
         raise MessageError(f"{name} is {found!r} but expected one of {', '.join(map(repr, choices))}")

@@ -18,11 +18,7 @@ _IDENTITY = np.eye(3)
 
 
 def check_payload(payload: PayloadEstimate) -> None:
-    """Check a robot's estimate of the payload.
-
-    Raises:
-        MessageError: It cannot be used.
-    """
+    """Check a robot's estimate of the payload; raise ``MessageError`` if it cannot be used."""
     check_number(payload.mass, "mass")
     size = 1
     if payload.com is not None:
@@ -37,22 +33,14 @@ def check_payload(payload: PayloadEstimate) -> None:
 
 
 def check_pose(pose: PoseEstimate, name: str) -> None:
-    """Check a robot's estimate of the pose of the neighbour ``name``.
-
-    Raises:
-        MessageError: It cannot be used.
-    """
+    """Check an estimate of the pose of the neighbour ``name``; raise ``MessageError`` if it cannot be used."""
     check_numbers(pose.translation, (3,), f"translation of {name!r}")
     _check_covariance(pose.covariance, 6, f"pose of {name!r}")
     check_rotation(pose.rotation, name)
 
 
 def check_rotation(rotation: Array, name: str) -> None:
-    """Check the rotation (3, 3) of the neighbour ``name``.
-
-    Raises:
-        MessageError: It is not a rotation matrix.
-    """
+    """Check the rotation (3, 3) of the neighbour ``name``; raise ``MessageError`` if it is none."""
     check_numbers(rotation, (3, 3), f"rotation of {name!r}")
     difference = np.abs(rotation.T @ rotation - _IDENTITY).max()
     (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
@@ -75,11 +63,7 @@ def check_numbers(array: Array, shape: tuple[int, ...], name: str) -> None:
 
 
 def check_number(value: float, name: str) -> None:
-    """Check that a number is finite and not too large.
-
-    Raises:
-        MessageError: It is not.
-    """
+    """Check that a number is finite and not too large; raise ``MessageError`` if not."""
     if not (math.isfinite(value) and abs(value) < _LARGEST):
         raise MessageError(f"{name} is {value} but expected less than {_LARGEST:g}")
 

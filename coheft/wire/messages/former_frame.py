@@ -14,13 +14,12 @@ import numpy as np
 import numpy.typing as npt
 
 from coheft.errors import MessageError
+from coheft.wire.messages.array_block import DTYPES
 from coheft.wire.messages.frame import CHECKSUM, is_map
+from coheft.wire.messages.kind import MALFORMED
 from coheft.wire.messages.structs import Message
 
 LAST_VERSION = 5
-_DTYPES: dict[int, np.dtype[Any]] = {1: np.dtype("<f8"), 2: np.dtype("<f4"), 3: np.dtype("<i4"), 4: np.dtype("<i8")}
-"""Types of arrays, by code of their extension type."""
-_MALFORMED = (msgspec.DecodeError, ValueError, struct.error, RecursionError)
 
 M = TypeVar("M", bound=Message)
 
@@ -32,11 +31,6 @@ def is_former(data: bytes) -> bool:
 
 def decode_former(data: bytes, kind: type[M], key: str) -> M:
     """Decode a message in the old format.
-
-    Args:
-        data: Bytes for which ``is_former`` is true.
-        kind: The expected type of message.
-        key: The key under which it was sent.
 
     Raises:
         MessageError: The bytes are damaged, are another message, or have an older version.
@@ -51,13 +45,13 @@ def decode_former(data: bytes, kind: type[M], key: str) -> M:
                 f"{kind.__name__} of protocol version {version!r}, but only {LAST_VERSION} and later are read"
             )
         return msgspec.msgpack.decode(msgspec.msgpack.encode(fields), type=kind, ext_hook=_array)
-    except _MALFORMED as error:
+    except MALFORMED as error:
         raise MessageError(f"not a {kind.__name__}: {error}") from error
 
 
 def _array(code: int, data: memoryview) -> npt.NDArray[Any]:
-    if code not in _DTYPES or not data:
+    if code not in DTYPES or not data:
         raise ValueError(f"an extension of type {code} is not an array")
     dimensions = data[0]
     shape = struct.unpack_from(f"<{dimensions}I", data, 1)
-    return np.frombuffer(data, dtype=_DTYPES[code], offset=1 + 4 * dimensions).reshape(shape).copy()
+    return np.frombuffer(data, dtype=DTYPES[code], offset=1 + 4 * dimensions).reshape(shape).copy()

@@ -99,10 +99,6 @@ class Seal:
     def unwrapped(self, data: bytes, name: str) -> Frame:
         """Check the frame of a message and return its parts.
 
-        Args:
-            data: The received bytes.
-            name: Name of the expected message, for errors.
-
         Raises:
             MessageError: It is damaged, was sent under another key, or has another protocol version.
         """

@@ -47,11 +47,7 @@ class _Known(NamedTuple):
 
 
 class Kind:
-    """Encodes and decodes messages of one kind.
-
-    Attributes:
-        kind: The type of the messages.
-    """
+    """Encodes and decodes messages of one kind."""
 
     def __init__(self, kind: type[Message]) -> None:
         self.kind = kind
@@ -88,9 +84,7 @@ class Kind:
         return seal.wrapped(self.kind.code, block, number, start, arrays)
 
     def _known_start(self, message: Message, arrays: list[AnyArray]) -> Start:
-        """Append a message's arrays to ``arrays`` and return its start, for a kind whose arrays are fields, or values
-        of dictionaries.
-        """
+        """Append a message's arrays, which are fields or values of dictionaries, and return its start."""
         key: list[object] = []
         for name in self._constants:
             value = getattr(message, name)
@@ -176,9 +170,8 @@ class Kind:
         places = known_places(frame.shapes)
         if places.size != len(frame.arrays):
             raise ValueError(f"its arrays take {places.size} bytes but there are {len(frame.arrays)}")
-        # A copy of all arrays, so that none keeps the message alive and all are aligned like other arrays: sums over
-        # unaligned
-        # arrays may differ in the last digit.
+        # A copy of all arrays, so that none keeps the message alive and all are aligned like other arrays: sums
+        # over unaligned arrays may differ in the last digit.
         data = bytearray(frame.arrays)
         arrays: list[AnyArray] = [np.ndarray(shape, dtype, data, begin) for dtype, shape, begin in places.each]
         left = iter(arrays)
@@ -202,11 +195,7 @@ class Kind:
         return self._with_header(values, frame.block, frame.number)
 
     def _to_known(self, frame: Frame, values: dict[str, Any], arrays: list[AnyArray], places: Places) -> _Known:
-        """Return the start in the form that is kept, with the order in which it names arrays.
-
-        Raises:
-            ValueError: Two arrays have the same name.
-        """
+        """Return the start in the form that is kept, with the order in which it names arrays."""
         names: dict[int, tuple[str, str | None]] = {id(values[name]): (name, None) for name in self._arrays}
         for table in self._tables:
             names |= {id(array): (table, name) for name, array in values[table].items()}
@@ -223,11 +212,7 @@ class Kind:
         )
 
     def _with_header(self, values: dict[str, Any], block: int, number: int) -> Message:
-        """Return the message with these fields and those from the header.
-
-        Raises:
-            ValueError: The header has a number for which this kind has no field.
-        """
+        """Return the message with these fields and those from the header."""
         for name, value in ((self._block, block), (self._number, number)):
             if name is not None:
                 values[name] = value

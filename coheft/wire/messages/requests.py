@@ -2,57 +2,50 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 from msgspec.structs import force_setattr
 
 from coheft.wire.former_names import keep_present, present
 from coheft.wire.messages.scene import Scene
 from coheft.wire.messages.states import RunState
-from coheft.wire.messages.structs import Message
+from coheft.wire.messages.structs import Message, sent_as
 from coheft.wire.messages.truth import LoadState
 from coheft.wire.scenario.network import LinkQuality
 
 # --- to the server -----------------------------------------------------------------------------------------------
 
 
+@sent_as(30)
 class StatusRequest(Message, frozen=True):
     """Ask for the status of the run."""
 
-    code: ClassVar[int] = 30
 
-
+@sent_as(31)
 class InjectRequest(Message, frozen=True):
     """Add a load to the payload at the next block."""
-
-    code: ClassVar[int] = 31
 
     mass: float
     position: tuple[float, float, float]
     size: tuple[float, float, float] = (0.1, 0.1, 0.1)
 
 
+@sent_as(32)
 class RemoveRequest(Message, frozen=True):
     """Remove a load at the next block."""
-
-    code: ClassVar[int] = 32
 
     load: int
 
 
+@sent_as(33)
 class HoldRequest(Message, frozen=True):
     """Let a robot release the payload, or grasp it again, at the next block."""
-
-    code: ClassVar[int] = 33
 
     robot: str
     holding: bool
 
 
+@sent_as(34)
 class EstimatorRequest(Message, frozen=True):
     """Restart all robots with an empty memory and another estimator at the next block."""
-
-    code: ClassVar[int] = 34
 
     estimator: str
 
@@ -60,20 +53,19 @@ class EstimatorRequest(Message, frozen=True):
         keep_present(self)
 
 
+@sent_as(35)
 class PauseRequest(Message, frozen=True):
     """Pause or resume the run."""
-
-    code: ClassVar[int] = 35
 
     paused: bool
 
 
+@sent_as(36)
 class StopRequest(Message, frozen=True):
     """End the run."""
 
-    code: ClassVar[int] = 36
 
-
+@sent_as(37)
 class ClockRequest(Message, frozen=True):
     """Set a robot's clock at the next block.
 
@@ -82,8 +74,6 @@ class ClockRequest(Message, frozen=True):
         ahead: How far its clock is ahead [s], from 0 to 1: its samples were taken that long before their stamps, in
             addition to a delay that the scenario gives them.
     """
-
-    code: ClassVar[int] = 37
 
     robot: str
     ahead: float
@@ -101,6 +91,7 @@ Request = (
 )
 
 
+@sent_as(40)
 class Status(Message, frozen=True):
     """The server's answer to every request that it has carried out; also sent to all observers at the end of the run.
 
@@ -121,8 +112,6 @@ class Status(Message, frozen=True):
         unsaved: Why the data file could not be written; empty if it was, or none was requested.
         failure: Why the run was aborted; empty if it was not.
     """
-
-    code: ClassVar[int] = 40
 
     scenario: str
     state: RunState
@@ -145,10 +134,9 @@ class Status(Message, frozen=True):
         force_setattr(self, "estimators", [present(name) for name in self.estimators])
 
 
+@sent_as(41)
 class Refusal(Message, frozen=True):
     """The answer to a request that was refused, with the reason."""
-
-    code: ClassVar[int] = 41
 
     reason: str
 
@@ -156,6 +144,7 @@ class Refusal(Message, frozen=True):
 # --- to an agent -------------------------------------------------------------------------------------------------
 
 
+@sent_as(42)
 class LinkRequest(Message, frozen=True):
     """Cut the link with a neighbour, or restore it.
 
@@ -166,26 +155,19 @@ class LinkRequest(Message, frozen=True):
         cut: True to cut the link, False to restore it.
     """
 
-    code: ClassVar[int] = 42
-
     neighbour: str
     cut: bool
 
 
+@sent_as(43)
 class CutLinks(Message, frozen=True):
-    """An agent's answer to a request that it has carried out.
-
-    Attributes:
-        robot: The robot that answers.
-        neighbours: Neighbours whose links are cut.
-    """
-
-    code: ClassVar[int] = 43
+    """An agent's answer to a request that it has carried out."""
 
     robot: str
     neighbours: list[str]
 
 
+@sent_as(44)
 class DisturbRequest(Message, frozen=True):
     """Let messages that this robot receives from a neighbour be lost or late from now on.
 
@@ -194,22 +176,13 @@ class DisturbRequest(Message, frozen=True):
         quality: Their loss and delay; the default restores the link.
     """
 
-    code: ClassVar[int] = 44
-
     neighbour: str
     quality: LinkQuality
 
 
+@sent_as(45)
 class DisturbedLink(Message, frozen=True):
-    """An agent's answer to a ``DisturbRequest`` that it carried out.
-
-    Attributes:
-        robot: The agent's robot.
-        neighbour: As in the request.
-        quality: The same.
-    """
-
-    code: ClassVar[int] = 45
+    """An agent's answer to a ``DisturbRequest`` that it carried out."""
 
     robot: str
     neighbour: str

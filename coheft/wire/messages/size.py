@@ -40,9 +40,7 @@ _REST = 65536
 
 
 def _row_arrays(scenario: Scenario) -> int:
-    """Return the size of all robots' rows, sent twice, as much again for late ones, their seals, and the estimate for
-    a new robot [B].
-    """
+    """Return the size of all robots' rows, sent twice, late rows, seals, and the estimate for a new robot [B]."""
     rows = rows_per_block(scenario.sensors.block, scenario.sensors.rate)  # as many or, in large teams, fewer
     sheets = [scenario.sensors.tolerance, *(each.tolerance for each in scenario.robot_sensors())]
     errors = SensorErrors.of(sheets, scenario.sensors.drift)

@@ -2,32 +2,51 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, Literal
+from collections.abc import Callable
+from typing import Any, ClassVar, Literal, TypeVar
 
 import msgspec
 import numpy as np
 
 from coheft.wire.former_names import keep_present
 from coheft.wire.messages.states import Validity
+from coheft.wire.scenario.network import LinkQuality
 
 
 class Message(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Base of all messages.
-
-    Attributes:
-        code: Code of its kind; unique, and never reused for another kind.
-        in_header: Names of its fields that are sent as the header's ``block`` and ``number``, see ``frame``.
-        is_steady: Whether its other fields, apart from arrays, hardly ever change.
-    """
+    """Base of all messages; see ``sent_as``."""
 
     code: ClassVar[int]
     in_header: ClassVar[tuple[str | None, str | None]] = (None, None)
     is_steady: ClassVar[bool] = False
 
 
+M = TypeVar("M", bound=Message)
+
+
+def sent_as(
+    code: int, *, block: str | None = None, number: str | None = None, is_steady: bool = False
+) -> Callable[[type[M]], type[M]]:
+    """Define how a kind of message is sent.
+
+    Args:
+        code: Its code; unique, and never reused for another kind.
+        block: Name of the field that is sent as the header's ``block``, see ``frame``.
+        number: The same for ``number``.
+        is_steady: Whether its other fields, apart from arrays, hardly ever change.
+    """
+
+    def define(kind: type[M]) -> type[M]:
+        kind.code, kind.in_header, kind.is_steady = code, (block, number), is_steady
+        return kind
+
+    return define
+
+
 # --- robot plane: server <-> one robot ---------------------------------------------------------------------------
 
 
+@sent_as(1, number="attempt")
 class Ready(Message, frozen=True):
     """Robot to server: asks for measurements.
 
@@ -39,14 +58,12 @@ class Ready(Message, frozen=True):
             earlier measurements.
     """
 
-    code: ClassVar[int] = 1
-    in_header: ClassVar[tuple[str | None, str | None]] = (None, "attempt")
-
     robot: str
     missing: list[str] = []
     attempt: int = 0
 
 
+@sent_as(2, block="block", number="attempt", is_steady=True)
 class Measurements(Message, frozen=True):
     """Server to robot: its own sensors' samples of one block, see ``MeasurementBlock``.
 
@@ -60,10 +77,6 @@ class Measurements(Message, frozen=True):
         estimator: Estimator to use from this block on, the same for all robots; empty for that of its configuration.
     """
 
-    code: ClassVar[int] = 2
-    in_header: ClassVar[tuple[str | None, str | None]] = ("block", "attempt")
-    is_steady: ClassVar[bool] = True
-
     robot: str
     block: int
     samples: np.ndarray[Any, Any]
@@ -76,6 +89,7 @@ class Measurements(Message, frozen=True):
         keep_present(self)
 
 
+@sent_as(3, block="block", number="answers", is_steady=True)
 class Reference(Message, frozen=True):
     """Robot to server: answers one block of measurements, with what the arm shall do ``lag`` blocks later.
 
@@ -87,10 +101,6 @@ class Reference(Message, frozen=True):
         wrench: Feed-forward wrench ``(f, t)`` on the payload in ``F_i``, shape (6,) [N, N·m].
     """
 
-    code: ClassVar[int] = 3
-    in_header: ClassVar[tuple[str | None, str | None]] = ("block", "answers")
-    is_steady: ClassVar[bool] = True
-
     robot: str
     block: int
     answers: int
@@ -98,10 +108,9 @@ class Reference(Message, frozen=True):
     wrench: np.ndarray[Any, Any]
 
 
+@sent_as(4)
 class Stop(Message, frozen=True):
     """Server to robot: the run is over."""
-
-    code: ClassVar[int] = 4
 
     reason: str
 
@@ -109,6 +118,7 @@ class Stop(Message, frozen=True):
 # --- neighbour plane: agent <-> agent along an edge --------------------------------------------------------------
 
 
+@sent_as(10, number="incarnation", is_steady=True)
 class Hello(Message, frozen=True):
     """Agent to each neighbour: announces the sender, and the neighbours whose messages it receives.
 
@@ -120,10 +130,6 @@ class Hello(Message, frozen=True):
         heard: Neighbours whose messages it receives.
         incarnation: As in ``NeighbourMessage``.
     """
-
-    code: ClassVar[int] = 10
-    in_header: ClassVar[tuple[str | None, str | None]] = (None, "incarnation")
-    is_steady: ClassVar[bool] = True
 
     sender: str
     heard: list[str]
@@ -158,6 +164,7 @@ class LinkState(msgspec.Struct, frozen=True, forbid_unknown_fields=True, order=T
     certificate: bytes = b""
 
 
+@sent_as(11, block="block", number="incarnation", is_steady=True)
 class NeighbourMessage(Message, frozen=True):
     """Agent to each neighbour, once per block.
 
@@ -168,10 +175,6 @@ class NeighbourMessage(Message, frozen=True):
         channels: The estimator's arrays by name; the estimator defines their frames.
         incarnation: Grows when the sender restarts with an empty memory; messages of earlier incarnations are void.
     """
-
-    code: ClassVar[int] = 11
-    in_header: ClassVar[tuple[str | None, str | None]] = ("block", "incarnation")
-    is_steady: ClassVar[bool] = True
 
     sender: str
     block: int
@@ -255,6 +258,7 @@ class SensorErrorEstimate(msgspec.Struct, frozen=True, forbid_unknown_fields=Tru
     told: float
 
 
+@sent_as(20, block="block")
 class Estimate(Message, frozen=True):
     """An agent's estimate after one block.
 
@@ -280,10 +284,8 @@ class Estimate(Message, frozen=True):
         silent: Neighbours whose messages are missing.
         estimator: Name of the estimator.
         sensor_errors: Estimates of the sensors' errors, for those with a tolerance.
+        disturbed: Links that the operator has disturbed, by the neighbour that sends.
     """
-
-    code: ClassVar[int] = 20
-    in_header: ClassVar[tuple[str | None, str | None]] = ("block", None)
 
     robot: str
     block: int
@@ -305,6 +307,7 @@ class Estimate(Message, frozen=True):
     estimator: str = ""
     sensor_errors: list[SensorErrorEstimate] = []
     slips: list[SlipNotice] = []
+    disturbed: dict[str, LinkQuality] = {}
 
     def __post_init__(self) -> None:
         keep_present(self)
@@ -315,10 +318,9 @@ class Estimate(Message, frozen=True):
         return self.converged and self.status is Validity.VALID
 
 
+@sent_as(23)
 class EstimateBeside(Message, frozen=True):
     """Agent to observers: an estimate made beside the robot's own, on the same samples, by the estimator it names."""
-
-    code: ClassVar[int] = 23
 
     estimate: Estimate
 
@@ -333,6 +335,7 @@ class EstimateBeside(Message, frozen=True):
         return self.estimate.time
 
 
+@sent_as(21)
 class Problem(Message, frozen=True):
     """Report that a process refused something, or why the run ends.
 
@@ -341,8 +344,6 @@ class Problem(Message, frozen=True):
         text: Description of the problem.
         is_end: Whether the run ends with it; the supervisor learns that from the process itself.
     """
-
-    code: ClassVar[int] = 21
 
     source: str
     text: str

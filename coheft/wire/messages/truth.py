@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
 import msgspec
 import numpy as np
 
 from coheft.wire.messages.scene import SlippedGrasp
-from coheft.wire.messages.structs import Message
+from coheft.wire.messages.structs import Message, sent_as
 
 
 class PayloadTruth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -37,6 +37,7 @@ class LoadState(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     leak: float = 0.0
 
 
+@sent_as(22, block="block")
 class Truth(Message, frozen=True):
     """Server to observers, once per block; agents cannot receive it.
 
@@ -54,10 +55,8 @@ class Truth(Message, frozen=True):
         loads_since: Time of the last change of the loads [s], because an observer may have missed blocks. None in
             recordings of protocol version 5, which do not contain it.
         slipped: Grasps that have slipped so far, by robot; all others are as in the scene.
+        clocks: How far the clocks that the operator has set are ahead, by robot [s].
     """
-
-    code: ClassVar[int] = 22
-    in_header: ClassVar[tuple[str | None, str | None]] = ("block", None)
 
     block: int
     time: float
@@ -69,3 +68,4 @@ class Truth(Message, frozen=True):
     samples: np.ndarray[Any, Any]
     loads_since: float | None = None
     slipped: dict[str, SlippedGrasp] = msgspec.field(default_factory=dict)
+    clocks: dict[str, float] = msgspec.field(default_factory=dict)

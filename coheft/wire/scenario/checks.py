@@ -33,11 +33,7 @@ _LEVEL = 1e-9
 
 
 def check_scenario(scenario: Scenario, origin: str) -> None:
-    """Check all rules; ``origin`` names the scenario's source in errors.
-
-    Raises:
-        ScenarioError: Keys contradict each other.
-    """
+    """Check all rules; raise ``ScenarioError``, which names ``origin``, if keys contradict each other."""
     check(
         scenario,
         origin,

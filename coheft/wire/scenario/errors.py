@@ -31,13 +31,7 @@ _SHOWN = 100
 
 
 def explain(error: msgspec.ValidationError, table: dict[str, object], section: type[msgspec.Struct] = Scenario) -> str:
-    """Return a message with the key, the value that was found and what was expected.
-
-    Args:
-        error: The error of msgspec.
-        table: The table that was to become a section.
-        section: The type of the section.
-    """
+    """Return a message with the key, the value that was found and what was expected."""
     message = str(error)
     match = re.search(r" - at `\$(.*)`$", message, re.DOTALL)
     place = match.group(1).lstrip(".").replace("[...]", "") if match else ""  # [...] is any key of a table

@@ -17,13 +17,7 @@ _SIGNS = {">": "greater than", ">=": "of at least", "<": "less than", "<=": "of 
 
 
 def expected_number(kind: str, sign: str, limit: str) -> str:
-    """Return a description, for instance: expected a whole number of at least 2.
-
-    Args:
-        kind: ``int`` or ``float``.
-        sign: Sign of the comparison with the limit.
-        limit: The limit as text.
-    """
+    """Return a description, for instance: expected a whole number of at least 2."""
     return f"expected {KINDS[kind]} {_SIGNS[sign]} {limit.removesuffix('.0')}"
 
 

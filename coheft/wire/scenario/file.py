@@ -62,11 +62,7 @@ def load_scenario(source: str | Path, values: Sequence[str] = ()) -> Scenario:
 
 
 def read_text(path: Path) -> str:
-    """Return the text of a scenario's file.
-
-    Raises:
-        ScenarioError: It cannot be read, or is not text.
-    """
+    """Return the text of a scenario's file; raise ``ScenarioError`` if it cannot be read, or is none."""
     try:
         data = path.read_bytes()
     except FileNotFoundError as error:
@@ -82,13 +78,7 @@ def read_text(path: Path) -> str:
 
 
 def parse_scenario(text: str, origin: str, folder: Path = Path(), values: Sequence[str] = ()) -> Scenario:
-    """Make a scenario from TOML text.
-
-    Args:
-        text: Content of the file.
-        origin: Name of the scenario in errors.
-        folder: Folder of relative paths.
-        values: Values to set, see ``set_values``.
+    """Make a scenario from TOML text, with some values changed, see ``set_values`` and ``scenario_of``.
 
     Raises:
         ScenarioError: It is not TOML, or not a scenario, or a file that it names cannot be used.
@@ -115,10 +105,7 @@ def parse_table(text: str, origin: str) -> dict[str, Any]:
 def scenario_of(table: dict[str, Any], origin: str, folder: Path = Path()) -> Scenario:
     """Make a scenario from nested dictionaries and lists, with all checks, and read the files that it names.
 
-    Args:
-        table: The table, as returned by ``parse_table``.
-        origin: Name of the scenario in errors.
-        folder: Folder of relative paths.
+    ``origin`` names it in errors; ``folder`` is that of relative paths.
 
     Raises:
         ScenarioError: It is not a scenario, or a file that it names cannot be used.
@@ -144,16 +131,7 @@ def with_values(scenario: Scenario, values: Sequence[str]) -> Scenario:
 
 
 def complete_scenario(scenario: Scenario, origin: str, folder: Path) -> Scenario:
-    """Check a scenario, and read the files that it names.
-
-    Args:
-        scenario: The scenario, with the right types.
-        origin: Name of the scenario in errors.
-        folder: Folder of relative paths.
-
-    Raises:
-        ScenarioError: It cannot be used, or a file that it names cannot.
-    """
+    """Check a scenario, and read the files that it names; raise ``ScenarioError`` if it cannot be used."""
     check(scenario, origin, choice_complaints, place_complaints)
     scenario = read_files(scenario, origin, folder)
     check_scenario(scenario, origin)

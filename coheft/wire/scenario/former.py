@@ -19,10 +19,6 @@ def as_present(scenario: dict[str, Any], origin: str) -> dict[str, Any]:
     robots assumed for them (``efficient.offsets``) become tolerances. Other sensors were exact, which robots of this
     release do not know: they allow for the errors of a good industrial arm.
 
-    Args:
-        scenario: The table; what is of this release stays as it is.
-        origin: Name of the scenario in errors.
-
     Raises:
         ScenarioError: A key is present under its former and its present name.
     """

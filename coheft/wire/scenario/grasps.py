@@ -9,9 +9,7 @@ from coheft.wire.scenario.schema import Perimeter, Scenario
 
 
 def place_grasps(scenario: Scenario) -> tuple[Pose, ...]:
-    """Return the true pose of each robot's grasp frame ``F_i`` in the payload's frame, in the order of robots'
-    names.
-    """
+    """Return the true pose of each robot's grasp frame ``F_i`` in the payload's frame, in order of names."""
     perimeter = scenario.robots.perimeter
     if perimeter is None:
         return tuple(grasp.pose() for grasp in scenario.robots.grasps)
@@ -33,9 +31,7 @@ def _around(perimeter: Perimeter) -> tuple[Pose, ...]:
 
 
 def _rim_point(extent: tuple[float, float], distance: float) -> Array:
-    """Return the point (2,) of a centred rectangle's rim at a distance from the corner ``(-, -)``,
-    counter-clockwise.
-    """
+    """Return the point (2,) of a centred rectangle's rim at a distance from ``(-, -)``, counter-clockwise."""
     width, depth = extent
     corners = np.array([[-width, -depth], [width, -depth], [width, depth], [-width, depth], [-width, -depth]]) / 2.0
     along = np.cumsum([0.0, width, depth, width, depth])

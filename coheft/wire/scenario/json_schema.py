@@ -1,14 +1,15 @@
-"""The JSON schema of scenarios, with which editors complete, explain and check them."""
+"""Descriptions of a scenario's keys, and its JSON schema, with which editors complete, explain and check scenarios."""
 
 from __future__ import annotations
 
+import inspect
+import re
 from collections.abc import Iterator
 from typing import Any
 
 import msgspec
 from msgspec import inspect as types
 
-from coheft.wire.scenario.meanings import meanings, summary
 from coheft.wire.scenario.schema import Scenario
 
 _DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -40,3 +41,15 @@ def _sections(kind: types.Type) -> Iterator[type[msgspec.Struct]]:
                 yield from _sections(each)
         case types.VarTupleType(item_type=item):
             yield from _sections(item)
+
+
+def summary(section: type[msgspec.Struct]) -> str:
+    """Return the description of a section."""
+    return " ".join(inspect.cleandoc(section.__doc__ or "").partition("Attributes:")[0].split())
+
+
+def meanings(section: type[msgspec.Struct]) -> dict[str, str]:
+    """Return the descriptions of a section's keys, by name; units are in brackets."""
+    attributes = inspect.cleandoc(section.__doc__ or "").partition("Attributes:")[2]
+    entries = re.findall(r"^ {4}(\w+): (.*(?:\n {8}.*)*)", attributes, re.MULTILINE)
+    return {name: " ".join(meaning.split()) for name, meaning in entries}

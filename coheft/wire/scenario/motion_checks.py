@@ -11,10 +11,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from coheft.estimation.geometry.smooth_step import cubic_step, least_jerk_step
-from coheft.wire.scenario.carry import Carry
+from coheft.wire.scenario.motion import Carry, Motion
 from coheft.wire.scenario.reach import MAX_POSITION, MAX_ROTATION, Reach
 from coheft.wire.scenario.rules import Complaint
-from coheft.wire.scenario.schema import Motion, Scenario
+from coheft.wire.scenario.schema import Scenario
 from coheft.wire.scenario.stability import rounded_down
 
 _IN_METRES = "in metres, not millimetres"

@@ -8,6 +8,7 @@ import numpy as np
 from msgspec import Meta
 
 from coheft.estimation.geometry.spatial import Array, Pose, rotation_log
+from coheft.estimation.linear_algebra import principal_axes
 from coheft.estimation.measurement import Positive
 from coheft.estimation.rigid_body.mass_properties import Inertia, combined
 from coheft.wire.scenario.section import Lengths, Section, Vector, pose_of
@@ -55,8 +56,7 @@ class MassProperties(Section, frozen=True):
     @classmethod
     def of(cls, inertia: Inertia) -> Self:
         """Make the properties of a body whose inertia is known in the payload's frame."""
-        principal, axes = np.linalg.eigh(inertia.tensor)
-        axes *= np.sign(np.linalg.det(axes))  # a rotation, not a reflection
+        principal, axes = principal_axes(inertia.tensor)
         return cls(
             mass=inertia.mass,
             com=vector_of(inertia.com),

@@ -77,11 +77,7 @@ class HeldBody:
         return held
 
     def mass_properties(self, place: str) -> MassProperties:
-        """Return the mass properties of all of it, in the body's frame.
-
-        Raises:
-            ScenarioError: It has no mass, or mass without extent.
-        """
+        """Return the mass properties in the body's frame; raise ``ScenarioError`` without mass or extent."""
         with np.errstate(all="ignore"):
             whole = self._inertia(self.model.compiled)
             if whole is None:

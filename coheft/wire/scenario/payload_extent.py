@@ -14,6 +14,7 @@ from typing import Self
 import numpy as np
 
 from coheft.estimation.geometry.spatial import Array, Pose
+from coheft.estimation.rigid_body.mass_properties import edges_of_box
 from coheft.wire.scenario.payload import MassProperties, Payload
 from coheft.wire.scenario.rules import Complaint
 from coheft.wire.scenario.schema import Scenario
@@ -52,9 +53,7 @@ class Extent:
     @classmethod
     def like(cls, properties: MassProperties) -> Self:
         """Return the box around the homogeneous box with given mass properties."""
-        moments = np.array(properties.principal, dtype=np.float64)
-        # For a box, J_x = m (y² + z²) / 12, and so on.
-        edges = np.sqrt(np.maximum(6.0 / properties.mass * (moments.sum() - 2.0 * moments), 0.0))
+        edges = edges_of_box(properties.mass, np.array(properties.principal, dtype=np.float64))
         box = cls.around(corners(pose_of(properties.com, properties.axes_deg), edges))
         return cls(box.lower, box.upper, _UNKNOWN_SHAPE * box.margin)
 
@@ -93,9 +92,7 @@ class Extent:
         )
 
     def complaint(self, position: Iterable[float]) -> str:
-        """Describe what is wrong with the position of a grasp or a load [m], as the end of a sentence; empty if it is
-        valid.
-        """
+        """Describe what is wrong with the position of a grasp or a load [m], as the end of a sentence; or empty."""
         with np.errstate(over="ignore"):
             distance = self.distance(position)
         if distance <= self.margin:
@@ -106,9 +103,7 @@ class Extent:
         )
 
     def size_complaint(self, size: Iterable[float]) -> str:
-        """Describe what is wrong with the edge lengths of a load [m], as the end of a sentence; empty if they are
-        valid.
-        """
+        """Describe what is wrong with the edge lengths of a load [m], as the end of a sentence; or empty."""
         longest, limit = max(size), self.length + 2.0 * self.margin
         if longest <= limit:
             return ""

@@ -31,10 +31,7 @@ _ADVICE = {
 def read_files(scenario: Scenario, origin: str, folder: Path) -> Scenario:
     """Return the scenario with mass properties and grasps in place of the files and sites that it names.
 
-    Args:
-        scenario: The scenario as written, see ``checks.choice_complaints``.
-        origin: Name of the scenario's source in errors.
-        folder: Folder of relative paths.
+    It is as written, see ``checks.choice_complaints``; other arguments as for ``file.scenario_of``.
 
     Raises:
         ScenarioError: A file cannot be read, or its payload cannot be carried.

@@ -43,11 +43,7 @@ def to_text(triangles: Array) -> str:
 
 
 def from_text(text: str) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
-    """Return the triangles that ``to_text`` has encoded, shape (k, 3, 3) [m].
-
-    Raises:
-        ValueError: It is something else.
-    """
+    """Return the triangles of ``to_text``, shape (k, 3, 3) [m]; raise ``ValueError`` if it is something else."""
     triangles = np.frombuffer(base64.b64decode(text, validate=True), dtype="<f4").reshape(-1, 3, 3)
     if not np.isfinite(triangles).all():
         raise ValueError("it holds numbers that are not finite")

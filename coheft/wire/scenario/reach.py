@@ -32,9 +32,6 @@ class Reach:
         position_delay: The same, translation [s].
     """
 
-    rotation_delay: float
-    position_delay: float
-
     def __init__(self, robots: Robots) -> None:
         (k_t, k_r), (d_t, d_r) = robots.stiffness, robots.damping
         # A rate counts for a sample at least; motions name the rotation first.

@@ -88,10 +88,7 @@ def other_sensors_complaints(
 ) -> Iterator[tuple[str, str]]:
     """Complain about sensors of single robots that contradict each other, as a rule of a scenario does.
 
-    Args:
-        others: Sensors that differ.
-        tolerance: Tolerances of all robots that give none of their own.
-        names: Names of the team's robots.
+    ``tolerance`` is that of all robots that give none of their own.
     """
     yield from _named_complaints(others, names)
     for number, each in enumerate(others):

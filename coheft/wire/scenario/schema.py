@@ -1,6 +1,4 @@
-"""Scenarios: payload, robots, links, sensors, motions and events. ``coheft.wire.scenario.file`` reads them from
-TOML.
-"""
+"""Scenarios: payload, robots, links, sensors, motions and events; ``file`` reads them from TOML."""
 
 from __future__ import annotations
 
@@ -12,14 +10,13 @@ from coheft.estimation.geometry.spatial import Pose
 from coheft.estimation.measurement import Positive, SensorNoise
 from coheft.estimation.tolerance import INDUSTRIAL, SensorDrift, SensorTolerance
 from coheft.wire.former_names import keep_present
-from coheft.wire.scenario.carry import Carry
 from coheft.wire.scenario.encoders import EncoderErrors
 from coheft.wire.scenario.estimator_settings import Converged, EfficientSettings, Fan2017Settings
+from coheft.wire.scenario.motion import Carry, Motion
 from coheft.wire.scenario.network import LinkQuality
 from coheft.wire.scenario.payload import Payload
 from coheft.wire.scenario.robot_sensors import OtherSensors, RobotSensors
 from coheft.wire.scenario.section import Lengths, Name, Names, NotNegative, Section, Seed, Vector, pose_of
-from coheft.wire.scenario.via_points import ViaPoints
 
 GraphKind = Literal["ring", "line", "star", "grid", "tree", "complete", "random"]
 SensorRate = Literal[100, 125, 200, 250, 500, 1000]
@@ -139,31 +136,6 @@ class Sensors(Section, frozen=True):
     def unequal(self) -> dict[str, RobotSensors]:
         """Return the sensors of the robots that differ, by name."""
         return {each.robot: each.on(self.noise, self.noise_scale, self.tolerance) for each in self.of}
-
-
-class Motion(Section, frozen=True):
-    """Reference motion of every robot, drawn for each robot alone: two sinusoids per axis, via points, or your own.
-
-    Motions that no arm can follow, more than 2 m or a turn per axis with their speed counted in, are refused.
-
-    Attributes:
-        translation: Amplitude per axis [m].
-        rotation: Amplitude per axis [rad].
-        frequency: Range from which frequencies are drawn [Hz].
-        ramp: Time from rest to full amplitude [s].
-        axes: Relative amplitude for each axis of the robot's home frame: rotation about x, y, z, translation along
-            them.
-        via_points: Instead of sinusoids: random points, joined by straight lines.
-        own: Instead: name of a motion of your own, see docs/own.md.
-    """
-
-    translation: NotNegative = 0.06
-    rotation: NotNegative = 0.2
-    frequency: tuple[Positive, Positive] = (0.4, 1.6)
-    ramp: NotNegative = 2.0
-    axes: tuple[NotNegative, NotNegative, NotNegative, NotNegative, NotNegative, NotNegative] = (1.0,) * 6
-    via_points: ViaPoints | None = None
-    own: Name | None = None
 
 
 class LoadChange(Section, frozen=True):

@@ -50,12 +50,7 @@ def gains_at_payload(grasps: Sequence[Pose], gains: tuple[float, float]) -> Arra
 
 
 def _growth(springs: Array, dampers: Array) -> float:
-    """Return the largest growth factor of a small motion in a step of Euler's method, positions after velocities.
-
-    Args:
-        springs: ``M^-1 K``, shape (6, 6).
-        dampers: ``M^-1 D``, shape (6, 6).
-    """
+    """Largest growth of a small motion in a step of Euler's method, from ``M^-1 K`` and ``M^-1 D``, (6, 6) each."""
     period, one = 1.0 / PHYSICS_RATE, np.eye(6)
     velocity = np.hstack([-period * springs, one - period * dampers])
     step = np.vstack([np.hstack([one, np.zeros((6, 6))]) + period * velocity, velocity])

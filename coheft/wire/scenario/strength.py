@@ -38,12 +38,7 @@ _HALVINGS = 5
 
 
 class Strength:
-    """Loads that the springs of a team's arms can hold.
-
-    Args:
-        grasps: Grasps of all robots that hold the payload, in the payload's frame.
-        robots: Stiffness and damping of their arms.
-    """
+    """Loads that the springs of a team's arms can hold."""
 
     def __init__(self, grasps: Sequence[Pose], robots: Robots) -> None:
         places = np.array([grasp.translation for grasp in grasps])
@@ -73,7 +68,11 @@ class Strength:
         with np.errstate(all="ignore"):
             if self._holds(load, before, _SURE):
                 return ""
-            most = _most(load.mass, lambda share: self._holds(_share_of(load, share), before, _SAFE))
+
+            def is_held(share: float) -> bool:
+                return self._holds(Inertia(share * load.mass, load.com, share * load.tensor), before, _SAFE)
+
+            most = _most(load.mass, is_held)
         arms = f"{self._count} arms" if self._count > 1 else "one arm"
         expected = f"at most {most:g} kg" if most > 0.0 else "nothing more"
         there = "" if before is None else " there"
@@ -161,10 +160,6 @@ def _moved(pose: Pose, step: Array) -> Pose:
 def _axial(matrix: Array) -> Array:
     """Return ``sum of a x b`` where the matrix is the sum of ``a b^T``, shape (3,)."""
     return np.array([matrix[1, 2] - matrix[2, 1], matrix[2, 0] - matrix[0, 2], matrix[0, 1] - matrix[1, 0]])
-
-
-def _share_of(load: Inertia, share: float) -> Inertia:
-    return Inertia(share * load.mass, load.com, share * load.tensor)
 
 
 def _most(mass: float, is_held: Callable[[float], bool]) -> float:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+import ctypes
+import sys
 from collections import deque
 from dataclasses import dataclass
 from queue import SimpleQueue
-from threading import Lock
+from threading import Lock, local
 from typing import NamedTuple
 
 import zenoh
-
-from coheft.wire.transport.callback_thread import keep_thread_state
 
 ROOM = 8 * 2**20
 """Limit of the unread messages of one source [B]: enough for minutes without reading, and a bound of the memory however
@@ -18,6 +18,7 @@ much is sent."""
 _OVERHEAD = 512
 _BUFFER = 2**16
 """Smallest size of a query: one of Zenoh's receive buffers [B]."""
+_state = local()
 
 
 class Said(NamedTuple):
@@ -41,10 +42,6 @@ class Backlog:
     that no source waits for more than one message of each other source; each place is used for one ``take``. No item is
     larger than ``ROOM``, so items are dropped only if a newer one is kept; the report of dropped items takes a place of
     its own.
-
-    Args:
-        source: The source's name.
-        turns: The queue of all backlogs.
     """
 
     def __init__(self, source: str, turns: SimpleQueue[Backlog]) -> None:
@@ -90,3 +87,17 @@ class Backlog:
             if self._items:
                 self._turns.put(self)
             return item
+
+
+def keep_thread_state() -> None:
+    """Keep the Python state of the calling thread until it ends, if Zenoh has started it; to be called in a callback.
+
+    Python creates a state for a thread that it does not know, and deletes it when the callback returns. With each
+    message this takes memory from the system and gives it back, which causes page faults. One additional reference to
+    the state, which is never released, keeps it (``PyGILState_Ensure`` in the Python/C API). Other implementations of
+    Python do not need this.
+    """
+    if not hasattr(_state, "is_kept"):
+        _state.is_kept = True
+        if sys.implementation.name == "cpython":
+            ctypes.pythonapi.PyGILState_Ensure()

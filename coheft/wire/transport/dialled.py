@@ -24,11 +24,8 @@ class DialledLink:
     """A link with the process that listens at an endpoint.
 
     Args:
-        endpoint: The endpoint to dial.
         guard: Access rules; None for the open profile.
-        inbox: Receives messages.
         listen: Subscribes the inbox to a new session.
-        senders: Send on this link.
         largest: Larger messages are dropped [B].
 
     Attributes:

@@ -169,13 +169,7 @@ class Inbox:
         self._keep(session, session.info.declare_link_events_listener(put, history=True))
 
     def serve(self, session: zenoh.Session, roles: dict[str, Role], kind: Any = Request) -> None:
-        """Receive requests.
-
-        Args:
-            session: The session.
-            roles: Role of the sender, by key.
-            kind: Expected type: a message, or a union of messages.
-        """
+        """Receive requests."""
         for key, role in roles.items():
             self._roles[key] = role, kind
             self._keep(session, session.declare_queryable(key, self._handler(role), complete=True))

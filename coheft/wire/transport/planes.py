@@ -27,9 +27,7 @@ def guard_robot(credentials: Credentials | None, keys: Keys, robot: str) -> Guar
 
 
 def guard_neighbours(credentials: Credentials | None, keys: Keys, own: str, others: Iterable[str]) -> Guard | None:
-    """Return the rules of the neighbour plane: each neighbour sends under its own name only, and receives from us
-    only.
-    """
+    """Return the rules of the neighbour plane: each neighbour sends under its own name, and hears us only."""
     hears, watches = (keys.agent(own, "*"),), (keys.agent(own, "alive"),)
     return _guard(
         credentials,

@@ -26,17 +26,11 @@ class RobotLink:
     """One robot's session, and the state of the communication with it.
 
     Args:
-        name: The robot's name.
-        session: The session at which the robot dials in.
-        inbox: Receives its messages, under its name.
-        keys: The keys of the run.
         world: Number of the simulated world; a new number makes agents restart.
         lag: Number of blocks from a measurement to the reference that answers it.
-        block: Samples per block.
         excess: Describes why an arm cannot follow a reference, finite or not; returns None if it can.
 
     Attributes:
-        name: The robot's name.
         is_ready: Whether it asks for measurements, and can receive them.
         is_linked: Whether a process is at the other end.
         missing: Neighbours that it is not linked with yet.
@@ -94,15 +88,12 @@ class RobotLink:
             self.answered = self._sent
 
     def take(self, message: Message) -> None:
-        """Process the robot's message.
-
-        Raises:
-            MessageError: The message is not valid here and now.
-        """
+        """Process the robot's message; raise ``MessageError`` if it is not valid here and now."""
         match message:
             case Ready():
                 check_field("robot", message.robot, self.name)
-                self._begin_attempt(message.attempt)
+                if message.attempt != self._attempt:  # it asks anew, and answers no earlier measurements
+                    self._attempt, self.answered = message.attempt, self._sent
                 self.missing = message.missing
                 self.is_ready = self._measurements.has_listener
             case Reference():
@@ -114,12 +105,6 @@ class RobotLink:
         """Let the robot take part from a block on."""
         self.joined = block
         self.answered = block - 1
-
-    def _begin_attempt(self, attempt: int) -> None:
-        """When the robot asks anew, expect no answers to earlier measurements."""
-        if attempt != self._attempt:
-            self._attempt = attempt
-            self.answered = self._sent
 
     def _check(self, reference: Reference) -> None:
         is_right = (

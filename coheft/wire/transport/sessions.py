@@ -16,8 +16,7 @@ from threading import Lock, Thread
 from typing import Any, Literal, TypeVar, get_args
 
 # Few threads for all of Zenoh's work, so that there are few thread switches per message. Not a single one, because each
-# frozen listener occupies a thread until its link is cut; with none left all other links would become silent and be
-# cut.
+# frozen listener occupies a thread until its link is cut; with none left all other links would fall silent.
 # Zenoh reads the variable when the first session opens.
 os.environ.setdefault(
     "ZENOH_RUNTIME", "(rx:(worker_threads:4),tx:(handover:rx),acc:(handover:rx),app:(handover:rx),net:(handover:rx))"
@@ -45,13 +44,11 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
 
 _SETTINGS: dict[str, object] = {
     "mode": "peer",
-    # Together these three settings keep every message to one hop: peers neither look for others nor inform each other,
-    # and
+    # Together these three settings keep every message to one hop: peers neither look for others nor inform each other;
     # no peer serves as a gateway to those that dial it, not even to clients.
     "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
     "gateway": {"south": []},
-    # Otherwise opening takes half a second while an endpoint does not answer, although users of a link wait for it
-    # anyway.
+    # Otherwise opening takes half a second while an endpoint does not answer; users of a link wait for it anyway.
     "open": {"return_conditions": {"connect_scouted": False}},
 }
 _LINK_SETTINGS: dict[str, object] = {
@@ -155,9 +152,7 @@ class Keys:
         check_name(self.run)
 
     def robot(self, name: str, topic: str) -> str:
-        """Return a key of the robot plane. To the server: ``ready``, ``reference``; to the robot: ``measurements``,
-        ``stop``.
-        """
+        """Return a key of the robot plane: ``ready``, ``reference``; to the robot ``measurements``, ``stop``."""
         return f"{self.run}/robot/{check_name(name)}/{topic}"
 
     def agent(self, name: str, topic: str) -> str:
@@ -231,14 +226,7 @@ def ask(session: zenoh.Session, key: str, request: Request, timeout: float = 2.0
 
 
 def ask_for(kind: type[M], session: zenoh.Session, key: str, request: Message, timeout: float = 2.0) -> M | Refusal:
-    """Send a request and return the answer.
-
-    Args:
-        kind: Type of the answer.
-        session: The session to use.
-        key: The key under which requests are answered.
-        request: The request.
-        timeout: Time to wait for the answer [s].
+    """Send a request under a key and return the answer, of type ``kind``.
 
     Raises:
         LinkError: There is no answer within ``timeout`` [s].

@@ -33,11 +33,7 @@ _LARGEST_CERTIFICATE = 2048
 
 
 class Signatures:
-    """Signs one robot's records, and checks those of other robots of its run.
-
-    Args:
-        run: Prefix of all keys of the run; signatures of another run are invalid.
-        credentials: The robot's own credentials.
+    """Signs one robot's records, and checks those of other robots; signatures are valid for one run.
 
     Raises:
         CoheftError: The credentials cannot be read.
@@ -75,11 +71,7 @@ class Signatures:
         certificate = known[1]
         if not certificate.not_valid_before_utc <= datetime.now(UTC) <= certificate.not_valid_after_utc:
             return f"its certificate of {record.robot} is not valid now"
-        key = certificate.public_key()
-        assert isinstance(key, ec.EllipticCurvePublicKey)
-        try:
-            key.verify(record.signature, self._content(record), _HOW)
-        except InvalidSignature:
+        if not _is_signed(self._content(record), record.signature, certificate):
             return f"its signature is not one of {record.robot} in this run"
         self._known[record.robot] = known
         return None
@@ -91,15 +83,7 @@ class Signatures:
     def is_signed_by(self, robot: str, content: bytes, signature: bytes) -> bool:
         """Whether a robot has signed this content in the run; False if none of its records has arrived yet."""
         known = self._known.get(robot)
-        if known is None:
-            return False
-        key = known[1].public_key()
-        assert isinstance(key, ec.EllipticCurvePublicKey)
-        try:
-            key.verify(signature, self._rows(content), _HOW)
-        except InvalidSignature:
-            return False
-        return True
+        return known is not None and _is_signed(self._rows(content), signature, known[1])
 
     def _rows(self, content: bytes) -> bytes:
         return msgspec.msgpack.encode(("rows", self._run, content))
@@ -126,3 +110,13 @@ class Signatures:
         """Return the signed bytes: the run, and the fields of the record."""
         said = [value for name, value in msgspec.structs.asdict(record).items() if name not in _PROOF]
         return msgspec.msgpack.encode(("link state", self._run, *said))
+
+
+def _is_signed(content: bytes, signature: bytes, certificate: x509.Certificate) -> bool:
+    key = certificate.public_key()
+    assert isinstance(key, ec.EllipticCurvePublicKey)
+    try:
+        key.verify(signature, content, _HOW)
+    except InvalidSignature:
+        return False
+    return True
