@@ -110,8 +110,8 @@ class Session:
         """
         if self.stage is Stage.ESTIMATING and self._known.buffer.count and not self._test_for_change(self._newest):
             self._fit_and_judge()  # the newest rows have to be judged as well
-        is_relied_upon = self.stage is Stage.ESTIMATING and self.undeclared is None and not self.is_cause_open
-        if not is_relied_upon:
+        is_doubtful = self.undeclared is not None or self.is_cause_open or self._confirmation.distrusts_wrenches
+        if self.stage is not Stage.ESTIMATING or is_doubtful:
             return None
         self._known.bridge(missing)
         return self._known.posterior()
@@ -220,9 +220,6 @@ class Session:
                 if (is_urgent or is_own_turn) and self._test_for_change(number):
                     return
         if known.is_fit_due and not self._test_for_change(number):
-            if self._confirmation.distrusts_wrenches:
-                self._fit_trusted()
-                return
             self._fit_and_judge()
             if self.stage is Stage.ESTIMATING and known is self._known:
                 known.fade()
@@ -252,17 +249,18 @@ class Session:
         self._contradictions.forget()
         return self._known.fit(end, keeps_motion)
 
-    def _fit_trusted(self) -> None:
+    def _fit_trusted(self) -> Estimate:
         """Fit to all rows, but without wrenches that may be of another load."""
         known, confirmation = self._known, self._confirmation
-        if confirmation.distrusts_wrenches:
-            self._fit(end=known.buffer.index_of(confirmation.since), keeps_motion=True)
-        else:
-            self._fit()
+        if not confirmation.distrusts_wrenches:
+            return self._fit()
+        return self._fit(end=known.buffer.index_of(confirmation.since), keeps_motion=True)
 
     def _fit_and_judge(self) -> None:
         """Fit, then test whether all rows fit and whether a faulty sensor would explain them as well as a load."""
-        estimate, has_offset, guards = self._fit(), self._settings.has_offset, self._guards
+        estimate, has_offset, guards = self._fit_trusted(), self._settings.has_offset, self._guards
+        if self._confirmation.distrusts_wrenches:
+            return
         innovations, buffer = self._known.innovations, self._known.buffer
         self.verdict = judge(estimate, innovations, buffer, guards, self._load_before, has_offset, self._known.drift)
         first = buffer.count
