@@ -5,16 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Literal
 
+import msgspec
 import numpy as np
 
 from coheft.app.results.record import Record
-from coheft.app.results.report import RunInfo
+from coheft.app.results.report import Report, build_report
 from coheft.estimation.geometry.spatial import Array, Pose, quaternion_from_rotation
 from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.wire.messages.scene import Scene
 from coheft.wire.messages.states import Validity
 from coheft.wire.messages.structs import Estimate, LoadChangeNotice, PayloadEstimate, PoseEstimate
 from coheft.wire.messages.truth import LoadState, PayloadTruth, Truth
+from coheft.wire.scenario.file import load_scenario
+from coheft.wire.scenario.schema import Sensors
 
 BLOCK = 0.02
 ROBOTS = ["r1", "r2", "r3"]
@@ -28,8 +31,14 @@ SCENE = Scene(
 LIGHT = Inertia(10.0, np.array([0.1, -0.2, 0.05]), np.diag([0.5, 0.8, 1.1]))
 HEAVY = Inertia(13.0, np.array([0.0, -0.1, 0.06]), np.diag([0.7, 0.9, 1.3]))
 LOAD = LoadState(1, 3.0, (0.0, 0.1, 0.1), (0.1, 0.1, 0.1))
-INFO = RunInfo(scenario="test", seed=1, estimator="fan2017", block_duration=BLOCK, real_time_factor=1.0)
+SCENARIO = msgspec.structs.replace(load_scenario("ring3"), name="test", sensors=Sensors(rate=500, block=10))
+assert SCENARIO.block_duration == BLOCK
 STD = np.array([0.1, 0.001, 0.002, 0.003, 0.01, 0.02, 0.03, 0.04, 0.05, 0.06])
+
+
+def built_report(record: Record) -> Report:
+    """The report of a run in real time."""
+    return build_report(SCENARIO, record, real_time_factor=1.0)
 
 
 def total_wrench(block: int) -> Array:
@@ -78,6 +87,7 @@ def estimate(
         block=block,
         time=(block + 1) * BLOCK,
         phase=phase,
+        estimator="fan2017",
         converged=converged,
         members=3,
         payload=believed,

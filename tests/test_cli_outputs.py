@@ -12,10 +12,10 @@ import pytest
 from coheft.app.cli.base import EXIT_CONVERGED, EXIT_ERROR, EXIT_INTERRUPTED, EXIT_USAGE
 from coheft.app.cli.main import run_command_line
 from coheft.app.cli.run import run
-from coheft.app.results.report import Report, RunInfo, build_report
+from coheft.app.results.report import Report
 from coheft.errors import CoheftError, LinkError
 from coheft.wire.scenario.file import scenario_path
-from tests.synthetic_run import BLOCK, HEAVY, ROBOTS, estimate, recorded, truth
+from tests.synthetic_run import HEAVY, ROBOTS, built_report, estimate, recorded, truth
 
 pytestmark = pytest.mark.usefixtures("own_state_folder")
 
@@ -156,11 +156,8 @@ def test_outputs_may_be_there_already_and_be_no_files(place: Path, monkeypatch: 
 
 def report() -> Report:
     """Of a run that never was."""
-    info = RunInfo(
-        scenario="made up", seed=3, estimator="fan2017", block_duration=BLOCK, real_time_factor=2.0, late_blocks=0
-    )
     truths = [truth(block, HEAVY) for block in range(10)]
-    return build_report(info, recorded(truths, {name: [estimate(name, 9, HEAVY)] for name in ROBOTS}))
+    return built_report(recorded(truths, {name: [estimate(name, 9, HEAVY)] for name in ROBOTS}))
 
 
 def test_a_report_that_cannot_be_written_takes_nothing_with_it(
@@ -173,12 +170,9 @@ def test_a_report_that_cannot_be_written_takes_nothing_with_it(
         shutil.rmtree(folder)
         return report()
 
-    class Page:
-        def write(self, *_: object) -> str:
-            return "the page"
-
     monkeypatch.setattr("coheft.app.run.launch.launch", launch)
-    monkeypatch.setattr("coheft.app.run_report.folder.ReportPage", lambda _: Page())
+    monkeypatch.setattr("coheft.app.run_report.series.SeriesFollower.series", None, raising=False)
+    monkeypatch.setattr("coheft.app.run_report.folder.write_folder", lambda *_: "the page")
     assert (
         run_command_line(["run", "ring3", "--json", str(folder / "x.json"), "--report", str(tmp_path / "page")])
         == EXIT_ERROR

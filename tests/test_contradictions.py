@@ -13,7 +13,7 @@ from rich.console import Console
 
 from coheft.app.results.errors import in_stds
 from coheft.app.results.judge import Contradiction, Judge, Verdict
-from coheft.app.results.report import Report, build_report
+from coheft.app.results.report import Report
 from coheft.app.terminal.final_table import print_report, sentences
 from coheft.app.terminal.screen import LiveDisplay
 from coheft.app.view import words
@@ -21,7 +21,7 @@ from coheft.estimation.geometry.spatial import Pose
 from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.wire.messages.states import Validity
 from coheft.wire.messages.structs import Estimate
-from tests.synthetic_run import GRASPS, HEAVY, INFO, SCENE, STD, estimate, recorded, truth
+from tests.synthetic_run import GRASPS, HEAVY, SCENE, STD, built_report, estimate, recorded, truth
 
 
 def off_by(stds: float) -> Inertia:
@@ -35,7 +35,7 @@ def judged(said: Estimate) -> list[Contradiction]:
 
 def report_of(*said: Estimate) -> Report:
     others = [estimate(name, 9, HEAVY) for name in SCENE.robots if name not in {each.robot for each in said}]
-    return build_report(INFO, recorded([truth(9, HEAVY)], {each.robot: [each] for each in (*said, *others)}))
+    return built_report(recorded([truth(9, HEAVY)], {each.robot: [each] for each in (*said, *others)}))
 
 
 def printed(report: Report) -> str:

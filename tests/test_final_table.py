@@ -9,19 +9,18 @@ import numpy as np
 import pytest
 
 from coheft.app.results.judge import Verdict
-from coheft.app.results.report import build_report
 from coheft.app.terminal.digits import error_and_std
 from coheft.app.terminal.final_table import print_report, robot_rows, sentences
 from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.wire.messages.structs import Estimate
-from tests.synthetic_run import GRASPS, HEAVY, INFO, LIGHT, SCENE, changing_run, estimate, recorded, truth
+from tests.synthetic_run import GRASPS, HEAVY, LIGHT, SCENE, built_report, changing_run, estimate, recorded, truth
 from tests.test_terminal import drawn, stale, terminal
 
 
 def test_the_final_table_says_why_a_run_has_not_converged() -> None:
     truths = [truth(block, HEAVY) for block in range(10)]
     last = {"r1": estimate("r1", 9, HEAVY), "r2": estimate("r2", 9, HEAVY), "r3": stale("r3", 9, "r2 is silent")}
-    report = build_report(INFO, recorded(truths, {name: [each] for name, each in last.items()}))
+    report = built_report(recorded(truths, {name: [each] for name, each in last.items()}))
     assert report.verdict is Verdict.NOT_CONVERGED
     assert report.robots["r3"].reasons == ["r2 is silent"]
     console = terminal(is_terminal=False)
@@ -34,7 +33,7 @@ def test_the_final_table_says_why_a_run_has_not_converged() -> None:
 def test_the_final_table_gives_one_example_of_what_is_not_observable() -> None:
     beliefs = {name: estimate(name, 9, None, converged=False) for name in ("r1", "r2", "r3")}
     beliefs["r3"] = msgspec.structs.replace(beliefs["r3"], not_observable=["pose of r2: move"])
-    report = build_report(INFO, recorded([truth(9, HEAVY)], {name: [each] for name, each in beliefs.items()}))
+    report = built_report(recorded([truth(9, HEAVY)], {name: [each] for name, each in beliefs.items()}))
     console = terminal(is_terminal=False)
     print_report(console, report, Path("logs"))
     text = " ".join(drawn(console).split())
@@ -45,7 +44,7 @@ def test_the_final_table_gives_one_example_of_what_is_not_observable() -> None:
 def test_the_final_table_tells_of_load_changes() -> None:
     truths, estimates = changing_run({"r1": 110, "r2": 120, "r3": 115}, {"r1": 2.06, "r2": 2.04, "r3": 2.1})
     console = terminal(is_terminal=False)
-    print_report(console, build_report(INFO, recorded(truths, estimates)), Path("logs"))
+    print_report(console, built_report(recorded(truths, estimates)), Path("logs"))
     text = " ".join(drawn(console).split())
     assert "At 2 s the payload changed from 10.00 kg to 13.00 kg. The last robot noticed after 0.1 s." in text
     assert "All recovered after 0.4 s." in text
@@ -56,7 +55,7 @@ def test_what_could_not_be_noticed_or_recovered_is_not_held_against_the_robots()
     unknowing = {name: [estimate(name, each.block, None) for each in series] for name, series in estimates.items()}
     again = [truth(each.block, LIGHT) if each.block >= 150 else each for each in truths]
     missed, unknown, twice = (
-        [text for text in sentences(build_report(INFO, recorded(*run))) if "the payload changed" in text]
+        [text for text in sentences(built_report(recorded(*run))) if "the payload changed" in text]
         for run in ((truths, estimates), (truths, unknowing), (again, estimates))
     )
     assert [text.partition("kg. ")[2] for text in missed] == ["Not all noticed. Not all recovered."]
@@ -71,7 +70,7 @@ def test_what_could_not_be_noticed_or_recovered_is_not_held_against_the_robots()
 def test_error_and_own_std_are_in_one_unit_and_have_the_same_decimals() -> None:
     believed = {"r1": Inertia(13.004, HEAVY.com, 1.001 * HEAVY.tensor), "r2": HEAVY, "r3": HEAVY}
     last = {name: [estimate(name, 9, payload)] for name, payload in believed.items()}
-    report = build_report(INFO, recorded([truth(9, HEAVY)], last))
+    report = built_report(recorded([truth(9, HEAVY)], last))
     mass, com, inertia = robot_rows(report.robots["r1"])
     assert mass == ("mass, kg", "13.000", "13.004", "0.03 %", "0.77 %")  # std 0.1 kg
     assert com[3:] == ("0.0 mm", "3.7 mm")
@@ -97,16 +96,14 @@ def test_small_payloads_show_digits_and_nothing_is_minus_zero() -> None:
     small = Inertia(0.05, np.zeros(3), principal).carried(GRASPS["r1"])
     off = Inertia(0.05, np.array([-1e-5, 0.0, 0.0]), principal).carried(GRASPS["r1"])
     last = {name: [estimate(name, 9, off)] for name in SCENE.robots}
-    mass, com, inertia = robot_rows(build_report(INFO, recorded([truth(9, small)], last)).robots["r1"])
+    mass, com, inertia = robot_rows(built_report(recorded([truth(9, small)], last)).robots["r1"])
     assert mass[1] == "0.05000"
     assert com[1:3] == ("0 0 0", "0 0 0")
     assert inertia[1] == "0.0000 0.0012 0.0012"
 
 
 def test_a_machine_that_is_too_slow_for_real_time_gets_advice() -> None:
-    report = build_report(
-        INFO, recorded([truth(9, HEAVY)], {name: [estimate(name, 9, HEAVY)] for name in SCENE.robots})
-    )
+    report = built_report(recorded([truth(9, HEAVY)], {name: [estimate(name, 9, HEAVY)] for name in SCENE.robots}))
     said = [" ".join(sentences(msgspec.structs.replace(report, late_blocks=count))) for count in (0, 1, 1800)]
     assert "too late" not in said[0]
     assert "Once a robot answered too late" in said[1]
@@ -115,7 +112,7 @@ def test_a_machine_that_is_too_slow_for_real_time_gets_advice() -> None:
 
 def final_sentence(*last: Estimate) -> str:
     console = terminal(is_terminal=False)
-    report = build_report(INFO, recorded([truth(9, HEAVY)], {each.robot: [each] for each in last}))
+    report = built_report(recorded([truth(9, HEAVY)], {each.robot: [each] for each in last}))
     print_report(console, report, Path("logs"))
     return " ".join(drawn(console).split())
 

@@ -10,12 +10,22 @@ import pytest
 
 from coheft.app.results.judge import Verdict
 from coheft.app.results.record import SILENT, EstimatorUse, Record
-from coheft.app.results.report import build_report
 from coheft.app.run.pairing import REMEMBERED
 from coheft.app.terminal.final_table import sentences
 from coheft.wire.messages.scene import SlippedGrasp
 from coheft.wire.messages.structs import LoadChangeNotice, SlipNotice
-from tests.synthetic_run import BLOCK, HEAVY, INFO, LIGHT, ROBOTS, SCENE, changing_run, estimate, recorded, truth
+from tests.synthetic_run import (
+    BLOCK,
+    HEAVY,
+    LIGHT,
+    ROBOTS,
+    SCENE,
+    built_report,
+    changing_run,
+    estimate,
+    recorded,
+    truth,
+)
 
 
 def test_the_order_of_arrival_does_not_matter() -> None:
@@ -29,10 +39,10 @@ def test_the_order_of_arrival_does_not_matter() -> None:
                 record.add_estimate(belief)
     for each in truths:
         estimates_first.add_truth(each)
-    expected = build_report(INFO, recorded(truths, estimates, with_history=True))
+    expected = built_report(recorded(truths, estimates, with_history=True))
     assert expected.load_changes[0].detected_at_s == pytest.approx(2.1)
-    assert build_report(INFO, truths_first) == expected
-    assert build_report(INFO, estimates_first) == expected
+    assert built_report(truths_first) == expected
+    assert built_report(estimates_first) == expected
 
 
 def test_a_record_is_complete_when_all_robots_have_spoken_of_the_newest_block() -> None:
@@ -76,7 +86,7 @@ def test_estimators_change_once_though_what_was_said_before_comes_later() -> Non
     for name, block, estimator in said:
         record.add_estimate(msgspec.structs.replace(estimate(name, block, LIGHT), estimator=estimator))
     assert record.estimators == [EstimatorUse(4 * BLOCK, "fan2017"), EstimatorUse(7 * BLOCK, "efficient")]
-    report = build_report(INFO, record)
+    report = built_report(record)
     assert report.estimator_changes == record.estimators[1:]
     assert "At 0.14 s all robots restarted with the estimator efficient." in sentences(report)
 
@@ -90,7 +100,7 @@ def test_who_falls_silent_is_stale() -> None:
                 record.add_estimate(estimate(name, block, LIGHT))
         is_silent = block > 150 + SILENT
         assert [name for name, belief in record.beliefs.items() if belief.status == "stale"] == ["r2"] * is_silent
-    report = build_report(INFO, record)
+    report = built_report(record)
     assert report.robots["r2"].reasons == ["no estimate of r2 since 3.02 s"]
     assert report.robots["r2"].converged
     assert report.verdict is Verdict.NOT_CONVERGED
@@ -132,7 +142,7 @@ def test_a_change_is_dated_rightly_by_who_missed_it() -> None:
     notice = LoadChangeNotice(noticed_at=changed_at + BLOCK, changed_at=changed_at)
     for name in ROBOTS:
         record.add_estimate(estimate(name, 99, HEAVY, changes=[notice]))
-    (change,) = build_report(INFO, record).load_changes
+    (change,) = built_report(record).load_changes
     assert change.at_s == pytest.approx(changed_at)
     assert change.detected_at_s == pytest.approx(changed_at + BLOCK)
 
@@ -147,7 +157,7 @@ def test_a_slip_is_told_with_when_the_last_robot_had_named_it() -> None:
     for name, moment in named.items():
         slips = [SlipNotice("r2", 0.12, moment, 0.1)]
         record.add_estimate(msgspec.structs.replace(estimate(name, 9, LIGHT), slips=slips))
-    report = build_report(INFO, record)
+    report = built_report(record)
     (slip,) = report.slips
     assert (slip.at_s, slip.robot, slip.named_at_s) == (pytest.approx(5 * BLOCK), "r2", 0.16)
     assert slip.translation_mm == pytest.approx(5.0)
@@ -155,4 +165,4 @@ def test_a_slip_is_told_with_when_the_last_robot_had_named_it() -> None:
         report
     )
     record.add_estimate(estimate("r3", 9, LIGHT))
-    assert build_report(INFO, record).slips[0].named_at_s is None
+    assert built_report(record).slips[0].named_at_s is None

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from coheft.app.results.judge import Verdict
-from coheft.app.results.report import build_report
 from coheft.estimation.geometry.spatial import Pose
 from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.wire.messages.truth import Truth
@@ -17,11 +16,11 @@ from tests.synthetic_run import (
     BLOCK,
     GRASPS,
     HEAVY,
-    INFO,
     LIGHT,
     LOAD,
     ROBOTS,
     SCENE,
+    built_report,
     changing_run,
     estimate,
     recorded,
@@ -31,7 +30,7 @@ from tests.synthetic_run import (
 
 def test_a_perfect_run_has_no_errors() -> None:
     truths = [truth(block, LIGHT) for block in range(100)]
-    report = build_report(INFO, recorded(truths, {r: [estimate(r, b, LIGHT) for b in range(100)] for r in ROBOTS}))
+    report = built_report(recorded(truths, {r: [estimate(r, b, LIGHT) for b in range(100)] for r in ROBOTS}))
     for robot in report.robots.values():
         assert robot.mass.error_pct == pytest.approx(0.0, abs=1e-9)
         assert robot.com.error_mm == pytest.approx(0.0, abs=1e-9)
@@ -49,7 +48,7 @@ def test_errors_are_measured_in_the_robots_own_frame() -> None:
     turned = Pose.exp([0.01, 0.0, 0.0, 0.0, 0.0, 0.0])
     shifted = Pose(turned.rotation, np.array([0.0, 0.002, 0.0]))
     last = {r: [estimate(r, 99, wrong, wrench_error=0.05, pose_error=shifted)] for r in ROBOTS}
-    report = build_report(INFO, recorded([truth(block, LIGHT) for block in range(100)], last))
+    report = built_report(recorded([truth(block, LIGHT) for block in range(100)], last))
     for name, robot in report.robots.items():
         assert robot.mass.error_pct == pytest.approx(5.0)
         assert robot.com.error_mm == pytest.approx(5.0)
@@ -71,7 +70,7 @@ def test_errors_are_measured_in_the_robots_own_frame() -> None:
 
 def test_a_load_change_is_reported_with_the_state_before_it() -> None:
     truths, estimates = changing_run({"r1": 110, "r2": 120, "r3": 115}, {"r1": 2.06, "r2": 2.04, "r3": 2.1})
-    (change,) = build_report(INFO, recorded(truths, estimates)).load_changes
+    (change,) = built_report(recorded(truths, estimates)).load_changes
     assert change.at_s == pytest.approx(2.0)
     assert change.truth.mass == pytest.approx(13.0)
     assert change.detected_at_s == pytest.approx(2.1), "the last robot counts"
@@ -84,7 +83,7 @@ def test_a_load_change_is_reported_with_the_state_before_it() -> None:
 
 def test_what_a_robot_missed_is_none() -> None:
     truths, estimates = changing_run({"r1": 110, "r2": 10**6, "r3": 115}, {"r1": 2.06, "r2": 2.04})
-    (change,) = build_report(INFO, recorded(truths, estimates)).load_changes
+    (change,) = built_report(recorded(truths, estimates)).load_changes
     assert change.detected_at_s is None
     assert change.recovered_at_s is None
 
@@ -92,14 +91,14 @@ def test_what_a_robot_missed_is_none() -> None:
 def test_recovery_counts_from_when_it_lasts() -> None:
     truths, estimates = changing_run(dict.fromkeys(ROBOTS, 110), {})
     estimates["r3"][150] = estimate("r3", 150, LIGHT)
-    (change,) = build_report(INFO, recorded(truths, estimates)).load_changes
+    (change,) = built_report(recorded(truths, estimates)).load_changes
     assert change.recovered_at_s == pytest.approx(152 * BLOCK)
 
 
 def test_a_recovery_that_has_lasted_stays_whatever_happens_then() -> None:
     truths, estimates = changing_run(dict.fromkeys(ROBOTS, 110), {})
     estimates["r3"][170:180] = [estimate("r3", block, LIGHT) for block in range(170, 180)]
-    (change,) = build_report(INFO, recorded(truths, estimates)).load_changes
+    (change,) = built_report(recorded(truths, estimates)).load_changes
     assert change.recovered_at_s == pytest.approx(111 * BLOCK)
 
 
@@ -107,13 +106,13 @@ def test_who_begins_anew_does_not_relapse() -> None:
     """An agent is started again; and all change their estimator, one before it has recovered."""
     truths, estimates = changing_run({"r1": 110, "r2": 130, "r3": 110}, {})
     estimates["r3"][115:125] = [estimate("r3", block, None if block < 120 else LIGHT) for block in range(115, 125)]
-    (change,) = build_report(INFO, recorded(truths, estimates)).load_changes
+    (change,) = built_report(recorded(truths, estimates)).load_changes
     assert change.recovered_at_s == pytest.approx(131 * BLOCK)
     for name, series in estimates.items():
         series[120:140] = [
             msgspec.structs.replace(estimate(name, block, LIGHT), estimator="fan2017") for block in range(120, 140)
         ]
-    (change,) = build_report(INFO, recorded(truths, estimates)).load_changes
+    (change,) = built_report(recorded(truths, estimates)).load_changes
     assert change.recovered_at_s == pytest.approx(141 * BLOCK), "r2 had not recovered before"
 
 
@@ -127,7 +126,7 @@ def test_a_leak_is_one_change_and_each_estimate_is_compared_with_the_payload_of_
 
     truths = [leaking(block) for block in range(200)]
     estimates = {r: [estimate(r, b, LIGHT if b < 110 else payload(b)) for b in range(200)] for r in ROBOTS}
-    report = build_report(INFO, recorded(truths, estimates, with_history=True))
+    report = built_report(recorded(truths, estimates, with_history=True))
     (change,) = report.load_changes
     assert change.at_s == pytest.approx(2.0)
     assert change.truth.mass == pytest.approx(13.0)
@@ -141,7 +140,7 @@ def test_a_leak_is_one_change_and_each_estimate_is_compared_with_the_payload_of_
 
 def test_nothing_observable_gives_no_numbers() -> None:
     truths = [truth(block, LIGHT) for block in range(10)]
-    report = build_report(INFO, recorded(truths, {r: [estimate(r, 9, None, converged=False)] for r in ROBOTS}))
+    report = built_report(recorded(truths, {r: [estimate(r, 9, None, converged=False)] for r in ROBOTS}))
     assert report.verdict is Verdict.NOT_CONVERGED
     for robot in report.robots.values():
         assert robot.not_observable == ["mass: too little motion"]
@@ -152,7 +151,7 @@ def test_nothing_observable_gives_no_numbers() -> None:
 
 def test_poses_that_are_still_being_found_are_not_reported() -> None:
     last = {r: [estimate(r, 9, None, converged=False, phase="poses")] for r in ROBOTS}
-    report = build_report(INFO, recorded([truth(block, LIGHT) for block in range(10)], last))
+    report = built_report(recorded([truth(block, LIGHT) for block in range(10)], last))
     assert all(robot.poses == {} for robot in report.robots.values())
     assert report.consensus.force_rel_error is None
 
@@ -160,7 +159,7 @@ def test_poses_that_are_still_being_found_are_not_reported() -> None:
 def test_speed_counts_every_message_of_a_block() -> None:
     truths = [truth(block, LIGHT) for block in range(100)]
     estimates = {r: [estimate(r, block, LIGHT) for block in range(4, 100, 5)] for r in ROBOTS}
-    report = build_report(INFO, recorded(truths, estimates))
+    report = built_report(recorded(truths, estimates))
     assert report.real_time_factor == pytest.approx(1.0)
     assert report.processes == 4
     per_block = 3 + 3 + 4 + 3 / 5 + 1  # measurements, references, two edges both ways, estimates, truth
@@ -170,7 +169,7 @@ def test_speed_counts_every_message_of_a_block() -> None:
 def test_history_has_a_point_for_every_second() -> None:
     truths = [truth(block, LIGHT) for block in range(200)]
     estimates = {r: [estimate(r, b, LIGHT) for b in range(200)] for r in ROBOTS}
-    report = build_report(INFO, recorded(truths, estimates, with_history=True))
+    report = built_report(recorded(truths, estimates, with_history=True))
     assert report.history is not None
     for points in report.history.values():
         assert [point.time_s for point in points] == pytest.approx([1.0, 2.0, 3.0, 4.0])
@@ -178,7 +177,7 @@ def test_history_has_a_point_for_every_second() -> None:
 
 def test_the_report_is_plain_json() -> None:
     truths, estimates = changing_run(dict.fromkeys(ROBOTS, 110), {"r1": 2.06})
-    table = json.loads(msgspec.json.encode(build_report(INFO, recorded(truths, estimates))))
+    table = json.loads(msgspec.json.encode(built_report(recorded(truths, estimates))))
     assert {"scenario", "seed", "estimator", "robots", "load_changes", "consensus"} <= set(table)
     assert {"processes", "real_time_factor", "messages_per_s"} <= set(table)
     assert set(table["robots"]["r1"]["mass"]) == {"truth", "estimate", "std", "error_pct"}
@@ -186,4 +185,4 @@ def test_the_report_is_plain_json() -> None:
 
 def test_a_silent_robot_is_named() -> None:
     with pytest.raises(ValueError, match="r2, r3"):
-        build_report(INFO, recorded([truth(0, LIGHT)], {"r1": [estimate("r1", 0, LIGHT)]}))
+        built_report(recorded([truth(0, LIGHT)], {"r1": [estimate("r1", 0, LIGHT)]}))

@@ -15,20 +15,19 @@ import msgspec
 import numpy as np
 import pytest
 
-from coheft.app.figures import LIGHT
+from coheft.app.figures import LIGHT, picture_folder
 from coheft.app.results.judge import Contradiction
 from coheft.app.results.record import Record
-from coheft.app.results.report import Report, RunInfo, build_report
+from coheft.app.results.report import Report, build_report
 from coheft.app.run.inprocess import run_in_process
 from coheft.app.run_report import data
 from coheft.app.run_report.convergence import ALL_SHOWN, curves
 from coheft.app.run_report.drawings import draw_overview
-from coheft.app.run_report.folder import prepare_folder, write_folder
+from coheft.app.run_report.folder import write_folder
+from coheft.app.run_report.limited import Spans, Thinned
 from coheft.app.run_report.page import SECTIONS, render_page
 from coheft.app.run_report.pictures import PICTURES, pictures_of
 from coheft.app.run_report.series import Series, SeriesFollower
-from coheft.app.run_report.states import Spans
-from coheft.app.run_report.thinned import Thinned
 from coheft.app.terminal.digits import error_and_std
 from coheft.consensus.graph import build_graph
 from coheft.errors import CoheftError
@@ -117,10 +116,9 @@ class Made:
                 record.hear(news)
         follower.hear(Problem(source="r1", text="refused <b>nonsense</b>"))
         follower.end(status)
-        info = RunInfo("two", 1, "efficient", self.scenario.block_duration, 2.5)
         self.series: Series = follower.series
-        self.report: Report = build_report(info, record)
-        prepare_folder(folder)
+        self.report: Report = build_report(self.scenario, record, real_time_factor=2.5)
+        folder.mkdir(parents=True)
         self.text = write_folder(folder, self.scenario, "lockstep", self.series, self.report).read_text()
         self.page = Page(self.text)
 
@@ -309,5 +307,8 @@ def test_a_robot_that_changes_its_mind_all_the_time_does_not_fill_the_memory() -
 
 def test_a_folder_that_cannot_be_made_is_explained(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    with pytest.raises(CoheftError, match=r"cannot make the folder of the report.*--report DIR"):
-        prepare_folder(tmp_path / "file")
+    with (
+        pytest.raises(CoheftError, match=r"cannot make the folder .*file: File exists; name another"),
+        picture_folder(tmp_path / "file"),
+    ):
+        pass

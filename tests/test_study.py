@@ -14,10 +14,10 @@ from rich.console import Console
 
 from coheft.app.cli.base import EXIT_USAGE
 from coheft.app.cli.main import run_command_line
-from coheft.app.results.quantities import QUANTITIES, directed_edges
+from coheft.app.results.quantities import QUANTITIES, TeamArrays, directed_edges
 from coheft.app.run.inprocess import run_in_process
 from coheft.app.study.campaign import Plan, make_plan, run_study
-from coheft.app.study.exact_run import Bounds, ExactRun
+from coheft.app.study.exact_run import ExactRun
 from coheft.app.study.output import print_study, write_folder
 from coheft.app.study.report import StudyReport, summarise
 from coheft.app.study.samples import simulate, with_exact_sensors
@@ -89,7 +89,7 @@ def test_estimates_that_are_further_off_than_they_claim_are_counted_and_named(
         """What is said where r1's mass of the first run is off by so many of its own standard deviations."""
         outcome = trials[0].outcomes["efficient"]
         payload = outcome.errors[0].payload.copy()
-        payload[0, 0] = wanted * np.sqrt(outcome.errors[0].payload_covariances[0, 0, 0])
+        payload[0, 0] = wanted * np.sqrt(outcome.errors[0].covariances.payload[0, 0, 0])
         off = replace(outcome, errors=(replace(outcome.errors[0], payload=payload),))
         group = [replace(trials[0], outcomes={"efficient": off}), *trials[1:]]
         return " ".join(sentences("efficient", summarise([group], plan().moments, [0])["efficient"]))
@@ -124,7 +124,7 @@ def test_what_robots_claim_is_hardly_more_than_the_bound(studied: tuple[StudyRep
         (claimed,) = trial.outcomes["efficient"].errors
         for quantity in QUANTITIES:
             bounds = quantity.expected_squares(trial.full[0].of(quantity))
-            ratios = quantity.expected_squares(claimed.covariances_of(quantity)) / bounds
+            ratios = quantity.expected_squares(claimed.covariances.of(quantity)) / bounds
             assert ((ratios > 0.95) & (ratios < 1.5)).all(), f"{quantity.name}: {ratios}"
 
 
@@ -133,7 +133,7 @@ def test_fan2017_claims_no_less_than_the_bound() -> None:
     (claimed,) = trial.outcomes["fan2017"].errors
     for quantity in QUANTITIES:
         bounds = quantity.expected_squares(trial.two_step[0].of(quantity))
-        ratios = quantity.expected_squares(claimed.covariances_of(quantity)) / bounds
+        ratios = quantity.expected_squares(claimed.covariances.of(quantity)) / bounds
         assert ((ratios > 1.0) & (ratios < 30.0)).all(), f"{quantity.name}: {ratios}"
 
 
@@ -151,7 +151,7 @@ def test_a_second_after_a_change_the_new_load_is_known_as_well_as_it_can_be(
 def assert_same(trial: Trial, other: Trial) -> None:
     ours, theirs = trial.outcomes["efficient"], other.outcomes["efficient"]
     np.testing.assert_array_equal(ours.errors[0].payload, theirs.errors[0].payload)
-    np.testing.assert_array_equal(ours.errors[0].pose_covariances, theirs.errors[0].pose_covariances)
+    np.testing.assert_array_equal(ours.errors[0].covariances.poses, theirs.errors[0].covariances.poses)
     np.testing.assert_array_equal(trial.full[0].payload, other.full[0].payload)
 
 
@@ -191,7 +191,7 @@ def test_bound_is_integrated_well_enough_and_grows_with_the_noise() -> None:
     exact = simulate(with_exact_sensors(run))
     edges = directed_edges(exact.scene.neighbours)
 
-    def bounds_of(run: Scenario, **keys: int) -> Bounds:
+    def bounds_of(run: Scenario, **keys: int) -> TeamArrays:
         chosen = ExactRun(run, exact, edges, **keys)
         return chosen.seen(chosen.information(0, run.blocks).full_bound())
 

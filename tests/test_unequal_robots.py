@@ -150,13 +150,13 @@ def outcome(true: Scenario, told: Scenario) -> tuple[list[float], list[float], s
         reasons |= {(name, reason) for name, each in found.items() for reason in each.reasons}
         errors = published_errors(judge, edges, {n: each for n, each in found.items() if each.status == "valid"})
         for values, covariances in (
-            (errors.poses, errors.pose_covariances),
-            (errors.payload, errors.payload_covariances),
+            (errors.poses, errors.covariances.poses),
+            (errors.payload, errors.covariances.payload),
         ):
             own = np.abs(values) / np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
             sizes += own[np.isfinite(own)].tolist()
     last = published_errors(judge, edges, latest)
-    return [_nees(last.poses, last.pose_covariances), _nees(last.payload, last.payload_covariances)], sizes, reasons
+    return [_nees(last.poses, last.covariances.poses), _nees(last.payload, last.covariances.payload)], sizes, reasons
 
 
 def _nees(errors: Array, covariances: Array) -> float:

@@ -10,11 +10,11 @@ import pytest
 from rich.console import Console
 from rich.table import Table
 
-from coheft.app.results.report import Report, build_report
+from coheft.app.results.report import Report
 from coheft.app.terminal import wide_table
 from coheft.app.terminal.final_table import headings, print_report, robot_rows
 from coheft.app.terminal.wide_table import print_table
-from tests.synthetic_run import HEAVY, INFO, SCENE, estimate, recorded, truth
+from tests.synthetic_run import HEAVY, SCENE, built_report, estimate, recorded, truth
 
 WIDTHS = (24, 40, 59, 64, 65, 74, 75, 80, 200)
 HEADERS = ("test", "mass off after 10 s, kg", "centre of mass off", "own std")
@@ -35,7 +35,7 @@ def printed(width: int, *, is_terminal: bool, no_wrap: bool = False, rows: Seque
 @pytest.fixture(scope="module")
 def report() -> Report:
     last = {name: [estimate(name, 9, HEAVY)] for name in SCENE.robots}
-    return build_report(INFO, recorded([truth(9, HEAVY)], last))
+    return built_report(recorded([truth(9, HEAVY)], last))
 
 
 @pytest.mark.parametrize("width", WIDTHS)

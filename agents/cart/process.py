@@ -86,7 +86,7 @@ class CartAgentProcess:
 
     def _handle(self, event: Event | None) -> None:
         """Process an event."""
-        match self._links.sort(event, self._take):
+        match self._links.handle(event, self._take):
             case LinkChange(source, links=0):
                 raise LinkError(f"{self._config.name} lost its link with {source} at sample {self._block}")
 

@@ -12,6 +12,7 @@ import math
 
 import numpy as np
 
+from coheft.agents.efficient.confirmation import Confirmation
 from coheft.agents.efficient.contradictions import Contradictions, Use
 from coheft.agents.efficient.judge import Outcome, Verdict, judge
 from coheft.agents.efficient.knowledge import Knowledge
@@ -82,7 +83,8 @@ class Session:
         self._known_news = self._newest = -1  # the newest change that another robot has told of; the newest row
         self._begin(Knowledge(count, anchor, settings, guards, prior))
         if prior is not None:
-            self.stage, self._unconfirmed = TRANSITIONS[self.stage, Event.FITTED], self._confirming
+            self.stage = TRANSITIONS[self.stage, Event.FITTED]
+            self._confirmation.begin(since=0)
 
     def _begin(self, known: Knowledge) -> None:
         """Continue from ``known`` alone; load changes that were noticed before stay listed."""
@@ -91,7 +93,7 @@ class Session:
         self._load_before: KnownLoad | None = None  # before the oldest change that may still be a sensor's fault
         self._surprises, self._look_until, self._pause = 0, -1, -1
         self._steps.mass = 0.0
-        self._unconfirmed = 0  # so many rows must still fit what was known
+        self._confirmation = Confirmation(self._confirming)
         self._forgot_at = -self._calm
         self._undeclared.begin(known.rows_before_undeclared)
 
@@ -108,8 +110,8 @@ class Session:
         """
         if self.stage is Stage.ESTIMATING and self._known.buffer.count and not self._test_for_change(self._newest):
             self._fit_and_judge()  # the newest rows have to be judged as well
-        is_relied_upon = self.stage is Stage.ESTIMATING and self.undeclared is None and not self.is_cause_open
-        if not is_relied_upon:
+        is_doubtful = self.undeclared is not None or self.is_cause_open or self._confirmation.distrusts_wrenches
+        if self.stage is not Stage.ESTIMATING or is_doubtful:
             return None
         self._known.bridge(missing)
         return self._known.posterior()
@@ -158,7 +160,7 @@ class Session:
     @property
     def is_confirmed(self) -> bool:
         """Whether new rows have confirmed what was known before rows were missing, or in a former team."""
-        return self._unconfirmed == 0
+        return not self._confirmation.is_open
 
     def look_closely_after(self, first: int, number: int) -> None:
         """Test for a load change in every row for a while, as another robot has detected one at row ``first``."""
@@ -181,7 +183,7 @@ class Session:
             self._start_over()
             return
         self._fit()
-        self._unconfirmed = self._confirming
+        self._confirmation.begin(since=number)
 
     def take(self, number: int, row: Array) -> None:
         """Process a row of the whole team (X,), see ``Exchange.complete``; rows may be missing or arrive late."""
@@ -193,7 +195,7 @@ class Session:
     def _take(self, number: int, row: Array) -> None:
         known, buffer, guards = self._known, self._known.buffer, self._guards
         if number > self._newest + 1 + self._waits:
-            self._unconfirmed = self._confirming
+            self._confirmation.begin(since=number)
             known.bridge((number - self._newest - 1) * self._settings.period)
         self._newest = max(self._newest, number)
         if known.estimate is None:
@@ -237,7 +239,7 @@ class Session:
             case Use.START_OVER:
                 self._start_over()
             case Use.AGAIN:
-                self._unconfirmed = self._confirming
+                self._confirmation.begin(since=number)
                 if not self.is_cause_open:
                     self._suspicion = None
         return use in (Use.AS_EVER, Use.AGAIN)
@@ -247,9 +249,18 @@ class Session:
         self._contradictions.forget()
         return self._known.fit(end, keeps_motion)
 
+    def _fit_trusted(self) -> Estimate:
+        """Fit to all rows, but without wrenches that may be of another load."""
+        known, confirmation = self._known, self._confirmation
+        if not confirmation.distrusts_wrenches:
+            return self._fit()
+        return self._fit(end=known.buffer.index_of(confirmation.since), keeps_motion=True)
+
     def _fit_and_judge(self) -> None:
         """Fit, then test whether all rows fit and whether a faulty sensor would explain them as well as a load."""
-        estimate, has_offset, guards = self._fit(), self._settings.has_offset, self._guards
+        estimate, has_offset, guards = self._fit_trusted(), self._settings.has_offset, self._guards
+        if self._confirmation.distrusts_wrenches:
+            return
         innovations, buffer = self._known.innovations, self._known.buffer
         self.verdict = judge(estimate, innovations, buffer, guards, self._load_before, has_offset, self._known.drift)
         first = buffer.count
@@ -301,7 +312,7 @@ class Session:
                 self.stage, self._suspicion = TRANSITIONS[self.stage, Event.SLIPPED], None
                 del self.changes[suspicion.changes :]
                 self._begin(known)
-                self._unconfirmed = self._confirming
+                self._confirmation.begin(since=self._newest + 1)
                 return
         if is_late or (suspicion.is_load and cause is not None and cause.robot is None):
             self._suspicion = None
@@ -322,20 +333,23 @@ class Session:
         since, statistic, step = known.innovations.look_for_change(buffer, small=self._steps.sought(now))
         self._steps.take(step)
         if statistic <= 1.0:
-            self._unconfirmed = max(0, self._unconfirmed - 1)
+            self._confirmation.count()
             return False
-        if known.surprise(buffer.start + since, now) < self._guards.worth_a_fit:
-            if not self.is_confirmed:  # with better poses, new rows may fit what is known
-                self._fit()
+        index, confirmation = buffer.start + since, self._confirmation
+        if (surprise := known.surprise(index, now)) < self._guards.worth_a_fit:  # uncertain poses may explain it
+            if confirmation.is_open:
+                confirmation.distrusts_wrenches = surprise > self._guards.credible
+                self._fit_trusted()
                 self._pause = number + self._confirming
-            return False  # uncertain poses may explain it
-        now = self._fit(end=buffer.start + since)
+            return False
+        kept = buffer.index_of(confirmation.since) if confirmation.is_open else index
+        now = self._fit(end=kept, keeps_motion=confirmation.is_open)
         index = buffer.start + known.innovations.look_for_change(buffer).first
         if now.state.load is None or known.surprise(index, now) <= 1.0:
             self._pause = number + buffer.count - index  # until there are twice as many rows
-            self._fit()
+            self._fit_trusted()
             return False
-        index, now = known.first_change(index, now)
+        index, now = (kept, now) if confirmation.is_open else known.first_change(index, now)
         load, theta = now.state.load, now.body.unknowns.theta
         assert load is not None
         self._open_question(index, is_load=True)
@@ -353,4 +367,5 @@ class Session:
         self._contradictions.forget()
         self.stage = TRANSITIONS[self.stage, event]
         self._surprises, self._look_until = 0, -1
-        self._forgot_at, self._unconfirmed = self._newest, 0
+        self._forgot_at = self._newest
+        self._confirmation.end()

@@ -27,13 +27,8 @@ T = TypeVar("T")
 
 
 class OwnEstimator:
-    """A user's estimator. See ``coheft.agents.estimator.Estimator``; methods raise ``PluginError`` if the user's fail.
-
-    Args:
-        own: The user's estimator.
-        config: The configuration that it was made with.
-        gossip: The gossip that it was made with.
-        largest_arrays: Size that it may send in one message [B].
+    """A user's estimator, which may send arrays of ``largest_arrays`` [B] in one message. See
+    ``coheft.agents.estimator.Estimator``; methods raise ``PluginError`` if the user's fail.
     """
 
     def __init__(self, own: Estimator, config: AgentConfig, gossip: Gossip, largest_arrays: int) -> None:
@@ -76,11 +71,7 @@ class OwnEstimator:
         return channels
 
     def _call(self, method: str, check: Callable[[object], T], *arguments: object) -> T:
-        """Call a method and return its checked result.
-
-        Raises:
-            PluginError: The method raises an exception, or returns a value that cannot be used.
-        """
+        """Call a method and return its checked result, or raise a ``PluginError``."""
         bound = getattr(self._own, method)
         try:
             returned = bound(*arguments)

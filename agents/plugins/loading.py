@@ -10,13 +10,7 @@ from coheft.wire.scenario.plugins import Kind, load_plugin, told
 
 
 def make_own(kind: Kind, name: str, protocol: type, *arguments: object) -> Any:
-    """Make the object that an installed package registers under a name.
-
-    Args:
-        kind: The kind of plugin.
-        name: Name of its entry point, and of the table of its settings.
-        protocol: Protocol whose methods it must have.
-        arguments: Arguments of its factory.
+    """Make the object that an installed package registers under a name, and that has the protocol's methods.
 
     Raises:
         PluginError: It cannot be imported or made, or lacks a method.
@@ -38,11 +32,7 @@ def make_own(kind: Kind, name: str, protocol: type, *arguments: object) -> Any:
 
 
 def _check_method(made: object, method: str, expected: Any, what: str) -> None:
-    """Check that a method exists and takes the arguments of the protocol.
-
-    Raises:
-        PluginError: It does not.
-    """
+    """Check that a method exists and takes the arguments of the protocol, or raise a ``PluginError``."""
     wanted = [*inspect.signature(expected).parameters][1:]
     call = f"{method}({', '.join(wanted)})"
     found = getattr(made, method, None)

@@ -37,11 +37,7 @@ S = TypeVar("S", LoadChangeNotice, SensorErrorEstimate, SlipNotice)
 
 
 def plain_channels(returned: object, largest: int) -> dict[str, Array]:
-    """Convert the return value of ``Estimator.step`` to arrays of float64.
-
-    Args:
-        returned: The return value.
-        largest: Size allowed in one message [B].
+    """Convert the return value of ``Estimator.step`` to arrays of float64, which fit into a message of ``largest`` [B].
 
     Raises:
         MessageError: Neighbours could not use it; the text says what to do.
@@ -77,32 +73,14 @@ def _plain_channel(name: object, value: object) -> Array:
 
 
 def plain_answer(returned: object) -> bool:
-    """Convert the return value of ``Estimator.fits``.
-
-    Raises:
-        MessageError: It is neither True nor False.
-    """
+    """Convert the return value of ``Estimator.fits``, or raise a ``MessageError`` if it is neither True nor False."""
     if not isinstance(returned, bool | np.bool_):
         raise MessageError(f"it is {_kind(returned)}, expected True or False")
     return bool(returned)
 
 
-def plain_texts(returned: object) -> tuple[str, ...]:
-    """Convert the return value of ``Estimator.doubts``; line breaks in texts are removed.
-
-    Raises:
-        MessageError: It is not a tuple of texts.
-    """
-    return _texts(returned, "it")
-
-
 def plain_belief(returned: object, index: int, neighbours: Collection[str]) -> Belief:
-    """Check and convert the return value of ``Estimator.belief``.
-
-    Args:
-        returned: The return value.
-        index: The last block that the estimator has processed.
-        neighbours: Names of the robots whose poses it may contain.
+    """Check and convert the return value of ``Estimator.belief`` after the block ``index``.
 
     Raises:
         MessageError: Other robots could not use it; the text says what to do.
@@ -121,21 +99,20 @@ def plain_belief(returned: object, index: int, neighbours: Collection[str]) -> B
         poses=_plain_poses(returned.poses, neighbours),
         total_block=_block(returned.total_block, index, "total_block"),
         total_wrench=total_wrench,
-        not_observable=_texts(returned.not_observable, "not_observable"),
+        not_observable=plain_texts(returned.not_observable, "not_observable"),
         load_changes=_plain_items(returned.load_changes, LoadChangeNotice, "load_changes"),
         learned_block=_block(returned.learned_block, index, "learned_block"),
         grasps=returned.grasps,
         sensor_errors=_plain_items(returned.sensor_errors, SensorErrorEstimate, "sensor_errors"),
         slips=_plain_items(returned.slips, SlipNotice, "slips"),
-        shortfall=_texts(returned.shortfall, "shortfall"),
+        shortfall=plain_texts(returned.shortfall, "shortfall"),
     )
 
 
 def plain_array(value: object, place: str) -> Array:
-    """Return a copy as float64 in row-major order, as sums over other layouts may differ in the last digit.
+    """Return a copy as float64 in row-major order, or raise a ``MessageError`` if it is no array of real numbers.
 
-    Raises:
-        MessageError: The value is not an array of real numbers.
+    Sums over other layouts may differ in the last digit.
     """
     if not isinstance(value, np.ndarray):
         raise MessageError(f"{place} is {_kind(value)}, expected an array: np.array(…) makes one")
@@ -184,7 +161,7 @@ def _plain_items(items: object, kind: type[S], place: str) -> tuple[S, ...]:
         for field in msgspec.structs.fields(kind):
             value = getattr(item, field.name)
             if field.type is str:
-                [values[field.name]] = _texts((value,), field.name)
+                [values[field.name]] = plain_texts((value,), field.name)
             else:
                 values[field.name] = _number(value, field.name)
                 check_number(values[field.name], field.name)
@@ -192,7 +169,8 @@ def _plain_items(items: object, kind: type[S], place: str) -> tuple[S, ...]:
     return tuple(plain)
 
 
-def _texts(texts: object, place: str) -> tuple[str, ...]:
+def plain_texts(texts: object, place: str = "it") -> tuple[str, ...]:
+    """Convert texts, such as those of ``Estimator.doubts``, without line breaks, or raise a ``MessageError``."""
     found = _sequence(texts, place)
     for text in found:
         if not isinstance(text, str):

@@ -6,19 +6,19 @@ from collections.abc import Callable
 from threading import Event, Thread
 
 PERIOD = 0.5
-"""Time between two calls [s]."""
+"""Usual time between two calls [s]."""
 
 
 class Heartbeat:
-    """Calls a function every ``PERIOD`` seconds in a separate thread, inside a ``with`` statement."""
+    """Calls a function every ``period`` seconds in a separate thread, inside a ``with`` statement."""
 
-    def __init__(self, beat: Callable[[], None]) -> None:
-        self._beat = beat
+    def __init__(self, beat: Callable[[], None], period: float = PERIOD) -> None:
+        self._beat, self._period = beat, period
         self._stopped = Event()
         self._thread = Thread(target=self._run, daemon=True)
 
     def _run(self) -> None:
-        while not self._stopped.wait(PERIOD):
+        while not self._stopped.wait(self._period):
             self._beat()
 
     def __enter__(self) -> None:

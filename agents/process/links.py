@@ -36,14 +36,8 @@ class Stopped(Exception):  # noqa: N818
 class AgentLinks:
     """An agent's links: one session for each party that it dials, and one per plane for incoming connections.
 
-    Attributes:
-        receive: Returns the next event, see ``Inbox.receive``.
-        ready: Sends to the server.
-        reference: Sends to the server.
-        hello: Sends to all neighbours.
-        message: Sends to all neighbours.
-        estimate: Sends to observers.
-        problems: Sends to observers and to the log.
+    ``receive`` returns the next event, see ``Inbox.receive``. ``ready`` and ``reference`` send to the server, ``hello``
+    and ``message`` to all neighbours, ``estimate`` to observers, ``problems`` to observers and to the log.
     """
 
     def __init__(
@@ -51,7 +45,7 @@ class AgentLinks:
         stack: ExitStack,
         config: AgentProcessConfig | CartAgentProcessConfig,
         measurements: type[Message],
-        said: type[Message],
+        from_neighbours: type[Message],
         security: Credentials | None,
         largest: int,
     ) -> None:
@@ -75,7 +69,9 @@ class AgentLinks:
             inbox.announce(session, keys.agent(name, "alive"))
             for other in whom:
                 inbox.watch_presence(session, other, keys.agent(other, "alive"))
-                inbox.listen(session, other, {keys.agent(other, "hello"): Hello, keys.agent(other, "block"): said})
+                inbox.listen(
+                    session, other, {keys.agent(other, "hello"): Hello, keys.agent(other, "block"): from_neighbours}
+                )
 
         def dial_neighbour(other: str, endpoint: str) -> DialledLink:
             guard = guard_neighbours(security, keys, name, [other])
@@ -97,12 +93,12 @@ class AgentLinks:
         self._server = dial(DialledLink(config.server, guard, inbox, hear_server, self.ready, self.reference))
         dialled = {other.name: other.endpoint for other in config.neighbours if other.endpoint is not None}
         guard = guard_neighbours(security, keys, name, others)
-        dialled_in = stack.enter_context(open_session([config.listen], guard=guard, largest=largest))
-        inbox.watch_strangers(dialled_in, guard)
-        hear_neighbours(dialled_in, *(other for other in others if other not in dialled))
-        self.hello.attach(dialled_in)
-        self.message.attach(dialled_in)
-        self._dialled_in = session_id(dialled_in)
+        listening = stack.enter_context(open_session([config.listen], guard=guard, largest=largest))
+        inbox.watch_strangers(listening, guard)
+        hear_neighbours(listening, *(other for other in others if other not in dialled))
+        self.hello.attach(listening)
+        self.message.attach(listening)
+        self._listening = session_id(listening)
         self._neighbours = {other: dial(dial_neighbour(other, endpoint)) for other, endpoint in dialled.items()}
         self._cut: set[str] = set()
 
@@ -114,14 +110,11 @@ class AgentLinks:
         self.estimate = Sender(observers, keys.observe_agent(name, "estimate"), may_drop=True)
         self.problems = ProblemLog(name, Sender(observers, keys.observe_agent(name, "problem"), may_drop=True))
 
-    def sort(
+    def handle(
         self, event: Event | None, take: Callable[[str, Message], None]
     ) -> LinkChange | Presence | DisturbRequest | None:
-        """Process an event: pass on its message, report what is refused, return a change of a link.
-
-        Args:
-            event: The event.
-            take: Called with the source and the message; a ``MessageError`` that it raises is reported.
+        """Process an event: give its message to ``take`` and report the ``MessageError`` that this may raise, report
+        what is refused, return a change of a link.
 
         Raises:
             Stopped: The server has ended the run.
@@ -185,7 +178,7 @@ class AgentLinks:
 
     def _session_with(self, neighbour: str) -> str:
         link = self._neighbours.get(neighbour)
-        return self._dialled_in if link is None else link.session
+        return self._listening if link is None else link.session
 
     @property
     def dialled(self) -> frozenset[str]:
@@ -201,23 +194,19 @@ class AgentLinks:
 def open_links(
     config: AgentProcessConfig | CartAgentProcessConfig,
     measurements: type[Message],
-    said: type[Message],
+    from_neighbours: type[Message],
     security: Credentials | None = None,
     largest: int = LEAST_LIMIT,
 ) -> Iterator[AgentLinks]:
     """Open an agent's links, until the server ends the run.
 
-    Args:
-        config: Endpoints to dial and to listen at.
-        measurements: Type of the server's measurement messages.
-        said: Type of the neighbours' messages, apart from hello.
-        security: Credentials; None for the open profile.
-        largest: Size of the largest message of a neighbour [B].
+    They receive messages of two types from the server and from neighbours, apart from hello, of at most ``largest``
+    [B]. Without credentials the profile is open.
 
     Raises:
         LinkError: Another process listens at one of the agent's endpoints.
     """
     with ExitStack() as stack:
-        links = AgentLinks(stack, config, measurements, said, security, largest)
+        links = AgentLinks(stack, config, measurements, from_neighbours, security, largest)
         with suppress(Stopped):
             yield links

@@ -55,7 +55,7 @@ class AgentProcess:
 
     def __init__(self, config: AgentProcessConfig, links: AgentLinks) -> None:
         self._config = config
-        self._outside = links
+        self._network = links
         self._next_check = now = time.monotonic()
         self._links = {name: NeighbourLink(name, now) for name in config.agent.neighbours}
         self._records = open_record_check(config.agent.name, config.run, config.security)
@@ -96,11 +96,7 @@ class AgentProcess:
                     self._step(self._measurements.popleft()[1])
 
     def _wait_for_measurements(self) -> None:
-        """Process received events and wait for measurements; ask for them while none arrive.
-
-        Raises:
-            LinkError: The link with the server has been lost for too long.
-        """
+        """Process received events and wait for measurements; ask for them while none arrive."""
         for _ in range(_MAX_EVENTS):
             if not self._receive(0.0):
                 break
@@ -116,9 +112,6 @@ class AgentProcess:
     def _ask_for_measurements(self) -> None:
         """Say hello, so that neighbours know that this agent receives their messages, and ask the server for
         measurements.
-
-        Raises:
-            LinkError: The link with the server has been lost for too long.
         """
         if self._server_lost_at is not None and time.monotonic() - self._server_lost_at > self._config.server_limit:
             raise LinkError(
@@ -130,7 +123,7 @@ class AgentProcess:
             LOG.info("waiting for %s at %s", SERVER, self._config.server)
         self._say_hello()
         missing = [name for name, link in self._links.items() if not link.hears_us]
-        self._outside.ready.send(Ready(robot=self._name, missing=missing, attempt=self._attempt))
+        self._network.ready.send(Ready(robot=self._name, missing=missing, attempt=self._attempt))
 
     def _answer_hello(self) -> None:
         """Say hello to the neighbours, unless this agent has just done so."""
@@ -140,7 +133,7 @@ class AgentProcess:
     def _say_hello(self) -> None:
         self._last_hello = time.monotonic()
         heard = [name for name, link in self._links.items() if link.is_heard]
-        self._outside.hello.send(Hello(sender=self._name, heard=heard, incarnation=self._incarnation))
+        self._network.hello.send(Hello(sender=self._name, heard=heard, incarnation=self._incarnation))
 
     def _wait_for_neighbours(self) -> None:
         """Wait until no message is missing for the next step, there is no step to take, or patience ends."""
@@ -170,22 +163,22 @@ class AgentProcess:
         message = outbox.message
         if message.gossip:
             message = structs.replace(message, gossip=self._records.signed(message.gossip))
-        self._outside.message.send(message)
+        self._network.message.send(message)
         if outbox.estimate is not None:
             said = outbox.estimate.status, tuple(outbox.estimate.reasons)
             if self._last_estimate is None or said != (self._last_estimate.status, tuple(self._last_estimate.reasons)):
                 LOG.debug("block %d: %s", self._block, "; ".join([outbox.estimate.status, *outbox.estimate.reasons]))
             self._last_estimate = structs.replace(
                 outbox.estimate,
-                problems=self._outside.problems.count,
+                problems=self._network.problems.count,
                 disturbed={other: quality for other, quality in self._qualities.items() if not quality.is_ideal},
             )
-            self._outside.estimate.send(self._last_estimate)
+            self._network.estimate.send(self._last_estimate)
         for beside in outbox.beside:
-            self._outside.estimate.send(beside)
-        self._outside.reference.send(outbox.reference)
+            self._network.estimate.send(beside)
+        self._network.reference.send(outbox.reference)
         for problem in outbox.problems:
-            self._outside.problems.tell(problem)
+            self._network.problems.tell(problem)
         if is_first:  # neighbours that are connected start with the same block
             for link in self._links.values():
                 link.keeps_pace = link.is_heard
@@ -193,7 +186,7 @@ class AgentProcess:
     def _change_estimator(self, estimator: str) -> None:
         """Restart with another estimator, as the neighbours do at this block, and drop messages for the one before."""
         since = self._config.agent.start_of(self._block)
-        self._outside.problems.tell(f"uses the estimator '{estimator}' from {since:.2f} s on, and starts again")
+        self._network.problems.tell(f"uses the estimator '{estimator}' from {since:.2f} s on, and starts again")
         self._start_agent(estimator)
         for link in self._links.values():
             link.take_messages(self._block)
@@ -204,13 +197,10 @@ class AgentProcess:
     def _receive(self, wait: float) -> bool:
         """Wait up to ``wait`` [s] for an event and process it; check the links in between. Return whether there was
         one.
-
-        Raises:
-            Stopped: The server has ended the run.
         """
         if wait > 0.0:
             wait = max(0.0, min(wait, self._next_check - time.monotonic()))
-        event = self._outside.receive(wait)
+        event = self._network.receive(wait)
         if event is None:
             if time.monotonic() >= self._next_check:
                 self._check_links()
@@ -219,12 +209,8 @@ class AgentProcess:
         return True
 
     def _handle(self, event: Event) -> None:
-        """Process an event.
-
-        Raises:
-            Stopped: The server has ended the run.
-        """
-        change = self._outside.sort(event, self._take)
+        """Process an event."""
+        change = self._network.handle(event, self._take)
         if change is None:
             return
         match change:
@@ -244,15 +230,11 @@ class AgentProcess:
         self._next_check = now + PERIOD
         for name, link in self._links.items():
             link.notice_silence(now)
-            if name in self._outside.dialled and link.begin_anew(now):
-                self._outside.redial(name)
+            if name in self._network.dialled and link.begin_anew(now):
+                self._network.redial(name)
 
     def _take(self, source: str, message: Message) -> None:
-        """Process a message.
-
-        Raises:
-            MessageError: The message is not valid here and now.
-        """
+        """Process a message, or raise a ``MessageError`` if it is not valid here and now."""
         match message:
             case Measurements():
                 if message.attempt == self._attempt:
@@ -270,14 +252,10 @@ class AgentProcess:
                     self._answer_hello()
 
     def _refuse(self, source: str, why: str) -> None:
-        self._outside.problems.tell(f"refused from {source}: {why}")
+        self._network.problems.tell(f"refused from {source}: {why}")
 
     def _take_measurements(self, message: Measurements) -> None:
-        """Keep measurements for their step; restart the agent if they are of a new world.
-
-        Raises:
-            MessageError: They are for another robot or an unknown estimator, of an old block, or of the wrong shape.
-        """
+        """Keep valid measurements for their step; restart the agent if they are of a new world."""
         check_field("robot", message.robot, self._name)
         check_field("samples.shape", message.samples.shape, (self._config.agent.block, SAMPLE_SIZE))
         estimator = self._estimator_for(message)
@@ -285,7 +263,7 @@ class AgentProcess:
             raise MessageError(f"estimator is {estimator!r} but expected one of {', '.join(usable)}")
         if message.world != self._world:
             if self._world is not None:
-                self._outside.problems.tell("the server has restarted, so this agent restarts, too")
+                self._network.problems.tell("the server has restarted, so this agent restarts, too")
                 self._block = -1
                 self._start_agent(self._estimator)
             self._world = message.world
@@ -305,13 +283,13 @@ class AgentProcess:
             self._attempt = time.time_ns()
             self._is_receiving = False
             self._measurements.clear()
-            self._outside.redial(SERVER)
+            self._network.redial(SERVER)
             for link in self._links.values():
                 link.forget()
             text = f"lost the link with {SERVER} after block {self._block}"
-            self._outside.problems.tell(text)
+            self._network.problems.tell(text)
             if self._last_estimate is not None and self._last_estimate.status is Validity.VALID:
-                self._outside.estimate.send(structs.replace(self._last_estimate, status=Validity.STALE, reasons=[text]))
+                self._network.estimate.send(structs.replace(self._last_estimate, status=Validity.STALE, reasons=[text]))
 
     def _report_links(self) -> None:
         """Report neighbours that have become silent, or are back, to observers.
@@ -320,7 +298,7 @@ class AgentProcess:
         """
         for link in self._links.values():
             if link.take_change() and self._block >= 0:
-                self._outside.problems.tell(
+                self._network.problems.tell(
                     f"{link.name} is {'back' if link.is_linked else 'silent'}, after block {self._block}"
                 )
 

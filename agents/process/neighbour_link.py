@@ -17,11 +17,7 @@ KEPT = 64
 
 
 class NeighbourLink:
-    """The link with one neighbour.
-
-    Args:
-        name: The neighbour's name.
-        now: Time at which the link is dialled [s].
+    """The link with one neighbour, dialled ``now`` [s].
 
     Attributes:
         name: The neighbour's name.
@@ -62,12 +58,9 @@ class NeighbourLink:
             self.is_heard = self.hears_us = self.keeps_pace = False
 
     def begin_anew(self, now: float) -> bool:
-        """Whether to renew the link; if so, the link counts as renewed. The pause doubles with every attempt in vain.
+        """Whether to renew the link ``now`` [s], which then counts as renewed; after one in vain the pause doubles.
 
         A lost link is not left to recover by itself: it may come back without carrying messages.
-
-        Args:
-            now: Time [s].
         """
         if self.is_whole:
             self._pause, self._whole_at = SILENCE, now
@@ -95,13 +88,7 @@ class NeighbourLink:
         self.hears_us = own_name in hello.heard
 
     def take_message(self, message: NeighbourMessage, next_block: int, now: float) -> None:
-        """Keep a message for its step.
-
-        Args:
-            message: The message.
-            next_block: The block of the next step.
-            now: Time [s].
-        """
+        """Keep a message, received ``now`` [s], for its step; the next step is that of ``next_block``."""
         self._incarnation = max(self._incarnation, message.incarnation)
         self._messages.append(message)
         self.is_heard, self._heard_at = True, now

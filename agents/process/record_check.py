@@ -30,13 +30,7 @@ without a clock starts in 1970. A robot can replace any accepted incarnation, be
 class RecordCheck:
     """Checks the records in the messages of one agent's neighbours; each record is checked once.
 
-    Args:
-        name: The agent's name.
-        signatures: Signs and checks records in the secure profile; None for the open profile.
-        clock: Returns the time [ns since 1970].
-
-    Attributes:
-        signatures: As given.
+    Without signatures the profile is open; ``clock`` returns the time [ns since 1970].
     """
 
     def __init__(
@@ -51,12 +45,9 @@ class RecordCheck:
     def believed(self, records: Sequence[LinkState], tell: Callable[[str], None]) -> list[LinkState]:
         """Return the records of a message that can be trusted.
 
-        The first record that cannot be trusted is reported, and the rest is ignored, so that no message costs more than
-        one failed check. Records of this robot itself are returned without signature, to be compared with its own.
-
-        Args:
-            records: The records of one message.
-            tell: Called with a description of the problem.
+        ``tell`` is called with what is wrong with the first record that cannot be trusted; the rest is ignored, so that
+        no message costs more than one failed check. Records of this robot itself are returned without signature, to be
+        compared with its own.
         """
         believed: list[LinkState] = []
         for record in records[:PER_MESSAGE]:
@@ -97,11 +88,6 @@ class RecordCheck:
 
 def open_record_check(name: str, run: str, credentials: Credentials | None) -> RecordCheck:
     """Make the record check for an agent's credentials, or for the open profile if there are none.
-
-    Args:
-        name: The agent's name.
-        run: Prefix of all keys of the run.
-        credentials: The robot's own credentials.
 
     Raises:
         CoheftError: The credentials cannot be used.

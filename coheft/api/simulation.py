@@ -11,7 +11,7 @@ from coheft.api.collector import Collector
 from coheft.api.result import Result
 from coheft.app.results.carry_record import CarryRecord
 from coheft.app.results.record import Record
-from coheft.app.results.report import RunInfo, build_report
+from coheft.app.results.report import build_report
 from coheft.app.run.heard import News
 from coheft.app.run.inprocess import TeamInProcess, measured
 from coheft.errors import CoheftError
@@ -155,15 +155,9 @@ class Simulation:
         """
         if self.truth is None or self._record.silent:
             raise CoheftError("there is no result before all robots have published estimates: call step() first")
-        info = RunInfo(
-            scenario=self.scenario.name,
-            seed=self.scenario.seed,
-            estimator=self._record.estimators[-1].estimator,
-            block_duration=self.scenario.block_duration,
-            real_time_factor=self.time / max(1e-9, time.monotonic() - self._began),
-        )
+        pace = self.time / max(1e-9, time.monotonic() - self._began)
         report = msgspec.structs.replace(
-            build_report(info, self._record),
+            build_report(self.scenario, self._record, real_time_factor=pace),
             processes=1,
             messages_per_s=0.0,
             carry=None if self._carried is None else self._carried.report(),

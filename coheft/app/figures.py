@@ -3,31 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import IO, Any
 
-from coheft.app.run.new_folder import gone_if_broken_off
 from coheft.errors import CoheftError, MissingPackageError
 
 _DPI = 150
+_PACKAGES = {"study": ("matplotlib",), "report": ("matplotlib", "Jinja2")}
+"""What draws pictures and writes pages, by the extra that installs it."""
 
 
 @dataclass(frozen=True)
 class Theme:
-    """Colours of a picture.
-
-    Attributes:
-        paper: Background.
-        ink: Text and true values.
-        muted: Less important parts.
-        grid: Grid lines.
-        accent: Main curve.
-        warning: Curve that deserves attention.
-        series: Several curves.
-    """
+    """Colours of a picture: ``ink`` of text and truth, ``accent`` of the main curve, ``series`` of several curves."""
 
     paper: str
     ink: str
@@ -63,40 +54,45 @@ DARK = Theme(
 
 
 @contextmanager
-def picture_folder(folder: Path | None) -> Iterator[None]:
+def picture_folder(folder: Path | None, extra: str = "study") -> Iterator[None]:
     """Make a folder for pictures, with its parents, before anything that takes long; None: there are no pictures.
 
-    It is removed again if an error or Ctrl-C ends the context before anything has been written there.
+    What has been made is removed again, as far as it is empty, if an error or Ctrl-C ends the context. ``extra`` is the
+    one that installs what writes into the folder.
 
     Raises:
         CoheftError: It cannot be made.
-        MissingPackageError: The plotting package is not installed.
+        MissingPackageError: A package that writes into it is not installed.
     """
     if folder is None:
         yield
         return
-    if find_spec("matplotlib") is None:
-        raise MissingPackageError("matplotlib", "study")
-    with gone_if_broken_off(folder):
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise CoheftError(f"cannot make the folder {folder}: {error.strerror}") from error
+    for package in _PACKAGES[extra]:
+        if find_spec(package.lower()) is None:
+            raise MissingPackageError(package, extra)
+    new = [each for each in (folder, *folder.parents) if not each.exists()]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise CoheftError(f"cannot make the folder {folder}: {error.strerror}; name another") from error
+    try:
         yield
+    except BaseException:
+        for each in new:
+            with suppress(OSError):
+                each.rmdir()
+        raise
 
 
 @contextmanager
 def figure_to(target: Path | IO[bytes], width: float, height: float, theme: Theme = LIGHT) -> Iterator[Any]:
     """Yield a figure of a size [inches] to draw into; at the end of the context it is written as PNG.
 
-    Raises:
-        MissingPackageError: The plotting package is not installed.
+    ``picture_folder`` has checked that the plotting package is installed.
     """
-    try:
-        from matplotlib import rc_context
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise MissingPackageError("matplotlib", "study") from error
+    from matplotlib import rc_context
+    from matplotlib.figure import Figure
+
     with rc_context(settings_of(theme)):
         figure = Figure(figsize=(width, height), layout="constrained")
         yield figure

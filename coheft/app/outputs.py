@@ -11,11 +11,7 @@ from coheft.errors import CoheftError
 
 
 def write_outputs(*outputs: tuple[Any, Callable[[Any], object]]) -> None:
-    """Write each output to its target, or nowhere if that is None; if one cannot be written, the others still are.
-
-    Args:
-        outputs: Pairs of a target and a function that writes to it.
-    """
+    """Call each pair's function with its target, unless that is None; if one fails, the others are still called."""
     with ExitStack() as stack:
         for target, write in reversed(outputs):
             if target is not None:
@@ -23,11 +19,7 @@ def write_outputs(*outputs: tuple[Any, Callable[[Any], object]]) -> None:
 
 
 def write_text(path: Path, text: str, what: str = "") -> None:
-    """Write a text file; ``what`` describes it in errors, before its path.
-
-    Raises:
-        CoheftError: It cannot be written.
-    """
+    """Write a text file, or raise a ``CoheftError`` in which ``what`` describes it, before its path."""
     try:
         path.write_text(text, encoding="utf-8")
     except OSError as error:

@@ -188,6 +188,13 @@ def test_without_a_load_that_fits_poses_are_found_anew_but_only_once() -> None:
     assert_right(found)
 
 
+def test_what_may_be_of_another_load_is_not_handed_over() -> None:
+    found = fed(made_up_rows(150))
+    assert found.hand_over(0.0) is not None
+    found._confirmation.distrusts_wrenches, found._pause = True, 1000
+    assert found.hand_over(0.0) is None
+
+
 def test_rows_that_came_with_a_contradiction_are_taken_back() -> None:
     rows = made_up_rows(120)
     rows[100:104, ROW_SIZE + A.start] += 0.085  # too little for a single row

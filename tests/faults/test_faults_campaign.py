@@ -99,6 +99,7 @@ SHOWN_BY = {
     "without-fresh-change": draw_schedule(4220, delayed=False, is_exact=True),
     "without-calm": draw_schedule(4220, delayed=False, is_exact=True),
     "without-tolerance": _LATE,
+    "without-credible": draw_schedule(1004225511),
     "without-unfitted": draw_schedule(1004224968),
     "without-first-rows": draw_schedule(840, delayed=False, is_exact=True),
 }

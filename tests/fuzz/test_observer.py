@@ -14,7 +14,6 @@ from rich.console import Console
 from coheft.app.recording.mcap_file import McapFile
 from coheft.app.recording.writer import RunWriter
 from coheft.app.results.record import Record
-from coheft.app.results.report import build_report
 from coheft.app.run.heard import News, check_news
 from coheft.app.terminal.final_table import print_report
 from coheft.app.terminal.screen import LineDisplay, LiveDisplay
@@ -34,7 +33,7 @@ from tests.fuzz.any_message import (
     with_fields,
 )
 from tests.recording.runs import BEGIN, SCENARIO
-from tests.synthetic_run import HEAVY, INFO, LIGHT, ROBOTS, SCENE, estimate, truth
+from tests.synthetic_run import HEAVY, LIGHT, ROBOTS, SCENE, built_report, estimate, truth
 
 SOUND: list[Message] = [
     truth(11, HEAVY),
@@ -84,7 +83,7 @@ def hear_show_and_report(message: Message) -> None:
     for name in ROBOTS:
         record.add_estimate(estimate(name, 12, HEAVY))
     record.add_truth(truth(20, LIGHT))
-    report = build_report(INFO, record)
+    report = built_report(record)
     msgspec.json.encode(report)
     print_report(console, report, Path("logs"))
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import zenoh
 
-from coheft.app.run.hosts import FreePorts
+from coheft.app.run.hosts import free_ports
 
 from .team import LIMIT, ROOT
 
@@ -46,7 +46,7 @@ def router(port: int) -> Iterator[zenoh.Session]:
 
 def free_port() -> int:
     """Where no one listens."""
-    return int(FreePorts(1).take("router").rpartition(":")[2])
+    return free_ports(1)[0]
 
 
 def tokens(session: zenoh.Session) -> list[str]:

@@ -19,6 +19,7 @@ from coheft.wire.transport.sessions import open_session
 from tests.waiting import wait_until
 
 from .attacker import raw_session, tls_settings
+from .certificates import authority_in
 from .team import small_scenario
 from .test_security import KEYS, OPEN, victim
 
@@ -46,13 +47,13 @@ def self_signed_authority(folder: Path, good: Credentials) -> dict[str, object]:
 
 
 def expired(folder: Path, good: Credentials) -> dict[str, object]:
-    Authority.load(Path(good.authority).parent).issue(folder, "r2", lifetime=timedelta(seconds=-1))
+    authority_in(Path(good.authority).parent).issue(folder, "r2", lifetime=timedelta(seconds=-1))
     return tls_settings(_with_authority_of(folder, good))
 
 
 def fresh(folder: Path, good: Credentials) -> dict[str, object]:
     """The control: made like the expired one, but good."""
-    Authority.load(Path(good.authority).parent).issue(folder, "r2", lifetime=timedelta(hours=1))
+    authority_in(Path(good.authority).parent).issue(folder, "r2", lifetime=timedelta(hours=1))
     return tls_settings(_with_authority_of(folder, good))
 
 
@@ -103,7 +104,7 @@ def test_without_a_valid_certificate_no_one_is_dialled(secure, tmp_path, certifi
 
 def test_a_link_does_not_outlive_its_certificate(secure, tmp_path):
     with victim(secure, "neighbour plane of r1") as (endpoint, session):
-        Authority.load(secure.keys).issue(tmp_path, "r2", lifetime=timedelta(seconds=8))
+        authority_in(secure.keys).issue(tmp_path, "r2", lifetime=timedelta(seconds=8))
         with raw_session([endpoint], tls=tls_settings(_with_authority_of(tmp_path, secure.credentials("r2")))):
             assert len(session.info.links()) == 1
             wait_until(lambda: session.info.links() == [], "the end of the certificate")

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import pytest
 
 from coheft.app.run.keys import make_keys
-from coheft.app.run.observer import Observer, disturb_link, observe, set_link
+from coheft.app.run.observer import Observer, disturb_links, observe, set_link
 from coheft.errors import CoheftError, LinkError
 from coheft.wire.messages.requests import CutLinks, LinkRequest, StatusRequest, StopRequest
 from coheft.wire.messages.scene import Scene
@@ -99,16 +99,16 @@ def test_a_link_that_loses_everything_is_silent_at_both_ends_until_it_is_restore
         with observe(run_file) as observer:
             says = silence_told_to(observer, scene)
             wait_until(lambda: says(WHOLE), "a team that talks")
-            disturb_link(run_file, scene, "r1", "r2", LinkQuality(loss=1.0))
+            disturb_links(run_file, scene, "r1", "r2", LinkQuality(loss=1.0))
             wait_until(lambda: says({"r1": ["r2"], "r2": ["r1"], "r3": []}), "silence at both ends")
-            disturb_link(run_file, scene, "r2", "r1", LinkQuality())
+            disturb_links(run_file, scene, "r2", "r1", LinkQuality())
             wait_until(lambda: says(WHOLE), "the link to be restored")
-            disturb_link(run_file, scene, "r2", "r3", LinkQuality(delay=0.25))  # more than ten blocks
+            disturb_links(run_file, scene, "r2", "r3", LinkQuality(delay=0.25))  # more than ten blocks
             block = team.ask(StatusRequest()).block
             team.wait_for_block(block + 50)
             assert says(WHOLE), "late messages are heard as well"
         with pytest.raises(CoheftError, match="there is no link r1-r3; the links are r1-r2, r2-r3"):
-            disturb_link(run_file, scene, "r1", "r3", LinkQuality())
+            disturb_links(run_file, scene, "r1", "r3", LinkQuality())
         team.ask(StopRequest())
         assert all(team.exit_status(name) == 0 for name in team.plan.agents)
         assert "the operator has disturbed the link from r1" in team.log("r2")

@@ -13,7 +13,7 @@ import msgspec
 import pytest
 
 from coheft.app.results.record import Record
-from coheft.app.results.report import RunInfo, build_report
+from coheft.app.results.report import build_report
 from coheft.app.run.inprocess import BlockRecord, run_in_process
 from coheft.consensus.graph import build_graph
 from coheft.estimation.tolerance import SensorTolerance
@@ -58,15 +58,7 @@ def in_one_process(scenario: Scenario, blocks: Iterable[BlockRecord]) -> dict[st
         record.add_truth(received(block.truth))
         for estimate in block.estimates.values():
             record.add_estimate(received(estimate))
-    info = RunInfo(
-        scenario=scenario.name,
-        seed=scenario.seed,
-        estimator=scenario.estimator,
-        block_duration=scenario.block_duration,
-        real_time_factor=1.0,
-        late_blocks=0,
-    )
-    report = build_report(info, record)
+    report = build_report(scenario, record, real_time_factor=1.0)
     loaded: dict[str, object] = json.loads(msgspec.json.encode(report))
     return loaded
 

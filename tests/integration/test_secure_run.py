@@ -20,7 +20,7 @@ from cryptography import x509
 from coheft.app.cli.base import EXIT_CONVERGED, EXIT_ERROR
 from coheft.app.cli.main import run_command_line
 from coheft.app.run.hosts import Hosts, free_ports, load_hosts
-from coheft.app.run.keys import Authority, check_keys, make_keys
+from coheft.app.run.keys import check_keys, make_keys
 from coheft.app.run.plan import make_plan
 from coheft.errors import CoheftError, LinkError, ScenarioError
 from coheft.wire.config import AgentProcessConfig
@@ -33,6 +33,7 @@ from coheft.wire.transport.planes import guard_observer
 from coheft.wire.transport.sessions import Keys, Role, Sender, ask, open_session
 
 from .attacker import Profile, raw_session, tls_settings
+from .certificates import authority_in
 from .team import Team, running_team, small_scenario, wait_until
 
 COUNT = 4
@@ -321,7 +322,7 @@ def test_keys_of_another_clock_are_refused_before_the_run(tmp_path, monkeypatch)
 def test_files_that_do_not_fit_together_are_refused_before_the_run(taken, name, complaint, secure, tmp_path):
     """Each would be found out by links that do not come, after a minute."""
     make_keys(tmp_path / "other", small_scenario(COUNT))
-    Authority.load(secure.keys).issue(tmp_path / "old", "r2", lifetime=timedelta(seconds=-1))
+    authority_in(secure.keys).issue(tmp_path / "old", "r2", lifetime=timedelta(seconds=-1))
     (tmp_path / "broken").mkdir()
     for suffix in (".crt", ".key"):
         (tmp_path / "broken" / f"it{suffix}").write_text("rubbish")

@@ -14,7 +14,7 @@ import coheft
 from coheft.api.collector import Collector
 from coheft.app.recording.reader import read_recording
 from coheft.app.results.record import Record
-from coheft.app.results.report import RunInfo, build_report
+from coheft.app.results.report import build_report
 from coheft.app.run_report.of_recording import report_recording
 from tests.test_side_by_side import BOTH, SECONDS, assert_same
 
@@ -35,7 +35,7 @@ def test_processes_and_their_recording_give_the_numbers_of_one_process(tmp_path:
     for _, news in recording.news:
         collector.hear(news)
         record.hear(news)
-    report = build_report(RunInfo("ring3", 0, "efficient", expected.scenario.block_duration, 1.0), record)
+    report = build_report(expected.scenario, record, real_time_factor=1.0)
     replayed = collector.result(expected.scenario, report)
     for found, alone in ((replayed, expected), (replayed.beside["fan2017"], expected.beside["fan2017"])):
         for name, robot in alone.robots.items():

@@ -95,21 +95,20 @@ def use(estimator: str | None = None, *, run: options.RunFolder = None) -> None:
 @app.command(group=CONTROL)
 def pause(*, run: options.RunFolder = None) -> None:
     """Pause a run."""
-    from coheft.app.run.observer import ask_run
-    from coheft.wire.messages.requests import PauseRequest
-
-    status = ask_run(PauseRequest(paused=True), run)
-    print(f"paused at {status.time:.2f} s; 'coheft resume' continues")
+    print(f"paused at {_set_paused(run, paused=True):.2f} s; 'coheft resume' continues")
 
 
 @app.command(group=CONTROL)
 def resume(*, run: options.RunFolder = None) -> None:
     """Resume a paused run."""
+    print(f"resumed at {_set_paused(run, paused=False):.2f} s")
+
+
+def _set_paused(folder: Path | None, *, paused: bool) -> float:
     from coheft.app.run.observer import ask_run
     from coheft.wire.messages.requests import PauseRequest
 
-    status = ask_run(PauseRequest(paused=False), run)
-    print(f"resumed at {status.time:.2f} s")
+    return ask_run(PauseRequest(paused=paused), folder).time
 
 
 @app.command(group=CONTROL)
@@ -175,7 +174,7 @@ def disturb(
         clock: How far the clock of ROBOT is ahead [s], at most 1: its samples are that much older than their stamps.
     """
     from coheft.app.run.folder import find_run
-    from coheft.app.run.observer import ask_server, disturb_link, disturb_links
+    from coheft.app.run.observer import ask_server, disturb_links
     from coheft.wire.messages.requests import ClockRequest, StatusRequest
     from coheft.wire.scenario.network import LinkQuality
 
@@ -192,10 +191,7 @@ def disturb(
     if clock is not None and quality.is_ideal:
         return
     scene = ask_server(run_file, StatusRequest()).scene
-    if neighbour is None:
-        disturb_links(run_file, scene, robot, quality)
-    else:
-        disturb_link(run_file, scene, robot, neighbour, quality)
+    disturb_links(run_file, scene, robot, neighbour, quality)
     ends = f"{robot} and {neighbour or 'its neighbours'}"
     if quality.is_ideal:
         print(f"{ends} receive each other's messages in time again")

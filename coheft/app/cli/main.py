@@ -17,7 +17,6 @@ from coheft.app.cli import (  # noqa: F401  # each module adds its commands to t
     mocobots,
     parts,
     recordings,
-    ros2,
     run,
     scenarios,
     shell,

@@ -48,11 +48,7 @@ def report(recording: options.GivenPath, folder: options.NewFolder) -> None:
     """
     from importlib import import_module
 
-    from coheft.app.run.new_folder import gone_if_broken_off
-
     import_module("coheft.app.recording")  # raises an error that names the missing package, if there is one
     from coheft.app.run_report.of_recording import report_recording
 
-    with gone_if_broken_off(folder):
-        page = report_recording(recording, folder)
-    print(f"Report: {page}")
+    print(f"Report: {report_recording(recording, folder)}")

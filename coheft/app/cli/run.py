@@ -20,7 +20,7 @@ if TYPE_CHECKING:  # loaded only by runs that need them
     from coheft.app.run.broken_off import BrokenOff
     from coheft.app.run.hosts import Hosts
     from coheft.app.run.plan import Plan
-    from coheft.app.run_report.folder import ReportPage
+    from coheft.app.run_report.series import SeriesFollower
     from coheft.app.view.process import Place, ViewBeside
     from coheft.wire.config import ClockKind
     from coheft.wire.scenario.schema import Scenario
@@ -150,13 +150,13 @@ def run(
 
     from contextlib import ExitStack
 
+    from coheft.app.figures import picture_folder
     from coheft.app.outputs import write_outputs
     from coheft.app.results.report import write_report
     from coheft.app.run.broken_off import BrokenOff
     from coheft.app.run.folder import make_run_folder
     from coheft.app.run.follower import Follower
     from coheft.app.run.launch import launch
-    from coheft.app.run.new_folder import gone_if_broken_off
     from coheft.app.terminal.final_table import print_report
     from coheft.app.terminal.notes import print_notes
     from coheft.app.terminal.screen import make_display
@@ -177,12 +177,12 @@ def run(
         name = new_run_name()
         wants_another = False
         with ExitStack() as stack:
-            stack.enter_context(gone_if_broken_off(report))
-            page: ReportPage | None = None
+            stack.enter_context(picture_folder(report, "report"))
+            page: SeriesFollower | None = None
             if report is not None:
-                from coheft.app.run_report.folder import ReportPage
+                from coheft.app.run_report.series import SeriesFollower
 
-                page = ReportPage(report)
+                page = SeriesFollower()
             folder = make_run_folder(name, logs)
             plan = planned(name, folder)
             give_back_memory()
@@ -223,11 +223,14 @@ def run(
                 write_report(found, target)
                 _tell(console, "Report for programs", target)
 
-            def write_page(page: ReportPage) -> None:
-                _tell(console, "Report", page.write(chosen, clock, found))
+            def write_page(folder: Path) -> None:
+                from coheft.app.run_report.folder import write_folder
+
+                assert page is not None
+                _tell(console, "Report", write_folder(folder, chosen, clock, page.series, found))
 
             try:
-                write_outputs((json, write_json), (page, write_page))
+                write_outputs((json, write_json), (report, write_page))
             except (CoheftError, OSError):
                 for text in _lost(broken_off, recorder):
                     complain(text)

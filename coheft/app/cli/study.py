@@ -18,11 +18,7 @@ if TYPE_CHECKING:
 
 
 def _estimators(text: str) -> list[str]:
-    """Return different estimators, named with commas between them.
-
-    Raises:
-        ValueError: They are something else.
-    """
+    """Return different estimators, named with commas between them, or raise a ``ValueError``."""
     from coheft.wire.former_names import present
     from coheft.wire.scenario.errors import did_you_mean
     from coheft.wire.scenario.plugins import available
@@ -36,11 +32,7 @@ def _estimators(text: str) -> list[str]:
 
 
 def _factors(text: str) -> list[float]:
-    """Return different positive numbers, with commas between them.
-
-    Raises:
-        ValueError: They are something else.
-    """
+    """Return different positive numbers, with commas between them, or raise a ``ValueError``."""
     with suppress(ValueError):
         factors = [float(word) for word in text.split(",")]
         if all(0.0 < factor < math.inf for factor in factors) and len(set(factors)) == len(factors):
@@ -107,9 +99,8 @@ def study(
     from coheft.app.outputs import write_outputs
     from coheft.app.results.report import write_report
     from coheft.app.study.campaign import make_plan, run_study
-    from coheft.app.study.output import print_study, print_varied, write_folder
+    from coheft.app.study.output import Variant, VariedReport, print_study, print_varied, write_folder
     from coheft.app.study.random_team import RANDOM
-    from coheft.app.study.varied import Variant, VariedReport
     from coheft.app.terminal.notes import print_notes
     from coheft.app.terminal.progress import show_progress
     from coheft.wire.scenario.file import load_scenario, scenario_path

@@ -22,14 +22,7 @@ _SEEDS, _ROOM = 2**32, 10**6
 
 
 class Header(msgspec.Struct, frozen=True):
-    """First line of a file of outcomes; the code, the mutant and the values have to be the same for all outcomes.
-
-    Attributes:
-        code: Hash of the code.
-        mutant: The deliberate bug, if any.
-        values: Keys of the scenarios that were set instead of drawn.
-        first_seed: First seed of the campaign that began the file.
-    """
+    """First line of a file of outcomes: what is the same for all of them, and the seed with which the file began."""
 
     code: str
     mutant: str = ""
@@ -52,14 +45,7 @@ def kept_first_seed(path: Path) -> int | None:
 
 
 class OutcomeFile:
-    """A file of outcomes, one per line, in order of arrival.
-
-    Args:
-        path: The file.
-        mutant: The deliberate bug, if any.
-        values: Keys of the scenarios that were set instead of drawn.
-        first_seed: First seed, for a new file.
-    """
+    """A file of outcomes below a ``Header``, one per line, in order of arrival."""
 
     def __init__(self, path: Path, mutant: str = "", values: Sequence[str] = (), first_seed: int = 0) -> None:
         self._path = path
@@ -119,18 +105,11 @@ def run_campaign(
     values: Sequence[str] = (),
     on_outcome: Callable[[Outcome], None] = lambda outcome: None,
 ) -> list[Outcome]:
-    """Run one schedule per seed.
+    """Run one schedule per seed; return all outcomes, in the order of seeds.
 
-    Args:
-        seeds: Seeds of the schedules.
-        jobs: Number of processes; None for one per core.
-        kept: File to which outcomes are appended; schedules whose outcome it contains are not run again.
-        mutant: A deliberate bug to put into the agents, see ``mutants``.
-        values: Keys of the scenarios that are set instead of drawn, see ``draw_schedule``.
-        on_outcome: Called with every outcome, those in the file first.
-
-    Returns:
-        All outcomes, in the order of seeds.
+    Outcomes are appended to the file ``kept``, and schedules whose outcome it contains are not run again.
+    ``on_outcome`` is called with every outcome, those in the file first. See ``workers``, ``mutants`` and
+    ``draw_schedule``.
 
     Raises:
         MissingPackageError: A package that campaigns need is not installed.

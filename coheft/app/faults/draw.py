@@ -34,9 +34,10 @@ from coheft.app.faults.schedule import (
     SensorFault,
 )
 from coheft.app.faults.unlike import with_unlike_robots
-from coheft.app.faults.values import with_values
 from coheft.consensus.graph import build_graph
+from coheft.errors import ScenarioError
 from coheft.estimation.tolerance import INDUSTRIAL, SensorTolerance
+from coheft.wire.scenario.file import with_values
 from coheft.wire.scenario.motion import Motion
 from coheft.wire.scenario.payload import Box, Payload
 from coheft.wire.scenario.schema import Graph, LoadChange, Perimeter, Robots, Scenario, Sensors
@@ -65,6 +66,8 @@ _KINDS = (
     *("crash", "crash", "pause", "release", "clock skew", "sensor", "sensor", "lie"),
 )
 """Kinds of faults; those that are named twice are drawn twice as often."""
+_DRAWN = ("robots", "graph", "duration", "seed")
+"""Keys that may not be set, because faults refer to robots, links and times."""
 _Fields = dict[str, Any]
 """Fields of a fault."""
 
@@ -112,7 +115,15 @@ def draw_schedule(
     is_unlike = bool(rng.random() < _UNLIKE)
     if (is_unlike and is_exact is None and lasting is None) if unlike is None else unlike:
         schedule = with_unlike_robots(schedule, rng, DELAY if is_late else 0.0)
-    return _long_enough(with_values(schedule, values) if values else schedule)
+    return _long_enough(_with_values(schedule, values) if values else schedule)
+
+
+def _with_values(schedule: FaultSchedule, values: Sequence[str]) -> FaultSchedule:
+    chosen = with_values(schedule.scenario, values)
+    for key in _DRAWN:
+        if getattr(chosen, key) != getattr(schedule.scenario, key):
+            raise ScenarioError(f"{chosen.name}: key '{key}' is drawn together with the faults: leave it out")
+    return _replace(schedule, scenario=chosen)
 
 
 def _later(schedule: FaultSchedule) -> FaultSchedule:

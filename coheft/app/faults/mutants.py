@@ -15,7 +15,6 @@ import numpy as np
 from coheft.agents.efficient import estimator, judge
 from coheft.agents.efficient.exchange import Exchange
 from coheft.agents.efficient.session import Session
-from coheft.errors import CoheftError
 from coheft.estimation.geometry.spatial import Array, skew
 from coheft.estimation.moments.body import BodyModel
 from coheft.estimation.moments.misfit import Explanations
@@ -113,6 +112,7 @@ SWITCHED_OFF = {
     "fresh_change": 1e9,
     "calm": 0.0,
     "mass": 0.999,
+    "credible": 1.0,
     "small_step": 1e-300,
     "shortest": 1e9,
     "small_step_fades": 0.0,
@@ -131,16 +131,6 @@ MUTANTS: dict[str, tuple[Any, str, Callable[[Any], Any]]] = {
     **{f"without-{guard.replace('_', '-')}": (estimator, "Guards", _without(guard)) for guard in SWITCHED_OFF},
 }
 """By name: the object and attribute that is replaced, and its replacement."""
-
-
-def check_mutant(name: str) -> None:
-    """Check that a mutant exists.
-
-    Raises:
-        CoheftError: It does not.
-    """
-    if name and name not in MUTANTS:
-        raise CoheftError(f"there is no mutant {name!r}; available: {', '.join(MUTANTS)}")
 
 
 @contextmanager

@@ -33,12 +33,8 @@ _Active = list[tuple[AnyFault, np.random.Generator]]
 
 @dataclass(eq=False)
 class _Link:
-    """Messages from one agent to another.
-
-    Attributes:
-        under_way: Messages, with the block at which they arrive.
-        extra: Additional messages that must not make any difference.
-        had: Messages that have arrived.
+    """Messages from one agent to another: those under way with the block at which they arrive, extra ones that must not
+    make any difference, and those that it has had.
     """
 
     under_way: _Timed = field(default_factory=list)
@@ -50,10 +46,6 @@ class Network:
     """Transmits messages along the edges of a graph; a message sent after one block arrives before the next.
 
     The order of the messages of one block is random.
-
-    Args:
-        schedule: The schedule, with the faults of messages.
-        graph: Neighbours of every agent.
 
     Attributes:
         harmless: Whether to deliver messages that must not make any difference, see ``schedule.is_harmless``.

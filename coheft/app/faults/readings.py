@@ -16,12 +16,7 @@ _OUTLIER = 10.0
 
 
 class Readings:
-    """One robot's measurements as its agent receives them.
-
-    Args:
-        schedule: The schedule, with the faults.
-        robot: The robot's name.
-    """
+    """One robot's measurements as its agent receives them."""
 
     def __init__(self, schedule: FaultSchedule, robot: str) -> None:
         scenario = schedule.scenario

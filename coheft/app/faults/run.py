@@ -21,14 +21,7 @@ from coheft.wire.messages.truth import Truth
 
 @dataclass(frozen=True, eq=False)
 class FaultyBlock:
-    """One block of a run.
-
-    Attributes:
-        block: The block's index.
-        truth: The true state.
-        outboxes: Messages of all agents that are running, by name.
-        crashes: Exceptions that agents raised, by name.
-    """
+    """One block of a run: messages of all agents that are running, and exceptions that agents raised, by name."""
 
     block: int
     truth: Truth
@@ -40,9 +33,6 @@ class FaultyRun:
     """A team with its load and its faults.
 
     An agent that raises an exception is dead from then on, as its process would be.
-
-    Args:
-        schedule: The schedule to run.
 
     Attributes:
         graph: Neighbours of every robot.
@@ -67,11 +57,7 @@ class FaultyRun:
         self._references: dict[int, dict[str, Reference]] = {}
 
     def __iter__(self) -> Iterator[FaultyBlock]:
-        """Yield all remaining blocks of the run.
-
-        Raises:
-            SimulationError: The robots have lost the payload.
-        """
+        """Yield all remaining blocks of the run, or raise a ``SimulationError`` when robots have lost the payload."""
         while self.next_block < self._schedule.scenario.blocks:
             yield self._advance()
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import msgspec
 from msgspec import Meta
@@ -38,11 +38,12 @@ class Fault(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     start: NotNegative
     end: NotNegative
     seed: Seed = 0
+    _in_tables: ClassVar[str] = "{0.__struct_config__.tag}"
 
     @property
     def kind(self) -> str:
         """Name of the kind of fault in tables."""
-        return str(self.__struct_config__.tag)
+        return self._in_tables.format(self)
 
     def is_active(self, time: float) -> bool:
         """Whether the fault is active at a time [s]."""
@@ -118,11 +119,7 @@ class Replay(LinkFault, frozen=True, kw_only=True, tag="replay"):
 
     probability: Probability
     source: ReplaySource
-
-    @property
-    def kind(self) -> str:
-        """Name of the kind of fault in tables."""
-        return f"replay ({self.source})"
+    _in_tables: ClassVar[str] = "replay ({0.source})"
 
 
 class Malformed(LinkFault, frozen=True, kw_only=True, tag="malformed"):
@@ -187,11 +184,7 @@ class SensorFault(RobotFault, frozen=True, kw_only=True, tag="sensor"):
     sensor: Sensor
     how: SensorFailure
     size: Positive
-
-    @property
-    def kind(self) -> str:
-        """Name of the kind of fault in tables."""
-        return f"sensor {self.how}"
+    _in_tables: ClassVar[str] = "sensor {0.how}"
 
 
 class Lie(RobotFault, frozen=True, kw_only=True, tag="lie"):
@@ -204,39 +197,16 @@ class Lie(RobotFault, frozen=True, kw_only=True, tag="lie"):
 
     how: LieKind
     size: Positive
-
-    @property
-    def kind(self) -> str:
-        """Name of the kind of fault in tables."""
-        return f"lie ({self.how})"
+    _in_tables: ClassVar[str] = "lie ({0.how})"
 
 
-AnyFault = (
-    Delay
-    | Loss
-    | Duplication
-    | Reordering
-    | Corruption
-    | Replay
-    | Malformed
-    | Partition
-    | Crash
-    | Pause
-    | Release
-    | ClockSkew
-    | SensorFault
-    | Lie
-)
+OfNetwork = Delay | Loss | Duplication | Reordering | Corruption | Replay | Malformed | Partition
+OfAgent = Crash | Pause | Release | ClockSkew | SensorFault | Lie
+AnyFault = OfNetwork | OfAgent
 
 
 class FaultSchedule(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A run and its faults.
-
-    Attributes:
-        seed: Seed from which it was drawn.
-        scenario: The scenario, including load changes.
-        faults: The faults.
-    """
+    """A run and its faults, and the seed from which it was drawn."""
 
     seed: Seed
     scenario: Scenario
@@ -259,11 +229,7 @@ def write_schedule(schedule: FaultSchedule, path: Path) -> None:
 
 
 def read_schedule(path: Path) -> FaultSchedule:
-    """Read a schedule, also one that version 345a219 wrote.
-
-    Raises:
-        ScenarioError: The file cannot be read, or its schedule is invalid.
-    """
+    """Read a schedule, also one that version 345a219 wrote, or raise a ``ScenarioError``."""
     try:
         table = msgspec.json.decode(path.read_bytes())
         if isinstance(table, dict) and isinstance(table.get("scenario"), dict):
@@ -280,11 +246,7 @@ def read_schedule(path: Path) -> FaultSchedule:
 
 
 def _check_fault(fault: AnyFault, robots: tuple[str, ...], place: str) -> None:
-    """Check what the types do not express.
-
-    Raises:
-        ScenarioError: The fault never begins, or names a robot that does not exist.
-    """
+    """Check that a fault begins and names robots that exist, which types do not express."""
     if fault.start >= fault.end:
         raise ScenarioError(
             f"{place}.end': found {fault.end:g} s, expected a time after 'start', which is {fault.start:g} s"

@@ -21,15 +21,9 @@ Fails = Callable[[FaultSchedule], bool]
 def shrink(
     schedule: FaultSchedule, fails: Fails, on_progress: Callable[[FaultSchedule], None] = lambda _: None
 ) -> FaultSchedule:
-    """Simplify a schedule while it fails: greedily, the largest simplifications first.
+    """Return a simpler schedule that still fails, of which no single simplification does.
 
-    Args:
-        schedule: A schedule that fails.
-        fails: Whether a schedule fails.
-        on_progress: Called with every simpler schedule that was found.
-
-    Returns:
-        A schedule that fails, without any single simplification that does.
+    Simplifications are tried greedily, the largest first; ``on_progress`` is called with every schedule that is found.
     """
     while True:
         simpler = next((candidate for candidate in _simpler(schedule) if fails(candidate)), None)

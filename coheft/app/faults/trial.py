@@ -103,10 +103,8 @@ def try_schedule(schedule: FaultSchedule) -> Outcome:
 
 
 class _Quiet:
-    """Compares a run with a second one without harmless messages, which starts when they begin.
-
-    Attributes:
-        violation: The first difference.
+    """Compares a run with a second one without harmless messages, which starts when they begin; keeps the first
+    difference.
     """
 
     def __init__(self, schedule: FaultSchedule, run: FaultyRun) -> None:

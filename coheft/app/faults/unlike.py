@@ -54,13 +54,7 @@ class _Draws:
 
 
 def with_unlike_robots(schedule: FaultSchedule, rng: np.random.Generator, delay: float) -> FaultSchedule:
-    """Return a schedule with robots that differ, or with a slip.
-
-    Args:
-        schedule: A schedule in which all robots are alike.
-        rng: Source of all draws.
-        delay: Time by which slips are later [s].
-    """
+    """Return a schedule with robots that differ, or with a slip, which is later by ``delay`` [s]."""
     scenario, draws, names = schedule.scenario, _Draws(rng), schedule.scenario.robot_names
     robots = [names[k] for k in rng.permutation(len(names))]
     sheet = _replace(scenario.sensors.tolerance, grasp_compliance=draws.between(_COMPLIANCE))

@@ -55,11 +55,7 @@ class _Drop:
 
 
 class CarryRecord(Follower):
-    """Evaluates a run that carries its load.
-
-    Args:
-        scenario: The scenario of the run, which has a common path.
-    """
+    """Evaluates a run that carries its load along the common path of its scenario."""
 
     def __init__(self, scenario: Scenario) -> None:
         assert scenario.carry is not None
@@ -83,10 +79,9 @@ class CarryRecord(Follower):
     def hear(self, news: News) -> None:
         """See ``Follower.hear``; uses truths only."""
         if isinstance(news, Truth):
-            self.add(news)
+            self._add(news)
 
-    def add(self, truth: Truth) -> None:
-        """Add the truth of a block."""
+    def _add(self, truth: Truth) -> None:
         block_duration = self._scenario.block_duration
         loads = load_ids(truth)
         if self._loads is not None and loads != self._loads:

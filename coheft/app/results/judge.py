@@ -142,12 +142,7 @@ class RobotReport(msgspec.Struct, frozen=True):
 
 
 class Judge:
-    """Compares estimates with the truth in every robot's grasp frame.
-
-    Args:
-        scene: The scene, with the grasps.
-        truths: Truths in order of blocks.
-    """
+    """Compares estimates with the truth in every robot's grasp frame; truths are in order of blocks."""
 
     def __init__(self, scene: Scene, truths: Iterable[Truth] = ()) -> None:
         self.scene = scene
@@ -222,17 +217,21 @@ class Judge:
             contradictions=self.contradictions(estimate),
         )
 
-    def contradictions(self, estimate: Estimate) -> list[Contradiction]:
-        """Return the quantities whose errors contradict the standard deviations of a valid estimate."""
-        if estimate.status is not Validity.VALID:
-            return []
+    def in_stds(self, estimate: Estimate) -> dict[str, Array]:
+        """Return the errors of each quantity in the estimate's own standard deviations, as in ``Contradiction``."""
         found: dict[str, Array] = {}
         if (payload := estimate.payload) is not None:
             errors = in_stds(payload_error(self.payload(estimate.robot, estimate.block), payload), payload.covariance)
             found |= {name: errors[part] for name, part in PAYLOAD_PARTS.items()}
         for name, error in self.pose_errors(estimate).items():
             found[f"pose of {name}"] = in_stds(error, estimate.poses[name].covariance)
-        largest = {name: float(errors.max(initial=0.0)) for name, errors in found.items()}
+        return found
+
+    def contradictions(self, estimate: Estimate) -> list[Contradiction]:
+        """Return the quantities whose errors contradict the standard deviations of a valid estimate."""
+        if estimate.status is not Validity.VALID:
+            return []
+        largest = {name: float(errors.max(initial=0.0)) for name, errors in self.in_stds(estimate).items()}
         return [Contradiction(name, stds) for name, stds in largest.items() if not stds <= MOST_STDS]
 
     def recovered(self, estimate: Estimate) -> bool:

@@ -60,28 +60,27 @@ ALL_TEN = Quantity("all_ten", "", True, slice(0, PAYLOAD_SIZE), np.ones(PAYLOAD_
 
 
 @dataclass(frozen=True, eq=False)
-class Errors:
-    """Errors of all robots at one time, truth minus estimate; NaN where there is no estimate.
+class TeamArrays:
+    """Errors or covariances of all poses and of the payload as seen by all robots.
 
     Attributes:
-        poses: Errors of all edges, rotation vector in the axes of ``F_i`` [rad] and translation [m], shape (edges, 6).
-        payload: Errors of all robots, ``(m, h, J packed)`` in ``F_i``, shape (N, 10).
-        pose_covariances: The robots' own covariances, shape (edges, 6, 6).
-        payload_covariances: The robots' own covariances, shape (N, 10, 10).
+        poses: Of all edges: rotation vector in the axes of ``F_i`` [rad] and translation [m], shape (edges, 6 or 6, 6).
+        payload: Of all robots: ``(m, h, J packed)`` in ``F_i``, shape (N, 10 or 10, 10).
     """
 
     poses: Array
     payload: Array
-    pose_covariances: Array
-    payload_covariances: Array
 
     def of(self, quantity: Quantity) -> Array:
-        """Return the errors that a quantity belongs to."""
+        """Return the array that a quantity belongs to."""
         return self.payload if quantity.of_payload else self.poses
 
-    def covariances_of(self, quantity: Quantity) -> Array:
-        """Return the covariances that a quantity belongs to."""
-        return self.payload_covariances if quantity.of_payload else self.pose_covariances
+
+@dataclass(frozen=True, eq=False)
+class Errors(TeamArrays):
+    """Errors at one time, truth minus estimate, with the robots' own covariances; NaN where there is no estimate."""
+
+    covariances: TeamArrays
 
 
 def directed_edges(neighbours: Mapping[str, Sequence[str]]) -> list[tuple[str, str]]:
@@ -102,7 +101,7 @@ def published_errors(judge: Judge, edges: Edges, estimates: Mapping[str, Estimat
         if name in estimates and (believed := estimates[name].payload) is not None:
             payload[k] = in_full(payload_error(judge.payload(name, estimates[name].block), believed))
             payload_covariances[k] = in_full(believed.covariance)
-    return Errors(poses, payload, pose_covariances, payload_covariances)
+    return Errors(poses, payload, TeamArrays(pose_covariances, payload_covariances))
 
 
 def payload_exists(payload: PayloadEstimate | None) -> bool:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -18,6 +17,7 @@ from coheft.app.results.robot_record import HistoryPoint, LoadPeriod
 from coheft.app.results.slips import SlipReport
 from coheft.errors import CoheftError
 from coheft.wire.former_names import present
+from coheft.wire.scenario.schema import Scenario
 
 
 class PayloadReport(msgspec.Struct, frozen=True):
@@ -182,11 +182,7 @@ class Report(msgspec.Struct, frozen=True):
         return {self.estimator: self, **self.beside}
 
     def of_estimator(self, name: str | None) -> Report:
-        """Return the report of one of the estimators; None stands for the robots' own.
-
-        Raises:
-            CoheftError: It did not run.
-        """
+        """Return the report of an estimator, by default the robots' own; a ``CoheftError`` if it did not run."""
         return self.by_estimator[chosen_estimator(name, list(self.by_estimator))]
 
     @property
@@ -202,40 +198,15 @@ class Report(msgspec.Struct, frozen=True):
 
 
 def chosen_estimator(name: str | None, names: Sequence[str]) -> str:
-    """Return the estimator whose results are to be used: by default the first, the robots' own.
-
-    Raises:
-        CoheftError: It did not run.
-    """
+    """Return the estimator whose results are to be used, by default the first; a ``CoheftError`` if it did not run."""
     chosen = names[0] if name is None else present(name)
     if chosen not in names:
         raise CoheftError(f"the estimator {chosen} did not run: there are results of {', '.join(names)}")
     return chosen
 
 
-@dataclass(frozen=True)
-class RunInfo:
-    """Properties of the run itself for the report.
-
-    Attributes:
-        scenario: Name of the scenario.
-        seed: Seed of the run.
-        estimator: Estimator of the agents at the end.
-        block_duration: Duration of a block [s].
-        real_time_factor: Simulated time divided by the wall time for which the clock ran.
-        late_blocks: Number of late references over all robots.
-    """
-
-    scenario: str
-    seed: int
-    estimator: str
-    block_duration: float
-    real_time_factor: float
-    late_blocks: int = 0
-
-
-def build_report(info: RunInfo, record: Record) -> Report:
-    """Build the report from what an observer has recorded.
+def build_report(scenario: Scenario, record: Record, *, real_time_factor: float = 0.0, late_blocks: int = 0) -> Report:
+    """Build the report of a run of a scenario from what an observer has recorded.
 
     Raises:
         ValueError: There is no truth, or a robot without any compared estimate.
@@ -253,22 +224,22 @@ def build_report(info: RunInfo, record: Record) -> Report:
     estimates_per_block = estimates / record.blocks
     messages_per_block = 2 * len(robots) + sum(map(len, neighbours.values())) + estimates_per_block + 1
     return Report(
-        scenario=info.scenario,
-        seed=info.seed,
-        estimator=info.estimator,
+        scenario=scenario.name,
+        seed=scenario.seed,
+        estimator=record.estimators[-1].estimator,
         duration_s=record.time,
         robots=robots,
         load_changes=[_load_change(period, list(robots)) for period in record.periods[1:]],
         estimator_changes=record.estimators[1:],
         consensus=_consensus(record),
         processes=len(robots) + 1,
-        real_time_factor=info.real_time_factor,
-        messages_per_s=messages_per_block * info.real_time_factor / info.block_duration,
-        late_blocks=info.late_blocks,
+        real_time_factor=real_time_factor,
+        messages_per_s=messages_per_block * real_time_factor / scenario.block_duration,
+        late_blocks=late_blocks,
         slips=record.slips.reports(record.latest.values()),
         history={name: robot.history for name, robot in record.robots.items()} if record.with_history else None,
         beside={
-            name: build_report(replace(info, estimator=name), other)
+            name: build_report(scenario, other, real_time_factor=real_time_factor, late_blocks=late_blocks)
             for name, other in beside.items()
             if not other.silent
         },
@@ -305,11 +276,7 @@ def _consensus(record: Record) -> ConsensusReport:
 
 
 def write_report(report: msgspec.Struct, target: str) -> None:
-    """Write the report as JSON to a file, or to standard output if ``target`` is ``-``.
-
-    Raises:
-        CoheftError: The file cannot be written.
-    """
+    """Write the report as JSON to a file, or to standard output if it is ``-``; a ``CoheftError`` if that fails."""
     text = msgspec.json.format(msgspec.json.encode(report)).decode() + "\n"
     if target == "-":
         sys.stdout.write(text)

@@ -56,12 +56,7 @@ class LoadPeriod:
 
 
 class RobotRecord:
-    """Compares one robot's estimates with the truth.
-
-    Args:
-        judge: Compares an estimate with the truth.
-        periods: Periods of the load so far; the robot's reactions are stored there.
-        with_history: Whether to keep the errors about once a second, too.
+    """Compares one robot's estimates with the truth; its reactions to changes of the load are kept in the periods.
 
     Attributes:
         compared: Number of estimates so far.

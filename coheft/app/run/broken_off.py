@@ -21,10 +21,7 @@ WRITTEN_AT_THE_END = {"json": "report (--json)", "report": "page (--report)", "s
 class BrokenOff(Follower):
     """Keeps track of the progress of a run, and of its outputs.
 
-    Args:
-        asked: Requested output paths, by the names in ``WRITTEN_AT_THE_END`` and ``record``; None if not requested.
-        logs: Folder with the processes' logs.
-        recorder: The recorder, None if there is none.
+    ``asked`` are the paths of outputs by the names in ``WRITTEN_AT_THE_END`` and ``record``; None if not requested.
 
     Attributes:
         unsaved: Why the data file is missing after the end of the run; empty if it is not, or was not requested.

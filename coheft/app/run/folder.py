@@ -44,11 +44,8 @@ class RunFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class RunEnd(msgspec.Struct, frozen=True):
-    """How a run ended that was not aborted. It stays in the run's folder, for those that have missed the server's last
-    message.
-
-    Attributes:
-        time: Simulated time at the end [s].
+    """Simulated time [s] at which a run ended that was not aborted. It stays in the run's folder, for those that have
+    missed the server's last message.
     """
 
     time: float
@@ -74,7 +71,7 @@ def make_run_folder(run: str, logs: Path | None = None) -> Path:
     """
     if logs is None:
         _remove_old_folders(_KEPT - 1)
-    elif _is_in_progress(logs):
+    elif _running(logs) is not None:
         raise CoheftError(
             f"a run is in progress in {logs}: name another folder with --logs DIR, or end it: coheft stop"
         )
@@ -95,7 +92,7 @@ def make_run_folder(run: str, logs: Path | None = None) -> Path:
 def _remove_old_folders(kept: int) -> None:
     """Remove the folders of all but the user's newest runs, as far as possible."""
     for folder in sorted(runs_folder().glob(_FOLDERS), reverse=True)[kept:]:
-        if not _is_in_progress(folder):
+        if _running(folder) is None:
             shutil.rmtree(folder, ignore_errors=True)
 
 
@@ -111,20 +108,12 @@ def announced(folder: Path, run_file: RunFile) -> Iterator[None]:
 
 
 def announce(folder: Path, run_file: RunFile) -> None:
-    """Write the run file atomically.
-
-    Raises:
-        CoheftError: It cannot be written.
-    """
+    """Write the run file atomically, or raise a ``CoheftError``."""
     _write(folder / RUN_FILE, run_file)
 
 
 def note_end(folder: Path, end: RunEnd) -> None:
-    """Write down how a run has ended, atomically.
-
-    Raises:
-        CoheftError: It cannot be written.
-    """
+    """Write down how a run has ended, atomically, or raise a ``CoheftError``."""
     _write(folder / END_FILE, end)
 
 
@@ -156,11 +145,8 @@ def find_run(folder: Path | None = None, *, acts: bool = False) -> RunFile:
 def locate_run(folder: Path | None = None, *, acts: bool = False) -> tuple[Path, RunFile]:
     """Return a run in progress and its folder. If it is the newest of several, print that to stderr.
 
-    A folder among this user's runs can be given by its bare name, unless a folder of that name exists here.
-
-    Args:
-        folder: The run's folder; None for the newest of this user's runs.
-        acts: Whether the command changes the run: then the folder is required if there are several runs.
+    A folder among this user's runs can be given by its bare name, unless a folder of that name exists here. For a
+    command that ``acts``, which changes the run, the folder is required if there are several.
 
     Raises:
         CoheftError: There is no such run, or it is not clear which one is meant.
@@ -168,15 +154,13 @@ def locate_run(folder: Path | None = None, *, acts: bool = False) -> tuple[Path,
     if folder is not None:
         if len(folder.parts) == 1 and not folder.exists() and (among_runs := runs_folder() / folder).is_dir():
             folder = among_runs
-        run_file = read_run_file(folder)
-        if run_file is None or not _is_listening(run_file.server):
+        run_file = _running(folder)
+        if run_file is None:
             expected = ": expected the folder of a run, or, for 'coheft view', a recording that ends with .mcap"
             raise CoheftError(f"no run is in progress in {folder}{expected if folder.is_file() else ''}")
         return folder, run_file
     places = [path.parent for path in runs_folder().glob(f"*/{RUN_FILE}")]
-    found = [
-        (place, run_file) for place in places if (run_file := read_run_file(place)) and _is_listening(run_file.server)
-    ]
+    found = [(place, run_file) for place in places if (run_file := _running(place)) is not None]
     if not found:
         raise CoheftError(
             "no run is in progress; start one with 'coheft run', or name the folder of another run: --run DIR"
@@ -187,8 +171,7 @@ def locate_run(folder: Path | None = None, *, acts: bool = False) -> tuple[Path,
         if acts:
             raise CoheftError(
                 f"{len(found)} runs are in progress, and this command changes one of them: name it with --run DIR; "
-                f"available: "
-                f"{newest[0].name} (the newest), {names}"
+                f"available: {newest[0].name} (the newest), {names}"
             )
         print(
             f"{len(found)} runs are in progress: the newest is {newest[0].name}; others, for --run DIR: {names}",
@@ -197,10 +180,12 @@ def locate_run(folder: Path | None = None, *, acts: bool = False) -> tuple[Path,
     return newest
 
 
-def _is_in_progress(folder: Path) -> bool:
-    """Whether the run of a folder is in progress."""
+def _running(folder: Path) -> RunFile | None:
+    """Return the run file of a folder whose run is in progress. A killed run leaves its file behind, so the file alone
+    proves nothing.
+    """
     run_file = read_run_file(folder)
-    return run_file is not None and _is_listening(run_file.server)
+    return run_file if run_file is not None and _dial(run_file.server) is None else None
 
 
 def read_run_file(folder: Path) -> RunFile | None:
@@ -213,28 +198,18 @@ def read_run_file(folder: Path) -> RunFile | None:
     return msgspec.structs.replace(run_file, keys=keys)
 
 
-def _is_listening(endpoint: str) -> bool:
-    """Whether a process listens at an endpoint. A killed run leaves its file behind, so the file alone proves
-    nothing.
-    """
-    try:
-        _dial(endpoint)
-    except OSError:
-        return False
-    return True
-
-
 def has_gone(run_file: RunFile) -> bool:
     """Whether the server's host reports that no process listens at its endpoint; a broken connection proves nothing."""
+    return isinstance(_dial(run_file.server), ConnectionRefusedError)
+
+
+def _dial(endpoint: str) -> OSError | None:
+    """Return why an endpoint cannot be dialled; None if a process listens there."""
     try:
-        _dial(run_file.server)
+        socket.create_connection(split_endpoint(endpoint), timeout=0.5).close()
     except OSError as error:
-        return isinstance(error, ConnectionRefusedError)
-    return False
-
-
-def _dial(endpoint: str) -> None:
-    socket.create_connection(split_endpoint(endpoint), timeout=0.5).close()
+        return error
+    return None
 
 
 def split_endpoint(endpoint: str) -> tuple[str, int]:

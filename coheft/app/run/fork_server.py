@@ -36,10 +36,7 @@ def can_fork() -> bool:
 class Forked:
     """A process of a fork server, with a part of the interface of ``subprocess.Popen``.
 
-    Attributes:
-        pid: Its process id.
-        stdin: Its standard input.
-        returncode: Its exit status, or minus the number of a signal; None while it runs.
+    ``returncode`` is its exit status, or minus the number of a signal; None while it runs.
     """
 
     def __init__(self, fork_server: ForkServer, pid: int, stdin: int) -> None:
@@ -54,11 +51,7 @@ class Forked:
         return self.returncode
 
     def wait(self, timeout: float | None = None) -> int:
-        """Wait for the end of the process and return its exit status.
-
-        Raises:
-            subprocess.TimeoutExpired: It still runs after ``timeout`` [s].
-        """
+        """Wait for the end of the process and return its exit status; ``TimeoutExpired`` after so many seconds."""
         deadline = None if timeout is None else time.monotonic() + timeout
         while self.returncode is None:
             left = None if deadline is None else deadline - time.monotonic()
@@ -85,9 +78,7 @@ class Forked:
 class ForkServer:
     """Starts the process that imports in the background, and asks it to fork.
 
-    Args:
-        modules: Modules that can be forked; each has a function ``main`` without arguments.
-        environment: Environment of all its processes.
+    Each of the modules that can be forked has a function ``main`` without arguments.
     """
 
     def __init__(self, modules: Sequence[str], environment: Mapping[str, str]) -> None:
@@ -108,15 +99,9 @@ class ForkServer:
             )
 
     def start(self, name: str, module: str, log: int) -> Forked | None:
-        """Fork a process, as soon as all modules are imported.
+        """Fork a process, named so in ``top``, when all modules are imported; None if the fork server is gone.
 
-        Args:
-            name: Name of the process in ``top``.
-            module: Module whose ``main`` it runs, one of ``modules``.
-            log: Open file for its output.
-
-        Returns:
-            The process; None if the fork server is gone.
+        It runs ``main`` of a module, with its output to the open file ``log``.
         """
         theirs, self._stdin = os.pipe()
         self._newest = None

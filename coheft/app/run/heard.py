@@ -33,11 +33,7 @@ News = Truth | Estimate | EstimateBeside | Problem
 
 
 def check_news(source: str, message: Message, scene: Scene) -> News | None:
-    """Return a checked message of a source; None if it is not for observers.
-
-    Raises:
-        MessageError: The message is invalid.
-    """
+    """Return a checked message of a source, or raise a ``MessageError``; None if it is not for observers."""
     match message:
         case Truth():
             check_truth(message, scene)
@@ -55,11 +51,7 @@ def check_news(source: str, message: Message, scene: Scene) -> News | None:
 
 
 def check_status(status: Status) -> None:
-    """Check a status: robots, graph, grasps, shapes and estimators.
-
-    Raises:
-        MessageError: It is invalid.
-    """
+    """Check a status: robots, graph, grasps, shapes and estimators, or raise a ``MessageError``."""
     scene = status.scene
     if not 0 < len(set(scene.robots)) == len(scene.robots):
         raise MessageError(f"robots are {scene.robots} but expected at least one, without duplicates")
@@ -82,11 +74,7 @@ def check_status(status: Status) -> None:
 
 
 def check_truth(truth: Truth, scene: Scene) -> None:
-    """Check a truth, received from the server.
-
-    Raises:
-        MessageError: It is invalid, or not about this team.
-    """
+    """Check a truth about this team, received from the server, or raise a ``MessageError``."""
     _check_moment(truth.block, truth.time)
     payload = truth.payload
     check_number(payload.mass, "mass")
@@ -116,16 +104,7 @@ def check_truth(truth: Truth, scene: Scene) -> None:
 
 
 def check_estimate(estimate: Estimate, source: str, robots: Collection[str]) -> None:
-    """Check an estimate, received from a robot.
-
-    Args:
-        estimate: The estimate.
-        source: The robot that sent it.
-        robots: Names of the team's robots.
-
-    Raises:
-        MessageError: It is invalid, or names robots that are not in the team.
-    """
+    """Check an estimate of one of the robots, received from the source, or raise a ``MessageError``."""
     check_field("robot", estimate.robot, source)
     check_choice("robot", estimate.robot, robots)
     _check_moment(estimate.block, estimate.time)

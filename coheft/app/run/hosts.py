@@ -10,9 +10,10 @@ import re
 import socket
 import tomllib
 from collections import defaultdict
+from collections.abc import Iterable, Iterator
 from itertools import count
 from pathlib import Path
-from typing import Annotated, Protocol
+from typing import Annotated
 
 import msgspec
 
@@ -26,28 +27,6 @@ _LARGEST_PORT = 65535
 LOOPBACK = "127.0.0.1"
 _PORTS = range(20000, 32768)
 """Above 32767 the system might assign a port to an outgoing connection before it is used here."""
-
-
-class Places(Protocol):
-    """Assigns an address and a port to every listener."""
-
-    def take(self, name: str) -> str:
-        """Return a new ``host:port`` for a part."""
-
-
-class FreePorts:
-    """Free ports of the loopback interface.
-
-    Raises:
-        LinkError: There are not enough.
-    """
-
-    def __init__(self, number: int) -> None:
-        self._ports = iter(free_ports(number))
-
-    def take(self, name: str) -> str:
-        """Return the next free port, for any part."""
-        return f"{LOOPBACK}:{next(self._ports)}"
 
 
 class Hosts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -72,32 +51,23 @@ class Hosts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return not all(_is_loopback(host) for host in self.hosts.values())
 
 
-class HostPorts:
-    """Consecutive ports on every host, so that a firewall can be configured in advance."""
+def places_on(hosts: Hosts, names: Iterable[str]) -> Iterator[str]:
+    """Yield a new ``host:port`` for each part that is named: consecutive ports, so that a firewall can be configured.
 
-    def __init__(self, hosts: Hosts) -> None:
-        self._hosts = hosts
-        self._next: defaultdict[str, count[int]] = defaultdict(lambda: count(hosts.port))
-
-    def take(self, name: str) -> str:
-        """Return the next port on the host of a part.
-
-        Raises:
-            LinkError: There is no port left.
-        """
-        host = self._hosts.of(name)
-        port = next(self._next[host])
+    Raises:
+        LinkError: There is no port left.
+    """
+    ports: defaultdict[str, count[int]] = defaultdict(lambda: count(hosts.port))
+    for name in names:
+        host = hosts.of(name)
+        port = next(ports[host])
         if port > _LARGEST_PORT:
-            raise LinkError(f"{host} has no port left for {name}: choose a lower one than port = {self._hosts.port}")
-        return f"{f'[{host}]' if ':' in host else host}:{port}"
+            raise LinkError(f"{host} has no port left for {name}: choose a lower one than port = {hosts.port}")
+        yield f"{f'[{host}]' if ':' in host else host}:{port}"
 
 
 def load_hosts(path: Path, scenario: Scenario) -> Hosts:
-    """Read the hosts of the parts of a scenario.
-
-    Raises:
-        ScenarioError: The file cannot be used.
-    """
+    """Read the hosts of the parts of a scenario, or raise a ``ScenarioError``."""
     table: dict[str, object] = {}
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8-sig"))
@@ -149,11 +119,7 @@ def free_ports(number: int) -> list[int]:
 
 
 def _usable_ports() -> range:
-    """Return the range in ``COHEFT_PORTS``, or all ports that are commonly free.
-
-    Raises:
-        LinkError: ``COHEFT_PORTS`` is not a valid range.
-    """
+    """Return the range in ``COHEFT_PORTS``, or all ports that are commonly free."""
     chosen = os.environ.get("COHEFT_PORTS", "")
     if not chosen:
         return _PORTS
@@ -168,13 +134,9 @@ def _is_host(host: str) -> bool:
     try:
         ipaddress.ip_address(host)
     except ValueError:
-        return re.fullmatch(r"[A-Za-z0-9]([A-Za-z0-9_.-]*[A-Za-z0-9])?", host) is not None and not _is_number(host)
+        is_invalid_address = host.replace(".", "").isdigit()  # such as 10.0.0.300
+        return not is_invalid_address and re.fullmatch(r"[A-Za-z0-9]([A-Za-z0-9_.-]*[A-Za-z0-9])?", host) is not None
     return True
-
-
-def _is_number(host: str) -> bool:
-    """Whether a name consists of digits and dots, as an invalid address such as 10.0.0.300 does."""
-    return host.replace(".", "").isdigit()
 
 
 def _is_loopback(host: str) -> bool:

@@ -21,15 +21,7 @@ from coheft.wire.scenario.schema import Scenario
 
 
 class TeamInProcess:
-    """All parts of a run. For each block, call ``measure``, then ``answer`` with what is ``measured`` and ``heard``.
-
-    Args:
-        scenario: The scenario to run.
-
-    Attributes:
-        graph: Neighbours of every robot.
-        simulation: The simulation of the physics.
-    """
+    """All parts of a run. For each block, call ``measure``, then ``answer`` with what is ``measured`` and ``heard``."""
 
     def __init__(self, scenario: Scenario) -> None:
         self.graph = build_graph(scenario.graph, scenario.robot_names)
@@ -39,12 +31,7 @@ class TeamInProcess:
         self._references: dict[int, dict[str, Reference]] = {}
 
     def start_agents(self, scenario: Scenario, incarnation: int = 0) -> None:
-        """Replace the agents by new ones with an empty memory.
-
-        Args:
-            scenario: The scenario that configures them.
-            incarnation: A number larger than that of the agents before.
-        """
+        """Replace the agents by new ones with an empty memory; ``incarnation`` is larger than theirs."""
         configs = [agent_config(scenario, name, others) for name, others in self.graph.items()]
         self._linked = LinkedAgents(configs, incarnation, largest_arrays(scenario))
 

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import ipaddress
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -53,31 +55,11 @@ class Authority:
             builder.add_extension(_usage(signs_certificates=True), critical=True).sign(key, hashes.SHA256()), key
         )
 
-    @classmethod
-    def load(cls, folder: Path) -> Self:
-        """Load the authority in a folder made by ``make_keys``.
-
-        Raises:
-            CoheftError: The folder contains none.
-        """
-        try:
-            key = serialization.load_pem_private_key((folder / "authority.key").read_bytes(), password=None)
-            certificate = x509.load_pem_x509_certificate((folder / "authority.crt").read_bytes())
-        except (OSError, ValueError) as error:
-            raise CoheftError(f"there is no authority in {folder}: {error}") from error
-        if not isinstance(key, ec.EllipticCurvePrivateKey):
-            raise CoheftError(f"{folder / 'authority.key'} contains another type of key than coheft makes")
-        return cls(certificate, key)
-
     def issue(self, folder: Path, name: str, host: str = LOOPBACK, lifetime: timedelta | None = None) -> None:
-        """Write ``<name>.key`` and ``<name>.crt``.
+        """Write ``<name>.key`` and ``<name>.crt`` of a participant that listens at this address or host name.
 
-        Args:
-            folder: Folder for the files.
-            name: The participant's name.
-            host: Address or host name at which it listens.
-            lifetime: Lifetime of the certificate; by default that of the authority's. If it is not positive, the
-                certificate has already expired.
+        The lifetime is by default that of the authority's certificate; if it is not positive, the certificate has
+        already expired.
 
         Raises:
             CoheftError: The files exist already, or cannot be written.
@@ -104,17 +86,9 @@ def make_keys(
     *,
     keeps_authority: bool = True,
 ) -> tuple[str, ...]:
-    """Make an authority and one certificate per participant.
+    """Make an authority and one certificate per participant; return the participants' names.
 
-    Args:
-        folder: Folder for the files; made if it does not exist.
-        scenario: The scenario that names the participants.
-        hosts: Addresses at which they listen; None for the loopback interface.
-        lifetime: Lifetime of all certificates.
-        keeps_authority: Whether to keep the authority's key, with which more certificates can be made later.
-
-    Returns:
-        The participants' names.
+    Without hosts, all listen at the loopback interface. The authority's key is needed only for more certificates later.
 
     Raises:
         CoheftError: The folder contains an authority already, or cannot be written to.
@@ -156,22 +130,24 @@ def check_keys(folder: Path, scenario: Scenario, hosts: Hosts | None = None) -> 
                 f"names that 'coheft keys' gave to the files, or make new keys in another folder"
             )
         host = hosts.of(name) if hosts is not None else LOOPBACK
-        if name not in ROLES and _host(host) not in _hosts_in(path, certificate):
+        with _reading(path, "certificate"):
+            hosts_in_it = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+        if name not in ROLES and _host(host) not in hosts_in_it:
             raise CoheftError(f"{path} is not for {host}, where {name} runs: make keys in another folder, with --hosts")
 
 
+@contextmanager
+def _reading(path: Path, what: str) -> Iterator[None]:
+    """Explain errors of reading a file that ``make_keys`` has not made."""
+    try:
+        yield
+    except (OSError, TypeError, ValueError, UnsupportedAlgorithm, x509.ExtensionNotFound) as error:
+        raise CoheftError(f"{path} is not a {what} made by 'coheft keys': {error}") from error
+
+
 def _load_certificate(path: Path) -> x509.Certificate:
-    try:
+    with _reading(path, "certificate"):
         return x509.load_pem_x509_certificate(path.read_bytes())
-    except (OSError, ValueError) as error:
-        raise CoheftError(f"{path} is not a certificate made by 'coheft keys': {error}") from error
-
-
-def _hosts_in(path: Path, certificate: x509.Certificate) -> x509.SubjectAlternativeName:
-    try:
-        return certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
-    except (ValueError, x509.ExtensionNotFound) as error:
-        raise CoheftError(f"{path} is not a certificate made by 'coheft keys': {error}") from error
 
 
 def _check_time(path: Path, certificate: x509.Certificate) -> None:
@@ -186,10 +162,8 @@ def _check_time(path: Path, certificate: x509.Certificate) -> None:
 
 
 def _check_key(path: Path, of: Path, certificate: x509.Certificate) -> None:
-    try:
+    with _reading(path, "key"):
         key = serialization.load_pem_private_key(path.read_bytes(), password=None)
-    except (OSError, TypeError, ValueError, UnsupportedAlgorithm) as error:
-        raise CoheftError(f"{path} is not a key made by 'coheft keys': {error}") from error
     if key.public_key() != certificate.public_key():
         raise CoheftError(
             f"{path} is not the key of {of}: take both from one folder that 'coheft keys' made, or make new keys in "
@@ -253,13 +227,9 @@ def _write(path: Path, data: bytes, mode: int) -> None:
     """Write a new file with restricted access from its creation on."""
     try:
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
+        with open(path, "xb", opener=lambda name, flags: os.open(name, flags, mode)) as file:
+            file.write(data)
     except FileExistsError as error:
         raise CoheftError(f"{path} exists already: keys are never overwritten; name another folder") from error
-    except OSError as error:
-        raise CoheftError(f"cannot write {path}: {error.strerror}") from error
-    try:
-        with os.fdopen(descriptor, "wb") as file:
-            file.write(data)
     except OSError as error:
         raise CoheftError(f"cannot write {path}: {error.strerror}") from error

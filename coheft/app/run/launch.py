@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import select
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import IO
 
 import msgspec
 
+from coheft.agents.process.heartbeat import Heartbeat
 from coheft.app.names import few
 from coheft.app.results.record import Record
-from coheft.app.results.report import Report, RunInfo, build_report
-from coheft.app.run.beat import beating
+from coheft.app.results.report import Report, build_report
 from coheft.app.run.folder import RunEnd, RunFile, announce, announced, has_gone, note_end, noted_end
 from coheft.app.run.follower import Follower
 from coheft.app.run.fork_server import ForkServer
@@ -27,6 +29,7 @@ from coheft.errors import CoheftError, LinkError
 from coheft.wire.messages.requests import Status, StatusRequest
 from coheft.wire.messages.states import RunState
 from coheft.wire.messages.structs import Problem
+from coheft.wire.process.supervised import BEAT
 from coheft.wire.scenario.plugins import estimator_names
 from coheft.wire.transport.planes import SERVER
 
@@ -79,7 +82,8 @@ def launch(
         server = processes.start(SERVER, "coheft.physics_server.server", plan.server)
         for name, agent in plan.agents.items():
             processes.start(name, "coheft.agents.process.main", agent)
-        with announced(folder, _run_file(plan, processes)), beating(server.process.stdin):
+        assert server.process.stdin is not None
+        with announced(folder, _run_file(plan, processes)), _beating(server.process.stdin):
             again = Restarts(
                 restarts, processes, observer, display, lambda: announce(folder, _run_file(plan, processes))
             )
@@ -97,15 +101,7 @@ def launch(
                 follower.end(status)
     if record.truth is None or record.silent:
         raise LinkError(f"the run ended before every robot had sent an estimate; see the logs in {folder}")
-    info = RunInfo(
-        scenario=scenario.name,
-        seed=scenario.seed,
-        estimator=record.estimators[-1].estimator,
-        block_duration=scenario.block_duration,
-        real_time_factor=status.real_time_factor,
-        late_blocks=status.late_blocks,
-    )
-    report = build_report(info, record)
+    report = build_report(scenario, record, real_time_factor=status.real_time_factor, late_blocks=status.late_blocks)
     if report.beside:
         from coheft.app.study.run_bound import with_bound  # which loads the physics
 
@@ -117,11 +113,7 @@ def launch(
 class Audience:
     """All parts of this process that receive an observer's messages.
 
-    Attributes:
-        record: Collects the data of the report.
-        display: Shows the run in the terminal.
-        followers: All others.
-        is_told_end: Whether the display shows why a run was aborted; the supervisor raises that as an error instead.
+    The display shows why a run was aborted only if it ``is_told_end``; the supervisor raises that as an error instead.
     """
 
     record: Record
@@ -140,6 +132,22 @@ class Audience:
                 follower.hear(news)
         self.display.update(self.record)
         return self.record.time > before
+
+
+def _beating(stdin: IO[bytes]) -> Heartbeat:
+    """Return a context in which heartbeats, a line each, are sent to the server's stdin.
+
+    A supervisor that is stopped (Ctrl-Z, SIGSTOP) would miss the rest of its run, and its report would be missing or
+    wrong. So the server pauses the run while no heartbeat arrives, and then resumes it.
+    """
+
+    def beat() -> None:
+        with suppress(OSError, ValueError):  # the server has ended, or its stdin is closed
+            if select.select([], [stdin], [], 0.0)[1]:  # do not wait for a frozen server, which reads nothing
+                stdin.write(b"\n")
+                stdin.flush()
+
+    return Heartbeat(beat, BEAT)
 
 
 def _run_file(plan: Plan, processes: Processes) -> RunFile:
@@ -214,11 +222,6 @@ def _follow(
 
 def watch(folder: Path, run_file: RunFile, display: Display) -> str:
     """Show a run that another process supervises until it has ended; return a sentence that says when that was.
-
-    Args:
-        folder: Folder of the run.
-        run_file: Its addresses.
-        display: Shows it.
 
     Raises:
         LinkError: The server does not answer, or reports that the run was aborted.

@@ -85,11 +85,7 @@ class Observer:
         return news
 
     def _take(self, source: str, message: Message, scene: Scene) -> News | None:
-        """Check a message; keep the server's final status, and return other messages.
-
-        Raises:
-            MessageError: The message is invalid.
-        """
+        """Check a message; keep the server's final status, and return other messages."""
         if not isinstance(message, Status):
             if source == SERVER:
                 self._unanswered = 0
@@ -128,11 +124,7 @@ class Observer:
         return self._unanswered >= _MAX_UNANSWERED
 
     def check_server(self) -> None:
-        """Check that the server has not been lost.
-
-        Raises:
-            LinkError: It has been lost.
-        """
+        """Raise a ``LinkError`` if the server has been lost."""
         if self.has_lost_server:
             raise LinkError(f"the server has not answered {_MAX_UNANSWERED} requests in a row: it has ended, or hangs")
 
@@ -175,13 +167,6 @@ def observe(run_file: RunFile) -> Iterator[Observer]:
 def set_link(run_file: RunFile, scene: Scene, one: str, other: str, *, cut: bool) -> None:
     """Cut the link between two neighbours, or restore it, as the operator.
 
-    Args:
-        run_file: Addresses of the run.
-        scene: The scene, with the graph.
-        one: Name of one robot.
-        other: Name of the other one.
-        cut: True to cut the link, False to restore it.
-
     Raises:
         CoheftError: They are not neighbours, or the run is secure and there are no operator's keys.
         LinkError: The robot that dials does not answer.
@@ -191,36 +176,22 @@ def set_link(run_file: RunFile, scene: Scene, one: str, other: str, *, cut: bool
     _ask_agent(run_file, dials, LinkRequest(neighbour=listens, cut=cut), CutLinks)
 
 
-def disturb_link(run_file: RunFile, scene: Scene, one: str, other: str, quality: LinkQuality) -> None:
-    """Let messages between two neighbours be lost or late, in both directions, as the operator.
+def disturb_links(run_file: RunFile, scene: Scene, robot: str, other: str | None, quality: LinkQuality) -> None:
+    """Let messages between a robot and a neighbour be lost or late, in both directions, as the operator.
 
-    Args:
-        run_file: How to reach the run.
-        scene: Who talks with whom.
-        one: One end.
-        other: The other one.
-        quality: Loss and delay; the default restores the link.
+    Without ``other``, that holds for all its neighbours; the default quality restores the links.
 
     Raises:
-        CoheftError: They are no neighbours, or the run is secure and there are no keys of the operator.
-        LinkError: One of the two agents does not answer.
-    """
-    _check_link(scene, one, other)
-    for receiver, sender in ((one, other), (other, one)):
-        _ask_agent(run_file, receiver, DisturbRequest(neighbour=sender, quality=quality), DisturbedLink)
-
-
-def disturb_links(run_file: RunFile, scene: Scene, robot: str, quality: LinkQuality) -> None:
-    """Let messages between a robot and all its neighbours be lost or late, see ``disturb_link``.
-
-    Raises:
-        CoheftError: There is no such robot, or the run is secure and there are no keys of the operator.
+        CoheftError: There is no such robot or link, or the run is secure and there are no operator's keys.
         LinkError: An agent does not answer.
     """
-    if robot not in scene.neighbours:
+    if other is not None:
+        _check_link(scene, robot, other)
+    elif robot not in scene.neighbours:
         raise CoheftError(f"there is no robot {robot}: the robots are {', '.join(scene.robots)}")
-    for other in scene.neighbours[robot]:
-        disturb_link(run_file, scene, robot, other, quality)
+    for neighbour in scene.neighbours[robot] if other is None else [other]:
+        for receiver, sender in ((robot, neighbour), (neighbour, robot)):
+            _ask_agent(run_file, receiver, DisturbRequest(neighbour=sender, quality=quality), DisturbedLink)
 
 
 def _check_link(scene: Scene, one: str, other: str) -> None:

@@ -34,10 +34,7 @@ def override(
 ) -> Scenario:
     """Return the scenario with the given values in place of its own; ``changes`` replace all load changes.
 
-    ``origin`` names the source of the values in errors.
-
-    Raises:
-        ScenarioError: The result is not valid.
+    ``origin`` names the source of the values in the ``ScenarioError`` that says why the result is not valid.
     """
     table = msgspec.to_builtins(scenario)
     given = {"duration": duration, "seed": seed, "estimator": estimator}
@@ -81,11 +78,7 @@ def _by_options(text: str, changes: Sequence[str]) -> str:
 
 
 def _parse_change(text: str) -> LoadChange:
-    """Parse a load change such as ``t=20,mass=3,at=0.4,0.3,0.1``: a part without ``=`` belongs to the key before it.
-
-    Raises:
-        ScenarioError: A key is unknown, duplicated or missing, or a value is not a number.
-    """
+    """Parse a load change such as ``t=20,mass=3,at=0.4,0.3,0.1``: a part without ``=`` belongs to the key before it."""
     numbers: dict[str, list[float]] = {}
     key = ""
     for part in text.split(","):

@@ -14,12 +14,7 @@ REMEMBERED = 1000
 
 
 class Pairing:
-    """Pairs estimates with truths, in an order that does not depend on which arrived first.
-
-    Attributes:
-        judge: Compares estimates with the newest truths.
-        truth: The newest truth.
-    """
+    """Pairs estimates with truths, in an order that does not depend on which arrived first; ``truth`` is the newest."""
 
     def __init__(self, scene: Scene) -> None:
         self.judge = Judge(scene)

@@ -12,7 +12,7 @@ from pathlib import Path
 import msgspec
 
 from coheft.app.run.folder import RUN_FILE, RunFile
-from coheft.app.run.hosts import FreePorts, HostPorts, Hosts, Places
+from coheft.app.run.hosts import LOOPBACK, Hosts, free_ports, places_on
 from coheft.consensus.graph import build_graph
 from coheft.errors import CoheftError
 from coheft.wire.config import AgentProcessConfig, ClockKind, Neighbour, ServerConfig, agent_config
@@ -25,13 +25,9 @@ from coheft.wire.transport.security import Credentials, credentials_in
 
 @dataclass(frozen=True)
 class Plan:
-    """Configurations of all processes of a run.
+    """Configurations of all processes of a run, planned at ``began`` [s since 1970].
 
-    Attributes:
-        server: Configuration of the physics server.
-        agents: Configurations of the agents, by name.
-        keys: Folder with all participants' credentials; None for the open profile.
-        began: Time at which the plan was made, in seconds since 1970.
+    ``keys`` is the folder with all participants' credentials; None for the open profile.
     """
 
     server: ServerConfig
@@ -68,11 +64,7 @@ class Plan:
 
 
 def check_no_parts(folder: Path, scenario: Scenario) -> None:
-    """Check that no configuration would be overwritten: parts of two runs in one folder would not find each other.
-
-    Raises:
-        CoheftError: The folder contains a configuration.
-    """
+    """Raise a ``CoheftError`` if a configuration would be overwritten: parts of two runs would not find each other."""
     for name in (RUN_FILE, *(f"{part}.json" for part in (SERVER, *scenario.robot_names))):
         if (folder / name).exists():
             raise CoheftError(
@@ -92,14 +84,8 @@ def make_plan(
 ) -> Plan:
     """Make the plan of a run: build the graph and assign endpoints.
 
-    Args:
-        scenario: The scenario to run.
-        clock: Whether to wait for slow robots.
-        run: Name of the run; a new one by default.
-        hosts: Hosts of the parts; None for free ports of this machine's loopback interface.
-        keys: Folder with all participants' credentials, see ``coheft.app.run.keys``; None for the open profile.
-        save_data: File for all robots' measurements; None for none.
-        log_level: The lowest level of messages in the logs.
+    Without hosts, all parts listen at free ports of this machine's loopback interface; without a folder of keys, see
+    ``coheft.app.run.keys``, links have the open profile.
 
     Raises:
         LinkError: There are not enough free ports.
@@ -109,10 +95,13 @@ def make_plan(
     graph = build_graph(scenario.graph, names)
     if keys is None and hosts is not None and hosts.are_remote:
         raise CoheftError("across hosts any process could connect and send messages: add --secure")
-    places: Places = HostPorts(hosts) if hosts is not None else FreePorts(3 * len(names) + 1)
-
-    def take(name: str) -> str:
-        return f"{'tls' if keys is not None else 'tcp'}/{places.take(name)}"
+    listeners = [*[SERVER] * (1 + len(names)), *names, *names]
+    places = (
+        places_on(hosts, listeners)
+        if hosts is not None
+        else (f"{LOOPBACK}:{port}" for port in free_ports(len(listeners)))
+    )
+    endpoints = (f"{'tls' if keys is not None else 'tcp'}/{place}" for place in places)
 
     def credentials(name: str) -> Credentials | None:
         return credentials_in(keys, name) if keys is not None else None
@@ -120,9 +109,8 @@ def make_plan(
     run = run or new_run_name()
     # In real time, a robot that waited longer would be late with its own reference.
     patience = {} if clock != "realtime" else {"patience": scenario.lookahead * scenario.block_duration}
-    observe = take(SERVER)
-    robots = {name: take(SERVER) for name in names}
-    listen = {name: take(name) for name in names}
+    observe = next(endpoints)
+    robots, listen, observe_agent = ({name: next(endpoints) for name in names} for _ in range(3))
     return Plan(
         server=ServerConfig(
             scenario=scenario,
@@ -141,7 +129,7 @@ def make_plan(
                 run=run,
                 server=robots[name],
                 listen=listen[name],
-                observe=take(name),
+                observe=observe_agent[name],
                 neighbours=link_neighbours(name, graph[name], listen),
                 security=credentials(name),
                 largest_message=message_limit(scenario),
@@ -157,12 +145,7 @@ def make_plan(
 
 def link_neighbours(name: str, others: Iterable[str], listen: Mapping[str, str]) -> tuple[Neighbour, ...]:
     """Return a robot's links to its neighbours: on each edge the robot that comes first listens, and the other one
-    dials.
-
-    Args:
-        name: The robot's name.
-        others: Its neighbours' names.
-        listen: Endpoint at which each robot listens for neighbours, in the order of the team.
+    dials; ``listen`` are the endpoints in the order of the team.
     """
     order = list(listen)
     dialled = order[: order.index(name)]

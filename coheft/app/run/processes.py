@@ -45,17 +45,7 @@ class ProcessError(CoheftError):
 
 @dataclass(frozen=True)
 class Child:
-    """One process of a run.
-
-    Attributes:
-        name: Name of the process in the run.
-        module: The module that it runs.
-        config: Its configuration, as JSON.
-        log: File for its output.
-        process: The process.
-        log_start: Offset of its own output in the log [B].
-        restarts: Number of times it has been restarted.
-    """
+    """One process of a run; its own output begins at ``log_start`` [B] of the log."""
 
     name: str
     module: str
@@ -100,10 +90,8 @@ class Child:
 class Processes:
     """The processes of a run. Leaving the context stops all that are left, within two seconds.
 
-    Args:
-        folder: Folder for their logs.
-        fork_server: Forks the processes whose modules it has imported; None to start all from scratch. It ends with the
-            context.
+    The fork server, which ends with the context, forks those whose modules it has imported; the others start from
+    scratch.
     """
 
     def __init__(self, folder: Path, fork_server: ForkServer | None = None) -> None:
@@ -122,7 +110,7 @@ class Processes:
 
     def start_again(self, child: Child) -> None:
         """Restart a process that has ended; its output is appended to its log."""
-        _close_stdin(child)
+        _close_stdin(child.process)
         process, log_start = self._start(child.name, child.module, child.config, child.log)
         self.children[self.children.index(child)] = replace(
             child, process=process, restarts=child.restarts + 1, log_start=log_start
@@ -139,11 +127,7 @@ class Processes:
         return [child for child in self.children if child.process.poll() not in (None, 0)]
 
     def check(self, limit: int | None = None) -> None:
-        """Check that no process has failed.
-
-        Args:
-            limit: Largest number of restarts, to be mentioned if it is the reason why a failed process was not
-                restarted.
+        """Check that no process has failed; ``limit`` is the number of restarts, if that is why there was no other.
 
         Raises:
             ProcessError: One has failed; the message names it and shows the end of its log.
@@ -161,11 +145,7 @@ class Processes:
         return any(child.process.poll() is not None for child in self.children if child.name == name)
 
     def wait_for_all_but(self, name: str, seconds: float) -> None:
-        """Wait for the end of every process except ``name``.
-
-        Raises:
-            ProcessError: One has failed, or some have not ended after ``seconds``; the message names them.
-        """
+        """Wait for the end of every other process, or raise a ``ProcessError`` with those that fail or do not end."""
         deadline = time.monotonic() + seconds
         while not self.all_done_but(name):
             self.check()
@@ -182,7 +162,7 @@ class Processes:
     def stop(self) -> None:
         """End all processes: close stdin, then send SIGTERM, then SIGKILL."""
         for child in self.children:
-            _close_stdin(child)
+            _close_stdin(child.process)
         self._wait(_EXIT_TIMEOUT)
         for child in self._running():
             child.process.terminate()
@@ -202,10 +182,7 @@ class Processes:
             if self._fork_server is not None and module in self._fork_server.modules:
                 process = self._fork_server.start(name, module, output.fileno())
             process = process or _spawned(module, output)
-        assert process.stdin is not None
-        with suppress(BrokenPipeError):  # it has already failed, which ``check`` reports
-            process.stdin.write(config + b"\n")
-            process.stdin.flush()
+        _configure(process, config)
         return process, log_start
 
     def _running(self) -> list[Child]:
@@ -223,16 +200,24 @@ class Processes:
         self.stop()
 
 
-def _spawned(module: str, output: IO[bytes]) -> subprocess.Popen[bytes]:
-    """Start ``python -m module``."""
+def _spawned(module: str, output: IO[bytes] | None = None) -> subprocess.Popen[bytes]:
+    """Start ``python -m module``, with its output in a file, or on ours."""
     return subprocess.Popen(
         [sys.executable, "-m", module],
         stdin=subprocess.PIPE,
         stdout=output,
-        stderr=subprocess.STDOUT,
+        stderr=output,
         env={**os.environ, **ENVIRONMENT},
         start_new_session=True,  # otherwise Ctrl-C would reach it before its stdin is closed
     )
+
+
+def _configure(process: subprocess.Popen[bytes] | Forked, config: bytes) -> None:
+    """Send a process its configuration."""
+    assert process.stdin is not None
+    with suppress(BrokenPipeError):  # it has already failed, which is reported elsewhere
+        process.stdin.write(config + b"\n")
+        process.stdin.flush()
 
 
 def make_fork_server() -> ForkServer | None:
@@ -240,10 +225,10 @@ def make_fork_server() -> ForkServer | None:
     return ForkServer(FORKED, {**os.environ, **ENVIRONMENT}) if can_fork() else None
 
 
-def _close_stdin(child: Child) -> None:
-    if child.process.stdin is not None:
+def _close_stdin(process: subprocess.Popen[bytes] | Forked) -> None:
+    if process.stdin is not None:
         with suppress(BrokenPipeError):
-            child.process.stdin.close()
+            process.stdin.close()
 
 
 def _error(failed: Sequence[Child], limit: int | None = None) -> ProcessError:
@@ -252,14 +237,11 @@ def _error(failed: Sequence[Child], limit: int | None = None) -> ProcessError:
     If several have failed, most of them failed because one was missing. The cause is the one that was killed by a
     signal, or else the one that cannot use its configuration, or else the one that ended with a traceback.
     """
-    first = min(
-        failed,
-        key=lambda child: (
-            child.status >= 0,
-            child.status != UNUSABLE,
-            "Traceback" not in "".join(child.lines),
-        ),
-    )
+
+    def how_unlikely(child: Child) -> tuple[bool, bool, bool]:
+        return child.status >= 0, child.status != UNUSABLE, "Traceback" not in "".join(child.lines)
+
+    first = min(failed, key=how_unlikely)
     times = f"{first.restarts} time{'s' * (first.restarts > 1)}"
     again = f" after it had been restarted {times}" if first.restarts else ""
     if first.status == UNUSABLE:
@@ -275,11 +257,7 @@ def _error(failed: Sequence[Child], limit: int | None = None) -> ProcessError:
 
 
 def read_config(config: Path) -> bytes:
-    """Return a configuration as one line of JSON, with absolute file paths.
-
-    Raises:
-        CoheftError: It cannot be read.
-    """
+    """Return a configuration as one line of JSON, with absolute file paths, or raise a ``CoheftError``."""
     try:
         return msgspec.json.encode(_with_paths_from(config.parent, msgspec.json.decode(config.read_bytes())))
     except OSError as error:
@@ -296,19 +274,13 @@ def run_in_foreground(module: str, config: Path) -> int:
     """
     line = read_config(config)
     _check_part(module, config, line)
-    process = subprocess.Popen(
-        [sys.executable, "-m", module], stdin=subprocess.PIPE, env={**os.environ, **ENVIRONMENT}, start_new_session=True
-    )
-    assert process.stdin is not None
+    process = _spawned(module)
     try:
-        with suppress(BrokenPipeError):  # it has already failed, and reported why
-            process.stdin.write(line + b"\n")
-            process.stdin.flush()
+        _configure(process, line)
         code = process.wait()
         return code if code >= 0 else KILLED_BY - code
     finally:
-        with suppress(BrokenPipeError):
-            process.stdin.close()
+        _close_stdin(process)
         try:
             process.wait(_EXIT_TIMEOUT)
         except subprocess.TimeoutExpired:
@@ -316,11 +288,7 @@ def run_in_foreground(module: str, config: Path) -> int:
 
 
 def _check_part(module: str, config: Path, line: bytes) -> None:
-    """Check that a configuration is not for another part; the part itself checks the rest.
-
-    Raises:
-        CoheftError: It is for another part, which the message names.
-    """
+    """Check that a configuration is not for another part; the part itself checks the rest."""
     found = msgspec.json.decode(line)
     for key, (part, what) in _BY_HAND.items():
         if part != module and isinstance(found, dict) and key in found:

@@ -17,15 +17,7 @@ from coheft.wire.transport.planes import SERVER
 
 @dataclass(frozen=True)
 class Restarts:
-    """Restarts the agents of a run, and reports that.
-
-    Attributes:
-        limit: Largest number of restarts per agent.
-        processes: The processes of the run.
-        observer: Receives the status of the run.
-        display: Shows restarts to the user.
-        announce: Updates the process ids for other commands.
-    """
+    """Restarts agents that fail, each up to ``limit`` times, shows that, and announces their new process ids."""
 
     limit: int
     processes: Processes
@@ -36,8 +28,7 @@ class Restarts:
     def check(self, *, has_begun: bool = True) -> None:
         """Restart agents that have failed.
 
-        Args:
-            has_begun: Whether time runs. Before, it is enough that the server's process runs, which may answer late.
+        Before the run has begun, it is enough that the server's process runs, which may answer late.
 
         Raises:
             ProcessError: A failed process cannot be restarted, has failed too often, or the run is over.

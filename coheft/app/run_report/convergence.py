@@ -20,14 +20,7 @@ from coheft.estimation.geometry.spatial import Array
 
 @dataclass(frozen=True)
 class Shown:
-    """How a quantity is shown.
-
-    Attributes:
-        name: Name of its picture.
-        quantity: The quantity.
-        unit: Unit of the picture.
-        per_unit: Number of these units in one of the quantity's own.
-    """
+    """How a quantity is shown: name of its picture, unit, and number of these units in one of the quantity's own."""
 
     name: str
     quantity: Quantity
@@ -65,7 +58,7 @@ class Curve:
 
 def curves(series: Series, name: str, shown: Shown, estimator: str | None = None) -> list[Curve]:
     """Return the curves of a quantity for one robot, by an estimator; None stands for the robots' own."""
-    robots = series.robots if estimator is None else series.by_estimator[estimator]
+    robots = series.by_estimator[estimator or series.estimator]
     neighbours: Sequence[str | None] = [None] if shown.quantity.of_payload else series.scene.neighbours[name]
     points = list(robots[name].points)
     times = np.array([point.time for point in points])

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-from importlib.util import find_spec
 from io import BytesIO
 from pathlib import Path
 
@@ -12,8 +10,8 @@ from coheft.app.results.report import Report, write_report
 from coheft.app.run_report.data import SUFFIXES, TABLES, write_data
 from coheft.app.run_report.page import Drawn, render_page
 from coheft.app.run_report.pictures import PICTURES, Picture, pictures_of
-from coheft.app.run_report.series import Series, SeriesFollower
-from coheft.errors import CoheftError, MissingPackageError
+from coheft.app.run_report.series import Series
+from coheft.errors import CoheftError
 from coheft.wire.scenario.schema import Scenario
 
 PAGE = "report.html"
@@ -21,54 +19,10 @@ _WIDTH = 10.0
 """Width of pictures [inches]."""
 
 
-class ReportPage(SeriesFollower):
-    """Follows a run, and then writes its report.
-
-    Raises:
-        CoheftError: The folder cannot be made.
-        MissingPackageError: A package that draws or writes the page is not installed.
-    """
-
-    def __init__(self, folder: Path) -> None:
-        prepare_folder(folder)
-        self._folder = folder
-
-    def write(self, scenario: Scenario, clock: str, report: Report) -> Path:
-        """Write the report; return the path of the page.
-
-        Raises:
-            CoheftError: It cannot be written.
-        """
-        return write_folder(self._folder, scenario, clock, self.series, report)
-
-
-def prepare_folder(folder: Path) -> None:
-    """Make the folder, so that a run does not end without one.
-
-    Raises:
-        CoheftError: It cannot be made.
-        MissingPackageError: A package that draws or writes the page is not installed.
-    """
-    for package, module in (("matplotlib", "matplotlib"), ("Jinja2", "jinja2")):
-        if find_spec(module) is None:
-            raise MissingPackageError(package, "report")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise CoheftError(
-            f"cannot make the folder of the report, {folder}: {error.strerror}; name another: --report DIR"
-        ) from error
-    if not os.access(folder, os.W_OK):
-        raise CoheftError(f"nothing can be written into {folder}; name another folder: --report DIR")
-
-
 def write_folder(folder: Path, scenario: Scenario, clock: str | None, series: Series, report: Report) -> Path:
-    """Write a report, in place of a former one in the folder; return the path of the page.
+    """Write a report into a folder that exists, in place of a former one; return the path of the page.
 
-    ``clock`` is None for a recording.
-
-    Raises:
-        CoheftError: It cannot be written.
+    ``clock`` is None for a recording. A ``CoheftError`` says what cannot be written.
     """
     page = folder / PAGE
     try:

@@ -6,10 +6,11 @@ from pathlib import Path
 
 import msgspec
 
+from coheft.app.figures import picture_folder
 from coheft.app.recording.reader import read_recording
 from coheft.app.results.record import Record
-from coheft.app.results.report import RunInfo, build_report
-from coheft.app.run_report.folder import prepare_folder, write_folder
+from coheft.app.results.report import build_report
+from coheft.app.run_report.folder import write_folder
 from coheft.app.run_report.series import SeriesFollower
 from coheft.app.study.run_bound import with_bound
 from coheft.errors import RecordingError
@@ -21,10 +22,6 @@ from coheft.wire.scenario.schema import Scenario
 def report_recording(path: Path, folder: Path) -> Path:
     """Write the page, pictures and data of a recording into a folder; return the path of the page.
 
-    Args:
-        path: A recording made by 'coheft run --record'.
-        folder: The folder, which is made.
-
     Raises:
         RecordingError: It cannot be read, or holds too little of a run.
         CoheftError: The folder cannot be written.
@@ -32,7 +29,6 @@ def report_recording(path: Path, folder: Path) -> Path:
     """
     recording = read_recording(path)
     scenario = _scenario(path, recording.scenario)
-    prepare_folder(folder)
     begin = recording.begin
     beside = estimator_names(begin.estimator)[1:]
     record = Record(begin.scene, begin.duration, with_history=True, beside=beside)
@@ -44,15 +40,9 @@ def report_recording(path: Path, folder: Path) -> Path:
         record.hear(news)
     if record.truth is None or record.silent:
         raise RecordingError(f"{path}: it ends before every robot had said something: there is nothing to report")
-    info = RunInfo(
-        scenario=scenario.name,
-        seed=scenario.seed,
-        estimator=record.estimators[-1].estimator,
-        block_duration=scenario.block_duration,
-        real_time_factor=0.0,  # a recording does not tell
-    )
-    report = with_bound(build_report(info, record), scenario, record.truth)
-    return write_folder(folder, scenario, None, follower.series, report)
+    report = with_bound(build_report(scenario, record), scenario, record.truth)
+    with picture_folder(folder, "report"):
+        return write_folder(folder, scenario, None, follower.series, report)
 
 
 def _scenario(path: Path, text: str) -> Scenario:

@@ -21,14 +21,10 @@ PICTURES += ["load-changes", "consensus", "observability", "pace"]
 
 @dataclass(frozen=True)
 class Picture:
-    """One picture; ``pictures.html.jinja`` has its title and what is said about it.
+    """One picture, ten inches wide; ``pictures.html.jinja`` has its title and text, by the name, which is also its
+    file's.
 
-    Attributes:
-        name: Name of its file, without suffix.
-        section: Section of the page in which it stands.
-        height: Its height [inches]; all are ten inches wide.
-        draw: Draws it.
-        inside: For a picture of errors: share of the errors that are inside of their band.
+    Of a picture of errors, ``inside`` is the share of them that are inside of their band.
     """
 
     name: str

@@ -6,8 +6,9 @@ from typing import Any
 
 import msgspec
 
-from coheft.app.run_report.series import Moment, Series
+from coheft.app.run_report.series import Series
 from coheft.estimation.geometry.spatial import Array
+from coheft.wire.messages.truth import Truth
 from coheft.wire.scenario.section import pose_of
 
 _DIGITS = 4
@@ -44,7 +45,7 @@ def scene_json(series: Series) -> str:
     return msgspec.json.encode(found).decode().replace("<", "\\u003c")  # no name ends the script
 
 
-def _loads(moments: list[Moment]) -> list[tuple[float, Any]]:
+def _loads(moments: list[Truth]) -> list[tuple[float, Any]]:
     """Return the loads on the payload and the times at which they changed; one that leaks stays the same load."""
     changes: list[tuple[float, Any]] = []
     before: list[int] = []

@@ -10,14 +10,12 @@ from coheft.app.results.record import load_ids, loads_since
 from coheft.app.run.follower import Follower
 from coheft.app.run.heard import News
 from coheft.app.run.pairing import Pairing
+from coheft.app.run_report.limited import Spans, Thinned
 from coheft.app.run_report.points import Point, make_point
-from coheft.app.run_report.states import Spans
-from coheft.app.run_report.thinned import Thinned
-from coheft.estimation.geometry.spatial import Array
 from coheft.wire.messages.requests import Status
 from coheft.wire.messages.scene import Scene
 from coheft.wire.messages.structs import Estimate, EstimateBeside, Problem
-from coheft.wire.messages.truth import LoadState, Truth
+from coheft.wire.messages.truth import Truth
 from coheft.wire.scenario.plugins import estimator_names
 
 _POINTS = 20_000
@@ -47,31 +45,8 @@ class CloseUp:
     points: dict[str, list[Point]]
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Moment:
-    """The payload's pose and the loads on it at a time.
-
-    Attributes:
-        time: The time [s].
-        position: Position of its frame in the world, shape (3,) [m].
-        quaternion: Its orientation, scalar first, shape (4,).
-        loads: The loads.
-    """
-
-    time: float
-    position: Array
-    quaternion: Array
-    loads: list[LoadState]
-
-
 class RobotSeries:
-    """One robot's estimates over time.
-
-    Attributes:
-        points: Some of them, evenly spread.
-        states: Its states.
-        recent: The newest ones.
-    """
+    """One robot's estimates over time: evenly spread ones, its states, and the newest estimates."""
 
     def __init__(self, capacity: int) -> None:
         self.points: Thinned[Point] = Thinned(capacity)
@@ -85,10 +60,9 @@ class Series:
 
     Attributes:
         scene: The scene, with the grasps.
-        robots: Each robot's estimates, by name, in the scene's order.
-        estimator: The estimator with which the run began, the robots' own.
-        beside: The same as ``robots`` of the estimators that ran beside it, by name.
-        moments: Poses of the payload, some of them, evenly spread.
+        by_estimator: Each robot's estimates, by name, in the scene's order; of the estimator with which the run began,
+            the robots' own, and of each that ran beside it.
+        moments: Truths, some of them, evenly spread.
         close_ups: The first changes of the load.
         pace: Simulated times, and the wall-clock times of their arrival [s]; empty for a recording.
         problems: The first problems that processes reported, with their simulated times.
@@ -96,41 +70,42 @@ class Series:
     """
 
     scene: Scene
-    robots: dict[str, RobotSeries]
-    estimator: str = ""
-    beside: dict[str, dict[str, RobotSeries]] = field(default_factory=dict)
-    moments: Thinned[Moment] = field(default_factory=lambda: Thinned(_SHOWN))
+    by_estimator: dict[str, dict[str, RobotSeries]]
+    moments: Thinned[Truth] = field(default_factory=lambda: Thinned(_SHOWN))
     close_ups: list[CloseUp] = field(default_factory=list)
     pace: Thinned[tuple[float, float]] = field(default_factory=lambda: Thinned(_MOMENTS))
     problems: list[tuple[float, Problem]] = field(default_factory=list)
     problem_count: int = 0
 
     @property
-    def by_estimator(self) -> dict[str, dict[str, RobotSeries]]:
-        """``robots`` of each estimator, the robots' own first."""
-        return {self.estimator: self.robots, **self.beside}
+    def estimator(self) -> str:
+        """The estimator with which the run began, the robots' own."""
+        return next(iter(self.by_estimator))
+
+    @property
+    def robots(self) -> dict[str, RobotSeries]:
+        """Each robot's own estimates."""
+        return self.by_estimator[self.estimator]
+
+    @property
+    def beside(self) -> list[str]:
+        """The estimators that ran beside the robots' own."""
+        return list(self.by_estimator)[1:]
 
 
 class SeriesFollower(Follower):
-    """Follows a run, and keeps what the report draws.
-
-    Attributes:
-        series: The data so far.
-        is_live: Whether the run is in progress, so that it has a pace; a recording has none.
-    """
+    """Follows a run, and keeps what the report draws; a recording is not live, so it has no pace."""
 
     series: Series
     is_live = True
 
     def begin(self, status: Status) -> None:
         """See ``Follower.begin``."""
-        names = status.scene.robots
-        own, *others = estimator_names(status.estimator)
-        capacity = max(100, _POINTS // (len(names) * (1 + len(others))))
-        robots, *beside = ({name: RobotSeries(capacity) for name in names} for _ in (own, *others))
-        self.series = Series(status.scene, robots, own, dict(zip(others, beside, strict=True)))
-        self._pairing = Pairing(status.scene)
-        self._pairings_beside = {name: Pairing(status.scene) for name in others}
+        robots, estimators = status.scene.robots, estimator_names(status.estimator)
+        capacity = max(100, _POINTS // (len(robots) * len(estimators)))
+        self.series = Series(status.scene, {e: {r: RobotSeries(capacity) for r in robots} for e in estimators})
+        self._pairings = {estimator: Pairing(status.scene) for estimator in estimators}
+        self._pairing = self._pairings[self.series.estimator]
         self._masses: deque[tuple[float, float]] = deque(maxlen=500)
 
     def hear(self, news: News) -> None:
@@ -139,10 +114,9 @@ class SeriesFollower(Follower):
             case Truth():
                 self._add_truth(news)
             case Estimate():
-                self._keep(self._pairing.add_estimate(news))
-            case EstimateBeside(estimate=estimate):
-                if (pairing := self._pairings_beside.get(estimate.estimator)) is not None:
-                    self._keep_beside(pairing.add_estimate(estimate))
+                self._keep(self.series.estimator, self._pairing.add_estimate(news))
+            case EstimateBeside(estimate=estimate) if estimate.estimator in self.series.beside:
+                self._keep(estimate.estimator, self._pairings[estimate.estimator].add_estimate(estimate))
             case Problem():
                 self.series.problem_count += 1
                 if len(self.series.problems) < _PROBLEMS:
@@ -161,25 +135,23 @@ class SeriesFollower(Follower):
         for close_up in series.close_ups:
             if truth.time <= close_up.at + AFTER:
                 close_up.masses.append(self._masses[-1])
-        series.moments.add(Moment(truth.time, truth.position, truth.quaternion, truth.loads))
+        series.moments.add(truth)
         if self.is_live:
             series.pace.add((truth.time, time.monotonic()))
-        self._keep(self._pairing.add_truth(truth))
-        for pairing in self._pairings_beside.values():
-            self._keep_beside(pairing.add_truth(truth))
+        for estimator, pairing in self._pairings.items():
+            self._keep(estimator, pairing.add_truth(truth))
 
-    def _keep(self, estimates: list[Estimate]) -> None:
+    def _keep(self, estimator: str, estimates: list[Estimate]) -> None:
+        """Keep estimates that can be compared; close-ups show the robots' own only."""
+        close_ups = self.series.close_ups if estimator == self.series.estimator else []
         for estimate in estimates:
-            robot, point = self.series.robots[estimate.robot], make_point(self._pairing.judge, estimate)
+            robot, point = (
+                self.series.by_estimator[estimator][estimate.robot],
+                make_point(self._pairing.judge, estimate),
+            )
             robot.points.add(point)
             robot.recent.append(point)
             robot.states.add(estimate)
-            for close_up in self.series.close_ups:
+            for close_up in close_ups:
                 if close_up.at - BEFORE <= point.time <= close_up.at + AFTER:
                     close_up.points[estimate.robot].append(point)
-
-    def _keep_beside(self, estimates: list[Estimate]) -> None:
-        for estimate in estimates:
-            robot = self.series.beside[estimate.estimator][estimate.robot]
-            robot.points.add(make_point(self._pairing.judge, estimate))
-            robot.states.add(estimate)

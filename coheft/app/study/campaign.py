@@ -144,19 +144,9 @@ def run_study(
     dask: str | None = None,
     on_progress: Callable[[int], None] = lambda done: None,
 ) -> tuple[StudyReport, list[Trial]]:
-    """Run a study.
+    """Run a study; return the report, and the runs at the first noise scale in the order of their seeds.
 
-    Args:
-        plan: What to run.
-        jobs: Number of processes; None for one per core.
-        dask: Address of a Dask scheduler whose workers are used, instead of this machine's cores.
-        on_progress: Called with the number of finished runs.
-
-    Returns:
-        The report, and the runs at the first noise scale in the order of their seeds.
-
-    Raises:
-        MissingPackageError: A package that studies need is not installed.
+    See ``workers`` for ``jobs`` and ``dask``; ``on_progress`` is called with the number of finished runs.
     """
     trials: dict[tuple[float, int], Trial] = {}
     with workers(jobs, dask):

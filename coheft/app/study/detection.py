@@ -32,13 +32,7 @@ class Detection(msgspec.Struct, frozen=True):
 def judge_detection(
     runs: Sequence[Mapping[str, Sequence[LoadChangeNotice]]], change: float | None, duration: float
 ) -> Detection:
-    """Compare the robots' notices with the true change.
-
-    Args:
-        runs: Notices of every robot, by name, of each run.
-        change: Time of the load change in every run [s]; None if there is none.
-        duration: Duration of every run [s].
-    """
+    """Compare the robots' notices, by name, of each run with the true change [s]; all last for ``duration`` [s]."""
     delays: list[float] = []
     missed = alarms = 0
     for robots in runs:

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import msgspec
 import numpy as np
 
 from coheft.app.results.judge import Judge
-from coheft.app.results.quantities import Edges, Quantity
+from coheft.app.results.quantities import Edges, TeamArrays
 from coheft.app.study.samples import TeamSamples
 from coheft.estimation.bounds import JointBound, JointInformation
-from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import GYRO, KINEMATICS, WRENCH, SensorNoise
 from coheft.wire.scenario.robot_sensors import RobotSensors
 from coheft.wire.scenario.schema import Scenario
@@ -22,32 +19,8 @@ _BOUND_RATE = 100
 """Samples per second used to integrate information over time; motions are much slower."""
 
 
-@dataclass(frozen=True, eq=False)
-class Bounds:
-    """Smallest possible covariances in the coordinates of all robots.
-
-    Attributes:
-        poses: Covariances of the poses of all edges, shape (edges, 6, 6).
-        payload: Covariances of the payload for all robots, shape (N, 10, 10).
-    """
-
-    poses: Array
-    payload: Array
-
-    def of(self, quantity: Quantity) -> Array:
-        """Return the covariances that a quantity belongs to."""
-        return self.payload if quantity.of_payload else self.poses
-
-
 class ExactRun:
-    """A run with exact samples, for computing bounds.
-
-    Args:
-        scenario: The scenario, with the noise and the errors of the real sensors.
-        exact: Samples of exact sensors.
-        edges: Edges of the relative poses.
-        samples_per_second: Samples used to integrate information, whatever the sensors' rate is.
-    """
+    """A run with the samples of exact sensors, for computing bounds with the scenario's noise and errors."""
 
     def __init__(
         self, scenario: Scenario, exact: TeamSamples, edges: Edges, samples_per_second: int = _BOUND_RATE
@@ -83,10 +56,10 @@ class ExactRun:
         rates = motion_rates, wrench_rates, self._flexing[chosen]
         return JointInformation.of(self._poses, payload, motion, wrenches, noises, tolerances, rates)
 
-    def seen(self, bound: JointBound) -> Bounds:
-        """Return a bound in the coordinates of all robots."""
+    def seen(self, bound: JointBound) -> TeamArrays:
+        """Return the smallest possible covariances in the coordinates of all robots."""
         names = self._judge.scene.robots
-        return Bounds(
+        return TeamArrays(
             poses=np.array([bound.relative_pose(names.index(i), names.index(j)) for i, j in self._edges]),
             payload=np.array([bound.inertia_seen_from(k) for k in range(len(names))]),
         )

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
+import msgspec
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
@@ -14,7 +15,6 @@ from coheft.app.study import tables
 from coheft.app.study.plots import plot_curves, plot_ratios
 from coheft.app.study.report import StudyReport
 from coheft.app.study.trial import Trial
-from coheft.app.study.varied import COLUMNS, VariedReport, rows
 from coheft.app.terminal.wide_table import print_table
 from coheft.errors import CoheftError
 
@@ -22,12 +22,21 @@ _WIDTH = 7
 """Number of columns that fit into a terminal."""
 
 
-def write_folder(report: StudyReport, trials: Sequence[Trial], folder: Path) -> None:
-    """Write ``report.md``, its pictures and ``report.json`` into an existing folder.
+class Variant(msgspec.Struct, frozen=True):
+    """The study of one value; ``set`` is the key with the value, as for ``--set``."""
 
-    Raises:
-        CoheftError: The folder cannot be written, or the plotting package is not installed.
-    """
+    set: str
+    study: StudyReport
+
+
+class VariedReport(msgspec.Struct, frozen=True):
+    """Studies that differ in one value of the scenario."""
+
+    variants: list[Variant]
+
+
+def write_folder(report: StudyReport, trials: Sequence[Trial], folder: Path) -> None:
+    """Write ``report.md``, its pictures and ``report.json`` into an existing folder, or raise a ``CoheftError``."""
     pictures = {"Errors over bounds": "ratios.png", "Errors of one run over time": "curves.png"}
     write_report(report, str(folder / "report.json"))
     try:
@@ -65,8 +74,20 @@ def print_varied(console: Console, report: VariedReport) -> None:
     """Print studies of several values of a key in one table."""
     study, key = report.variants[0].study, report.variants[0].set.partition("=")[0]
     console.print(f"{tables.title(study)}\n")
+    columns = ("value", "estimator", *(f"{name}, {unit}" for name, unit, _ in tables.NAMES.values()))
     words = f"RMS errors (times the bound) by {key}, noise × {study.noise_scales[0]:g}, at {study.at_s[-1]:g} s"
-    print_table(console, _table(words, COLUMNS, rows(report)))
+    print_table(console, _table(words, columns, _varied_rows(report)))
+
+
+def _varied_rows(report: VariedReport) -> Iterator[tuple[str, ...]]:
+    """Yield RMS errors at the last time and the first noise, with the ratio to the bound in brackets."""
+    for variant in report.variants:
+        study = variant.study
+        cell = next(c for c in study.cells if (c.noise_scale, c.at_s) == (study.noise_scales[0], study.at_s[-1]))
+        for estimator, result in cell.results.items():
+            accuracies = [(getattr(result, name), size) for name, (_, _, size) in tables.NAMES.items()]
+            numbers = [f"{tables.plain(each.rms, size)} ({tables.short(each.ratio_full)})" for each, size in accuracies]
+            yield variant.set.partition("=")[2], estimator, *numbers
 
 
 def _table(words: str, header: Sequence[str], rows: Iterable[tuple[str, ...]]) -> Table:

@@ -17,11 +17,7 @@ _COLOURS = {"fan2017": "#c45a00", "efficient": "#0b62a4"}
 
 
 def plot_ratios(report: StudyReport, path: Path) -> None:
-    """Plot errors divided by bounds with their sampling intervals, for every noise and time.
-
-    Raises:
-        MissingPackageError: The plotting package is not installed.
-    """
+    """Plot errors divided by bounds with their sampling intervals, for every noise and time."""
     with figure_to(path, 1.0 + 5.0 * len(report.cells), 3.6) as figure:
         row = np.atleast_1d(figure.subplots(1, len(report.cells), sharey=True))
         for axes, cell in zip(row, report.cells, strict=True):
@@ -45,11 +41,7 @@ def plot_ratios(report: StudyReport, path: Path) -> None:
 
 
 def plot_curves(trials: Sequence[Trial], path: Path) -> None:
-    """Plot errors of the first run's first robot over time, and three times its own standard deviation.
-
-    Raises:
-        MissingPackageError: The plotting package is not installed.
-    """
+    """Plot errors of the first run's first robot over time, and three times its own standard deviation."""
     outcomes = trials[0].outcomes
     with figure_to(path, 4.5 * len(outcomes), 9.0) as figure:
         grid = figure.subplots(len(QUANTITIES), len(outcomes), sharex=True, sharey="row", squeeze=False)

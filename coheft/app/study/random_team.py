@@ -22,10 +22,6 @@ _LONGEST = 600.0
 def random_team(seed: int, values: Sequence[str] = ()) -> Scenario:
     """Return the team of a seed: two to eight robots that hold a plate with a lump on it, with any kind of graph.
 
-    Args:
-        seed: Seed of the team.
-        values: Keys that are set instead of drawn, see ``set_values``.
-
     Raises:
         ScenarioError: A value is invalid.
     """

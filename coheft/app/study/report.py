@@ -11,9 +11,8 @@ import msgspec
 import numpy as np
 
 from coheft.app.results.errors import MOST_STDS, in_stds
-from coheft.app.results.quantities import ALL_TEN, QUANTITIES, Errors, Quantity
+from coheft.app.results.quantities import ALL_TEN, QUANTITIES, Errors, Quantity, TeamArrays
 from coheft.app.study.detection import Detection, judge_detection
-from coheft.app.study.exact_run import Bounds
 from coheft.app.study.statistics import Interval, normalised_square, ratio_of_roots, root_mean
 from coheft.app.study.trial import Moments, Outcome, Trial
 from coheft.estimation.geometry.spatial import Array
@@ -177,18 +176,12 @@ class _Judged:
 
     seed: int
     errors: Errors
-    full: Bounds
-    two_step: Bounds | None = None
+    full: TeamArrays
+    two_step: TeamArrays | None = None
 
 
 def summarise(groups: Sequence[Sequence[Trial]], moments: Moments, times: Sequence[int]) -> dict[str, EstimatorResult]:
-    """Compute results by estimator.
-
-    Args:
-        groups: For each noise its runs, which differ in their seed only.
-        moments: Times at which they were evaluated.
-        times: Indices of the times to include.
-    """
+    """Compute results by estimator, of some of the moments; the runs at each noise differ in their seed only."""
     return {name: _estimator_result(name, groups, moments, times) for name in groups[0][0].outcomes}
 
 
@@ -218,7 +211,7 @@ _Squares = list[list[Array]]
 
 
 def _accuracy(quantity: Quantity, cells: Sequence[Sequence[_Judged]]) -> Accuracy:
-    def expected(bound: Callable[[_Judged], Bounds]) -> _Squares:
+    def expected(bound: Callable[[_Judged], TeamArrays]) -> _Squares:
         return [[quantity.expected_squares(bound(one).of(quantity)) for one in cell] for cell in cells]
 
     squares: _Squares = [[quantity.squares(one.errors.of(quantity)) for one in cell] for cell in cells]
@@ -261,7 +254,7 @@ def _nees(quantity: Quantity, cells: Sequence[Sequence[_Judged]], confidence: fl
     """Return the NEES of one robot or edge per run, each in turn, because those of one run are not independent."""
     errors, covariances = [], []
     for one in _flat(cells):
-        found, claimed = one.errors.of(quantity), one.errors.covariances_of(quantity)
+        found, claimed = one.errors.of(quantity), one.errors.covariances.of(quantity)
         chosen, part = one.seed % len(found), quantity.components
         errors.append(found[chosen, part])
         covariances.append(claimed[chosen, part, part])
@@ -283,8 +276,8 @@ def _claimed(every: Sequence[Errors], outcomes: Sequence[Outcome]) -> Claimed:
         float(np.nanmax(in_stds(error, covariance)))
         for errors in every
         for error, covariance in (
-            *zip(errors.payload, errors.payload_covariances, strict=True),
-            *zip(errors.poses, errors.pose_covariances, strict=True),
+            *zip(errors.payload, errors.covariances.payload, strict=True),
+            *zip(errors.poses, errors.covariances.poses, strict=True),
         )
         if not np.isnan(error).all()
     ]

@@ -8,10 +8,10 @@ import msgspec
 import numpy as np
 
 from coheft.app.results.judge import Judge
-from coheft.app.results.quantities import QUANTITIES
+from coheft.app.results.quantities import QUANTITIES, TeamArrays
 from coheft.app.results.record import load_ids
 from coheft.app.results.report import BoundReport, Report
-from coheft.app.study.exact_run import Bounds, ExactRun
+from coheft.app.study.exact_run import ExactRun
 from coheft.app.study.samples import TeamSamples, simulate, with_exact_sensors
 from coheft.wire.messages.truth import Truth
 from coheft.wire.scenario.schema import Scenario
@@ -28,11 +28,6 @@ def with_bound(report: Report, scenario: Scenario, truth: Truth) -> Report:
     The run is simulated again, without noise and without agents. There is a bound if the payload ends where it ended
     in the run, with the same loads, so that nothing has happened but what the scenario says; and if motions do not
     depend on estimates, grasps did not slip, and loads did not leak.
-
-    Args:
-        report: The report.
-        scenario: The scenario of the run.
-        truth: The last truth of the run.
     """
     run = msgspec.structs.replace(scenario, duration=report.duration_s, seed=report.seed)
     samples = run.robot_count * report.duration_s * run.sensors.rate
@@ -58,7 +53,7 @@ def _is_same(one: Truth, other: Truth) -> bool:
     )
 
 
-def _reported(exact: TeamSamples, bounds: Bounds) -> dict[str, BoundReport]:
+def _reported(exact: TeamSamples, bounds: TeamArrays) -> dict[str, BoundReport]:
     """Return bounds by robot, in the units of errors in reports."""
     judge = Judge(exact.scene, exact.truths)
     sizes = {

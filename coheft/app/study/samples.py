@@ -39,8 +39,7 @@ class TeamSamples:
 def simulate(scenario: Scenario) -> TeamSamples:
     """Return the samples that the agents of the same scenario receive, bit for bit.
 
-    Raises:
-        ScenarioError: The robots' motions depend on estimates.
+    A ``ScenarioError`` says that the robots' motions depend on estimates.
     """
     if scenario.carry is not None:
         raise ScenarioError(

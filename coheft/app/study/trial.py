@@ -9,18 +9,19 @@ from itertools import accumulate, pairwise
 import msgspec
 import numpy as np
 
-from coheft.app.results.errors import VALID_STDS, in_stds, payload_error
+from coheft.app.results.errors import VALID_STDS
 from coheft.app.results.judge import Judge
 from coheft.app.results.quantities import (
     QUANTITIES,
     Edges,
     Errors,
+    TeamArrays,
     directed_edges,
     payload_exists,
     published_errors,
 )
 from coheft.app.run.inprocess import run_in_process
-from coheft.app.study.exact_run import Bounds, ExactRun
+from coheft.app.study.exact_run import ExactRun
 from coheft.app.study.samples import simulate, with_exact_sensors
 from coheft.estimation.geometry.spatial import Array
 from coheft.wire.messages.states import Validity
@@ -102,9 +103,9 @@ class Trial:
 
     seed: int
     outcomes: dict[str, Outcome]
-    full: tuple[Bounds, ...]
-    two_step: tuple[Bounds, ...]
-    recovery_bound: Bounds | None
+    full: tuple[TeamArrays, ...]
+    two_step: tuple[TeamArrays, ...]
+    recovery_bound: TeamArrays | None
 
 
 def run_trial(scenario: Scenario, estimators: Sequence[str], moments: Moments) -> Trial:
@@ -134,8 +135,8 @@ def _outcome(scenario: Scenario, estimator: str, moments: Moments, judge: Judge,
     chosen = msgspec.structs.replace(scenario, estimator=estimator)
     reports = [record.estimates for record in run_in_process(chosen) if record.estimates]
     last = _latest(reports, moments.end)
-    valid = [_in_stds(judge, e) for each in reports for e in each.values() if e.status is Validity.VALID]
-    stds = np.concatenate([np.empty(0), *valid])
+    valid = [e for each in reports for e in each.values() if e.status is Validity.VALID]
+    stds = np.concatenate([np.empty(0), *(part for e in valid for part in judge.in_stds(e).values())])
     return Outcome(
         errors=tuple(published_errors(judge, edges, _latest(reports, moment)) for moment in moments.at),
         recovered=None if moments.change is None else published_errors(judge, edges, last),
@@ -148,14 +149,6 @@ def _outcome(scenario: Scenario, estimator: str, moments: Moments, judge: Judge,
         valid_numbers=len(stds),
         beyond_five=int(np.count_nonzero(stds > VALID_STDS)),
     )
-
-
-def _in_stds(judge: Judge, estimate: Estimate) -> Array:
-    """Return the errors of all numbers of an estimate in their own standard deviations, shape (k,)."""
-    found = [in_stds(error, estimate.poses[name].covariance) for name, error in judge.pose_errors(estimate).items()]
-    if (payload := estimate.payload) is not None:
-        found.append(in_stds(payload_error(judge.payload(estimate.robot, estimate.block), payload), payload.covariance))
-    return np.concatenate([np.empty(0), *found])
 
 
 def _latest(reports: Sequence[dict[str, Estimate]], time: float) -> dict[str, Estimate]:
@@ -178,5 +171,5 @@ def _curves(judge: Judge, edges: Edges, reports: Sequence[dict[str, Estimate]]) 
         # The first robot's rows are the first ones: all of its edges, and the payload in its frame.
         rows = {quantity.name: slice(1 if quantity.of_payload else None) for quantity in QUANTITIES}
         errors.append([q.squares(found.of(q))[rows[q.name]].mean() for q in QUANTITIES])
-        deviations.append([q.expected_squares(found.covariances_of(q))[rows[q.name]].mean() for q in QUANTITIES])
+        deviations.append([q.expected_squares(found.covariances.of(q))[rows[q.name]].mean() for q in QUANTITIES])
     return Curves(np.array(times), np.sqrt(errors), np.sqrt(deviations))

@@ -17,15 +17,9 @@ _WIDTH_OF_A_BAR = 50
 
 @contextmanager
 def show_progress(console: Console, what: str, total: int) -> Iterator[Callable[[int, str], None]]:
-    """Show progress while the context lasts.
+    """Show progress while the context lasts, unless the console is quiet; ``what`` names the items that are counted.
 
-    Args:
-        console: The console to print to; a quiet one shows nothing.
-        what: Name of the items that are counted.
-        total: Their number.
-
-    Yields:
-        A function to call with the number of finished items and a remark, which may be empty.
+    Yields a function to call with the number of finished items and a remark, which may be empty.
     """
     if console.quiet:
         yield lambda done, remark: None

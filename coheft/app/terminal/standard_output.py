@@ -65,10 +65,6 @@ def lost_output() -> OSError | None:
 
 
 def check_standard_output() -> None:
-    """Check that printed text arrives, in commands that only print.
-
-    Raises:
-        OSError: It does not.
-    """
+    """Raise an ``OSError`` if printed text does not arrive, in commands that only print."""
     if failure := lost_output():
         raise failure

@@ -8,7 +8,7 @@ from typing import Any
 import viser
 
 from coheft.app.run.folder import RunFile
-from coheft.app.run.observer import ask_server, disturb_link, disturb_links
+from coheft.app.run.observer import ask_server, disturb_links
 from coheft.app.view import words
 from coheft.app.view.model import ViewModel
 from coheft.wire.messages.requests import ClockRequest
@@ -58,9 +58,9 @@ class Disturbing:
         where, scene = self.where.value, self._model.scene
         edge = self._edges.get(where)
         if edge is not None:
-            disturb_link(self._run_file, scene, *edge, quality)
+            disturb_links(self._run_file, scene, *edge, quality)
         else:
-            disturb_links(self._run_file, scene, where, quality)
+            disturb_links(self._run_file, scene, where, None, quality)
             ask_server(self._run_file, ClockRequest(robot=where, ahead=1e-3 * clock))
         is_right = quality.is_ideal and not (clock and edge is None)
         return f"{'restored' if is_right else 'disturbed'} {'the link ' if edge is not None else ''}{where}"

@@ -125,8 +125,8 @@ class Chapter:
         """Evidence at a state from earlier chapters and from the prior of sensor errors."""
         if self.prior is None:
             return self._settings.expected(body)
-        end = self.prior.at(body)
-        return end if self.prior.has_expectations else end + self._settings.expected(body)
+        evidence = self.prior.at(body)
+        return evidence if self.prior.has_expectations else evidence + self._settings.expected(body)
 
     def evaluation(self, end: int | None = None, keeps_motion: bool = False) -> EvaluateMoments:
         """Return a function that computes the chapter's moments at a state.

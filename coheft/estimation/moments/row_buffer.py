@@ -167,6 +167,10 @@ class RowBuffer:
         self.start, self._dropped = 0, 0
         return everything - newer, of_load - newer
 
+    def index_of(self, number: int) -> int:
+        """Index of the first row of the load with at least this number."""
+        return max(self.start, int(np.searchsorted(self.numbers[: self.count], number)))
+
     def _number_at(self, index: int) -> int:
         """Number of the row at this index, or of the next row to come there."""
         return int(self.numbers[index] if index < self.count else self.numbers[index - 1] + 1)
