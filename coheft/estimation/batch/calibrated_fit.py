@@ -100,9 +100,10 @@ def fit_calibrated(
         view[:, 6:9] = -(gravity @ rotation) @ pose.rotation.T
     moving = np.array([regressor(motion) for motion in motions])
     resting = np.array([regressor(motion) for motion in upwards])
-    forces = np.broadcast_to(
-        _force_columns(signals.wrench, signals.rotation, poses), (count, *moving.shape[1:3], 4 * count)
-    )
+    by_force = force_columns(signals.wrench, signals.rotation, poses)
+    # Scales are relative to their mean: smaller forces and a smaller mass would always leave less noise.
+    by_force[..., :count] -= by_force[..., :count].mean(axis=-1, keepdims=True)
+    forces = np.broadcast_to(by_force, (count, *by_force.shape))
     output = total_wrench(signals.wrench, poses)
     information = np.concatenate([np.zeros(INERTIA_SIZE), tolerances.motion_errors(count) ** -2])
     stretch = 1.0  # relative size of gravity in measured lengths
@@ -123,18 +124,20 @@ def fit_calibrated(
     return _in_true_lengths(fit, stretch, information)
 
 
-def _force_columns(wrenches: Array, rotations: Array, poses: Sequence[Pose]) -> Array:
-    """Derivative of the total wrench by scales, then by offsets of forces, shape (n, 6, 4 N).
+def force_columns(wrenches: Array, rotations: Array, poses: Sequence[Pose]) -> Array:
+    """Derivative of the total wrench by the scale of each robot's forces, then by their offsets, shape (n, 6, 4 N).
 
-    Scales are relative to their mean: smaller forces and a smaller mass would always leave less noise.
+    Args:
+        wrenches: Measured wrenches of N robots, shape (N, n, 6).
+        rotations: Orientations of their grasp frames in the home frames, shape (N, n, 3, 3).
+        poses: Poses of these frames in the body frame.
     """
     scales, offsets = [], []
     for wrench, rotation, pose in zip(wrenches, rotations, poses, strict=True):
         adjoint = pose.adjoint()
-        scales.append(wrench @ adjoint.T)
+        scales.append((wrench @ adjoint.T)[..., None])
         offsets.append(adjoint[:, :3] @ rotation.swapaxes(-1, -2))
-    contrasts = np.stack(scales - np.mean(scales, axis=0), axis=-1)
-    return np.concatenate([contrasts, *offsets], axis=-1)
+    return np.concatenate([*scales, *offsets], axis=-1)
 
 
 def _deserved_weight(residual: Array, output: Array, rate: float) -> Array:

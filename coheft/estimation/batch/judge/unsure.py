@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from coheft.estimation.batch.body import body_motions, regressor, total_wrench
+from coheft.estimation.batch.calibrated_fit import force_columns
 from coheft.estimation.batch.calibration import Tolerances
 from coheft.estimation.batch.judge.evidence import Evidence
 from coheft.estimation.batch.pose_differences import derivative_by_poses
@@ -75,11 +76,9 @@ def _by_calibration(evidence: Evidence, tolerances: Tolerances, motion: Array, t
     signals, poses = evidence.signals, evidence.poses
     assert signals.wrench is not None
     assert signals.rotation is not None
-    columns = []
-    for wrench, pose in zip(signals.wrench, poses, strict=True):
-        columns.append(tolerances.force_scale * (wrench @ pose.adjoint().T)[..., None])
-    for rotation, pose in zip(signals.rotation, poses, strict=True):
-        columns.append(tolerances.force_offset * pose.adjoint()[:, :3] @ rotation.swapaxes(-1, -2))
+    count = len(poses)
+    sizes = np.repeat([tolerances.force_scale, tolerances.force_offset], [count, 3 * count])
+    columns = [sizes * force_columns(signals.wrench, signals.rotation, poses)]
     to_home = signals.rotation[0] @ poses[0].rotation.T
     down = evidence.recording.gravity @ to_home
     for change, size in (
@@ -90,7 +89,6 @@ def _by_calibration(evidence: Evidence, tolerances: Tolerances, motion: Array, t
         moved[:, BODY_A] = size * change
         columns.append((regressor(moved) @ theta)[..., None])
     joined = np.concatenate(columns, axis=-1)
-    count = len(poses)
     maps = np.zeros((count, joined.shape[-1], 6, 6))
     maps[np.arange(count), np.arange(count)] = tolerances.force_scale * np.eye(6)
     return Unsure(joined, maps)
