@@ -13,6 +13,7 @@ The bars count for seeds that nothing was tuned on.
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -72,6 +73,7 @@ def main(
     count: int = 400,
     first: int = 1,
     method: Literal["pose", "likelihood", "instruments"] | None = None,
+    calibrate: bool = False,
     log: Path | None = None,
 ) -> None:
     """Try recordings, print each wrong result, and a summary.
@@ -81,6 +83,7 @@ def main(
         count: Number of recordings.
         first: Seed of the first; the others follow consecutively.
         method: One of the methods that suit.
+        calibrate: Whether calibration errors are estimated along where there are poses, which all recordings then have.
         log: File to which results are appended.
     """
     trials: list[Trial] = []
@@ -89,7 +92,7 @@ def main(
     for seed in range(first, first + count):
         if any(trial.seed == seed for trial in trials):
             continue
-        trial = try_recording(what, seed, method)
+        trial = try_recording(what, seed, method, calibrate=calibrate)
         trials.append(trial)
         if log is not None:
             with log.open("ab") as file:
@@ -101,8 +104,9 @@ def main(
     print(summary(what, trials))
 
 
-def try_recording(what: str, seed: int, method: Method | None = None) -> Trial:
-    """Draw a recording, identify it, and compare the result with the truth."""
+def try_recording(what: str, seed: int, method: Method | None = None, *, calibrate: bool = False) -> Trial:
+    """Draw a recording, identify it, and compare the result with the truth; options as of ``main``."""
+    method = "pose" if calibrate else method
     by_twists = method != "pose" and (method is not None or seed % 2 == 0)
     if what == "good":
         kind: str = KINDS[seed // 2 % len(KINDS)]
@@ -111,7 +115,8 @@ def try_recording(what: str, seed: int, method: Method | None = None) -> Trial:
         kinds = LISTED if what == "listed" else UNLISTED
         kind = kinds[seed // 2 % len(kinds)]
         case = faulty(kind, seed, by_twists=by_twists)
-    recording, options = case.recording, Options(method=None if case.recording.has("pose") else method)
+    recording = case.recording
+    options = Options(method=None if recording.has("pose") else method, calibrate=calibrate and recording.has("pose"))
     trial = Trial(seed, kind, not recording.has("pose"), len(recording.names), 0.0, is_refuted=True)
     start = time.process_time()
     try:
@@ -134,7 +139,7 @@ def try_recording(what: str, seed: int, method: Method | None = None) -> Trial:
             trial.is_right = verdict.cause in case.causes, (case.robot or ALL) in verdict.candidates
         is_told = not verdict.is_open or (case.robot is None and not verdict.rivals)
         if trial.is_right is not None and trial.is_right[0] and verdict.cause in MENDABLE and is_told:
-            adopted = identify(recording, Options(method=options.method, assume=verdict.cause))
+            adopted = identify(recording, replace(options, assume=verdict.cause))
             trial.off = None if adopted.doubts else deviations(recording, adopted)
     return trial
 

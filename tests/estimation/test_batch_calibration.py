@@ -31,7 +31,8 @@ def fit(told: Array, noise: Array) -> CalibratedFit:
     covariance[INERTIA_SIZE:, :INERTIA_SIZE] = covariance[:INERTIA_SIZE, INERTIA_SIZE:].T
     covariance[:INERTIA_SIZE, :INERTIA_SIZE] += derivative @ np.diag(1.0 / information) @ derivative.T
     numbers = np.concatenate([derivative @ (errors - before), errors])
-    return CalibratedFit(numbers, covariance, np.zeros((1, 6)), np.ones(6))
+    shown = np.diag(noise**-2 / information)
+    return CalibratedFit(numbers, covariance, shown, noise**2 * shown**2, np.zeros((1, 6)), np.ones(6))
 
 
 def told(**changes: float) -> Array:

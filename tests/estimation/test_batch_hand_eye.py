@@ -10,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from coheft.errors import RecordingError
 from coheft.estimation.batch.calibration import (
     POSE_ERRORS,
     Tolerances,
@@ -91,7 +90,7 @@ def test_derivatives_are_those_of_finite_differences(seed: int) -> None:
     positions = rng.normal(size=(4, 3))
     zeros = rotation_exp(rng.normal(size=3))[None]
     # Derivatives do not depend on what was measured.
-    told = WristPoses(rng.normal(size=(1, 4, 3)), rng.normal(size=(1, 4, 3)), zeros, RATE)
+    told = WristPoses(rng.normal(size=(1, 4, 3)), rng.normal(size=(1, 4, 3)), zeros, RATE, np.ones(1, np.bool_))
 
     def residual(unknowns: Array, load: Array) -> Array:
         turned = rotation_exp(load[:3]) @ rotations
@@ -201,9 +200,37 @@ def test_calibration_errors_are_found_where_they_can_be() -> None:
     assert max(honest) < 4.0 * np.sqrt(2.0) * spread[2]
 
 
-def test_gimbals_near_their_singularity_are_refused() -> None:
+def test_angles_do_not_jump_at_half_a_turn() -> None:
+    """Means of samples on both sides would be zero, and a scale error would jump."""
+    true = np.column_stack([np.pi + 0.2 * np.sin(np.arange(100.0)), np.zeros((100, 2))])
+    poses = np.zeros((2, 100, 7))
+    poses[..., 3:] = Rotation.from_euler("XYZ", true).as_quat()
+    measured = WristPoses.of(poses, RATE, at_home=True)
+    assert np.ptp(measured.angles[0, :, 0]) < 0.41
+    assert abs(np.cos(measured.averaged(RATE / 4.0).angles[0, :, 0]).max() + 1.0) < 0.02
+    np.testing.assert_allclose(measured.rotations(1), gimbal_rotations(true), atol=1e-12)
+    told = replace(measured, angles=1.01 * measured.angles)
+    at = Pose(np.eye(3), np.zeros(3))
+    errors = 0.01 * np.eye(POSE_ERRORS)[3]
+    residual, derivative, _ = residuals_and_derivatives(
+        told, 0, at, at, errors, measured.rotations(0), np.zeros((100, 3))
+    )
+    assert np.abs(residual).max() < 1e-12
+    np.testing.assert_allclose(derivative[:, 0, 15], -measured.angles[0, :, 0], atol=1e-12)
+
+
+def test_robots_with_orientations_of_no_gimbal_have_no_errors_of_angles() -> None:
     poses = np.zeros((2, 5, 7))
-    poses[..., 3:] = Rotation.from_euler("XYZ", [0.1, 1.5, 0.2]).as_quat()
-    with pytest.raises(RecordingError, match="gimbals turn by 86° about their second axis"):
-        WristPoses.of(poses, RATE, at_home=True)
-    assert np.abs(WristPoses.of(poses, RATE, at_home=False).angles).max() < 1e-12
+    poses[..., 3:] = Rotation.from_euler("XYZ", [[0.1, 1.5, 0.2], [0.1, 1.2, 0.2]]).as_quat()[:, None]
+    found = WristPoses.of(poses, RATE, at_home=True)
+    assert found.has_gimbal.tolist() == [False, True]
+    assert np.abs(found.angles[0]).max() < 1e-12
+    np.testing.assert_allclose(found.angles[1], np.tile([0.1, 1.2, 0.2], (5, 1)), atol=1e-12)
+    assert not WristPoses.of(poses, RATE, at_home=False).has_gimbal.any()
+    rng = np.random.default_rng(6)
+    team = level_grasps(rng)
+    measured = replace(wrists(rng, team, 60.0, at_home=True), has_gimbal=np.array([True, False, True]))
+    errors_std = fit_hand_eye(measured, team, TOLERANCES).errors_std
+    assert (errors_std[1, :6] == 0.0).all()
+    assert (errors_std[[0, 2], :6] > 0.0).all()
+    assert (errors_std[:, 6] > 0.0).all()

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.drawn_recordings import Team, draw_team, recorded
+from benchmarks.drawn_recordings import KINDS, Team, draw_team, recorded
 from benchmarks.recording_faults import LISTED, faulty
 from benchmarks.recordings import deviations, try_recording
 from coheft.app.identify.choices import Method, Options
@@ -182,6 +182,27 @@ def test_a_unit_of_all_forces_is_not_seen_but_what_is_denser_than_any_material_i
     assert f"with forces in kgf the mass would be {truth.loads[0][1].mass:.2g}" in remark
     in_millinewtons = identify(times(1e3), Options(method="instruments"))
     assert any("denser than any material" in doubt for doubt in in_millinewtons.doubts)
+
+
+@pytest.mark.parametrize(
+    ("seed", "without"),
+    [
+        pytest.param(5, "r1", id="no gimbal has these orientations"),
+        pytest.param(9, "", id="an angle passes half a turn"),
+        pytest.param(20, "r3 r4", id="many errors are hardly seen, and so few samples of all are within bounds"),
+        pytest.param(22, "r3", id="shorter lever arms would make noise of moments smaller"),
+    ],
+)
+def test_good_recordings_are_accepted_when_calibration_errors_are_estimated_along(seed: int, without: str) -> None:
+    recording = recorded(draw_team(seed), KINDS[seed // 2 % len(KINDS)], by_twists=False)
+    found = identify(recording, Options(calibrate=True))
+    assert found.doubts == ()
+    assert deviations(recording, found) < 5.0
+    robots = {finding.robot for finding in found.calibration if "angle" not in finding.what}
+    assert robots == set(recording.names)
+    told = {finding.robot for finding in found.calibration if "angle" in finding.what}
+    assert robots - told == set(without.split())
+    assert any(remark.startswith("No gimbal that is zero at home has") for remark in found.remarks) == bool(without)
 
 
 def test_which_of_two_robots_to_correct_is_not_guessed() -> None:

@@ -29,8 +29,9 @@ from coheft.estimation.rigid_body.regressor import INERTIA_SIZE
 _STEPS = 6
 _GRAVITY = INERTIA_SIZE
 _FORCES = INERTIA_SIZE + 1
-_LEARNED = 1e-3
-"""Smallest standard deviation of a calibration error, as a share of the prior's: no data are exact."""
+_LEARNED = 0.02
+"""Smallest standard deviation of a calibration error, as a share of the prior's: products of errors, which are a few
+percent each, are neglected."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,12 +41,17 @@ class CalibratedFit:
     Attributes:
         numbers: ``(theta, scale, force_scale, force_offset)``, see the properties, shape (11 + 4 N,).
         covariance: Covariance of the numbers, shape (11 + 4 N, 11 + 4 N).
+        shown: By how much the estimates of the calibration errors follow the true ones, the rest being the prior's
+            mean, shape (1 + 4 N, 1 + 4 N).
+        noise: Covariance of what noise adds to these estimates, shape (1 + 4 N, 1 + 4 N).
         residual: Residual of the total wrench, shape (n, 6).
         weight: Weights of its components, shape (6,).
     """
 
     numbers: Array
     covariance: Array
+    shown: Array
+    noise: Array
     residual: Array
     weight: Array
 
@@ -94,9 +100,10 @@ def fit_calibrated(
         view[:, 6:9] = -(gravity @ rotation) @ pose.rotation.T
     moving = np.array([regressor(motion) for motion in motions])
     resting = np.array([regressor(motion) for motion in upwards])
-    forces = np.broadcast_to(
-        _force_columns(signals.wrench, signals.rotation, poses), (count, *moving.shape[1:3], 4 * count)
-    )
+    by_force = force_columns(signals.wrench, signals.rotation, poses)
+    # Scales are relative to their mean: smaller forces and a smaller mass would always leave less noise.
+    by_force[..., :count] -= by_force[..., :count].mean(axis=-1, keepdims=True)
+    forces = np.broadcast_to(by_force, (count, *by_force.shape))
     output = total_wrench(signals.wrench, poses)
     information = np.concatenate([np.zeros(INERTIA_SIZE), tolerances.motion_errors(count) ** -2])
     stretch = 1.0  # relative size of gravity in measured lengths
@@ -117,18 +124,20 @@ def fit_calibrated(
     return _in_true_lengths(fit, stretch, information)
 
 
-def _force_columns(wrenches: Array, rotations: Array, poses: Sequence[Pose]) -> Array:
-    """Derivative of the total wrench by scales, then by offsets of forces, shape (n, 6, 4 N).
+def force_columns(wrenches: Array, rotations: Array, poses: Sequence[Pose]) -> Array:
+    """Derivative of the total wrench by the scale of each robot's forces, then by their offsets, shape (n, 6, 4 N).
 
-    Scales are relative to their mean: smaller forces and a smaller mass would always leave less noise.
+    Args:
+        wrenches: Measured wrenches of N robots, shape (N, n, 6).
+        rotations: Orientations of their grasp frames in the home frames, shape (N, n, 3, 3).
+        poses: Poses of these frames in the body frame.
     """
     scales, offsets = [], []
     for wrench, rotation, pose in zip(wrenches, rotations, poses, strict=True):
         adjoint = pose.adjoint()
-        scales.append(wrench @ adjoint.T)
+        scales.append((wrench @ adjoint.T)[..., None])
         offsets.append(adjoint[:, :3] @ rotation.swapaxes(-1, -2))
-    contrasts = np.stack(scales - np.mean(scales, axis=0), axis=-1)
-    return np.concatenate([contrasts, *offsets], axis=-1)
+    return np.concatenate([*scales, *offsets], axis=-1)
 
 
 def _deserved_weight(residual: Array, output: Array, rate: float) -> Array:
@@ -162,9 +171,13 @@ def _in_true_lengths(fit: LinearFit, stretch: float, prior: Array) -> Calibrated
     derivative[_GRAVITY, _GRAVITY] = -(scale**2)
     # The common scale of forces, which the model leaves out, scales the inertia.
     derivative[:INERTIA_SIZE, _FORCES : _FORCES + count] = -parameters[:, None] / count
+    of_errors = np.diag(derivative)[_GRAVITY:]
+    shown = np.eye(len(of_errors)) - fit.shrinkage[_GRAVITY:, _GRAVITY:]
     return CalibratedFit(
         numbers=np.concatenate([parameters, [scale], fit.solution[_FORCES:]]),
         covariance=derivative @ covariance @ derivative.T,
+        shown=shown * np.divide.outer(of_errors, of_errors),
+        noise=(fit.noise + np.diag(least))[_GRAVITY:, _GRAVITY:] * np.outer(of_errors, of_errors),
         residual=fit.residual,
         weight=fit.weight,
     )

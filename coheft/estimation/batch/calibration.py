@@ -4,6 +4,8 @@ A robot has an arm, which measures position and force in the axes of its home fr
 which measures the orientation ``R = R_x(a) R_y(b) R_z(c)``. It measures
 
     (1 + angle_scale) angles + zero,    (1 + position_scale) position,    (1 + force_scale) force + force_offset.
+
+A robot whose orientations no such gimbal can have (``WristPoses``) has no errors of angles.
 """
 
 from __future__ import annotations
@@ -16,6 +18,8 @@ from scipy.spatial.transform import Rotation
 from coheft.estimation.geometry.spatial import Array
 
 ZERO, ANGLE_SCALE, POSITION_SCALE = slice(0, 3), slice(3, 6), slice(6, 7)
+ANGLE_ERRORS = slice(0, 6)
+"""All errors of a gimbal."""
 POSE_ERRORS = 7
 """Number of a robot's errors that affect poses: zeros [rad], angle scales, position scale."""
 UNIFORM_BOUND = np.sqrt(3.0)
@@ -73,6 +77,22 @@ def gimbal_angles(rotations: Array) -> Array:
     """``(a, b, c)`` [rad] of ``R_x(a) R_y(b) R_z(c)``, shape (..., 3, 3) to (..., 3)."""
     angles: Array = Rotation.from_matrix(rotations.reshape(-1, 3, 3)).as_euler("XYZ")
     return angles.reshape(rotations.shape[:-1])
+
+
+def continuous_angles(rotations: Array) -> Array:
+    """``gimbal_angles`` over time, (..., n, 3, 3) to (..., n, 3) [rad], without jumps by a whole turn.
+
+    An encoder's angle does not jump at half a turn, and its scale error multiplies the whole angle.
+    """
+    angles = np.unwrap(gimbal_angles(rotations), axis=-2)
+    result: Array = angles - whole_turns(angles.mean(axis=-2, keepdims=True))
+    return result
+
+
+def whole_turns(angles: Array) -> Array:
+    """The multiples of a whole turn nearest to angles [rad]."""
+    result: Array = 2.0 * np.pi * np.rint(angles / (2.0 * np.pi))
+    return result
 
 
 def gimbal_rotations(angles: Array) -> Array:

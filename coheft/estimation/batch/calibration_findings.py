@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -27,9 +27,9 @@ _SEEN = 0.5
 
 
 def calibration_findings(
-    names: Sequence[str], grasps: HandEye, fit: CalibratedFit, tolerances: Tolerances
+    names: Sequence[str], has_gimbal: Iterable[np.bool_], grasps: HandEye, fit: CalibratedFit, tolerances: Tolerances
 ) -> tuple[CalibrationFinding, ...]:
-    """All calibration errors, robot by robot."""
+    """All calibration errors, robot by robot; those of angles only of robots that have a gimbal."""
     count = len(names)
     std = np.sqrt(np.diag(fit.covariance))[INERTIA_SIZE:]
     rows = position_scale_rows(count)
@@ -52,8 +52,9 @@ def calibration_findings(
             std_before=size * float(former),
             seen=bool(own < _SEEN * former),
         )
-        for name, own_values, own_stds in zip(names, values, stds, strict=True)
+        for name, is_gimbal, own_values, own_stds in zip(names, has_gimbal, values, stds, strict=True)
         for (what, unit, size), value, own, former in zip(_KINDS, own_values, own_stds, before, strict=True)
+        if is_gimbal or "of angle" not in what
     )
 
 

@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from coheft.estimation.batch.calibration import POSE_ERRORS, Tolerances
+from coheft.estimation.batch.calibration import ANGLE_ERRORS, POSE_ERRORS, Tolerances
 from coheft.estimation.batch.hand_eye_equations import (
     ERRORS,
     GRASP,
@@ -88,7 +88,7 @@ def fit_hand_eye(
             the first. Otherwise the covariance follows from the correlation of residuals over time.
     """
     count = len(wrists.angles)
-    prior, free = _prior(count, tolerances)
+    prior, free = _prior(wrists.has_gimbal, tolerances)
     guess = _start(wrists, start)
     noise = (_ANGLE_NOISE, _POSITION_NOISE)
     for _ in range(_STEPS_OF_FEW if is_independent else _STEPS):
@@ -160,12 +160,14 @@ class _Shown:
         return result
 
 
-def _prior(count: int, tolerances: Tolerances | None) -> tuple[Array, npt.NDArray[np.intp]]:
+def _prior(has_gimbal: npt.NDArray[np.bool_], tolerances: Tolerances | None) -> tuple[Array, npt.NDArray[np.intp]]:
     """Prior information on all unknowns, shape (19 N,), and indices of the unknowns to fit."""
+    count = len(has_gimbal)
     prior = np.full((count, UNKNOWNS), _DAMPING)
     free = np.ones((count, UNKNOWNS), dtype=np.bool_)
     free[0, :12] = False
-    spread = np.zeros(POSE_ERRORS) if tolerances is None else tolerances.pose_errors()
+    spread = np.tile(np.zeros(POSE_ERRORS) if tolerances is None else tolerances.pose_errors(), (count, 1))
+    spread[~has_gimbal, ANGLE_ERRORS] = 0.0
     free[:, ERRORS] = spread > 0.0
     prior[:, ERRORS] = np.where(spread > 0.0, 1.0 / np.maximum(spread, 1e-12) ** 2, 0.0)
     return prior.ravel(), np.flatnonzero(free)

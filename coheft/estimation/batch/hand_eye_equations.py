@@ -18,6 +18,7 @@ from coheft.estimation.batch.calibration import (
     ZERO,
     gimbal_angles,
     gimbal_axes,
+    whole_turns,
 )
 from coheft.estimation.batch.wrist_poses import WristPoses
 from coheft.estimation.geometry.spatial import Array, Pose, skew
@@ -85,9 +86,10 @@ def residuals_and_derivatives(
     place = reach @ home.rotation
     to_zero = wrists.zeros[robot].swapaxes(-1, -2) @ to_home
     angles = gimbal_angles(to_zero @ rotations @ grasp.rotation)
+    angles += whole_turns(wrists.angles[robot] - angles)
     angle_scale, scale = 1.0 + errors[ANGLE_SCALE], 1.0 + float(errors[POSITION_SCALE][0])
     residual = np.empty((len(angles), 6))
-    residual[:, :3] = _between_half_turns(wrists.angles[robot] - angle_scale * angles - errors[ZERO])
+    residual[:, :3] = wrists.angles[robot] - angle_scale * angles - errors[ZERO]
     residual[:, 3:] = wrists.positions[robot] - scale * place
     turned = -angle_scale[:, None] * np.linalg.inv(gimbal_axes(angles)) @ to_zero
     moved = -scale * to_home
@@ -103,11 +105,6 @@ def residuals_and_derivatives(
     derivative[:, :3, 15:18] = -angles[:, :, None] * np.eye(3)
     derivative[:, 3:, 18] = -place
     return residual, derivative, by_load
-
-
-def _between_half_turns(angles: Array) -> Array:
-    result: Array = (angles + np.pi) % (2.0 * np.pi) - np.pi
-    return result
 
 
 @dataclass(frozen=True, eq=False)

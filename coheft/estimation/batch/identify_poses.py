@@ -17,7 +17,6 @@ from coheft.estimation.batch.calibration import (
     ZERO,
     Tolerances,
     corrected_poses,
-    gimbal_angles,
 )
 from coheft.estimation.batch.calibration_bounds import cut_to_bounds
 from coheft.estimation.batch.calibration_findings import beyond_bounds, calibration_findings
@@ -35,7 +34,7 @@ from coheft.estimation.batch.recording import Recording, RobotRecord
 from coheft.estimation.batch.signals import CUTOFF, EDGE, Signals, signals_of
 from coheft.estimation.batch.statistics import SPAN
 from coheft.estimation.batch.team_poses import TeamPoses
-from coheft.estimation.batch.wrist_poses import WristPoses
+from coheft.estimation.batch.wrist_poses import LARGEST_TILT, WristPoses
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.rigid_body.derivatives import seen_inertia_derivative
 from coheft.estimation.rigid_body.mass_properties import Inertia
@@ -74,7 +73,7 @@ def identify_poses(
     if tolerances is None:
         found = _calibrated(recording, signals, grasps, cutoff)
     else:
-        found = _with_calibration(recording, grasps, tolerances, cutoff)
+        found = _with_calibration(recording, wrists, grasps, tolerances, cutoff)
     suspicions = (*suspicions_about(grasps), *unsettled(grasps.team))
     return replace(found, loops=tuple(loops), suspicions=(*suspicions, *found.suspicions))
 
@@ -100,8 +99,11 @@ def _calibrated(recording: Recording, signals: Signals, grasps: HandEye, cutoff:
     )
 
 
-def _with_calibration(recording: Recording, grasps: HandEye, tolerances: Tolerances, cutoff: float) -> Identification:
-    signals = signals_of(corrected(recording, grasps.errors), cutoff)
+def _with_calibration(
+    recording: Recording, wrists: WristPoses, grasps: HandEye, tolerances: Tolerances, cutoff: float
+) -> Identification:
+    right = corrected(recording, wrists, grasps.errors)
+    signals = signals_of(right, cutoff)
     poses = grasps.team.poses
 
     def fit_with(moved: Sequence[Pose], start: CalibratedFit | None = None) -> CalibratedFit:
@@ -121,7 +123,7 @@ def _with_calibration(recording: Recording, grasps: HandEye, tolerances: Toleran
     covariance = covariance + by_poses @ _given_errors(grasps) @ by_poses.T + turned_covariance(numbers_with, team)
     # A wrong zero of the first robot's gimbal rotates the reference frame.
     inertia = of_central_numbers(numbers)
-    calibration = calibration_findings(recording.names, grasps, fit, tolerances)
+    calibration = calibration_findings(recording.names, wrists.has_gimbal, grasps, fit, tolerances)
     turned = seen_inertia_derivative(Pose.identity(), inertia)[:, :3] * grasps.errors_std[0, ZERO]
     return Identification(
         method="pose",
@@ -129,24 +131,36 @@ def _with_calibration(recording: Recording, grasps: HandEye, tolerances: Toleran
         team=team,
         payload=make_payload(inertia, covariance + turned @ turned.T, team.poses),
         calibration=calibration,
-        remarks=_IDENTIFIABLE,
+        remarks=(*_without_gimbals(recording.names, wrists), *_IDENTIFIABLE),
         suspicions=() if cut else (beyond_bounds(calibration),),
         time=signals.time,
         residual=fit.residual,
-        evidence=_after_calibration(recording, grasps, fit, team, tolerances, cutoff),
+        evidence=_after_calibration(right, grasps, fit, team, tolerances, cutoff),
+    )
+
+
+def _without_gimbals(names: Sequence[str], wrists: WristPoses) -> tuple[str, ...]:
+    """Say whose angles were taken to be exact."""
+    others = [name for name, has_gimbal in zip(names, wrists.has_gimbal, strict=True) if not has_gimbal]
+    if not others:
+        return ()
+    return (
+        f"No gimbal that is zero at home has the orientations of {', '.join(others)}: its second angle would exceed "
+        f"{LARGEST_TILT:g}°. Standard deviations hold only if these orientations are exact; no zeros and scales of "
+        f"angles were estimated. If there is a gimbal, give poses relative to a home in the middle of the motion.",
     )
 
 
 def _after_calibration(
-    recording: Recording,
+    right: Recording,
     grasps: HandEye,
     fit: CalibratedFit,
     team: TeamPoses,
     tolerances: Tolerances,
     cutoff: float,
 ) -> Evidence:
-    """The recording corrected for all calibration errors, in true lengths, for the judge."""
-    right, robots = corrected(recording, grasps.errors), {}
+    """Evidence for the judge from a recording whose poses are corrected: that of forces corrected, in true lengths."""
+    robots = {}
     poses, wrenches = right.stacked("pose"), right.stacked("wrench")
     for name, pose, wrench, scale, offset in zip(
         right.names, poses, wrenches, fit.force_scale, fit.force_offset, strict=True
@@ -160,18 +174,18 @@ def _after_calibration(
     return replace(evidence, tolerances=tolerances, tilt=tilt)
 
 
-def corrected(recording: Recording, errors: Array) -> Recording:
-    """Correct a recording for errors of its poses, shape (N, 7); wrenches are rotated accordingly.
+def corrected(recording: Recording, wrists: WristPoses, errors: Array) -> Recording:
+    """Correct a recording with these wrists for errors of its poses, shape (N, 7); wrenches are rotated accordingly.
 
     Raises:
         RecordingError: A robot did not record poses and wrenches.
     """
     robots = {}
-    samples = zip(recording.names, recording.stacked("pose"), recording.stacked("wrench"), errors, strict=True)
-    for name, pose, wrench, own in samples:
-        measured = Rotation.from_quat(pose[:, 3:]).as_matrix()
-        rotations, positions = corrected_poses(gimbal_angles(measured), pose[:, :3], own)
-        turn = rotations.swapaxes(-1, -2) @ measured
+    wrenches = recording.stacked("wrench")
+    for robot, (name, wrench, own) in enumerate(zip(recording.names, wrenches, errors, strict=True)):
+        turned, positions = corrected_poses(wrists.angles[robot], wrists.positions[robot], own)
+        rotations = wrists.zeros[robot] @ turned
+        turn = rotations.swapaxes(-1, -2) @ wrists.rotations(robot)
         robots[name] = RobotRecord(
             recording.time,
             pose=np.hstack([positions, Rotation.from_matrix(rotations).as_quat()]),

@@ -38,6 +38,8 @@ class LinearFit:
         residual: Residuals of the model, shape (n, rows).
         hidden: Unit directions on which the data have no information, as columns, shape (u, k).
         weight: Weight of each row, shape (rows,).
+        noise: The part of the covariance that is due to noise, and not to the prior, shape (u, u).
+        shrinkage: How much of the difference between solution and prior mean the prior takes away, shape (u, u).
     """
 
     solution: Array
@@ -45,6 +47,8 @@ class LinearFit:
     residual: Array
     hidden: Array
     weight: Array
+    noise: Array
+    shrinkage: Array
 
 
 def fit_tensor(motion: Array, wrench: Array, com: Array, rate: float) -> LinearFit:
@@ -133,8 +137,10 @@ def instrumental_fit(
     solution = inverse @ vector
     residuals = output - regressors @ solution
     scores = np.einsum("ikru,ikr->ku", weighted, residuals, optimize=True)
-    covariance = inverse @ (batch_scatter(scores, rate) + np.diag(prior.information)) @ inverse.T
-    return LinearFit(solution, covariance, residuals.mean(axis=0), hidden, weight)
+    noise = inverse @ batch_scatter(scores, rate) @ inverse.T
+    shrinkage = inverse * prior.information
+    covariance = noise + shrinkage @ inverse.T
+    return LinearFit(solution, covariance, residuals.mean(axis=0), hidden, weight, noise, shrinkage)
 
 
 def _inverse_and_hidden(matrix: Array, is_held: npt.NDArray[np.bool_], least: float) -> tuple[Array, Array]:

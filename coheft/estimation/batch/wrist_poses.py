@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from coheft.errors import RecordingError
-from coheft.estimation.batch.calibration import gimbal_angles, gimbal_rotations
+from coheft.estimation.batch.calibration import continuous_angles, gimbal_rotations
 from coheft.estimation.geometry.spatial import Array
 
-_LARGEST_TILT = 70.0
-"""Largest second angle of the gimbal [degrees]; at 90 degrees it is singular."""
+LARGEST_TILT = 70.0
+"""Largest second angle of a gimbal [degrees]; at 90 degrees it is singular."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,12 +25,14 @@ class WristPoses:
         zeros: Orientations in the home frames at which the angles are zero, shape (N, 3, 3), or (N, n, 3, 3) if they
             differ by sample.
         rate: Samples per second.
+        has_gimbal: Whether a robot's angles are those of a gimbal, which has calibration errors, shape (N,).
     """
 
     angles: Array
     positions: Array
     zeros: Array
     rate: float
+    has_gimbal: npt.NDArray[np.bool_]
 
     @staticmethod
     def of(poses: Array, rate: float, *, at_home: bool) -> WristPoses:
@@ -39,30 +41,27 @@ class WristPoses:
         Args:
             poses: The recorded poses.
             rate: Samples per second.
-            at_home: Whether the angles are those of real gimbals, which are zero at home. Otherwise they are relative
-                to the mean orientation, so that they are not singular.
-
-        Raises:
-            RecordingError: Real gimbals would be near their singularity.
+            at_home: Whether to take robots for ones with gimbals, which are zero at home, except those whose second
+                angle would exceed ``LARGEST_TILT``. Angles of all others are relative to the mean orientation, so that
+                they are not singular.
         """
         rotations = Rotation.from_quat(poses[..., 3:].reshape(-1, 4)).as_matrix().reshape(*poses.shape[:2], 3, 3)
-        zeros = np.tile(np.eye(3), (len(poses), 1, 1))
-        if not at_home:
-            zeros = np.array([Rotation.from_matrix(own).mean().as_matrix() for own in rotations])
-        angles = gimbal_angles(zeros[:, None].swapaxes(-1, -2) @ rotations)
-        largest = float(np.degrees(np.abs(angles[..., 1]).max()))
-        if largest > _LARGEST_TILT:
-            raise RecordingError(
-                f"gimbals turn by {largest:.0f}° about their second axis, but only up to {_LARGEST_TILT:g}° can be "
-                f"told from poses: give poses relative to a home in the middle of the motion"
-            )
-        return WristPoses(angles, poses[..., :3], zeros, rate)
+        has_gimbal = np.full(len(poses), at_home)
+        has_gimbal &= np.abs(rotations[..., 0, 2]).max(axis=1) <= np.sin(np.radians(LARGEST_TILT))
+        zeros = np.array(
+            [
+                np.eye(3) if gimbal else Rotation.from_matrix(own).mean().as_matrix()
+                for own, gimbal in zip(rotations, has_gimbal, strict=True)
+            ]
+        )
+        angles = continuous_angles(zeros[:, None].swapaxes(-1, -2) @ rotations)
+        return WristPoses(angles, poses[..., :3], zeros, rate, has_gimbal)
 
     @staticmethod
     def without_gimbals(poses: Array) -> WristPoses:
         """Convert poses (N, n, 7) with large rotations between them: angles are relative to each pose."""
         zeros = Rotation.from_quat(poses[..., 3:].reshape(-1, 4)).as_matrix().reshape(*poses.shape[:2], 3, 3)
-        return WristPoses(np.zeros((*poses.shape[:2], 3)), poses[..., :3], zeros, rate=1.0)
+        return WristPoses(np.zeros((*poses.shape[:2], 3)), poses[..., :3], zeros, 1.0, np.zeros(len(poses), np.bool_))
 
     def some(self, rows: slice) -> WristPoses:
         """Only some samples."""

@@ -3,35 +3,52 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from coheft.estimation.batch.body import body_motions, regressor, total_wrench
+from coheft.estimation.batch.calibrated_fit import force_columns
 from coheft.estimation.batch.calibration import Tolerances
 from coheft.estimation.batch.judge.evidence import Evidence
 from coheft.estimation.batch.pose_differences import derivative_by_poses
 from coheft.estimation.geometry.body_motion import BODY_A
-from coheft.estimation.geometry.spatial import Array, Pose
+from coheft.estimation.geometry.spatial import Array, Pose, skew
 
 _ROUNDING = 1e-9
 
 
-def unsure_columns(evidence: Evidence, motion: Array, theta: Array) -> Array:
-    """Change of the total wrench's residual by one standard deviation of each parameter, shape (n, 6, q).
+@dataclass(frozen=True, eq=False)
+class Unsure:
+    """Effects of q uncertain parameters on the total wrench, by one standard deviation of each.
+
+    Attributes:
+        columns: Change of the total wrench's residual, shape (n, 6, q).
+        maps: Matrices by which each robot's readings, with their noise, enter the columns, shape (N, q, 6, 6).
+    """
+
+    columns: Array
+    maps: Array
+
+
+def unsure_parameters(evidence: Evidence, motion: Array, theta: Array) -> Unsure:
+    """Uncertain grasp poses and, if they were estimated, calibration errors.
 
     Args:
         evidence: The recording and its grasp poses.
         motion: Motion of the body frame, shape (n, 12).
         theta: Parameters of the body, shape (10,).
     """
-    columns = [_by_grasps(evidence, theta)]
+    parts = [_by_grasps(evidence, theta)]
     if evidence.tolerances is not None:
-        columns.append(_by_calibration(evidence, evidence.tolerances, motion, theta))
-    return np.concatenate(columns, axis=-1)
+        parts.append(_by_calibration(evidence, evidence.tolerances, motion, theta))
+    return Unsure(
+        np.concatenate([part.columns for part in parts], axis=-1),
+        np.concatenate([part.maps for part in parts], axis=1),
+    )
 
 
-def _by_grasps(evidence: Evidence, theta: Array) -> Array:
-    """Columns of the grasp poses."""
+def _by_grasps(evidence: Evidence, theta: Array) -> Unsure:
     signals = evidence.signals
     assert signals.wrench is not None
     wrenches = signals.wrench
@@ -43,21 +60,25 @@ def _by_grasps(evidence: Evidence, theta: Array) -> Array:
 
     values, vectors = np.linalg.eigh(evidence.team.covariance)
     kept = values > _ROUNDING * values[-1]
-    by_unit = derivative_by_poses(left, evidence.poses) @ (vectors[:, kept] * np.sqrt(values[kept]))
-    result: Array = by_unit.reshape(len(signals.time), 6, -1)
-    return result
+    units = vectors[:, kept] * np.sqrt(values[kept])
+    by_unit = derivative_by_poses(left, evidence.poses) @ units
+    moves = np.einsum(
+        "kji,kajq->kqai", [pose.rotation for pose in evidence.poses], units.reshape(-1, 2, 3, units.shape[1])
+    )
+    maps = np.zeros((*moves.shape[:2], 6, 6))
+    maps[..., :3, :3] = maps[..., 3:, 3:] = skew(moves[:, :, 0])
+    maps[..., 3:, :3] = skew(moves[:, :, 1])
+    return Unsure(by_unit.reshape(len(signals.time), 6, -1), maps)
 
 
-def _by_calibration(evidence: Evidence, tolerances: Tolerances, motion: Array, theta: Array) -> Array:
-    """Columns of scales and offsets of forces, the common scale of lengths, and the direction of gravity."""
+def _by_calibration(evidence: Evidence, tolerances: Tolerances, motion: Array, theta: Array) -> Unsure:
+    """Scales and offsets of forces, the common scale of lengths, and the direction of gravity."""
     signals, poses = evidence.signals, evidence.poses
     assert signals.wrench is not None
     assert signals.rotation is not None
-    columns = []
-    for wrench, rotation, pose in zip(signals.wrench, signals.rotation, poses, strict=True):
-        adjoint = pose.adjoint()
-        columns.append(tolerances.force_scale * (wrench @ adjoint.T)[..., None])
-        columns.append(tolerances.force_offset * adjoint[:, :3] @ rotation.swapaxes(-1, -2))
+    count = len(poses)
+    sizes = np.repeat([tolerances.force_scale, tolerances.force_offset], [count, 3 * count])
+    columns = [sizes * force_columns(signals.wrench, signals.rotation, poses)]
     to_home = signals.rotation[0] @ poses[0].rotation.T
     down = evidence.recording.gravity @ to_home
     for change, size in (
@@ -67,4 +88,7 @@ def _by_calibration(evidence: Evidence, tolerances: Tolerances, motion: Array, t
         moved = np.zeros_like(motion)
         moved[:, BODY_A] = size * change
         columns.append((regressor(moved) @ theta)[..., None])
-    return np.concatenate(columns, axis=-1)
+    joined = np.concatenate(columns, axis=-1)
+    maps = np.zeros((count, joined.shape[-1], 6, 6))
+    maps[np.arange(count), np.arange(count)] = tolerances.force_scale * np.eye(6)
+    return Unsure(joined, maps)

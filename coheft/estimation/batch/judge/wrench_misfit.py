@@ -15,7 +15,7 @@ from coheft.estimation.batch.body import body_motions, regressor, total_wrench
 from coheft.estimation.batch.judge.band import Band
 from coheft.estimation.batch.judge.evidence import Evidence
 from coheft.estimation.batch.judge.motion_noise import acceleration_noise, level_of
-from coheft.estimation.batch.judge.unsure import unsure_columns
+from coheft.estimation.batch.judge.unsure import unsure_parameters
 from coheft.estimation.geometry.body_motion import BODY_A, BODY_V, BODY_W
 from coheft.estimation.geometry.spatial import Array, skew
 from coheft.estimation.rigid_body.mass_properties import unpack_symmetric
@@ -84,15 +84,18 @@ class WrenchMisfit:
         self._motion_noise: Array = np.sum(views, axis=0) * per_coefficient / len(poses) ** 2
         self._unsure = np.zeros((6 * len(frequency), 0))
         """Whitened columns of the uncertain parameters, per standard deviation."""
+        self._unsure_maps = np.zeros((len(poses), 0, 6, 6))
+        """Maps of the readings in these columns."""
         self._whitening = np.empty((len(self.band.frequency), 6, 6))
         theta = np.zeros(10)
         for _ in range(2):
             self._whiten(theta)
             theta = self.fit().solution
         self._whiten(theta)
-        unsure = unsure_columns(evidence, motion, theta)
-        self._unsure = self._white(unsure)
-        self._unsure = self._unsure[:, np.linalg.norm(self._unsure, axis=0) > _NOTICED]
+        unsure = unsure_parameters(evidence, motion, theta)
+        white = self._white(unsure.columns)
+        noticed = np.linalg.norm(white, axis=0) > _NOTICED
+        self._unsure, self._unsure_maps = white[:, noticed], unsure.maps[:, noticed]
         self.plain = self.fit()
 
     def _whiten(self, theta: Array) -> None:
@@ -182,13 +185,15 @@ class WrenchMisfit:
     ) -> Fit:
         """Least squares; the bias from the readings' noise in the columns is taken out of the normal equations.
 
+        Otherwise whatever makes readings smaller, such as shorter lever arms, would leave less noise, and seem right.
+
         Unknowns from ``known`` on have a prior of mean zero and standard deviation one.
         """
         scaled, seen = design / deviation[:, None], output / deviation
         size = np.linalg.norm(scaled, axis=0)
         size = np.where(size > 0.0, size, 1.0)
         scaled = scaled / size
-        by_noise, by_output = self._of_own_noise(deviation, maps, design.shape[1])
+        by_noise, by_output = self._of_own_noise(deviation, maps, known, design.shape[1])
         information = scaled.T @ scaled - by_noise / np.outer(size, size)
         prior = (np.arange(len(size)) >= known) / size**2
         information[np.diag_indices_from(information)] += prior
@@ -213,21 +218,21 @@ class WrenchMisfit:
         covariance = (inverse / np.outer(size, size))[:known, :known]
         return Fit(misfit, solution[:known], covariance, residual, excess, inside)
 
-    def _of_own_noise(self, deviation: Array, maps: Sequence[tuple[int, Maps]], unknowns: int) -> tuple[Array, Array]:
+    def _of_own_noise(
+        self, deviation: Array, maps: Sequence[tuple[int, Maps]], known: int, unknowns: int
+    ) -> tuple[Array, Array]:
         """Expected contribution of noise to columns times columns (u, u), and to columns times output (u,)."""
         by_noise, by_output = np.zeros((unknowns, unknowns)), np.zeros(unknowns)
-        if not maps:
-            return by_noise, by_output
+        all_maps = np.zeros((len(self.poses), unknowns, 6, 6))
+        all_maps[:, known:] = self._unsure_maps
+        for robot, of_fault in maps:
+            all_maps[robot, BODY_NUMBERS:known] = of_fault
         weighted = self._whitening / deviation.reshape(-1, 6, 1)
         information = np.einsum("kij,kil->jl", weighted, weighted)
-        for robot, own in maps:
-            at_sensor = self.adjoints[robot].T @ information @ self.adjoints[robot]
-            for a, one in enumerate(own):
-                by_output[BODY_NUMBERS + a] += np.trace(one.T @ at_sensor @ self.noise[robot])
-                for b, other in enumerate(own):
-                    by_noise[BODY_NUMBERS + a, BODY_NUMBERS + b] += np.trace(
-                        one.T @ at_sensor @ other @ self.noise[robot]
-                    )
+        for to_body, noise, own in zip(self.adjoints, self.noise, all_maps, strict=True):
+            at_sensor = to_body.T @ information @ to_body
+            by_output += np.einsum("aij,ij->a", own, at_sensor @ noise)
+            by_noise += np.einsum("aij,bij->ab", own, at_sensor @ own @ noise)
         return by_noise, by_output
 
     def share(self) -> float:
