@@ -104,7 +104,7 @@ class Agent:
         self._incarnation = incarnation
         self._gossip = Gossip(config.name, config.neighbours, incarnation)
         self._estimator = make_estimator(config, self._gossip, largest_arrays)
-        self._hears_late = self._estimator if isinstance(self._estimator, TakesLate) else None
+        self._receives_late = self._estimator if isinstance(self._estimator, TakesLate) else None
         self._signing: SignsRows | None = None
         if signer is not None and isinstance(self._estimator, SignsRows):
             self._signing = self._estimator
@@ -144,12 +144,12 @@ class Agent:
         """
         arrived = self._network.deliver(index, inbox)
         heard, gossip, problems, late = self._inbox.take(
-            index, arrived, self._estimator.fits, takes_late=self._hears_late is not None
+            index, arrived, self._estimator.fits, takes_late=self._receives_late is not None
         )
         self._gossip.hear(gossip)
-        if self._hears_late is not None:
+        if self._receives_late is not None:
             for message in late:
-                self._hears_late.hear_late(index, message.channels)
+                self._receives_late.receive_late(index, message.channels)
         if block is not None and self._is_missing is not None:
             block = MeasurementBlock(index, np.where(self._is_missing, 0.0, block.samples))
         if block is not None and not self._sensors.is_usable(block.samples):

@@ -90,7 +90,7 @@ class Estimator(Protocol):
 class TakesLate(Protocol):
     """An estimator that can also use messages of earlier blocks than the one before."""
 
-    def hear_late(self, index: int, channels: Channels) -> None:
+    def receive_late(self, index: int, channels: Channels) -> None:
         """A message that a neighbour sent after an earlier block; called before ``step`` of the block ``index``."""
         ...
 

@@ -35,7 +35,7 @@ LOGS = Path("logs")
 )
 def test_only_what_was_asked_for_is_named(asked: dict[str, Any], expected: str) -> None:
     broken_off = BrokenOff(asked, LOGS)
-    broken_off.hear(truth(799, HEAVY))
+    broken_off.receive(truth(799, HEAVY))
     assert broken_off.sentence() == f"stopped at 16.0 s: {expected}"
 
 
@@ -58,14 +58,14 @@ def test_a_run_that_had_not_begun() -> None:
 )
 def test_an_error_is_followed_by_what_is_not_there(asked: dict[str, Any], expected: str) -> None:
     broken_off = BrokenOff(asked, LOGS)
-    broken_off.hear(truth(799, HEAVY))
+    broken_off.receive(truth(799, HEAVY))
     assert broken_off.after_error() == expected
 
 
 def test_a_server_that_fails_may_have_written_the_data_file(tmp_path: Path) -> None:
     data = tmp_path / "data.npz"
     broken_off = BrokenOff({"json": "a.json", "save_data": data}, LOGS)
-    broken_off.hear(truth(799, HEAVY))
+    broken_off.receive(truth(799, HEAVY))
     data.touch()
     expected = f"{data} holds what came until then; no report (--json) was written"
     assert broken_off.after_error() == f"\nThat was at 16.0 s: {expected}."

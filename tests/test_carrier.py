@@ -50,7 +50,7 @@ def carried(scenario: Scenario) -> CarryReport:
     record = CarryRecord(scenario)
     record.look_at(Simulation(scenario).scene)
     for block in run_in_process(scenario):
-        record.hear(block.truth)
+        record.receive(block.truth)
     return record.report()
 
 

@@ -129,7 +129,7 @@ def test_the_final_table_says_what_those_who_have_not_converged_lack() -> None:
     text = final_sentence(done[0], msgspec.structs.replace(finding, robot="r2"), finding)
     assert "Not converged: r2, r3 (the poses of neighbours are still being found). --duration" in text
     assert "std is not as small" not in text
-    unseen = msgspec.structs.replace(unknown, not_observable=["mass: move"])
-    text = final_sentence(*done, unseen)
+    unobservable = msgspec.structs.replace(unknown, not_observable=["mass: move"])
+    text = final_sentence(*done, unobservable)
     assert "mass, kg 13.000 not observable" in text
     assert "Not converged: r3 (not everything is observable with the motion so far). 0.2 s simulated" in text

@@ -118,9 +118,15 @@ def test_what_calibration_leaves_is_judged(miscalibrated: Recording) -> None:
 def test_calibration_is_estimated_along_and_told(miscalibrated: Recording) -> None:
     found = identify(miscalibrated, Options(method="pose", calibrate=True))
     assert honest(miscalibrated, found)
-    unseen = {finding.what for finding in found.calibration if not finding.seen}
-    assert unseen >= {"zero of angle c", "force scale", "force offset z"}
-    assert not unseen & {"zero of angle a", "zero of angle b", "scale of angle a", "force offset x", "force offset y"}
+    unobservable = {finding.what for finding in found.calibration if not finding.seen}
+    assert unobservable >= {"zero of angle c", "force scale", "force offset z"}
+    assert not unobservable & {
+        "zero of angle a",
+        "zero of angle b",
+        "scale of angle a",
+        "force offset x",
+        "force offset y",
+    }
     plain, ours = (
         np.abs(errors_of(miscalibrated, f)) for f in (identify(miscalibrated, Options(method="batch")), found)
     )

@@ -45,7 +45,7 @@ def message(stream: str, time: int, sample: np.ndarray) -> bytes:
 def started(*missing: str) -> BlockBuilder:
     """Of a robot whose stamp was ``EPOCH`` when our own clock was 0."""
     stamps = Stamps(1)
-    stamps.hear("r1", EPOCH, 0)
+    stamps.receive("r1", EPOCH, 0)
     assert stamps.settle(patient=True) == EPOCH
     return BlockBuilder("r1", RATE, BLOCK, EPOCH, stamps, RobotSensors(SensorNoise(), SensorTolerance(), missing))
 
@@ -182,7 +182,7 @@ def leads(**seconds: float) -> Stamps:
     """What is known of three robots when each one's clock was so far ahead of ours [s]."""
     stamps = Stamps(3)
     for name, lead in seconds.items():
-        stamps.hear(name, round(lead * 1e9), 0)
+        stamps.receive(name, round(lead * 1e9), 0)
     return stamps
 
 
@@ -190,11 +190,11 @@ def leads(**seconds: float) -> Stamps:
 def test_one_wrong_clock_does_not_decide_when_the_run_begins(wrong: float) -> None:
     stamps = leads(r1=wrong)
     assert stamps.settle(patient=True) is None
-    stamps.hear("r2", 10**9, 0)
+    stamps.receive("r2", 10**9, 0)
     assert stamps.settle(patient=True) is None
     assert stamps.settle(patient=False) is None
     assert ("r1" if wrong > 0 else "r2") in stamps.disagreement
-    stamps.hear("r3", 2 * 10**9, 0)
+    stamps.receive("r3", 2 * 10**9, 0)
     assert stamps.settle(patient=True) == 2 * 10**9
     stamps.check("r1", 7 * 10**9, 0)
     with pytest.raises(MessageError, match="ahead"):

@@ -112,9 +112,9 @@ class Made:
         follower.begin(status)
         for block in run_in_process(self.scenario):
             for news in (*block.estimates.values(), block.truth):  # the truth last: estimates have to wait for it
-                follower.hear(news)
-                record.hear(news)
-        follower.hear(Problem(source="r1", text="refused <b>nonsense</b>"))
+                follower.receive(news)
+                record.receive(news)
+        follower.receive(Problem(source="r1", text="refused <b>nonsense</b>"))
         follower.end(status)
         self.series: Series = follower.series
         self.report: Report = build_report(self.scenario, record, real_time_factor=2.5)

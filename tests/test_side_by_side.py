@@ -123,9 +123,9 @@ def test_the_page_shows_curves_of_both_by_name(both: coheft.Result, tmp_path: Pa
     follower = SeriesFollower()
     follower.begin(msgspec.structs.replace(STATUS, estimator=BOTH))
     for block in range(3):
-        follower.hear(truth(block, LIGHT))
-        follower.hear(estimate("r1", block, LIGHT))
-        follower.hear(EstimateBeside(msgspec.structs.replace(estimate("r1", block, HEAVY), estimator="fan2017")))
+        follower.receive(truth(block, LIGHT))
+        follower.receive(estimate("r1", block, LIGHT))
+        follower.receive(EstimateBeside(msgspec.structs.replace(estimate("r1", block, HEAVY), estimator="fan2017")))
     series = follower.series
     own, beside = (curves(series, "r1", ALL_SHOWN[0], name)[0] for name in series.by_estimator)
     assert (list(own.error), list(beside.error)) == ([0.0] * 3, [pytest.approx(3000.0)] * 3)
@@ -231,9 +231,9 @@ def test_each_hears_only_its_own_arrays_that_it_can_read() -> None:
 
 def test_the_view_shows_both() -> None:
     model = ViewModel(msgspec.structs.replace(STATUS, estimator=BOTH))
-    model.hear(truth(0, LIGHT))
-    model.hear(estimate("r1", 0, LIGHT))
-    model.hear(EstimateBeside(msgspec.structs.replace(estimate("r1", 0, HEAVY), estimator="fan2017")))
+    model.receive(truth(0, LIGHT))
+    model.receive(estimate("r1", 0, LIGHT))
+    model.receive(EstimateBeside(msgspec.structs.replace(estimate("r1", 0, HEAVY), estimator="fan2017")))
     own, beside = model.report("r1"), model.beside["fan2017"].report("r1")
     assert own is not None
     assert beside is not None

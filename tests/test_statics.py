@@ -42,7 +42,7 @@ def test_without_noise_all_but_the_inertia_is_exact() -> None:
     for grasp, pose in zip(GRASPS, found.team.poses, strict=True):
         np.testing.assert_allclose(pose.translation, grasp.translation, atol=1e-7)
         np.testing.assert_allclose(pose.rotation, grasp.rotation, atol=1e-7)
-    assert {part.quantity for part in found.payload.unseen} == {"inertia"}
+    assert {part.quantity for part in found.payload.unobservable} == {"inertia"}
 
 
 @pytest.mark.parametrize("count", [3, 6])

@@ -25,7 +25,7 @@ def keeper(name: str = "r1") -> StatusKeeper:
     return StatusKeeper(agent_config(SCENARIO, name, tuple(n for n in SCENARIO.robot_names if n != name)))
 
 
-def belief(block: int, *, known: bool = True, changes: int = 0, unseen: tuple[str, ...] = ()) -> Belief:
+def belief(block: int, *, known: bool = True, changes: int = 0, unobservable: tuple[str, ...] = ()) -> Belief:
     """A belief from that block: all its numbers tell which."""
     payload = PayloadEstimate(float(block), np.full(3, block), block * np.eye(3), np.eye(10))
     pose = UncertainPose(Pose(np.eye(3), np.full(3, block)), np.eye(6))
@@ -35,7 +35,7 @@ def belief(block: int, *, known: bool = True, changes: int = 0, unseen: tuple[st
         payload=payload if known else None,
         poses=MappingProxyType({"r2": pose}),
         total_block=block,
-        not_observable=unseen,
+        not_observable=unobservable,
         load_changes=tuple(LoadChangeNotice(0.1 * k, 0.1 * k) for k in range(changes)),
         learned_block=block,
     )
@@ -47,7 +47,7 @@ def test_it_starts_and_is_valid_once_nothing_speaks_against_it() -> None:
     assert (first.status, first.reasons) == ("starting", DOUBTS)
     second = status.report(1, belief(1, known=False), [], 3)
     assert (second.status, second.reasons) == ("starting", ["too few samples of this load"])
-    third = status.report(2, belief(2, known=False, unseen=("mass: move",)), [], 3)
+    third = status.report(2, belief(2, known=False, unobservable=("mass: move",)), [], 3)
     assert (third.status, third.reasons) == ("starting", ["mass: move"])
     fourth = status.report(3, belief(3), [], 3)
     assert (fourth.status, fourth.reasons, fourth.valid_block, fourth.members) == ("valid", [], 3, 3)

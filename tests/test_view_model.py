@@ -45,8 +45,8 @@ def news_of_a_change():
 
 def test_numbers_are_those_of_the_report():
     model = ViewModel(STATUS)
-    model.hear(truth(0, LIGHT))
-    model.hear(estimate("r1", 0, HEAVY))
+    model.receive(truth(0, LIGHT))
+    model.receive(estimate("r1", 0, HEAVY))
     report = model.report("r1")
     assert report is not None
     assert (report.mass.truth, report.mass.estimate, report.mass.std) == (10.0, pytest.approx(13.0), STD[0])
@@ -60,9 +60,9 @@ def test_numbers_are_those_of_the_report():
 
 def test_an_estimate_waits_for_its_truth():
     model = ViewModel(STATUS)
-    model.hear(estimate("r1", 3, HEAVY))
+    model.receive(estimate("r1", 3, HEAVY))
     assert model.report("r1") is None
-    model.hear(truth(3, HEAVY))
+    model.receive(truth(3, HEAVY))
     report = model.report("r1")
     assert report is not None
     assert report.mass.error_pct == pytest.approx(0.0)
@@ -73,12 +73,12 @@ def test_a_link_is_as_good_as_its_worse_end_says():
     assert model.edges == [("r1", "r2"), ("r2", "r3")]
     assert model.link(("r1", "r2")) == "unknown"
     for name in ROBOTS:
-        model.hear(estimate(name, 0, None))
+        model.receive(estimate(name, 0, None))
     assert model.link(("r1", "r2")) == "up"
-    model.hear(msgspec.structs.replace(estimate("r2", 1, None), silent=["r1"]))
+    model.receive(msgspec.structs.replace(estimate("r2", 1, None), silent=["r1"]))
     assert model.link(("r1", "r2")) == "silent"
     assert model.link(("r2", "r3")) == "up"
-    model.hear(truth(SILENT + 2, LIGHT))
+    model.receive(truth(SILENT + 2, LIGHT))
     assert model.link(("r2", "r3")) == "unknown", "nobody has said anything for long"
     assert model.beliefs["r3"].status == "stale"
 
@@ -87,8 +87,8 @@ def test_curves_show_errors_in_their_own_band_and_look_back_so_far():
     model = ViewModel(STATUS)
     last = round((WINDOW + 5.0) / BLOCK)
     for block in range(0, last, 50):
-        model.hear(truth(block, LIGHT))
-        model.hear(estimate("r1", block, HEAVY if block > last / 2 else None))
+        model.receive(truth(block, LIGHT))
+        model.receive(estimate("r1", block, HEAVY if block > last / 2 else None))
     curves = model.traces("r1")[STATUS.estimator].curves()
     assert curves["mass"].times[0] >= model.time - WINDOW
     assert np.isnan(curves["mass"].errors[0, 0])
@@ -130,9 +130,9 @@ def test_texts_tell_numbers_reasons_and_changes_and_let_nobody_write_html():
     assert "No estimate from this robot" in words.belief(None, None)
     change = LoadChangeNotice(noticed_at=1.5, changed_at=1.4)
     said = estimate("r1", 0, HEAVY, changes=[change])
-    model.hear(truth(0, LIGHT))
-    model.hear(msgspec.structs.replace(said, status=Validity.STALE, reasons=["<b>r2</b> is silent"]))
-    model.hear(Problem(source="r1", text="refused <script>"))
+    model.receive(truth(0, LIGHT))
+    model.receive(msgspec.structs.replace(said, status=Validity.STALE, reasons=["<b>r2</b> is silent"]))
+    model.receive(Problem(source="r1", text="refused <script>"))
     text = words.belief(model.report("r1"), model.beliefs["r1"])
     assert "10.000" in text
     assert "13.000" in text
@@ -148,7 +148,7 @@ def test_texts_tell_numbers_reasons_and_changes_and_let_nobody_write_html():
 
 def test_a_load_that_is_dropped_while_time_stands_still_is_there_at_once() -> None:
     model = ViewModel(STATUS)
-    model.hear(truth(0, LIGHT))
+    model.receive(truth(0, LIGHT))
     before = model.changes
     dropped = LoadState(1, 3.0, (0.0, 0.0, 0.1), (0.1, 0.1, 0.1))
     model.note_status(msgspec.structs.replace(STATUS, state=RunState.PAUSED, block=1, loads=[dropped]))
@@ -163,8 +163,8 @@ def test_numbers_have_as_many_digits_as_their_std_says_something_about() -> None
     assert said.payload is not None
     sure = msgspec.structs.replace(said.payload, covariance=1e-10 * said.payload.covariance)
     model = ViewModel(STATUS)
-    model.hear(truth(0, LIGHT))
-    model.hear(msgspec.structs.replace(said, payload=sure))
+    model.receive(truth(0, LIGHT))
+    model.receive(msgspec.structs.replace(said, payload=sure))
     for text in (words.team(model, "r1"), words.belief(model.report("r1"), model.beliefs["r1"])):
         assert not re.search(r">(± )?0\.0+<", text), text
 
@@ -172,13 +172,13 @@ def test_numbers_have_as_many_digits_as_their_std_says_something_about() -> None
 def test_what_the_operator_has_disturbed_is_shown_until_it_is_restored() -> None:
     model, lossy = ViewModel(STATUS), LinkQuality(loss=0.2)
     assert words.disturbances(model) == ""
-    model.hear(msgspec.structs.replace(truth(0, LIGHT), clocks={"r2": 0.003}))
+    model.receive(msgspec.structs.replace(truth(0, LIGHT), clocks={"r2": 0.003}))
     for name, disturbed in (
         ("r1", {"r2": lossy}),
         ("r2", {"r1": lossy}),
         ("r3", {"r2": LinkQuality(delay=0.1)}),
     ):
-        model.hear(msgspec.structs.replace(estimate(name, 0, LIGHT), disturbed=disturbed))
+        model.receive(msgspec.structs.replace(estimate(name, 0, LIGHT), disturbed=disturbed))
     text = words.disturbances(model)
     for line in (
         "r1-r2: 20 % lost, others 0 s late",
@@ -186,8 +186,8 @@ def test_what_the_operator_has_disturbed_is_shown_until_it_is_restored() -> None
         "clock of r2: 0.003 s ahead",
     ):
         assert f"<div>{line}</div>" in text
-    model.hear(estimate("r1", 1, LIGHT))
+    model.receive(estimate("r1", 1, LIGHT))
     assert "r1 to r2: 20 %" in words.disturbances(model), "r1 receives everything in time, and r2 does not"
-    model.hear(truth(1, LIGHT))
-    model.hear(estimate("r2", 1, LIGHT))
+    model.receive(truth(1, LIGHT))
+    model.receive(estimate("r2", 1, LIGHT))
     assert list(model.disturbances) == [("r2", "r3")]

@@ -71,7 +71,7 @@ class EfficientEstimator:
             arrays |= team.known()
         return arrays
 
-    def hear_late(self, index: int, channels: Channels) -> None:
+    def receive_late(self, index: int, channels: Channels) -> None:
         """See ``TakesLate.hear_late``: its rows count as those of any other message."""
         message = RowMessage.of_channels(channels)
         if self._team is not None and message is not None:
@@ -205,7 +205,7 @@ class EfficientEstimator:
             converged=payload is not None and is_converged(payload, self._config.converged),
             payload=payload,
             poses=poses,
-            not_observable=(*not_observable, *claim.unseen),
+            not_observable=(*not_observable, *claim.unobservable),
             load_changes=self._notices(team),
             slips=self._slips(team),
             sensor_errors=tuple(SensorErrorEstimate(*each) for each in found_errors(estimate, own)),

@@ -36,7 +36,7 @@ _SENSORS = (
     "it has no standard deviation to claim; the estimator efficient has"
 )
 
-_UNSEEN_DEG = 20.0
+_UNOBSERVABLE_DEG = 20.0
 """A pose whose rotation is less certain than this is not worth a number [degrees]."""
 
 
@@ -188,6 +188,6 @@ class Fan2017Estimator:
 
 def _in_words(pose: UncertainPose) -> str:
     degrees, millimetres = np.degrees(pose.rotation_std), 1e3 * pose.translation_std
-    if degrees > _UNSEEN_DEG:
+    if degrees > _UNOBSERVABLE_DEG:
         return "not seen yet"
     return f"known to {degrees:.2g} degrees and {millimetres:.0f} mm only"

@@ -18,7 +18,7 @@ from coheft.estimation.geometry.spatial import Array, Pose, rotation_exp
 from coheft.estimation.measurement import ACCELERATION
 from coheft.estimation.rigid_body.feedforward import load_shares, weight_deviations
 from coheft.estimation.rigid_body.mass_properties import Inertia
-from coheft.estimation.rigid_body.unseen import middle_and_size
+from coheft.estimation.rigid_body.unobservable import middle_and_size
 from coheft.wire.config import AgentConfig
 from coheft.wire.messages.states import Validity
 from coheft.wire.messages.structs import Estimate

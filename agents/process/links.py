@@ -57,7 +57,7 @@ class AgentLinks:
         self.hello = Sender(None, keys.agent(name, "hello"), may_drop=False)
         self.message = Sender(None, keys.agent(name, "block"), may_drop=False)
 
-        def hear_server(session: zenoh.Session) -> None:
+        def receive_from_server(session: zenoh.Session) -> None:
             inbox.watch_links(session, SERVER)
             kinds: dict[str, type[Message]] = {
                 keys.robot(name, "measurements"): measurements,
@@ -65,7 +65,7 @@ class AgentLinks:
             }
             inbox.listen(session, SERVER, kinds)
 
-        def hear_neighbours(session: zenoh.Session, *whom: str) -> None:
+        def receive_from_neighbours(session: zenoh.Session, *whom: str) -> None:
             inbox.announce(session, keys.agent(name, "alive"))
             for other in whom:
                 inbox.watch_presence(session, other, keys.agent(other, "alive"))
@@ -79,7 +79,7 @@ class AgentLinks:
                 endpoint,
                 guard,
                 inbox,
-                lambda session: hear_neighbours(session, other),
+                lambda session: receive_from_neighbours(session, other),
                 self.hello,
                 self.message,
                 largest=largest,
@@ -90,12 +90,12 @@ class AgentLinks:
             return link
 
         guard = guard_robot(security, keys, name)
-        self._server = dial(DialledLink(config.server, guard, inbox, hear_server, self.ready, self.reference))
+        self._server = dial(DialledLink(config.server, guard, inbox, receive_from_server, self.ready, self.reference))
         dialled = {other.name: other.endpoint for other in config.neighbours if other.endpoint is not None}
         guard = guard_neighbours(security, keys, name, others)
         listening = stack.enter_context(open_session([config.listen], guard=guard, largest=largest))
         inbox.watch_strangers(listening, guard)
-        hear_neighbours(listening, *(other for other in others if other not in dialled))
+        receive_from_neighbours(listening, *(other for other in others if other not in dialled))
         self.hello.attach(listening)
         self.message.attach(listening)
         self._listening = session_id(listening)

@@ -34,17 +34,17 @@ class Collector(Follower):
         for other in self._beside.values():
             other.look_at(scene)
 
-    def hear(self, news: News) -> None:
-        """See ``Follower.hear``."""
+    def receive(self, news: News) -> None:
+        """See ``Follower.receive``."""
         ready: list[Estimate] = []
         if isinstance(news, Truth):
             ready = self._pairing.add_truth(news)
             for other in self._beside.values():
-                other.hear(news)
+                other.receive(news)
         elif isinstance(news, Estimate):
             ready = self._pairing.add_estimate(news)
         elif isinstance(news, EstimateBeside) and news.estimate.estimator in self._beside:
-            self._beside[news.estimate.estimator].hear(news.estimate)
+            self._beside[news.estimate.estimator].receive(news.estimate)
         for estimate in ready:
             truth = self._pairing.judge.payload(estimate.robot, estimate.block)
             self._kept[estimate.robot].append((estimate, truth))

@@ -167,12 +167,12 @@ class Simulation:
     def _keep(self, truth: Truth, outboxes: dict[str, Outbox]) -> None:
         self.truth = truth
         if self._carried is not None:
-            self._carried.hear(truth)
+            self._carried.receive(truth)
         estimates = [outbox.estimate for outbox in outboxes.values() if outbox.estimate is not None]
         all_news: list[News] = [truth, *estimates, *(each for outbox in outboxes.values() for each in outbox.beside)]
         for news in all_news:
-            self._record.hear(news)
-            self._collector.hear(news)
+            self._record.receive(news)
+            self._collector.receive(news)
 
     def _check_link(self, one: str, other: str) -> None:
         graph = self._team.graph

@@ -48,7 +48,7 @@ _CHUNK = 256
 _NEGLIGIBLE = 1e-6
 """Information that is added to each body motion, in SI units: negligible, but two robots alone do not observe all of
 alpha."""
-_UNSEEN = 1e-13
+_UNOBSERVABLE = 1e-13
 """Eigenvalues of the scaled information below this share of the largest are due to rounding."""
 
 
@@ -272,7 +272,7 @@ def _inverse(information: Array) -> Array:
     diagonal = np.diag(information)
     scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
     values, vectors = np.linalg.eigh(scale[:, None] * information * scale)
-    values = np.maximum(values, _UNSEEN * max(values[-1], 1.0))
+    values = np.maximum(values, _UNOBSERVABLE * max(values[-1], 1.0))
     scaled = scale[:, None] * vectors
     result: Array = (scaled / values) @ scaled.T
     return result

@@ -137,11 +137,11 @@ def test_impossible_bodies_are_made_possible_and_said_so() -> None:
     assert make_payload(LOAD, covariance, places).was_possible
 
 
-def test_inertia_is_unseen_if_only_a_product_of_it_is() -> None:
+def test_inertia_is_unobservable_if_only_a_product_of_it_is() -> None:
     places = grasps(np.random.default_rng(6))
     assert make_payload(LOAD, np.diag([1e-4] * 10), places).is_seen("inertia")
     found = make_payload(LOAD, np.diag([1e-4] * 7 + [1e4] + [1e-4] * 2), places)
-    assert [part.what for part in found.unseen] == ["products of inertia"]
+    assert [part.what for part in found.unobservable] == ["products of inertia"]
     assert found.is_seen("mass")
     assert found.is_seen("com")
     assert not found.is_seen("inertia")

@@ -15,14 +15,14 @@ from coheft.estimation.batch.identify_sensors import identify_sensors
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.rigid_body.consistency import nearest_possible
 from coheft.estimation.rigid_body.derivatives import central_derivative
-from coheft.estimation.rigid_body.unseen import middle_and_size
+from coheft.estimation.rigid_body.unobservable import middle_and_size
 from tests.estimation.batch_team import LOAD, exact_signals, grasps, sensors_recording, sliding
 
 NOISE = SensorNoise()
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_nothing_is_claimed_that_hangs_on_unseen_poses(seed: int) -> None:
+def test_nothing_is_claimed_that_hangs_on_unobservable_poses(seed: int) -> None:
     """A load that does not turn does not show where others hold it, and so not which way they lift."""
     rng = np.random.default_rng(seed)
     team = grasps(rng)
@@ -41,7 +41,7 @@ def test_of_a_load_at_rest_without_noise_only_the_mass_may_be_seen() -> None:
     rest = np.tile(np.repeat([0.0, 9.81, 0.0], [8, 1, 3]), (1000, 1))
     still = sensors_recording(rng, exact_signals(rng, grasps(rng), motion=rest), NOISE.scaled(1e-300))
     found = identify_sensors(replace(still, noise=NOISE))
-    assert all(len(found.team.relative(0, k).unseen) >= 3 for k in (1, 2))
+    assert all(len(found.team.relative(0, k).unobservable) >= 3 for k in (1, 2))
     assert not found.payload.is_seen("com")
     assert not found.payload.is_seen("inertia")
 
@@ -61,7 +61,7 @@ def test_what_is_not_seen_need_not_settle() -> None:
     spinning = np.tile([0.0, 0.0, 0.3, 0.0, 0.0, 0.0, 0.0, 0.0, 9.81, 0.0, 0.0, 0.0], (2000, 1))
     recording = sensors_recording(rng, exact_signals(rng, grasps(rng), motion=spinning), NOISE)
     found = identify(recording, Options(method="instruments"))
-    assert found.team.relative(0, 1).unseen
+    assert found.team.relative(0, 1).unobservable
     assert not any("still changing" in doubt for doubt in found.doubts)
 
 

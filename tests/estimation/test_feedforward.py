@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.rigid_body.feedforward import internal_wrenches, load_shares, weight_deviations
-from coheft.estimation.rigid_body.unseen import middle_and_size
+from coheft.estimation.rigid_body.unobservable import middle_and_size
 from tests.rigid_motions import poses, vectors
 
 teams = st.lists(poses, min_size=3, max_size=6).filter(lambda team: middle_and_size(team)[1] > 0.1)

@@ -8,7 +8,7 @@ import pytest
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.rigid_body.mass_properties import pack_symmetric
 from coheft.estimation.rigid_body.regressor import features, regressor_coefficients, spatial_inertia
-from coheft.estimation.rigid_body.unseen import Unseen, middle_and_size, unseen_quantities
+from coheft.estimation.rigid_body.unobservable import Unobservable, middle_and_size, unobservable_quantities
 from tests.estimation.team import Team, make_team
 
 MASS, LENGTH = 8.0, 0.5
@@ -46,21 +46,21 @@ def covariance(mass: float = 0.01, com: Array | None = None, inertia: Array | No
     return result
 
 
-def unseen(covariance: Array) -> tuple[Unseen, ...]:
-    return unseen_quantities(covariance, MASS, LENGTH)
+def unobservable(covariance: Array) -> tuple[Unobservable, ...]:
+    return unobservable_quantities(covariance, MASS, LENGTH)
 
 
 def test_what_is_known_well_is_seen() -> None:
-    assert unseen(covariance()) == ()
+    assert unobservable(covariance()) == ()
 
 
-def test_the_mass_is_unseen_if_it_may_be_wrong_by_half() -> None:
-    (found,) = unseen(covariance(mass=0.5))
+def test_the_mass_is_unobservable_if_it_may_be_wrong_by_half() -> None:
+    (found,) = unobservable(covariance(mass=0.5))
     assert (found.quantity, found.what) == ("mass", "mass")
 
 
 def test_an_axis_along_which_the_centre_of_mass_may_be_anywhere_is_named() -> None:
-    (found,) = unseen(covariance(com=np.array([0.6, -0.8, 0.0])))
+    (found,) = unobservable(covariance(com=np.array([0.6, -0.8, 0.0])))
     assert (found.quantity, found.what) == ("com", "centre of mass along (-0.60, 0.80, 0.00)")
     assert found.remedy == "tilt the load, or turn it about an axis across that direction"
 
@@ -68,7 +68,7 @@ def test_an_axis_along_which_the_centre_of_mass_may_be_anywhere_is_named() -> No
 def test_turning_about_one_axis_hides_the_inertia_about_the_others() -> None:
     """A body that turns about z shows the third column of the inertia alone."""
     hidden = sum(covariance(inertia=np.outer(one, other) + np.outer(other, one)) for one, other in ALL_BUT_Z)
-    found = unseen(hidden / len(ALL_BUT_Z))
+    found = unobservable(hidden / len(ALL_BUT_Z))
     assert {each.quantity for each in found} == {"inertia"}
     assert len(found) == 2
     assert all(each.what.endswith("0.00)") and "about" in each.what for each in found)
@@ -80,7 +80,7 @@ ALL_BUT_Z = [(X, X), (Y, Y), (X, Y)]
 
 
 def test_a_product_of_inertia_alone_is_named() -> None:
-    (found,) = unseen(covariance(inertia=np.outer(X, Y) + np.outer(Y, X)))
+    (found,) = unobservable(covariance(inertia=np.outer(X, Y) + np.outer(Y, X)))
     assert (found.quantity, found.what) == ("inertia", "products of inertia")
 
 

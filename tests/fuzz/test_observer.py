@@ -60,18 +60,18 @@ def record_on(news: News) -> None:
     out = McapFile(io.BytesIO())
     run = RunWriter(out, SCENARIO, BEGIN)
     for each in (truth(10, LIGHT), estimate("r1", 11, LIGHT), news, truth(11, HEAVY), estimate("r1", 12, HEAVY)):
-        run.hear(each)
+        run.receive(each)
     out.finish()
 
 
-def hear_show_and_report(message: Message) -> None:
+def receive_show_and_report(message: Message) -> None:
     record = record_of_a_run()
     try:
         news = check_news("r1", message, SCENE)
     except MessageError:
         return
     assert news is not None
-    record.hear(news)
+    record.receive(news)
     record_on(news)
     console = Console(file=io.StringIO(), width=80, force_terminal=True)
     for display in (LiveDisplay(console), LineDisplay(console)):
@@ -97,19 +97,19 @@ def test_a_sound_message_with_something_else_in_a_place(data: st.DataObject) -> 
         message = decode(with_fields(said, msgspec.msgpack.encode(changed)), type(sound), KEY)
     except MessageError:
         return
-    hear_show_and_report(message)
+    receive_show_and_report(message)
 
 
 @pytest.mark.slow
 @settings(max_examples=5 * settings.default.max_examples)
 @given(message=st.sampled_from(SOUND).flatmap(altered))
 def test_a_sound_message_with_another_value_in_a_place(message: Message) -> None:
-    hear_show_and_report(message)
+    receive_show_and_report(message)
 
 
 @given(message=values(Estimate) | values(Truth) | values(Problem))
 def test_any_message(message: Message) -> None:
-    hear_show_and_report(message)
+    receive_show_and_report(message)
 
 
 def test_nobody_speaks_for_another_robot() -> None:

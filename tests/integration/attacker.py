@@ -114,7 +114,7 @@ class Busybody:
         self._tokens = (*answers, *shows)
         remote = zenoh.Locality.REMOTE
         self._kept: list[object] = [
-            session.declare_subscriber(key, self._hear, allowed_origin=remote) for key in listens
+            session.declare_subscriber(key, self._receive, allowed_origin=remote) for key in listens
         ]
         self._kept += [session.declare_publisher(key) for key in says]
         for key in answers:
@@ -127,7 +127,7 @@ class Busybody:
         if str(sample.key_expr) not in self._tokens:
             self.came.shown.add(str(sample.key_expr))
 
-    def _hear(self, sample: zenoh.Sample) -> None:
+    def _receive(self, sample: zenoh.Sample) -> None:
         where = self.came.heard if sample.kind == zenoh.SampleKind.PUT else self.came.deleted
         where.add(str(sample.key_expr))
 

@@ -25,14 +25,14 @@ def say(what: dict[str, Any]) -> None:
 
 
 def listen(port: int, topic: str, kind: str, quality: str | None = None) -> ROS2Subscriber:
-    def hear(message: Any) -> None:
+    def receive(message: Any) -> None:
         say({"topic": topic, "message": asdict(message)})
 
     definition, _ = STORE.generate_msgdef(kind, ros_version=2)
     return ROS2Subscriber(
         topic,
         kind,
-        hear,
+        receive,
         msg_definition=definition,
         type_hash=STORE.hash_rihs01(kind),
         router_port=port,

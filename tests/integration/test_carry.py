@@ -27,7 +27,7 @@ def test_the_same_way_in_one_process_and_in_many(tmp_path: Path) -> None:
     record = CarryRecord(scenario)
     record.look_at(Simulation(scenario).scene)
     for block in run_in_process(scenario):
-        record.hear(received(block.truth))
+        record.receive(received(block.truth))
     command = [
         sys.executable,
         "-m",

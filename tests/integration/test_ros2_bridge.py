@@ -109,10 +109,10 @@ def test_tokens_and_attachments_are_those_of_rmw_zenoh_and_go_with_the_bridge(tm
         team.wait_for_block(0)
         announced(team, tmp_path)
 
-        def hear(sample: Any) -> None:
+        def receive(sample: Any) -> None:
             attachments.append(sample.attachment.to_bytes())
 
-        subscriber = ros.declare_subscriber(f"0/r2/payload/{INERTIA}", hear)
+        subscriber = ros.declare_subscriber(f"0/r2/payload/{INERTIA}", receive)
         with started(bridge(tmp_path, port), tmp_path / "bridge.txt") as command:
             wait_until(lambda: len(attachments) >= 3, "three estimates")
             seen = tokens(ros)
@@ -148,12 +148,12 @@ def test_a_router_that_was_gone_is_found_again(tmp_path: Path) -> None:
             wait_until(lambda: "is gone; waiting for it" in command.said(), "the bridge to notice")
             count = 0
 
-            def hear(sample: Any) -> None:
+            def receive(sample: Any) -> None:
                 nonlocal count
                 count += 1
 
             with router(port) as ros:
-                subscriber = ros.declare_subscriber(f"0/r1/payload/{INERTIA}", hear)
+                subscriber = ros.declare_subscriber(f"0/r1/payload/{INERTIA}", receive)
                 wait_until(lambda: count > 0, "an estimate by the new router")
                 wait_until(lambda: "the router is back" in command.said(), "the bridge to notice")
                 wait_until(lambda: any("/NN/" in token for token in tokens(ros)), "the node")

@@ -101,16 +101,16 @@ class Robots:
         ]
 
     def _note(self, name: str) -> Callable[[zenoh.Sample], None]:
-        def hear(sample: zenoh.Sample) -> None:
+        def receive(sample: zenoh.Sample) -> None:
             self.wanted[name] = stamp_of(decoded(sample, "geometry_msgs/msg/WrenchStamped"))
 
-        return hear
+        return receive
 
     def _keep(self, name: str) -> Callable[[zenoh.Sample], None]:
-        def hear(sample: zenoh.Sample) -> None:
+        def receive(sample: zenoh.Sample) -> None:
             self.estimates[name] = decoded(sample, "geometry_msgs/msg/InertiaStamped")
 
-        return hear
+        return receive
 
     def measure(self, name: str, stream: str, stamp: int, sample: np.ndarray) -> None:
         self._publishers[name, stream].put(cdr(stream, name, stamp, sample))
@@ -133,11 +133,11 @@ class Told:
 
     @staticmethod
     def _gather(messages: dict[int, Any], kind: str) -> Callable[[zenoh.Sample], None]:
-        def hear(sample: zenoh.Sample) -> None:
+        def receive(sample: zenoh.Sample) -> None:
             message = decoded(sample, f"geometry_msgs/msg/{kind}")
             messages[stamp_of(message)] = message
 
-        return hear
+        return receive
 
     def both(self) -> set[int]:
         """Stamps at which the arm knows where to be and how fast to move."""

@@ -33,8 +33,8 @@ def test_processes_and_their_recording_give_the_numbers_of_one_process(tmp_path:
     collector, record = Collector(), Record(recording.begin.scene, SECONDS, beside=["fan2017"])
     collector.begin(recording.begin)
     for _, news in recording.news:
-        collector.hear(news)
-        record.hear(news)
+        collector.receive(news)
+        record.receive(news)
     report = build_report(expected.scenario, record, real_time_factor=1.0)
     replayed = collector.result(expected.scenario, report)
     for found, alone in ((replayed, expected), (replayed.beside["fan2017"], expected.beside["fan2017"])):

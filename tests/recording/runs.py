@@ -52,7 +52,7 @@ def record(path: Path, news: Sequence[News], *, finish: bool = True) -> Path:
         out = McapFile(file)
         run = RunWriter(out, SCENARIO, BEGIN)
         for number, each in enumerate(news):
-            run.hear(each)
+            run.receive(each)
             if number % 16 == 0:
                 out.flush()
         if finish:

@@ -263,7 +263,7 @@ def test_the_recorder_finishes_its_file_whatever_happens(tmp_path: Path) -> None
     with contextlib.suppress(KeyboardInterrupt), Recorder(path, SCENARIO) as recorder:
         recorder.begin(BEGIN)
         for news in NEWS:
-            recorder.hear(news)
+            recorder.receive(news)
         raise KeyboardInterrupt
     assert len(read_recording(path).news) == len(NEWS)
 
@@ -304,12 +304,12 @@ def test_a_run_goes_on_when_its_recording_cannot(tmp_path: Path) -> None:
         recorder.begin(BEGIN)
         while recorder._thread.is_alive():  # until it has found the disk full
             for news in NEWS:
-                recorder.hear(news)
+                recorder.receive(news)
         for news in NEWS:
-            recorder.hear(news)
+            recorder.receive(news)
     assert "run.mcap: could no longer be written: No space left" in recorder.problem
     broken_off = BrokenOff({"record": tmp_path / "run.mcap"}, tmp_path, recorder)
     for news in NEWS:
-        broken_off.hear(news)
+        broken_off.receive(news)
     assert "holds what came until then" not in broken_off.sentence()
     assert "To save its content: coheft recover" in broken_off.sentence()

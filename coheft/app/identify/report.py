@@ -218,7 +218,7 @@ def _not_observable(found: Identification) -> list[str]:
     """Describe what is not observable."""
     sentences = []
     for k, name in enumerate(found.names[1:], 1):
-        directions = found.team.relative(0, k).unseen
+        directions = found.team.relative(0, k).unobservable
         if len(directions) == _ALL_DIRECTIONS:
             sentences.append(f"pose of {name}: the load has to move and turn")
         elif directions:
@@ -227,7 +227,7 @@ def _not_observable(found: Identification) -> list[str]:
     if found.is_explained:  # the fault may be the reason for the rest
         return sentences
     are_poses_seen = not sentences
-    for part in found.payload.unseen:
+    for part in found.payload.unobservable:
         # With all poses known, gravity would show the mass.
         is_mass = part.quantity == "mass"
         remedy = part.remedy if are_poses_seen or not is_mass else "first, all poses have to be seen"
@@ -262,7 +262,7 @@ def _changes(recording: Recording) -> tuple[str, ...]:
 
 def _pose(found: Identification, robot: int) -> PoseReport | None:
     relative = found.team.relative(0, robot)
-    if relative.unseen:
+    if relative.unobservable:
         return None
     return PoseReport(
         rotation=relative.pose.rotation.tolist(),
@@ -277,7 +277,7 @@ def errors_of(recording: Recording, truth: Truth, found: Identification) -> Erro
     """Errors of an identification."""
     rotation, position = {}, {}
     for i, j in combinations(range(len(found.names)), 2):
-        if found.team.relative(i, j).unseen:
+        if found.team.relative(i, j).unobservable:
             continue
         pair = f"{found.names[i]}-{found.names[j]}"
         rotation[pair], position[pair] = pose_errors(truth, found, i, j)

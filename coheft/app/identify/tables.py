@@ -9,7 +9,7 @@ from rich.table import Table
 from coheft.app.identify.report import IdentifyReport
 from coheft.app.terminal.wide_table import print_table
 
-_UNSEEN = "not observable"
+_UNOBSERVABLE = "not observable"
 
 
 def print_identification(console: Console, report: IdentifyReport) -> None:
@@ -40,12 +40,12 @@ def print_identification(console: Console, report: IdentifyReport) -> None:
             f"The best fit is physically impossible; this is the most likely possible body, "
             f"{report.payload.deviations_off:.1f} standard deviations away."
         )
-    unseen = (f"Not observable: {what}" for what in report.not_observable)
+    unobservable = (f"Not observable: {what}" for what in report.not_observable)
     unjudged = (
         [] if report.not_judged is None else [f"Not judged, so that nothing has checked it: {report.not_judged}."]
     )
     doubts = (f"Do not trust these numbers: {what}" for what in report.doubts)
-    for text in (*unseen, *report.remarks, *unjudged, *doubts):
+    for text in (*unobservable, *report.remarks, *unjudged, *doubts):
         console.print(text, markup=False)
 
 
@@ -59,7 +59,7 @@ def _poses(report: IdentifyReport) -> Table:
         table.add_column("error, mm")
     for name, pose in report.poses.items():
         if pose is None:
-            table.add_row(escape(name), _UNSEEN)
+            table.add_row(escape(name), _UNOBSERVABLE)
             continue
         row = [
             escape(name),
@@ -85,7 +85,7 @@ def _payload(report: IdentifyReport) -> Table:
     )
 
     def add(label: str, value: str, std: str = "", error: str = "") -> None:
-        table.add_row(label, *((value, std, error) if value else (_UNSEEN,))[: len(table.columns) - 1])
+        table.add_row(label, *((value, std, error) if value else (_UNOBSERVABLE,))[: len(table.columns) - 1])
 
     add("mass, kg", _numbers(payload.mass_kg), _numbers(payload.mass_std_kg), _numbers(mass_error, 4, " kg"))
     add("centre of mass, m", _numbers(payload.com_m), _numbers(payload.com_std_m), _numbers(com_error, 2, " mm"))

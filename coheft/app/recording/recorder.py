@@ -58,8 +58,8 @@ class Recorder(Follower):
         """See ``Follower.begin``."""
         self._news.put(status)
 
-    def hear(self, news: News) -> None:
-        """See ``Follower.hear``."""
+    def receive(self, news: News) -> None:
+        """See ``Follower.receive``."""
         if self._failure is None:
             self._news.put(news)
 
@@ -88,7 +88,7 @@ class Recorder(Follower):
         run = RunWriter(out, self._scenario, begin)
         while (news := self._next(out)) is not None:
             if not isinstance(news, Status):
-                run.hear(news)
+                run.receive(news)
         out.finish()
 
     def _next(self, out: McapFile) -> Status | News | None:

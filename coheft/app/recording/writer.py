@@ -46,7 +46,7 @@ class RunWriter:
         self._write_raw(self._newest, begin)
         self._write(self._newest, scene_messages(self._newest, begin.scene))
 
-    def hear(self, news: News) -> None:
+    def receive(self, news: News) -> None:
         """Write a received message."""
         time = self._newest if isinstance(news, Problem) else _nanoseconds(news.time)
         self._newest = max(self._newest, time)

@@ -76,8 +76,8 @@ class CarryRecord(Follower):
         """Use the grasps of a scene."""
         self._grasps = [Pose(r, p) for r, p in zip(scene.rotations, scene.translations, strict=True)]
 
-    def hear(self, news: News) -> None:
-        """See ``Follower.hear``; uses truths only."""
+    def receive(self, news: News) -> None:
+        """See ``Follower.receive``; uses truths only."""
         if isinstance(news, Truth):
             self._add(news)
 

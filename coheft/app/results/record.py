@@ -94,7 +94,7 @@ class Record:
             return False
         return newest is not None and not self.silent and all(e.block >= newest.block for e in self.latest.values())
 
-    def hear(self, news: News) -> None:
+    def receive(self, news: News) -> None:
         """Process a received message."""
         match news:
             case Truth():

@@ -47,7 +47,7 @@ class Bridge:
         self._scene = scene
         self._publish(scene_messages(self._epoch, scene))
 
-    def hear(self, news: News) -> None:
+    def receive(self, news: News) -> None:
         """Publish a message and the lines of the log that follow from it."""
         if isinstance(news, Truth):
             time = self._note_time(news.time)
@@ -98,7 +98,7 @@ def bridge_run(run_file: RunFile, endpoint: str, domain: int, tell: Callable[[st
         while status.state is not RunState.FINISHED:
             news = observer.collect(scene, _SILENCE)
             for item in news:
-                bridge.hear(item)
+                bridge.receive(item)
             if not news:
                 status = observer.status() or status
                 observer.check_server()

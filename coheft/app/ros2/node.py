@@ -90,16 +90,16 @@ class RosNode:
             self._announce(self._node.endpoint_token(len(self._kept), "MP", typed))
         self.published += self.topics[topic].publish(message)
 
-    def listen(self, topic: str, kind: str, hear: Callable[[bytes], None]) -> None:
+    def listen(self, topic: str, kind: str, receive: Callable[[bytes], None]) -> None:
         """Subscribe to the messages of a topic, as CDR, received in a thread of Zenoh's.
 
         Args:
             topic: Name of the topic.
             kind: Type of its messages, such as ``geometry_msgs/msg/WrenchStamped``.
-            hear: Called with each message.
+            receive: Called with each message.
         """
         typed = typed_topic(self.full(topic), kind)
-        handler: Any = zenoh.handlers.Callback(lambda sample: hear(sample.payload.to_bytes()), indirect=False)
+        handler: Any = zenoh.handlers.Callback(lambda sample: receive(sample.payload.to_bytes()), indirect=False)
         self._kept.append(self._session.declare_subscriber(typed.key(self._node.domain), handler))
         self._announce(self._node.endpoint_token(len(self._kept), "MS", typed))
 

@@ -22,7 +22,7 @@ class Stamps:
         self._heard: dict[str, tuple[int, int]] = {}
         self._lead = 0
 
-    def hear(self, robot: str, stamp: int, arrival: int) -> None:
+    def receive(self, robot: str, stamp: int, arrival: int) -> None:
         """Note a robot's newest measurement: its stamp [ns], and its arrival [ns], by our own clock."""
         self._heard[robot] = stamp - arrival, stamp
 
@@ -66,7 +66,7 @@ class Stamps:
         Raises:
             MessageError: Its stamp is too far in the future.
         """
-        self.hear(robot, stamp, arrival)
+        self.receive(robot, stamp, arrival)
         lead = self._lead
         if stamp - arrival - lead > LIMIT and self._robots > 1:
             self.settle(patient=True)

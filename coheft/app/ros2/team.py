@@ -83,7 +83,7 @@ class Team:
         """Wait until every agent asks for measurements and is linked with all its neighbours."""
         next_word = time.monotonic() + _SILENCE
         while waited_for := {name for name, link in self._links.items() if not link.is_settled}:
-            self._hear_agents(_POLL)
+            self._receive_from_agents(_POLL)
             if time.monotonic() > next_word:
                 missing = {other for link in self._links.values() for other in link.missing}
                 self._tell(f"waiting for the agents of {', '.join(sorted(waited_for | missing))}")
@@ -108,13 +108,13 @@ class Team:
         soon = -math.inf if epoch is None else epoch - LIMIT
         while (newest := stamps.settle(patient=time.monotonic() < first_at + _PATIENCE)) is None or newest < soon:
             for robot, _, stamp, _, arrival in self._readings.take(_POLL):
-                stamps.hear(robot, stamp, arrival)
+                stamps.receive(robot, stamp, arrival)
                 if stamp >= soon:
                     first_at = min(first_at, time.monotonic())
                     agreed = stamps.settle(patient=True)
                     if agreed is not None and agreed >= soon:
                         break  # the fewer are read, the sooner it begins
-            self._hear_agents(0.0)
+            self._receive_from_agents(0.0)
             if time.monotonic() > next_word:
                 next_word += _SILENCE
                 self._tell_silence(self._streams)
@@ -157,7 +157,7 @@ class Team:
                         self._links[robot].send_measurements(Measurements(robot=robot, block=number, samples=samples))
                     contents.note(robot, number, samples)
                     fed_at[robot] = time.monotonic()
-            self._hear_agents(0.0)
+            self._receive_from_agents(0.0)
             if time.monotonic() > next_look:
                 next_look = time.monotonic() + _SILENCE
                 self._tell_paces(builders)
@@ -183,7 +183,7 @@ class Team:
         self._bridge = Bridge(self._node, epoch)
         self._tell(f"block 0 begins at {epoch / 1e9:.3f} s; Ctrl-C ends it")
 
-    def _hear_agents(self, seconds: float) -> None:
+    def _receive_from_agents(self, seconds: float) -> None:
         """Process an event of the agents, waiting up to a time for it."""
         event = self._inbox.receive(seconds)
         while event is not None:
@@ -216,11 +216,11 @@ class Team:
         match message:
             case Estimate():
                 check_estimate(message, name, {name, *config.neighbours})
-                self._bridge.hear(message)
+                self._bridge.receive(message)
             case EstimateBeside():
                 pass  # ROS 2 has the robot's own
             case Problem():
-                self._bridge.hear(Problem(source=name, text=one_line(message.text)))
+                self._bridge.receive(Problem(source=name, text=one_line(message.text)))
             case _:
                 was_ready = link.is_ready
                 link.take(message)

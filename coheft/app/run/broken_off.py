@@ -35,8 +35,8 @@ class BrokenOff(Follower):
         self._old_data = self._data_written_at()
         self._time: float | None = None
 
-    def hear(self, news: News) -> None:
-        """See ``Follower.hear``."""
+    def receive(self, news: News) -> None:
+        """See ``Follower.receive``."""
         if isinstance(news, Truth):
             self._time = news.time
 

@@ -12,7 +12,7 @@ class Follower:
     def begin(self, status: Status) -> None:
         """Begin: all links are up and the clock runs; ``status`` holds the scene and the duration."""
 
-    def hear(self, news: News) -> None:
+    def receive(self, news: News) -> None:
         """Process a checked message of the server or an agent."""
 
     def end(self, status: Status) -> None:

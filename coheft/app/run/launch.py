@@ -125,11 +125,11 @@ class Audience:
         """Process the messages that have arrived, show them, and return whether the simulated time has advanced."""
         before = self.record.time
         for news in observer.collect(self.record.scene, seconds, _GATHER):
-            self.record.hear(news)
+            self.record.receive(news)
             if isinstance(news, Problem) and (self.is_told_end or not news.is_end):
                 self.display.problem(news)
             for follower in self.followers:
-                follower.hear(news)
+                follower.receive(news)
         self.display.update(self.record)
         return self.record.time > before
 

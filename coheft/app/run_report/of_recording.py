@@ -36,8 +36,8 @@ def report_recording(path: Path, folder: Path) -> Path:
     follower.is_live = False
     follower.begin(begin)
     for _, news in recording.news:
-        follower.hear(news)
-        record.hear(news)
+        follower.receive(news)
+        record.receive(news)
     if record.truth is None or record.silent:
         raise RecordingError(f"{path}: it ends before every robot had said something: there is nothing to report")
     report = with_bound(build_report(scenario, record), scenario, record.truth)

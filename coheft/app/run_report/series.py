@@ -108,8 +108,8 @@ class SeriesFollower(Follower):
         self._pairing = self._pairings[self.series.estimator]
         self._masses: deque[tuple[float, float]] = deque(maxlen=500)
 
-    def hear(self, news: News) -> None:
-        """See ``Follower.hear``."""
+    def receive(self, news: News) -> None:
+        """See ``Follower.receive``."""
         match news:
             case Truth():
                 self._add_truth(news)

@@ -91,7 +91,7 @@ def _follow(observer: Observer, model: ViewModel, page: Page, controls: Controls
     moved_at, end_at, seen = time.monotonic(), math.inf, model.time
     while not observer.has_lost_server and time.monotonic() < end_at:
         for news in observer.collect(model.scene, FRAME):
-            model.hear(news)
+            model.receive(news)
         if (now := time.monotonic()) > asked_at + _STATUS_EVERY:
             asked_at = now
             status: Status | None = observer.status()

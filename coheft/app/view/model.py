@@ -67,7 +67,7 @@ class ViewModel:
         self.by_estimator = {estimator_names(status.estimator)[0]: self, **self.beside}
         self.changes = 0
 
-    def hear(self, news: News) -> None:
+    def receive(self, news: News) -> None:
         """Add a received message."""
         self.changes += 1
         match news:
@@ -75,13 +75,13 @@ class ViewModel:
                 self.truth = news
                 self._compare(self._pairing.add_truth(news))
                 for other in self.beside.values():
-                    other.hear(news)
+                    other.receive(news)
             case Estimate():
                 self._latest[news.robot] = news
                 self._compare(self._pairing.add_estimate(news))
             case EstimateBeside(estimate=estimate):
                 if (beside := self.beside.get(estimate.estimator)) is not None:
-                    beside.hear(estimate)
+                    beside.receive(estimate)
             case Problem():
                 self.problems.append((self.time, news))
 

@@ -43,7 +43,7 @@ class Timeline:
             self._restart(time)
         self.time = time
         for index in range(self._next, bisect_right(self._times, time)):
-            self.model.hear(self._news[index][1])
+            self.model.receive(self._news[index][1])
             self._next = index + 1
         return self.model
 

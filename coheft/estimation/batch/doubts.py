@@ -8,7 +8,7 @@ import numpy as np
 
 from coheft.estimation.batch.payload import Payload
 from coheft.estimation.batch.team_poses import TeamPoses
-from coheft.estimation.rigid_body.unseen import middle_and_size
+from coheft.estimation.rigid_body.unobservable import middle_and_size
 
 _FAR = 10.0
 """Distance from all possible bodies, in standard deviations, that noise does not explain."""
@@ -55,7 +55,7 @@ def doubts_about(names: Sequence[str], team: TeamPoses, payload: Payload) -> tup
     far = {
         name: distance
         for name, pose in zip(names[1:], relative, strict=True)
-        if not pose.unseen and (distance := float(np.linalg.norm(pose.pose.translation))) > _FARTHEST
+        if not pose.unobservable and (distance := float(np.linalg.norm(pose.pose.translation))) > _FARTHEST
     }
     if far:
         distances = ", ".join(f"{name} {distance:.0f} m" for name, distance in far.items())

@@ -16,7 +16,7 @@ from coheft.estimation.moments.recorded import fit_recorded
 from coheft.estimation.moments.unknowns import THETA
 from coheft.estimation.rigid_body.derivatives import central_derivative
 from coheft.estimation.rigid_body.mass_properties import Inertia
-from coheft.estimation.rigid_body.unseen import unseen_quantities
+from coheft.estimation.rigid_body.unobservable import unobservable_quantities
 
 MOST_NOISE = 1.3
 """Ratio of residuals to the noise above which they are not white noise of the named level."""
@@ -68,7 +68,7 @@ def identify_sensors(recording: Recording) -> Identification:
             inertia=inertia,
             measured=Inertia.from_barycentric(state.load[THETA]),
             covariance=covariance,
-            unseen=unseen_quantities(covariance, inertia.mass, estimate.size),
+            unobservable=unobservable_quantities(covariance, inertia.mass, estimate.size),
         ),
         remarks=() if is_refuted else (remark,),
         suspicions=((remark,) if is_refuted else ()) + unsettled(team),

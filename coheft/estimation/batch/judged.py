@@ -30,7 +30,7 @@ _SURELY = 3.0
 """Standard deviations."""
 _KGF, _LBF = 9.80665, 4.4482216
 """Other units of force [N]."""
-_UNSEEN = "motion and gravity do not show where all robots hold the load, or that it has a weight"
+_UNOBSERVABLE = "motion and gravity do not show where all robots hold the load, or that it has a weight"
 
 
 def judged(
@@ -71,7 +71,7 @@ def _judged(
         evidence = found.evidence or Evidence.of(recording, cutoff)
         verdict = stuck_motion(recording)
         if not evidence.is_seen and verdict is None:
-            return replace(found, not_judged=_UNSEEN), evidence
+            return replace(found, not_judged=_UNOBSERVABLE), evidence
         verdict = verdict or judge(evidence, assume)
         if verdict.cause == Cause.UNKNOWN and recording.has("pose"):
             verdict = _inverse(recording, cutoff) or verdict

@@ -79,7 +79,7 @@ def pair_pose(twist_i: Array, twist_j: Array, rate: float, instrument: Array | N
         across = skew(turning)
         least[rows, rows] = _FINEST**2 * np.einsum("kab,kcb->ac", across, across)
     seen = seen_information(sandwich_information(derivative, scores, rate, least), Visibility())
-    return PoseEstimate(Pose(rotation, position), seen.inverse(), seen.unseen())
+    return PoseEstimate(Pose(rotation, position), seen.inverse(), seen.unobservable())
 
 
 def grasps_from_twists(signals: Signals, with_instruments: bool) -> tuple[TeamPoses, list[LoopError]]:
@@ -91,7 +91,7 @@ def grasps_from_twists(signals: Signals, with_instruments: bool) -> tuple[TeamPo
         for j in range(i + 1, count):
             instrument = _instrument(signals.w, i, j) if with_instruments else None
             pairs[i, j] = pair_pose(twists[i], twists[j], signals.rate, instrument)
-    seen = {pair: estimate for pair, estimate in pairs.items() if not estimate.unseen}
+    seen = {pair: estimate for pair, estimate in pairs.items() if not estimate.unobservable}
     return close_loops(count, pairs), loop_errors(seen)
 
 

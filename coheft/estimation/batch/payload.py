@@ -11,7 +11,7 @@ from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.rigid_body.consistency import is_possible, nearest_possible
 from coheft.estimation.rigid_body.derivatives import barycentric_derivative
 from coheft.estimation.rigid_body.mass_properties import Inertia, unpack_symmetric
-from coheft.estimation.rigid_body.unseen import Quantity, Unseen, middle_and_size, unseen_quantities
+from coheft.estimation.rigid_body.unobservable import Quantity, Unobservable, middle_and_size, unobservable_quantities
 
 _HIDDEN = 100.0
 """Stands for an infinite deviation of what is not observable, times the mass, and metres or their squares."""
@@ -29,13 +29,13 @@ class Payload:
         inertia: The most likely physically possible estimate.
         measured: The solution of the fit, perhaps impossible.
         covariance: Covariance of ``(m, h, J)``, ``J`` packed, shape (10, 10).
-        unseen: Quantities that are not observable, and what would show them.
+        unobservable: Quantities that are not observable, and what would show them.
     """
 
     inertia: Inertia
     measured: Inertia
     covariance: Array
-    unseen: tuple[Unseen, ...]
+    unobservable: tuple[Unobservable, ...]
 
     @property
     def was_possible(self) -> bool:
@@ -52,7 +52,7 @@ class Payload:
 
     def is_seen(self, quantity: Quantity) -> bool:
         """Whether all components of a quantity are observable."""
-        return all(part.quantity != quantity for part in self.unseen)
+        return all(part.quantity != quantity for part in self.unobservable)
 
     @property
     def std(self) -> Array:
@@ -79,8 +79,8 @@ def make_payload(measured: Inertia, covariance: Array, poses: Sequence[Pose]) ->
     covariance = covariance + np.diag((_FINEST * units) ** 2)
     information = _inverse(barycentric_derivative(measured), covariance, units)
     possible = nearest_possible(measured.barycentric(), information, length)
-    unseen = unseen_quantities(covariance, abs(measured.mass), length)
-    return Payload(Inertia.from_barycentric(possible), measured, covariance, unseen)
+    unobservable = unobservable_quantities(covariance, abs(measured.mass), length)
+    return Payload(Inertia.from_barycentric(possible), measured, covariance, unobservable)
 
 
 def hidden_covariance(hidden: Array, mass: float) -> Array:

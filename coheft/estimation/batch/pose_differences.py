@@ -26,7 +26,7 @@ def turned_covariance(solve: Callable[[Sequence[Pose]], Array], team: TeamPoses)
     result = solve(team.poses)
     covariance = np.zeros((len(result), len(result)))
     for robot in range(1, len(team.poses)):
-        for direction in team.relative(0, robot).unseen:
+        for direction in team.relative(0, robot).unobservable:
             size = float(np.linalg.norm(direction.rotation))
             if size < _TURNING:
                 continue

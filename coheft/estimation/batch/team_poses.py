@@ -28,7 +28,7 @@ class TeamPoses:
     @property
     def is_observable(self) -> bool:
         """Whether all poses are observable."""
-        return not any(self.relative(0, other).unseen for other in range(1, len(self.poses)))
+        return not any(self.relative(0, other).unobservable for other in range(1, len(self.poses)))
 
     def relative(self, i: int, j: int) -> PoseEstimate:
         """``pose_j_in_i`` of two different robots."""
@@ -36,4 +36,4 @@ class TeamPoses:
         by_robot = self.covariance.reshape(len(self.poses), 6, len(self.poses), 6)
         covariance = derivative @ by_robot[[i, j]][:, :, [i, j]].reshape(12, 12) @ derivative.T
         seen = seen_information(np.linalg.inv(covariance).astype(np.float64), Visibility())
-        return PoseEstimate(self.poses[i].inverse() @ self.poses[j], covariance, seen.unseen())
+        return PoseEstimate(self.poses[i].inverse() @ self.poses[j], covariance, seen.unobservable())

@@ -92,7 +92,7 @@ class UnknownLoad:
         expected, spread = self.start()
         gain = np.linalg.solve(spread, law.slope @ self._prior_covariance).T
         self._mean = self._prior_mean + gain @ (phi - expected)
-        unseen = np.eye(_SIZE) - gain @ law.slope
-        left = unseen @ self._prior_covariance @ unseen.T
+        unobservable = np.eye(_SIZE) - gain @ law.slope
+        left = unobservable @ self._prior_covariance @ unobservable.T
         left += gain @ (self._phi_covariance + law.rest + covariance) @ gain.T
         self._law = linearised(self._mean, 0.5 * (left + left.T))

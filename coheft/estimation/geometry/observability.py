@@ -35,7 +35,7 @@ class Visibility:
 
 
 @dataclass(frozen=True, eq=False)
-class UnseenDirection:
+class UnobservableDirection:
     """A motion of the estimated frame that the data cannot distinguish from no motion.
 
     rotation: Shape (3,), in the axes of the frame in which the pose is given, in units of the limit.
@@ -59,11 +59,11 @@ class PoseEstimate(UncertainPose):
     """A pose with its covariance and its unobservable directions.
 
     Attributes:
-        unseen: Directions that the motion has not shown yet: along these the pose is arbitrary and the covariance is
-            meaningless.
+        unobservable: Directions that the motion has not shown yet: along these the pose is arbitrary and the covariance
+            is meaningless.
     """
 
-    unseen: tuple[UnseenDirection, ...]
+    unobservable: tuple[UnobservableDirection, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,29 +73,29 @@ class SeenInformation:
     Attributes:
         values: Eigenvalues in units of the required information, shape (6 k,), those of unobservable directions first.
         directions: Their directions as columns, in units [rad, m], shape (6 k, 6 k).
-        unseen_count: Number of unobservable directions.
+        unobservable_count: Number of unobservable directions.
         limits: Limits that define the required information.
     """
 
     values: Array
     directions: Array
-    unseen_count: int
+    unobservable_count: int
     limits: Visibility
 
     def inverse(self) -> Array:
         """Return the inverse of the information; unobservable directions get 1000 times the limit in place of
         infinity.
         """
-        values = np.concatenate([np.full(self.unseen_count, _FLOOR), self.values[self.unseen_count :]])
+        values = np.concatenate([np.full(self.unobservable_count, _FLOOR), self.values[self.unobservable_count :]])
         result: Array = (self.directions / values) @ self.directions.T
         return result
 
-    def unseen(self) -> tuple[UnseenDirection, ...]:
+    def unobservable(self) -> tuple[UnobservableDirection, ...]:
         """Return the unobservable directions of a single pose, separated into rotations and translations if
         possible.
         """
-        basis = self.directions[:, : self.unseen_count] / self.limits.scale()[:, None]
-        return tuple(UnseenDirection(column[:3], column[3:]) for column in _named_basis(basis).T)
+        basis = self.directions[:, : self.unobservable_count] / self.limits.scale()[:, None]
+        return tuple(UnobservableDirection(column[:3], column[3:]) for column in _named_basis(basis).T)
 
 
 def seen_information(information: Array, limits: Visibility) -> SeenInformation:

@@ -18,7 +18,7 @@ from coheft.estimation.moments.unknowns import THETA, Flags
 from coheft.estimation.rigid_body.consistency import is_possible, nearest_possible
 from coheft.estimation.rigid_body.derivatives import central_derivative, seen_inertia_derivative
 from coheft.estimation.rigid_body.mass_properties import Inertia
-from coheft.estimation.rigid_body.unseen import Unseen, unseen_quantities
+from coheft.estimation.rigid_body.unobservable import Unobservable, unobservable_quantities
 
 CLAIM_LIMITS: Array = np.repeat([np.radians(2.0), 0.04], 3)
 """Poses are published once they are known to this [rad, m]: errors of five deviations are then still linear."""
@@ -32,14 +32,14 @@ class Claim:
         inertia: The load in ``F_i``, None if not even its mass is known; only its first ``known`` numbers are valid.
         known: How many numbers of ``(m, h, J)`` are known: 0, 1, 4 or 10.
         covariance: Their covariance, shape (known, known).
-        unseen: What is not known, and which motion would show it, in words.
+        unobservable: What is not known, and which motion would show it, in words.
         hidden_poses: Whether each robot's pose is less certain than ``CLAIM_LIMITS``, shape (N,).
     """
 
     inertia: Inertia | None
     known: int
     covariance: Array
-    unseen: tuple[str, ...]
+    unobservable: tuple[str, ...]
     hidden_poses: Flags
 
 
@@ -54,23 +54,23 @@ def claim_of(estimate: Estimate, robot: int) -> Claim:
     derivative[:, 6:] = derivative[:, 6:] @ central_derivative(inertia)
     indices = np.concatenate([unknowns.poses[robot], np.arange(unknowns.size)[unknowns.theta]])
     covariance = derivative @ covariance[np.ix_(indices, indices)] @ derivative.T
-    unseen = unseen_quantities(covariance, inertia.mass, estimate.size)
-    quantities = {each.quantity for each in unseen}
+    unobservable = unobservable_quantities(covariance, inertia.mass, estimate.size)
+    quantities = {each.quantity for each in unobservable}
     known = 0 if "mass" in quantities else 1 if "com" in quantities else 4 if "inertia" in quantities else 10
     if hidden.any():
         known = min(known, 1)
-    words = tuple(f"{each.what}: {_remedy(each, estimate)}" for each in unseen)
+    words = tuple(f"{each.what}: {_remedy(each, estimate)}" for each in unobservable)
     return Claim(inertia.carried(pose.inverse()) if known else None, known, covariance[:known, :known], words, hidden)
 
 
-def _remedy(unseen: Unseen, estimate: Estimate) -> str:
+def _remedy(unobservable: Unobservable, estimate: Estimate) -> str:
     """Say what would show a quantity: other motions, if all robots measure the wrenches that it needs."""
     is_there = np.isfinite(np.sum(estimate.body.noise.wrench, axis=0))
     if not is_there[:3].all():
         return "no motion shows it while a robot that holds the load does not measure its force"
-    if unseen.quantity == "inertia" and not is_there.all():
+    if unobservable.quantity == "inertia" and not is_there.all():
         return "no motion shows it while a robot that holds the load does not measure its torque"
-    return unseen.remedy
+    return unobservable.remedy
 
 
 def possible_load(estimate: Estimate) -> Inertia:

@@ -22,7 +22,7 @@ from coheft.estimation.moments.rows import ROW_SIZE, RowNoise
 from coheft.estimation.moments.sensor_errors import SensorErrors
 from coheft.estimation.moments.unknowns import OFFSET, Indices, State, Unknowns
 from coheft.estimation.rigid_body.mass_properties import point_mass
-from coheft.estimation.rigid_body.unseen import middle_and_size
+from coheft.estimation.rigid_body.unobservable import middle_and_size
 from coheft.estimation.tolerance import SensorDrift
 
 POSE_LIMITS: Array = np.repeat([np.radians(5.0), 0.1], 3)

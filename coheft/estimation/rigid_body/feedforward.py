@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from coheft.estimation.geometry.spatial import Array, Pose, skew
-from coheft.estimation.rigid_body.unseen import middle_and_size
+from coheft.estimation.rigid_body.unobservable import middle_and_size
 
 
 def load_shares(poses: Sequence[Pose]) -> Array:

@@ -58,7 +58,7 @@ def test_rich_motion_shows_all_ten_numbers(robot: int) -> None:
     team = make_team(seed=1, number=200)
     claim = claim_of(estimate_of(team), robot)
     assert claim.known == 10
-    assert claim.unseen == ()
+    assert claim.unobservable == ()
     assert not claim.hidden_poses.any()
     assert_true(claim, team, robot)
 
@@ -68,8 +68,8 @@ def test_gravity_alone_shows_the_mass_only() -> None:
     claim = claim_of(estimate_of(team), 1)
     assert claim.known == 1
     assert_true(claim, team, 1)
-    assert any(words.startswith("centre of mass") and ": " in words for words in claim.unseen)
-    assert any(words.startswith("inertia") for words in claim.unseen)
+    assert any(words.startswith("centre of mass") and ": " in words for words in claim.unobservable)
+    assert any(words.startswith("inertia") for words in claim.unobservable)
 
 
 def test_turning_about_one_axis_does_not_show_the_inertia() -> None:
@@ -77,15 +77,15 @@ def test_turning_about_one_axis_does_not_show_the_inertia() -> None:
     claim = claim_of(estimate_of(team), 0)
     assert claim.known == 4
     assert_true(claim, team, 0)
-    assert claim.unseen
-    assert all(words.startswith("inertia") for words in claim.unseen)
+    assert claim.unobservable
+    assert all(words.startswith("inertia") for words in claim.unobservable)
 
 
 def test_turning_about_gravity_alone_does_not_show_how_high_the_load_is() -> None:
     team = make_team(seed=4, number=200, single_axis=True, moving=0.0)
     claim = claim_of(estimate_of(team), 0)
     assert claim.known == 1
-    assert any(words.startswith("centre of mass along") for words in claim.unseen)
+    assert any(words.startswith("centre of mass along") for words in claim.unobservable)
 
 
 @pytest.mark.parametrize("robot", [0, 2])
@@ -139,7 +139,7 @@ def test_a_mass_that_is_not_known_is_not_said() -> None:
     claim = claim_of(replace(estimate, hidden=hidden), 0)
     assert claim.inertia is None
     assert claim.known == 0
-    assert any(words.startswith("mass") for words in claim.unseen)
+    assert any(words.startswith("mass") for words in claim.unobservable)
 
 
 @pytest.mark.parametrize("robot", [0, 1])

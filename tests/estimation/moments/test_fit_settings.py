@@ -13,7 +13,7 @@ from coheft.estimation.moments.moments import RowMoments
 from coheft.estimation.moments.sensor_errors import SensorErrors
 from coheft.estimation.moments.unknowns import Unknowns
 from coheft.estimation.rigid_body.mass_properties import Inertia
-from coheft.estimation.rigid_body.unseen import middle_and_size
+from coheft.estimation.rigid_body.unobservable import middle_and_size
 from tests.estimation.moments.fitting import IDEAL
 from tests.estimation.moments.moving_team import ERRORS, LATE, NOISE, PERIOD, make_team
 

@@ -20,7 +20,7 @@ Quantity = Literal["mass", "com", "inertia"]
 
 
 @dataclass(frozen=True, eq=False)
-class Unseen:
+class Unobservable:
     """A parameter that is not observable from the motion so far.
 
     Attributes:
@@ -46,7 +46,7 @@ def middle_and_size(poses: Sequence[Pose]) -> tuple[Array, float]:
     return middle, max(float(np.sqrt(np.square(places - middle).sum(axis=1).mean())), _SMALLEST)
 
 
-def unseen_quantities(covariance: Array, mass: float, length: float) -> tuple[Unseen, ...]:
+def unobservable_quantities(covariance: Array, mass: float, length: float) -> tuple[Unobservable, ...]:
     """Describe the directions of ``(m, h, J)`` whose uncertainty is too large.
 
     Args:
@@ -61,12 +61,14 @@ def unseen_quantities(covariance: Array, mass: float, length: float) -> tuple[Un
     if is_com_seen and covariance[0, 0] <= (_SEEN * mass) ** 2 and np.trace(covariance[4:, 4:]) <= 0.6 * limit:
         return ()
     if covariance[0, 0] > (_SEEN * mass) ** 2:
-        found.append(Unseen("mass", "mass", "accelerate the load, or let gravity act on it in different directions"))
+        found.append(
+            Unobservable("mass", "mass", "accelerate the load, or let gravity act on it in different directions")
+        )
 
     values, axes = np.linalg.eigh(covariance[1:4, 1:4])
     hidden = [axis for value, axis in zip(values, axes.T, strict=True) if value > (_SEEN * length) ** 2]
     for what in _named("centre of mass", "along", hidden):
-        found.append(Unseen("com", what, "tilt the load, or turn it about an axis across that direction"))
+        found.append(Unobservable("com", what, "tilt the load, or turn it about an axis across that direction"))
 
     values, vectors = np.linalg.eigh(covariance[4:, 4:])
     matrices = unpack_symmetric(vectors.T[values > limit])
@@ -77,9 +79,9 @@ def unseen_quantities(covariance: Array, mass: float, length: float) -> tuple[Un
     hidden = [axis for variance, axis in zip(variances, axes.T, strict=True) if variance > limit]
     for what in _named("inertia", "about", hidden):
         remedy = "turn the load" if len(hidden) == 3 else "turn the load faster about that axis"
-        found.append(Unseen("inertia", what, remedy))
+        found.append(Unobservable("inertia", what, remedy))
     if len(matrices) and not hidden:
-        found.append(Unseen("inertia", "products of inertia", "turn the load about all axes"))
+        found.append(Unobservable("inertia", "products of inertia", "turn the load about all axes"))
     return tuple(found)
 
 
