@@ -11,7 +11,7 @@ from __future__ import annotations
 from enum import Enum, auto
 
 from coheft.agents.efficient.monitor import Monitor
-from coheft.agents.efficient.settings import Guards
+from coheft.agents.efficient.settings import Guards, RowCounts
 from coheft.estimation.geometry.spatial import Array
 
 
@@ -32,17 +32,17 @@ class Contradictions:
         count: Number of robots.
         guards: Thresholds.
         drift: See ``Monitor``.
-        confirming: Number of rows without a contradiction after which one is over.
-        lasting: Number of rows after which one has lasted too long.
+        rows: After how many rows without a contradiction one is over (``confirming``), and after how many it has lasted
+            too long (``lasting``).
 
     Attributes:
         robot: Index of a robot whose sensors contradict the others at present, or None.
     """
 
-    def __init__(self, count: int, guards: Guards, drift: Array, confirming: int, lasting: int) -> None:
-        self._monitor, self._confirming, self._lasting = Monitor(count, guards, drift), confirming, lasting
+    def __init__(self, count: int, guards: Guards, drift: Array, rows: RowCounts) -> None:
+        self._monitor, self._confirming, self._lasting = Monitor(count, guards, drift), rows.confirming, rows.lasting
         self.robot: int | None = None
-        self._began, self._newest = -1, -confirming  # numbers of rows
+        self._began, self._newest = -1, -rows.confirming  # numbers of rows
 
     def forget(self) -> None:
         """Discard earlier residuals, for instance because the estimate has changed."""

@@ -16,7 +16,7 @@ from coheft.agents.efficient.confirmation import Confirmation
 from coheft.agents.efficient.contradictions import Contradictions, Use
 from coheft.agents.efficient.judge import Outcome, Verdict, judge
 from coheft.agents.efficient.knowledge import Knowledge
-from coheft.agents.efficient.settings import Guards
+from coheft.agents.efficient.settings import Guards, RowCounts
 from coheft.agents.efficient.slips import Slip, Suspicion
 from coheft.agents.efficient.small_steps import LoadChange, UnnoticedStep, cover_drift
 from coheft.agents.efficient.stages import TRANSITIONS, Event, Stage
@@ -63,22 +63,15 @@ class Session:
     ) -> None:
         self._count, self._own, self._anchor = count, own, anchor
         self._settings, self._guards = settings, guards
-
-        def rows(seconds: float, least: int = 1) -> int:
-            return max(least, round(seconds / settings.period))
-
-        self._confirming = rows(guards.confirming, 3)
-        self._waits, self._calm, self._drifting = rows(guards.waiting), rows(guards.calm), rows(guards.drifting)
-        self._turn, self._lasting, self._undecided = rows(guards.turn), rows(guards.lasting), rows(guards.undecided)
+        self._rows = RowCounts.of(guards, settings.period)
         self.stage = Stage.GATHERING
         self.changes: list[LoadChange] = []
         self.slips: list[Slip] = []
         self._suspicion: Suspicion | None = None
         self.verdict = Verdict(Outcome.FITS)
         self.total_wrench: Array | None = None
-        self._undeclared = UndeclaredWatch(guards.undeclared_growth, rows(guards.undeclared_lasts))
-        self._telling_apart, self._hopeless = rows(guards.telling_apart), rows(guards.unfitted)
-        self._steps = UnnoticedStep(rows(guards.shortest), guards)
+        self._undeclared = UndeclaredWatch(guards.undeclared_growth, self._rows.undeclared_lasts)
+        self._steps = UnnoticedStep(self._rows.shortest, guards)
         self._gives_up_at: float | None = None  # number of a row; None if a load has fitted since
         self._known_news = self._newest = -1  # the newest change that another robot has told of; the newest row
         self._begin(Knowledge(count, anchor, settings, guards, prior))
@@ -89,12 +82,12 @@ class Session:
     def _begin(self, known: Knowledge) -> None:
         """Continue from ``known`` alone; load changes that were noticed before stay listed."""
         self._known = known
-        self._contradictions = Contradictions(self._count, self._guards, known.drift, self._confirming, self._lasting)
+        self._contradictions = Contradictions(self._count, self._guards, known.drift, self._rows)
         self._load_before: KnownLoad | None = None  # before the oldest change that may still be a sensor's fault
         self._surprises, self._look_until, self._pause = 0, -1, -1
         self._steps.mass = 0.0
-        self._confirmation = Confirmation(self._confirming)
-        self._forgot_at = -self._calm
+        self._confirmation = Confirmation(self._rows.confirming)
+        self._forgot_at = -self._rows.calm
         self._undeclared.begin(known.rows_before_undeclared)
 
     @property
@@ -119,7 +112,7 @@ class Session:
     def claimable(self, estimate: Estimate) -> Estimate:
         """Return the estimate to publish: its covariance covers changes of the load that are not noticed yet."""
         rows = self._known.buffer.load_rows
-        return cover_drift(self._steps.cover(estimate), self.changes, rows, self._drifting)
+        return cover_drift(self._steps.cover(estimate), self.changes, rows, self._rows.drifting)
 
     @property
     def unnoticed(self) -> float:
@@ -164,8 +157,8 @@ class Session:
 
     def look_closely_after(self, first: int, number: int) -> None:
         """Test for a load change in every row for a while, as another robot has detected one at row ``first``."""
-        if first > max(self.news_at + self._turn, self._known_news):
-            self._known_news, self._look_until = first, number + self._turn
+        if first > max(self.news_at + self._rows.turn, self._known_news):
+            self._known_news, self._look_until = first, number + self._rows.turn
 
     def take_back(self, number: int) -> None:
         """Remove the rows from this number on, as if they had never arrived; where that is not possible any more,
@@ -194,7 +187,7 @@ class Session:
 
     def _take(self, number: int, row: Array) -> None:
         known, buffer, guards = self._known, self._known.buffer, self._guards
-        if number > self._newest + 1 + self._waits:
+        if number > self._newest + 1 + self._rows.waiting:
             self._confirmation.begin(since=number)
             known.bridge((number - self._newest - 1) * self._settings.period)
         self._newest = max(self._newest, number)
@@ -215,7 +208,7 @@ class Session:
                 self._surprises = (
                     self._surprises + 1 if evaluated.wrench @ evaluated.wrench > guards.largest_surprise else 0
                 )
-                is_own_turn = number % self._turn == self._own * self._turn // self._count
+                is_own_turn = number % self._rows.turn == self._own * self._rows.turn // self._count
                 is_urgent = self._surprises >= 2 or number <= self._look_until or not self.is_confirmed
                 if (is_urgent or is_own_turn) and self._test_for_change(number):
                     return
@@ -272,7 +265,7 @@ class Session:
         if self.verdict.outcome is not Outcome.NO_LOAD:
             self._gives_up_at = None
         elif self._gives_up_at is None:
-            self._gives_up_at = self._newest + self._hopeless
+            self._gives_up_at = self._newest + self._rows.unfitted
         match self.verdict.outcome:
             case Outcome.NO_LOAD if self._gives_up_at is not None and self._newest > self._gives_up_at:
                 self._start_over()
@@ -281,7 +274,7 @@ class Session:
                 self._start_over()
             case Outcome.NO_LOAD:
                 self._forget_load(first, Event.MISFIT, estimate)
-            case Outcome.UNDECIDED if self._newest - self.changed_at <= self._undecided:
+            case Outcome.UNDECIDED if self._newest - self.changed_at <= self._rows.undecided:
                 self.stage = TRANSITIONS[self.stage, Event.UNDECIDED]
             case _:
                 self.stage, self._load_before = TRANSITIONS[self.stage, Event.FITTED], None
@@ -304,7 +297,7 @@ class Session:
 
     def _decide(self, suspicion: Suspicion) -> None:
         """Decide between the causes once one of them leads; after a slip, continue from what was known before it."""
-        cause, is_late = suspicion.cause(self._guards), self._newest - suspicion.noticed >= self._telling_apart
+        cause, is_late = suspicion.cause(self._guards), self._newest - suspicion.noticed >= self._rows.telling_apart
         if cause is not None and cause.robot is not None:
             known = suspicion.known_if_slipped(self._known, cause, self._guards, self._settings.has_offset)
             if known is not None:
@@ -340,7 +333,7 @@ class Session:
             if confirmation.is_open:
                 confirmation.distrusts_wrenches = surprise > self._guards.credible
                 self._fit_trusted()
-                self._pause = number + self._confirming
+                self._pause = number + self._rows.confirming
             return False
         kept = buffer.index_of(confirmation.since) if confirmation.is_open else index
         now = self._fit(end=kept, keeps_motion=confirmation.is_open)
@@ -361,7 +354,7 @@ class Session:
 
     def _forget_load(self, index: int, event: Event, now: Estimate) -> None:
         """Estimate the load anew from the row at this index on."""
-        is_troubled = self._newest - self._forgot_at < self._calm
+        is_troubled = self._newest - self._forgot_at < self._rows.calm
         least = self._known.least * (1 + is_troubled)
         self._known.forget_load(now, index, event is Event.LOAD_CHANGED, least)
         self._contradictions.forget()

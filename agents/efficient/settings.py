@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -15,6 +15,9 @@ from coheft.estimation.moments.fit_settings import FitSettings
 from coheft.estimation.moments.rows import KINEMATICS_SIZE, WRENCH_SIZE, RowNoise
 from coheft.estimation.moments.sensor_errors import SensorErrors
 from coheft.wire.config import AgentConfig
+
+_LEAST_CONFIRMING = 3
+"""Fewer rows are no confirmation, however long they are."""
 
 
 def fit_settings(config: AgentConfig, names: Sequence[str]) -> FitSettings:
@@ -182,3 +185,26 @@ class Guards:
     def largest_contradiction(self) -> float:
         """Chi-square of a robot's motion over a window."""
         return chi_square_threshold(KINEMATICS_SIZE, self.contradiction)
+
+
+@dataclass(frozen=True)
+class RowCounts:
+    """The times of ``Guards`` as numbers of rows, each at least 1."""
+
+    lasting: int
+    unfitted: int
+    undeclared_lasts: int
+    calm: int
+    shortest: int
+    drifting: int
+    telling_apart: int
+    undecided: int
+    waiting: int
+    confirming: int
+    turn: int
+
+    @staticmethod
+    def of(guards: Guards, period: float) -> RowCounts:
+        """Convert the times, for rows of this period [s]."""
+        counts = {each.name: max(1, round(getattr(guards, each.name) / period)) for each in fields(RowCounts)}
+        return RowCounts(**counts | {"confirming": max(_LEAST_CONFIRMING, counts["confirming"])})
