@@ -28,6 +28,8 @@ _ONE = np.ones(1)
 _SHAPES = tuple((ROW_SIZE * copies + more,) for copies in (1, 2) for more in (0, FLEXING_SIZE))
 _TEAMS = 2**32
 """Team numbers are below this."""
+_LARGEST = 1e6
+"""No norm of the rows of one message is larger; units as in ``coheft.estimation.moments.rows``."""
 _Labelled = tuple[int, int, bytes]
 """Index of the robot, number of the row, and the row in single precision."""
 
@@ -147,6 +149,8 @@ class Exchange:
         for message in messages:
             if message.team != self.team or message.rows.shape[1] != self._size:
                 continue
+            if not np.vdot(message.rows, message.rows) < _LARGEST**2:
+                continue  # damaged: fits could not be computed with such numbers
             if self._is_sealing:
                 self._received.append((block, message))
             if self.news_at < message.news_at < begun:

@@ -86,7 +86,7 @@ class Session:
         self._load_before: KnownLoad | None = None  # before the oldest change that may still be a sensor's fault
         self._surprises, self._look_until, self._pause = 0, -1, -1
         self._steps.mass = 0.0
-        self._confirmation = Confirmation(self._rows.confirming)
+        self._confirmation = Confirmation(self._rows)
         self._forgot_at = -self._rows.calm
         self._undeclared.begin(known.rows_before_undeclared)
 
@@ -330,17 +330,21 @@ class Session:
             return False
         index, confirmation = buffer.start + since, self._confirmation
         if (surprise := known.surprise(index, now)) < self._guards.worth_a_fit:  # uncertain poses may explain it
-            if confirmation.is_open:
-                confirmation.distrusts_wrenches = surprise > self._guards.credible
-                self._fit_trusted()
-                self._pause = number + self._rows.confirming
+            if not confirmation.is_open:
+                return False
+            if surprise > self._guards.credible:
+                return self._wait_for_poses(number, now)
+            self._fit_trusted()
+            self._pause = number + self._rows.confirming
             return False
         kept = buffer.index_of(confirmation.since) if confirmation.is_open else index
         now = self._fit(end=kept, keeps_motion=confirmation.is_open)
         index = buffer.start + known.innovations.look_for_change(buffer).first
         if now.state.load is None or known.surprise(index, now) <= 1.0:
+            if confirmation.is_open:
+                return self._wait_for_poses(number, now)
             self._pause = number + buffer.count - index  # until there are twice as many rows
-            self._fit_trusted()
+            self._fit()
             return False
         index, now = (kept, now) if confirmation.is_open else known.first_change(index, now)
         load, theta = now.state.load, now.body.unknowns.theta
@@ -351,6 +355,15 @@ class Session:
             self._load_before = KnownLoad(load, now.covariance[theta, theta])
         self._forget_load(index, Event.LOAD_CHANGED, now)
         return True
+
+    def _wait_for_poses(self, number: int, now: Estimate) -> bool:
+        """Leave out unconfirmed wrenches for a while; after too long, forget the load and return True."""
+        if self._confirmation.fits_badly(number):
+            self._forget_load(self._known.buffer.index_of(self._confirmation.since), Event.MISFIT, now)
+            return True
+        self._fit_trusted()
+        self._pause = number + self._rows.confirming
+        return False
 
     def _forget_load(self, index: int, event: Event, now: Estimate) -> None:
         """Estimate the load anew from the row at this index on."""

@@ -104,6 +104,13 @@ def test_rows_of_unknown_robots_of_the_future_and_of_long_ago_are_left_out(label
     assert len(exchange.message(-1).rows) == 0
 
 
+def test_rows_with_impossible_numbers_are_left_out() -> None:
+    exchange = Exchange(TEAM, COUNT, 0, HOPS, EACH_BLOCK)
+    rows = np.full((1, ROW_SIZE), 1e8, dtype=np.float32)
+    exchange.receive([RowMessage(TEAM, -1, np.array([(1, 9)], dtype=np.int32), rows)], block=10)
+    assert len(exchange.message(-1).rows) == 0
+
+
 def test_rows_and_news_of_another_team_are_left_out() -> None:
     exchange = Exchange(TEAM, COUNT, 0, HOPS, EACH_BLOCK)
     heard(exchange, (1, 9), team=TEAM + 1)

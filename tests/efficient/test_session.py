@@ -191,7 +191,8 @@ def test_without_a_load_that_fits_poses_are_found_anew_but_only_once() -> None:
 def test_what_may_be_of_another_load_is_not_handed_over() -> None:
     found = fed(made_up_rows(150))
     assert found.hand_over(0.0) is not None
-    found._confirmation.distrusts_wrenches, found._pause = True, 1000
+    found._confirmation.fits_badly(149)
+    found._pause = 1000
     assert found.hand_over(0.0) is None
 
 
