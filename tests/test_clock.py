@@ -93,7 +93,7 @@ def test_a_stopwatch_adds_up_the_time_for_which_it_runs(now: WallClock) -> None:
 
 
 @pytest.mark.parametrize("lookahead", [1, 4])
-def test_in_real_time_nobody_waits_for_longer_than_its_own_answer_can_take(lookahead: int) -> None:
+def test_in_real_time_no_robot_waits_for_longer_than_its_own_answer_can_take(lookahead: int) -> None:
     scenario = msgspec.structs.replace(load_scenario("ring3"), lookahead=lookahead)
     for robot in make_plan(scenario, "realtime").agents.values():
         assert robot.patience == pytest.approx(lookahead * scenario.block_duration)

@@ -120,7 +120,7 @@ def test_a_robot_that_lets_go_leaves_the_team_and_comes_back_with_its_pose_unkno
     assert all(estimate.status == "valid" for estimate in recording.last().values())
 
 
-def test_total_wrench_is_everybodys_sum() -> None:
+def test_the_total_wrench_is_the_sum_of_all_robots() -> None:
     recording = run_with_faults(fan2017("ring3", duration=8.0, load_changes=()))
     truths = {truth.block: truth.total_wrench for truth in recording.truths}
     for name, rotation, translation in zip(

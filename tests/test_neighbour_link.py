@@ -33,7 +33,7 @@ def test_a_step_waits_for_a_neighbour_that_keeps_pace_until_its_message_is_there
     assert not link.is_missing(11)
 
 
-def test_nobody_waits_for_a_neighbour_that_is_gone_until_it_is_heard_in_time_again(link):
+def test_no_robot_waits_for_a_neighbour_that_is_gone_until_it_is_heard_in_time_again(link):
     link.take_messages(10)
     link.note_presence(False)
     assert not link.is_missing(11)

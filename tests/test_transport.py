@@ -114,7 +114,7 @@ def test_threads_that_call_back_keep_what_python_knows_of_them(pair, keys):
     subscriber.undeclare()
 
 
-def test_nobody_hears_itself(pair, keys):
+def test_no_process_hears_itself(pair, keys):
     near, far = pair
     inbox = Inbox()
     inbox.listen(near, "r1", {keys.robot("r1", "ready"): Ready})

@@ -59,7 +59,7 @@ def test_the_best_contact_takes_the_least_effort(pushes: list[tuple[float, float
     assert total(best) <= min(total(best + away) for away in (-0.2, -0.01, 0.01, 0.2)) + 1e-9
 
 
-def test_nobody_knows_the_best_contact_before_somebody_pushes() -> None:
+def test_the_best_contact_is_not_known_before_a_push() -> None:
     assert BestContact(memory=10.0).after(np.zeros(3)) is None
 
 

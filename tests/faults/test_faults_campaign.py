@@ -252,7 +252,7 @@ def goes_wrong(schedule: FaultSchedule, within: float) -> bool:
 
 @pytest.mark.parametrize(("team", "start"), [(1, 1.8), (3, 1.0), (8, 1.0), (11, 1.0)])
 def test_a_sensor_that_was_off_while_poses_were_rough_spoils_no_estimate(team: int, start: float):
-    """Nobody can see it at the time: samples are summed again as soon as poses are good enough."""
+    """It does not show at the time: samples are summed again as soon as poses are good enough."""
     schedule = draw_schedule(team, is_exact=True)
     scenario = _replace(schedule.scenario, duration=5.0, load_changes=())
     offset = SensorFault(start=start, end=start + 0.6, robot="r1", sensor="force", how="offset", size=5.0)

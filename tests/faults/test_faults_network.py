@@ -111,7 +111,7 @@ def test_harmless_messages_come_besides_the_others_which_do_not_change(fault: An
     assert all(set(few) <= set(many) for many, few in zip(numbers(with_them), numbers(without), strict=True))
 
 
-def test_nobody_uses_a_malformed_message():
+def test_no_robot_uses_a_malformed_message():
     rng = np.random.default_rng(2)
     for _ in range(40):
         inbox = NeighbourInbox(["r1"])

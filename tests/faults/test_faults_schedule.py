@@ -31,7 +31,7 @@ def test_equal_seeds_draw_equal_schedules_and_others_others():
     assert len({msgspec.json.encode(schedule) for schedule in DRAWN}) == len(DRAWN)
 
 
-def test_all_scenarios_are_scenarios_and_long_enough_to_see_everybody_recover():
+def test_all_scenarios_are_scenarios_and_long_enough_to_see_all_robots_recover():
     for schedule in DRAWN:
         check_scenario(schedule.scenario, f"seed {schedule.seed}")
         for fault in schedule.faults:
@@ -98,7 +98,7 @@ THREE = next(schedule for schedule in DRAWN if schedule.scenario.robot_count == 
         (Partition(start=1.0, end=2.0, group=("r1", "r8")), r"group': found 'r8', expected one of: r1, r2, r3$"),
     ],
 )
-def test_faults_of_nobody_or_of_no_time_are_refused(fault: AnyFault, words: str, tmp_path: Path):
+def test_faults_of_no_robot_or_of_no_time_are_refused(fault: AnyFault, words: str, tmp_path: Path):
     fine = Loss(start=0.0, end=4.0, probability=0.5, receiver="r2")
     write_schedule(msgspec.structs.replace(THREE, faults=(fine, fault)), tmp_path / "by_hand.json")
     with pytest.raises(ScenarioError, match=r"by_hand\.json: key .*" + words):

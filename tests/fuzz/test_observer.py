@@ -112,6 +112,6 @@ def test_any_message(message: Message) -> None:
     receive_show_and_report(message)
 
 
-def test_nobody_speaks_for_another_robot() -> None:
+def test_no_robot_speaks_for_another() -> None:
     with pytest.raises(MessageError, match="robot is 'r2' but expected 'r1'"):
         check_news("r1", estimate("r2", 11, HEAVY), SCENE)

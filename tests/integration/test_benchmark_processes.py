@@ -25,7 +25,7 @@ from tests.waiting import LIMIT, wait_until
 SIZES = Sizes(measurements=100, message=100, reference=100)
 
 
-def test_the_death_of_the_raw_server_is_told_and_nobody_is_left_behind() -> None:
+def test_the_death_of_the_raw_server_is_told_and_no_process_is_left_behind() -> None:
     with raw_team(make_plan(team_scenario(3)), SIZES) as team:
         assert team.turn(0.1).blocks > 0
         team.processes["server"].kill()

@@ -49,7 +49,7 @@ def test_a_link_that_is_cut_is_silent_at_both_ends_until_it_is_mended(tmp_path):
                 set_link(run_file, scene, one, other, cut=True)  # no harm
                 block = team.ask(StatusRequest()).block
                 team.wait_for_block(block + 200)
-                assert says({"r1": ["r2"], "r2": ["r1"], "r3": []}), "nobody dials meanwhile"
+                assert says({"r1": ["r2"], "r2": ["r1"], "r3": []}), "no robot dials meanwhile"
                 set_link(run_file, scene, one, other, cut=False)
                 wait_until(lambda: says(WHOLE), "the link to be back")
         with pytest.raises(CoheftError, match="there is no link r1-r3; the links are r1-r2, r2-r3"):

@@ -1,4 +1,4 @@
-"""Nobody hears more than the graph allows: real processes, each with an ear on ``**`` at all of its links.
+"""No robot hears more than the graph allows: real processes, each with an ear on ``**`` at all of its links.
 
 In the open profile neighbours find each other when they ask who is there, and strangers get in; in the secure profile
 there is nothing to be found, and how strangers fare there is ``test_security``'s matter.

@@ -200,7 +200,7 @@ def test_messages_of_an_old_run_change_nothing_in_a_new_one(secure, tmp_path):
 
 
 @pytest.mark.parametrize("room", [backlog_module.ROOM, 2**40], ids=["bounded", "without bound"])
-def test_what_nobody_reads_is_bounded_and_does_not_keep_others_waiting(room, monkeypatch):
+def test_what_no_process_reads_is_bounded_and_does_not_keep_others_waiting(room, monkeypatch):
     """Without the bound all of it is kept: so this can fail."""
     monkeypatch.setattr(backlog_module, "ROOM", room)
     keys, endpoint, size, count = Keys("run"), f"tcp/127.0.0.1:{free_ports(1)[0]}", 100_000, 400

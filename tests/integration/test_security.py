@@ -152,7 +152,7 @@ def test_in_the_open_profile_everything_crosses(place):
 
 @pytest.mark.parametrize("attacker", NAMES)
 @pytest.mark.parametrize("place", PLACES)
-def test_nobody_does_more_than_is_his_to_do(secure, place, attacker):
+def test_no_party_does_more_than_it_may(secure, place, attacker):
     """Forged messages, foreign ears, foreign questions, deletions, signs of life: with any valid certificate."""
     places = {f"{key.rpartition('/')[0]}/*" for key in PLACES[place][1]}
     to_attacker, to_victim = attack(secure, place, attacker, ("**", *places))

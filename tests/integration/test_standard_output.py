@@ -106,7 +106,7 @@ def test_who_has_read_enough_may_close_the_pipe() -> None:
     assert without_reader("scenarios") == (1, b"")
 
 
-def test_nobody_watches_who_does_not_read(start: Callable[..., Run]) -> None:
+def test_watching_ends_when_the_reader_is_gone(start: Callable[..., Run]) -> None:
     run = start("--duration", "10000")
     run.wait_until_under_way()
     assert without_reader("watch", "--run", str(run.folder)) == (1, b"")

@@ -120,7 +120,7 @@ def test_what_robots_measured_is_in_their_own_frames(topics: Mapping[str, list[t
                 assert stamp == pytest.approx(truth.time - 1.0 / rate), "when the block's last sample was taken"
         for (_, message), truth in zip(topics[f"/{name}/measured/acceleration"], truths, strict=True):
             assert numbers(message.accel.linear) == truth.samples[k, ACCELERATION].tolist()
-            assert np.isnan(numbers(message.accel.angular)).all(), "nobody measures it"
+            assert np.isnan(numbers(message.accel.angular)).all(), "it is not measured"
 
 
 def test_the_true_payload_and_where_it_is(topics: Mapping[str, list[tuple[int, Any]]]) -> None:
