@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from coheft.agents.efficient.confirmation import Confirmation
 from coheft.agents.efficient.judge import Outcome
 from coheft.agents.efficient.session import Session
-from coheft.agents.efficient.settings import Guards
+from coheft.agents.efficient.settings import Guards, RowCounts
 from coheft.agents.efficient.stages import TRANSITIONS, Event, Stage
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import SensorNoise
@@ -186,6 +187,16 @@ def test_without_a_load_that_fits_poses_are_found_anew_but_only_once() -> None:
     assert len(starts) == 1
     assert 300 < starts[0] < 400
     assert_right(found)
+
+
+def test_wrenches_are_distrusted_for_a_limited_time_only() -> None:
+    rows = RowCounts.of(Guards(), PERIOD)
+    confirmation = Confirmation(rows)
+    assert not confirmation.fits_badly(10)
+    assert not confirmation.fits_badly(10 + rows.lasting)
+    assert confirmation.fits_badly(11 + rows.lasting)
+    confirmation.count()  # a row that fits
+    assert not confirmation.fits_badly(12 + rows.lasting)
 
 
 def test_what_may_be_of_another_load_is_not_handed_over() -> None:

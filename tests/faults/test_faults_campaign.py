@@ -71,6 +71,8 @@ ONCE_BROKEN_LATE = (
 """With it."""
 ONCE_BROKEN_TOLD = (937973879, 937973933, 964694266, 964693935, 964694870, 700000035)
 """As they are drawn, with errors of sensors that robots are told of."""
+ONCE_BROKEN_AWAY = (1004225683, 1004225826, 1012287590, 1012287719)
+"""As they are drawn: the load changes while a robot is away, or rows are damaged."""
 ONCE_DRAWN = "4113bacae4f3effb6aad82a94ae3c0a331aed614f4cdcdccf9196e1da2a5afe2"
 """Digest of all these schedules."""
 
@@ -297,6 +299,12 @@ def test_schedules_that_once_broke_a_promise_keep_them_all(seed: int):
 @pytest.mark.parametrize("seed", ONCE_BROKEN_LATE)
 def test_late_schedules_that_once_broke_a_promise_keep_them_all(seed: int):
     assert try_schedule(draw_schedule(seed, delayed=True, is_exact=True)).violations == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", ONCE_BROKEN_AWAY)
+def test_schedules_in_which_the_load_changes_while_a_robot_is_away_keep_all_promises(seed: int):
+    assert try_schedule(draw_schedule(seed)).violations == []
 
 
 @pytest.mark.slow
