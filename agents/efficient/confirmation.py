@@ -38,8 +38,9 @@ class Confirmation:
         return self._distrusted_at is not None
 
     def begin(self, since: int) -> None:
-        """From this row on, the load may be another one."""
-        self._missing, self.since = self._rows.confirming, since
+        """From this row on, the load may be another one; rows that were not confirmed before still are not."""
+        self.since = min(self.since, since) if self.is_open else since
+        self._missing = self._rows.confirming
 
     def end(self) -> None:
         """There is nothing to confirm."""

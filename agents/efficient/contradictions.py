@@ -18,8 +18,8 @@ from coheft.estimation.geometry.spatial import Array
 class Use(Enum):
     """What to do with a row."""
 
-    AS_EVER = auto()
-    AGAIN = auto()  # a contradiction is over
+    KEEP = auto()
+    RESUME = auto()  # a contradiction is over: keep the row
     LEAVE_OUT = auto()
     BACK_TO_FIRST = auto()  # a contradiction has begun: leave out the row, take back those since the first
     START_OVER = auto()
@@ -61,11 +61,11 @@ class Contradictions:
         found, is_calm = self._monitor.add(residuals), number > self._newest + self._confirming
         if found is None:
             if self.robot is None:
-                return Use.AS_EVER, number
+                return Use.KEEP, number
             if number < self._newest + self._confirming:
                 return Use.LEAVE_OUT, number
             self.robot = None
-            return Use.AGAIN, number
+            return Use.RESUME, number
         is_new = self.robot is None
         self._newest = number
         self.forget()

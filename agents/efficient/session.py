@@ -231,11 +231,11 @@ class Session:
                 self._known.take_back(first)
             case Use.START_OVER:
                 self._start_over()
-            case Use.AGAIN:
+            case Use.RESUME:
                 self._confirmation.begin(since=number)
                 if not self.is_cause_open:
                     self._suspicion = None
-        return use in (Use.AS_EVER, Use.AGAIN)
+        return use in (Use.KEEP, Use.RESUME)
 
     def _fit(self, end: int | None = None, keeps_motion: bool = False) -> Estimate:
         """Call ``Knowledge.fit`` and let the monitor sum innovations from now on."""

@@ -199,6 +199,18 @@ def test_wrenches_are_distrusted_for_a_limited_time_only() -> None:
     assert not confirmation.fits_badly(12 + rows.lasting)
 
 
+def test_rows_that_nothing_has_confirmed_stay_so_when_more_are_missing() -> None:
+    rows = RowCounts.of(Guards(), PERIOD)
+    confirmation = Confirmation(rows)
+    confirmation.begin(since=100)
+    confirmation.begin(since=110)
+    assert confirmation.since == 100
+    for _ in range(rows.confirming):
+        confirmation.count()
+    confirmation.begin(since=120)
+    assert confirmation.since == 120
+
+
 def test_what_may_be_of_another_load_is_not_handed_over() -> None:
     found = fed(made_up_rows(150))
     assert found.hand_over(0.0) is not None
