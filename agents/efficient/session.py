@@ -142,13 +142,14 @@ class Session:
     @property
     def is_cause_open(self) -> bool:
         """Whether the load seems to have changed, but a slip of a grasp has not been ruled out yet."""
-        return self._suspicion is not None and self._suspicion.is_load
+        suspicion = self._suspicion
+        return suspicion is not None and (suspicion.is_load or suspicion.favours_slip)
 
     @property
     def certain_changes(self) -> list[LoadChange]:
         """Load changes for which a slip has been ruled out."""
         suspicion = self._suspicion
-        return self.changes if suspicion is None else self.changes[: suspicion.changes]
+        return self.changes if suspicion is None or not suspicion.is_open else self.changes[: suspicion.changes]
 
     @property
     def is_confirmed(self) -> bool:
@@ -185,11 +186,18 @@ class Session:
             self._suspicion.add(number, row)
             self._decide(self._suspicion)
 
+    def _expect_changes(self, since: int) -> None:
+        """Rows before this one were missing, or not used: load and grasps may have changed meanwhile."""
+        self._confirmation.begin(since)
+        is_idle = self._suspicion is None or not self._suspicion.is_open
+        if self.stage is Stage.ESTIMATING and is_idle and self._known.is_small:
+            self._suspicion = Suspicion.after_gap(self._known, since, len(self.changes))
+
     def _take(self, number: int, row: Array) -> None:
         known, buffer, guards = self._known, self._known.buffer, self._guards
         if number > self._newest + 1 + self._rows.waiting:
-            self._confirmation.begin(since=number)
             known.bridge((number - self._newest - 1) * self._settings.period)
+            self._expect_changes(since=number)
         self._newest = max(self._newest, number)
         if known.estimate is None:
             buffer.add(number, row)
@@ -227,14 +235,16 @@ class Session:
         match use:
             case Use.BACK_TO_FIRST:
                 numbers = self._known.buffer.numbers[: self._known.buffer.count]
+                if self._suspicion is not None and self._suspicion.is_disproved_before(first):
+                    self._suspicion = None
                 self._open_question(int(np.searchsorted(numbers, first)), is_load=False)
                 self._known.take_back(first)
             case Use.START_OVER:
                 self._start_over()
             case Use.RESUME:
-                self._confirmation.begin(since=number)
-                if not self.is_cause_open:
+                if self._suspicion is not None and not (self._suspicion.is_load or self._suspicion.is_after_gap):
                     self._suspicion = None
+                self._expect_changes(since=number)
         return use in (Use.KEEP, Use.RESUME)
 
     def _fit(self, end: int | None = None, keeps_motion: bool = False) -> Estimate:
@@ -291,24 +301,35 @@ class Session:
         """Begin to compare causes: from this row on the load differs, or motions contradict, or a grasp has slipped."""
         known = self._known
         is_known = self.stage is Stage.ESTIMATING and not known.misses_poses
-        if self._suspicion is None and is_known and known.is_small:
+        suspicion = self._suspicion
+        if suspicion is not None and suspicion.is_after_gap:
+            suspicion.is_load |= is_load
+        elif suspicion is None and is_known and known.is_small:
             index = max(index, known.buffer.start)
-            self._suspicion = Suspicion(known, index, self._newest, len(self.changes), is_load)
+            self._suspicion = Suspicion.of_change(known, index, self._newest, len(self.changes), is_load)
 
     def _decide(self, suspicion: Suspicion) -> None:
         """Decide between the causes once one of them leads; after a slip, continue from what was known before it."""
-        cause, is_late = suspicion.cause(self._guards), self._newest - suspicion.noticed >= self._rows.telling_apart
+        cause = suspicion.cause(self._known, self._guards)
         if cause is not None and cause.robot is not None:
             known = suspicion.known_if_slipped(self._known, cause, self._guards, self._settings.has_offset)
             if known is not None:
                 self.slips.append(Slip(cause.robot, cause.first, suspicion.noticed, self._newest))
                 self.stage, self._suspicion = TRANSITIONS[self.stage, Event.SLIPPED], None
                 del self.changes[suspicion.changes :]
+                if cause.is_load:
+                    self.changes.append(LoadChange(cause.first, self._newest, suspicion.former_load))
                 self._begin(known)
                 self._confirmation.begin(since=self._newest + 1)
                 return
-        if is_late or (suspicion.is_load and cause is not None and cause.robot is None):
+        longest = self._rows.unfitted if suspicion.is_after_gap else self._rows.telling_apart
+        is_load = suspicion.is_load and cause is not None and cause.robot is None
+        if is_load and suspicion.is_after_gap:
+            suspicion.is_load = False  # but a grasp may have slipped as well
+        elif is_load or self._newest - suspicion.noticed >= longest:
             self._suspicion = None
+            if suspicion.favours_slip:
+                self._start_over()
 
     # --- changes of the load ---
 
