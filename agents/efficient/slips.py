@@ -179,17 +179,17 @@ class Suspicion:
         load, _ = _likeliest(len(numbers), index, lambda start: ratios(start).load)
         sensor, _ = _likeliest(len(numbers), index, lambda start: ratios(start).sensor)
         slip, first = _likeliest(len(numbers), index, lambda start: float(ratios(start).slips.max()))
-        if not self.is_after_gap:
-            if slip > max(load, sensor) + guards.lead:
-                return Cause(int(ratios(first).slips.argmax()), numbers[first])
-            return Cause(None, self._first) if max(load, sensor) > slip + guards.lead else None
-        both, first_of_both = _likeliest(len(numbers), index, lambda start: float(ratios(start).slips_with_load.max()))
-        margin = max(slip, both) - max(load, sensor, 0.0)
-        self.favours_slip = margin > guards.doubt
-        if margin > guards.lead:
-            if both > slip:
-                return Cause(int(ratios(first_of_both).slips_with_load.argmax()), numbers[first_of_both], is_load=True)
-            return Cause(int(ratios(first).slips.argmax()), numbers[first])
+        both, first_of_both = -math.inf, first
+        if self.is_after_gap:
+            both, first_of_both = _likeliest(
+                len(numbers), index, lambda start: float(ratios(start).slips_with_load.max())
+            )
+        lead, is_load = max(slip, both) - max(load, sensor, 0.0), both > slip
+        self.favours_slip = self.is_after_gap and lead > guards.doubt
+        if lead > guards.lead:
+            first = first_of_both if is_load else first
+            each = ratios(first).slips_with_load if is_load else ratios(first).slips
+            return Cause(int(each.argmax()), numbers[first], is_load)
         return Cause(None, self._first) if max(load, sensor) > slip + guards.lead else None
 
     def _ratios(self, body: BodyModel, rows: Array, start: int) -> LogRatios:
