@@ -174,10 +174,10 @@ class Team:
         session = self.session
         if self._unclear_since is None:  # so that a slip that is named in the block in which it shows has a time
             self._unclear_since = index
-        del self.noticed[len(session.changes) :]
-        self.noticed += [index] * (len(session.changes) - len(self.noticed))
-        self.noticed_slips += [(self._unclear_since, index)] * (len(session.slips) - len(self.noticed_slips))
-        if session.contradicting is None and not session.is_cause_open:
+        del self.noticed[len(session.causes.changes) :]
+        self.noticed += [index] * (len(session.causes.changes) - len(self.noticed))
+        self.noticed_slips += [(self._unclear_since, index)] * (len(session.causes.slips) - len(self.noticed_slips))
+        if session.contradicting is None and not session.causes.is_open:
             self._unclear_since = None
         oldest = self.times.begun_from(index - self.exchange.window)
         while self._next in self._taken or self._next < oldest:

@@ -45,7 +45,7 @@ def fed(rows: Array, guards: Guards | None = None) -> Session:
 
 
 def is_valid(found: Session) -> bool:
-    is_clear = found.contradicting is None and not found.is_cause_open
+    is_clear = found.contradicting is None and not found.causes.is_open
     return found.stage is Stage.ESTIMATING and is_clear and found.is_confirmed
 
 

@@ -42,33 +42,33 @@ def largest(history: list[tuple[int, float]]) -> float:
 
 def test_a_slip_in_a_gap_is_named() -> None:
     found, history = over_a_gap(poses=SLIPPED)
-    assert [slip.robot for slip in found.slips] == [2]
-    assert found.slips[0].first == BEFORE + GAP
-    assert found.changes == []
+    assert [slip.robot for slip in found.causes.slips] == [2]
+    assert found.causes.slips[0].first == BEFORE + GAP
+    assert found.causes.changes == []
     assert history[0][0] < BEFORE + GAP + 0.6 / PERIOD
     assert largest(history) < 5.0
 
 
 def test_a_slip_and_another_load_in_one_gap_are_both_named() -> None:
     found, history = over_a_gap(HEAVIER, SLIPPED)
-    assert [slip.robot for slip in found.slips] == [2]
-    assert [change.first for change in found.certain_changes] == [BEFORE + GAP]
-    assert found.changes[0].former == pytest.approx(LOAD, abs=0.05)
+    assert [slip.robot for slip in found.causes.slips] == [2]
+    assert [change.first for change in found.causes.certain_changes] == [BEFORE + GAP]
+    assert found.causes.changes[0].former == pytest.approx(LOAD, abs=0.05)
     assert history[0][0] < BEFORE + GAP + 1.0 / PERIOD
     assert largest(history) < 5.0
 
 
 def test_another_load_alone_is_no_slip() -> None:
     found, history = over_a_gap(HEAVIER)
-    assert found.slips == []
-    assert [change.first for change in found.certain_changes] == [BEFORE + GAP]
+    assert found.causes.slips == []
+    assert [change.first for change in found.causes.certain_changes] == [BEFORE + GAP]
     assert history[0][0] < BEFORE + GAP + 0.6 / PERIOD
     assert largest(history) < 5.0
 
 
 def test_where_nothing_has_changed_all_is_valid_again_at_once() -> None:
     found, history = over_a_gap()
-    assert found.slips == found.changes == []
+    assert found.causes.slips == found.causes.changes == []
     assert [number for number, _ in history] == [*range(history[0][0], BEFORE + GAP + AFTER)]
     assert history[0][0] < BEFORE + GAP + 0.2 / PERIOD
     assert largest(history) < 5.0
@@ -85,14 +85,14 @@ def test_while_a_slip_is_likelier_nothing_is_valid(load: Array) -> None:
 
 def test_a_small_slip_in_a_gap_is_named_after_a_while() -> None:
     found, _ = over_a_gap(poses=slipped_poses(8.0, 0.0, 2, 9))
-    assert [slip.robot for slip in found.slips] == [2]
+    assert [slip.robot for slip in found.causes.slips] == [2]
 
 
 def test_after_a_long_doubt_poses_are_found_anew() -> None:
     poses = slipped_poses(8.0, 0.0, 3, 10)
     found, history = over_a_gap(HEAVIER, poses)
-    assert found.slips == []
-    assert not found.is_cause_open
+    assert found.causes.slips == []
+    assert not found.causes.is_open
     assert history[0][0] > BEFORE + GAP + 3.0 / PERIOD
     assert history[-1][0] == BEFORE + GAP + AFTER - 1
     assert largest(history) < 5.0
@@ -107,7 +107,7 @@ def test_a_second_gap_hides_no_slip_in_the_first() -> None:
         found.take(number, rows[number if number < BEFORE else number - GAP])
         if is_valid(found) and number > BEFORE:
             history.append((number, largest_error(found, SLIPPED, HEAVIER[0])))
-    assert [slip.robot for slip in found.slips] == [2]
+    assert [slip.robot for slip in found.causes.slips] == [2]
     assert largest(history) < 5.0
 
 
@@ -122,5 +122,5 @@ def test_all_may_have_changed_while_a_sensor_was_off(gap: int) -> None:
         found.take(number, rows[number])
         if number >= off.stop and is_valid(found):
             history.append(largest_error(found, poses, HEAVIER[0]))
-    assert [slip.robot for slip in found.slips] == [2]
+    assert [slip.robot for slip in found.causes.slips] == [2]
     assert max(history) < 5.0
