@@ -69,8 +69,8 @@ class Stage:
         server.scene.set_up_direction("+z")
         # No shadows: hardly visible on dark ground, and slow without a GPU. Little light, or colours become white.
         server.scene.configure_default_lights(enabled=False)
-        server.scene.configure_environment_map("studio", environment_intensity=0.3)
-        server.scene.add_light_directional("/light", intensity=1.3, position=(1.0, -1.5, 3.0))
+        server.scene.configure_environment_map("studio", environment_intensity=0.25)
+        server.scene.add_light_directional("/light", intensity=0.8, position=(1.0, -1.5, 3.0))
         middle = home + self._translations.mean(axis=0) + np.array([0.0, 0.0, -0.5 * size])
         camera = server.initial_camera
         camera.look_at, camera.position = whole_team(middle, size, 1.0)
