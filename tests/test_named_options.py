@@ -1,0 +1,47 @@
+"""Commands and options that pages name inside sentences, tables and blocks that are not run exist."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from coheft.app.cli.main import app
+from tests.docs_blocks import blocks, commands
+
+ROOT = Path(__file__).parents[1]
+PAGES = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")])
+INLINE = re.compile(r"(?<!`)`([^`\n]+)`(?!`)")
+COMMAND = re.compile(r"(?:^|\$ |bin/)coheft ((?:cart )?[a-z][a-z0-9-]*)((?: [^#|&]*)?)")
+OPTION = re.compile(r"(?<![\w-])(--[a-z][a-z-]*)")
+GENERAL = {"--help", "--version"}
+FOREIGN = {"--spec", "--ros-args", "--effort", "--teams", "--against"}
+"""Options of other programs that pages name by themselves."""
+
+
+def _options(name: str) -> set[str]:
+    first, _, second = name.partition(" ")
+    command = app[first][second] if second in tuple(app[first]) else app[first]
+    return GENERAL | {name for argument in command.assemble_argument_collection() for name in argument.names}
+
+
+NAMES = [*(name for name in app if not name.startswith("-")), "cart identify"]
+ALL = FOREIGN.union(*map(_options, NAMES))
+
+
+def _named(page: Path) -> Iterator[str]:
+    """What a page says in code that test_docs.py does not run."""
+    yield from INLINE.findall(re.sub(r"^```.*?^```", "", page.read_text(), flags=re.MULTILINE | re.DOTALL))
+    yield from (line for block in blocks(page) if not commands(block) for line in block.lines if "coheft " in line)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_a_page_names_commands_and_options_that_exist(page: Path) -> None:
+    for text in _named(page):
+        if (match := COMMAND.search(text)) and match[1].split()[0] not in ("COMMAND", "from"):
+            missing = set(OPTION.findall(match[2])) - _options(match[1])
+        else:
+            missing = set(OPTION.findall(text)) - ALL if text.startswith("--") else set()
+        assert not missing, f"`{text}` on {page.name}: there is no {', '.join(missing)}"
