@@ -1,4 +1,4 @@
-"""Commands and options that pages name inside sentences, tables and blocks that are not run exist."""
+"""What pages name inside sentences, tables and blocks that are not run exists: commands, options, modules."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ PAGES = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").g
 INLINE = re.compile(r"(?<!`)`([^`\n]+)`(?!`)")
 COMMAND = re.compile(r"(?:^|\$ |bin/)coheft ((?:cart )?[a-z][a-z0-9-]*)((?: [^#|&]*)?)")
 OPTION = re.compile(r"(?<![\w-])(--[a-z][a-z-]*)")
+MODULE = re.compile(r"(?<![\w/.-])([a-z][\w/]*\.py)\b")
 GENERAL = {"--help", "--version"}
 FOREIGN = {"--spec", "--ros-args", "--effort", "--teams", "--against"}
 """Options of other programs that pages name by themselves."""
@@ -29,6 +30,9 @@ def _options(name: str) -> set[str]:
 
 NAMES = [*(name for name in app if not name.startswith("-")), "cart identify"]
 ALL = FOREIGN.union(*map(_options, NAMES))
+
+ROOMS = ("agents", "benchmarks", "coheft", "configs", "consensus", "docs", "examples", "physics_server", "tests")
+OURS = {str(path.relative_to(ROOT)) for room in ROOMS for path in (ROOT / room).rglob("*.py")}
 
 
 def _named(page: Path) -> Iterator[str]:
@@ -45,3 +49,10 @@ def test_a_page_names_commands_and_options_that_exist(page: Path) -> None:
         else:
             missing = set(OPTION.findall(text)) - ALL if text.startswith("--") else set()
         assert not missing, f"`{text}` on {page.name}: there is no {', '.join(missing)}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_a_page_names_modules_that_exist(page: Path) -> None:
+    for text in _named(page):
+        for name in MODULE.findall(text):
+            assert name in OURS or any(each.endswith(f"/{name}") for each in OURS), f"`{name}` on {page.name}"
