@@ -16,7 +16,7 @@ PAGES = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").g
 INLINE = re.compile(r"(?<!`)`([^`\n]+)`(?!`)")
 COMMAND = re.compile(r"(?:^|\$ |bin/)coheft ((?:cart )?[a-z][a-z0-9-]*)((?: [^#|&]*)?)")
 OPTION = re.compile(r"(?<![\w-])(--[a-z][a-z-]*)")
-MODULE = re.compile(r"(?<![\w/.-])([a-z][\w/]*\.py)\b")
+MODULE = re.compile(r"(?<![\w/.-])([a-z][a-z0-9_/]*\.py)\b")
 GENERAL = {"--help", "--version"}
 FOREIGN = {"--spec", "--ros-args", "--effort", "--teams", "--against"}
 """Options of other programs that pages name by themselves."""
