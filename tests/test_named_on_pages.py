@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from coheft.agents.efficient.judge import Outcome
 from coheft.app.cli.main import app
 from tests.docs_blocks import blocks, commands
 
@@ -56,3 +57,8 @@ def test_a_page_names_modules_that_exist(page: Path) -> None:
     for text in _named(page):
         for name in MODULE.findall(text):
             assert name in OURS or any(each.endswith(f"/{name}") for each in OURS), f"`{name}` on {page.name}"
+
+
+@pytest.mark.parametrize("outcome", set(Outcome) - {Outcome.FITS, Outcome.UNDECIDED}, ids=lambda outcome: outcome.name)
+def test_the_page_on_troubles_has_advice_for_every_outcome(outcome: Outcome) -> None:
+    assert f"| `{outcome.value}` |" in (ROOT / "docs" / "troubleshooting.md").read_text()
