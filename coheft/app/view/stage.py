@@ -76,11 +76,7 @@ class Stage:
         camera.look_at, camera.position = whole_team(middle, size, 1.0)
         camera.fov = FOV
 
-        @server.on_client_connect
-        def _(client: viser.ClientHandle) -> None:
-            """Show all robots, also in a narrow window."""
-            look_at, client.camera.position = whole_team(middle, size, client.camera.aspect)
-            client.camera.look_at = look_at  # which its position has moved along
+        server.on_client_connect(lambda client: show_whole_team(client.camera, middle, size))
 
         server.scene.add_grid(
             "/ground",
@@ -266,3 +262,19 @@ class Stage:
     def show_place(self, place: Vector, edge: float) -> None:
         """Show the place of the next load: centre in the payload's frame and edge length [m]."""
         self._place.points = box_edges(Pose(np.eye(3), np.array(place)), np.full(3, edge))
+
+
+def show_whole_team(camera: viser.CameraHandle, middle: Array, size: float) -> None:
+    """Let a browser show all robots, also in a narrow window; arguments as for ``whole_team``."""
+    first = whole_team(middle, size, 1.0)[1]
+
+    def show() -> None:
+        look_at, camera.position = whole_team(middle, size, camera.aspect)
+        camera.look_at = look_at  # which its position has moved along
+
+    show()
+
+    @camera.on_update
+    def _(_: object) -> None:
+        if np.allclose(camera.position, first, atol=1e-3 * size):  # it has taken the server's first camera after ours
+            show()
