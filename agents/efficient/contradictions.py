@@ -2,7 +2,7 @@
 
 no contradiction -> one row only                   leave it out
                  -> a window of rows               take back the rows since its first; leave out all until it is over
-it lasts too long                                  start over: the poses may be wrong
+it lasts too long, or returns again and again      start over: the poses may be wrong
 no contradiction for a while                       it is over; new rows have to confirm what was known
 """
 
@@ -32,17 +32,19 @@ class Contradictions:
         count: Number of robots.
         guards: Thresholds.
         drift: See ``Monitor``.
-        rows: After how many rows without a contradiction one is over (``confirming``), and after how many it has lasted
-            too long (``lasting``).
+        rows: After how many rows without a contradiction one is over (``confirming``), after how many it is another one
+            if it returns (``calm``), and after how many it has lasted too long (``lasting``).
 
     Attributes:
         robot: Index of a robot whose sensors contradict the others at present, or None.
     """
 
     def __init__(self, count: int, guards: Guards, drift: Array, rows: RowCounts) -> None:
-        self._monitor, self._confirming, self._lasting = Monitor(count, guards, drift), rows.confirming, rows.lasting
+        self._monitor = Monitor(count, guards, drift)
+        self._confirming, self._lasting, self._calm = rows.confirming, rows.lasting, rows.calm
         self.robot: int | None = None
-        self._began, self._newest = -1, -rows.confirming  # numbers of rows
+        self._last: int | None = None  # the last such robot, of more than one row in succession
+        self._began, self._ended, self._newest = -1, -1, -rows.confirming  # numbers of rows
 
     def forget(self) -> None:
         """Discard earlier residuals, for instance because the estimate has changed."""
@@ -71,9 +73,10 @@ class Contradictions:
         self.forget()
         if is_new and is_calm and found.rows == 1:  # one wrong sample, or a jump that a late sensor shows a row later
             return Use.LEAVE_OUT, number
-        if is_new or is_calm:
+        is_again = found.robot == self._last and number <= self._ended + self._calm
+        if (is_new or is_calm) and not is_again:
             self._began = number
-        self.robot = found.robot
+        self.robot, self._last, self._ended = found.robot, found.robot, number
         if number - self._began > self._lasting:
             return Use.START_OVER, number
         return Use.BACK_TO_FIRST if is_new else Use.LEAVE_OUT, number - found.rows + 1

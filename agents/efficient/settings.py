@@ -83,7 +83,8 @@ class Guards:
         fresh_change: Largest statistic of a change within the rows of a load that is fitted for the first time, over
             its threshold: some 1e-7 by chance.
         calm: A load that is forgotten again sooner than this needs twice as many rows [s]: a sensor may be faulty from
-            time to time, and rows may be of both kinds.
+            time to time, and rows may be of both kinds. A contradiction of the same robot that returns sooner is still
+            the same one.
         mass: Probability that the mass seems to have changed by chance, where a faulty sensor may be the cause instead.
         shortest: Shortest time over which small steps of the mass are searched [s]: larger ones are noticed by then.
         small_step: Probability that one stretch of rows shows a small step of the mass by chance; a look tests some ten

@@ -1,0 +1,50 @@
+"""What becomes of rows while a robot's motion sensors contradict the team."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from coheft.agents.efficient.contradictions import Contradictions, Use
+from coheft.agents.efficient.settings import Guards, RowCounts
+from tests.efficient.rows import PERIOD, POSES
+
+ROWS = RowCounts.of(Guards(), PERIOD)
+BURST, PAUSE = 10, 25
+
+
+def uses(robots: list[int], rows: RowCounts = ROWS, burst: int = BURST) -> list[Use]:
+    """Uses of rows in which each of these robots contradicts the others once, with pauses in between."""
+    contradictions = Contradictions(len(POSES), Guards(), np.zeros((1, 12)), rows)
+    found, number = list[Use](), 100
+    for robot in robots:
+        for step in range(burst + PAUSE):
+            residuals = np.zeros(12 * len(POSES))
+            residuals[12 * robot] = 20.0 if step < burst else 0.0
+            found.append(contradictions.add(number, residuals)[0])
+            number += 1
+    return found
+
+
+def test_a_contradiction_ends_after_a_while_without_one() -> None:
+    assert [use for use in uses([1]) if use not in (Use.KEEP, Use.LEAVE_OUT)] == [Use.BACK_TO_FIRST, Use.RESUME]
+
+
+def test_one_that_lasts_means_to_start_over() -> None:
+    assert Use.START_OVER in uses([1], burst=ROWS.lasting + 5)
+
+
+@pytest.mark.parametrize(("robots", "starts_over"), [([1, 1, 1, 1], True), ([1, 2, 1, 2], False)])
+def test_one_that_returns_again_and_again_lasts_as_well(robots: list[int], starts_over: bool) -> None:
+    assert (Use.START_OVER in uses(robots)) == starts_over
+
+
+def test_one_that_returns_after_a_calm_time_is_another_one() -> None:
+    assert Use.START_OVER not in uses([1, 1, 1, 1], replace(ROWS, calm=PAUSE - 5))
+
+
+def test_single_wrong_rows_are_no_lasting_contradiction() -> None:
+    found = uses([1] * 8, burst=1)
+    assert {*found} == {Use.KEEP, Use.LEAVE_OUT}
