@@ -74,7 +74,7 @@ ONCE_BROKEN_TOLD = (937973879, 937973933, 964694266, 964693935, 964694870, 70000
 ONCE_BROKEN_AWAY = (1004225683, 1004225826, 1012287590, 1012287719)
 """As they are drawn: the load changes while a robot is away, or rows are damaged."""
 ONCE_BROKEN_BY_UNSEEN_SLIPS = (1004225498, 1012287755, 1012287842, 7159, 1023698510)
-"""As they are drawn: a grasp slips while another robot is away, or its sensors are off, or contradicts again and again."""
+"""As they are drawn: a grasp slips while another robot is away, or its sensors are off; or contradicts repeatedly."""
 ONCE_DRAWN = "4113bacae4f3effb6aad82a94ae3c0a331aed614f4cdcdccf9196e1da2a5afe2"
 """Digest of all these schedules."""
 
