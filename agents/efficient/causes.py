@@ -63,8 +63,12 @@ class Causes:
             newest: Number of the newest row.
             is_load: Whether it looks like a load change.
         """
+        buffer = known.buffer
+        first = int(buffer.numbers[index]) if index < buffer.count else newest
+        if self._suspicion is not None and self._suspicion.is_disproved_before(first):
+            self._suspicion = None
         if self._suspicion is None:
-            index = max(index, known.buffer.start)
+            index = max(index, buffer.start)
             self._suspicion = Suspicion.of_change(known, index, newest, len(self.changes), is_load)
         elif self._suspicion.is_after_gap:
             self._suspicion.is_load |= is_load
@@ -83,11 +87,6 @@ class Causes:
         """Forget changes since this row."""
         self.changes = [change for change in self.changes if change.first < number]
         self._suspicion = None
-
-    def contradiction_begins(self, first: int) -> None:
-        """From this row on, motions contradict each other, which is news if rows before have shown no slip."""
-        if self._suspicion is not None and self._suspicion.is_disproved_before(first):
-            self._suspicion = None
 
     def contradiction_ends(self) -> None:
         """Motions that have contradicted each other do so no longer, so no grasp has slipped then."""

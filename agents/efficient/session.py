@@ -214,7 +214,6 @@ class Session:
         match use:
             case Use.BACK_TO_FIRST:
                 numbers = self._known.buffer.numbers[: self._known.buffer.count]
-                self.causes.contradiction_begins(first)
                 self._suspect(int(np.searchsorted(numbers, first)), is_load=False)
                 self._known.take_back(first)
             case Use.START_OVER:
