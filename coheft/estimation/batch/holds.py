@@ -155,7 +155,8 @@ def static_estimate(holds: Holds, poses: Sequence[Pose]) -> StaticEstimate:
             f"use --method instruments, which takes mass and centre of mass from the motion"
         )
     total = total_wrench(holds.wrench.swapaxes(0, 1), poses)
-    variance = np.sum([holds.scatter[:, i] @ (pose.adjoint() ** 2).T for i, pose in enumerate(poses)], axis=0)
+    adjoints = np.array([pose.adjoint() for pose in poses])
+    spread = np.einsum("iab,hib,icb->hac", adjoints, holds.scatter, adjoints)
     direction = down / np.linalg.norm(down, axis=1, keepdims=True)
     strength = float(np.linalg.norm(down, axis=1).mean())
     weights = -np.einsum("ha,ha->h", direction, total[:, :3])
@@ -163,11 +164,15 @@ def static_estimate(holds: Holds, poses: Sequence[Pose]) -> StaticEstimate:
     matrix = mass * skew(down).reshape(-1, 3)  # -m h x g = m [g]x h
     torque = total[:, 3:].ravel()
     com = np.linalg.lstsq(matrix, torque)[0].astype(np.float64)
-    # What the residuals say, or the samples if that is more: holds are few.
+    # Noise of the samples, and what residuals show beyond it: holds are few.
+    by_torque = np.linalg.pinv(matrix).reshape(3, -1, 3)
+    forces = np.einsum("ha,hab,hb->h", direction, spread[:, :3, :3], direction)
+    torques = np.trace(spread[:, 3:, 3:], axis1=1, axis2=2) / 3.0
     degrees = max(len(torque) - 3, 1)
-    residual = max(float(np.sum((torque - matrix @ com) ** 2)) / degrees, float(variance[:, 3:].mean()))
-    force = max(float(weights.var(ddof=1)) / len(weights), float(variance[:, :3].mean()) / len(weights))
+    excess = max(float(np.sum((torque - matrix @ com) ** 2)) / degrees - float(torques.mean()), 0.0)
+    force = max(float(weights.var(ddof=1)), float(forces.mean())) / len(weights)
     covariance = np.zeros((4, 4))
     covariance[0, 0] = force / strength**2
-    covariance[1:, 1:] = residual * np.linalg.inv(matrix.T @ matrix)
+    covariance[1:, 1:] = np.einsum("ahb,hbc,dhc->ad", by_torque, spread[:, 3:, 3:], by_torque)
+    covariance[1:, 1:] += excess * np.linalg.inv(matrix.T @ matrix)
     return StaticEstimate(mass, com, covariance)

@@ -12,7 +12,7 @@ from coheft.estimation.batch.body import body_motions, centre_of, own_motions, t
 from coheft.estimation.batch.doubts import unsettled
 from coheft.estimation.batch.holds import StaticEstimate, both_holds, holds_of, static_estimate
 from coheft.estimation.batch.identification import Identification
-from coheft.estimation.batch.inertia_fit import LinearFit, fit_parameters, fit_tensor
+from coheft.estimation.batch.inertia_fit import LinearFit, bias_of_tensor, fit_parameters, fit_tensor
 from coheft.estimation.batch.pairs import grasps_from_twists
 from coheft.estimation.batch.payload import hidden_covariance, make_payload, of_central_numbers
 from coheft.estimation.batch.plausibility import plausible_signals
@@ -21,12 +21,15 @@ from coheft.estimation.batch.recording import Recording
 from coheft.estimation.batch.signals import CUTOFF, PAPER_CUTOFF, Signals
 from coheft.estimation.batch.statics import Statics
 from coheft.estimation.batch.team_poses import TeamPoses
+from coheft.estimation.geometry.body_motion import perturbation_between
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.rigid_body.derivatives import central_derivative
 from coheft.estimation.rigid_body.mass_properties import Inertia
 
 _COM_STEP = 1e-4
 """For differences [m]."""
+_BIASED = 2.0
+"""Bias of plain least squares that is worth a remark, in standard deviations."""
 
 
 def identify_batch(
@@ -64,7 +67,21 @@ def identify_batch(
     by_poses = derivative_by_poses(lambda poses: solve(poses)[0], team.poses)
     covariance = by_com @ static.covariance @ by_com.T + by_poses @ team.covariance @ by_poses.T
     covariance += turned_covariance(lambda poses: solve(poses)[0], team)
-    covariance[4:, 4:] += tensor.covariance + hidden_covariance(tensor.hidden, static.mass)
+    of_noise, of_tensor = bias_of_tensor(
+        body_motions(signals, team.poses), total_wrench(wrench, team.poses), static.com, signals.rate, tensor.solution
+    )
+    covariance[4:, 4:] += of_tensor + hidden_covariance(tensor.hidden, static.mass)
+    unbiased, _ = grasps_from_twists(signals, with_instruments=True)
+    remarks: tuple[str, ...] = ()
+    if team.is_observable and unbiased.is_observable:
+        bias = numbers - solve(unbiased.poses)[0]
+        bias[4:] += of_noise
+        remarks = _bias_remark(bias, covariance)
+        by_grasps = np.concatenate(
+            [perturbation_between(own, right) for own, right in zip(team.poses, unbiased.poses, strict=True)]
+        )
+        covariance += np.outer(bias, bias)
+        team = replace(team, covariance=team.covariance + np.outer(by_grasps, by_grasps))
     return Identification(
         method="batch",
         names=recording.names,
@@ -75,11 +92,20 @@ def identify_batch(
         remarks=(
             "Least squares takes noise of accelerations for motion: inertias come out too small, by an unknown amount. "
             "Compare with --method instruments.",
+            *remarks,
         ),
         suspicions=unsettled(team),
         time=signals.time,
         residual=tensor.residual,
     )
+
+
+def _bias_remark(bias: Array, covariance: Array) -> tuple[str, ...]:
+    """Say how large the bias (10,) is compared with noise, if it is large."""
+    ratio = float(np.max(np.abs(bias) / np.sqrt(np.diag(covariance))))
+    if ratio < _BIASED:
+        return ()
+    return (f"Its bias is up to {ratio:.1f} standard deviations of noise: they include it.",)
 
 
 def identify_with_instruments(recording: Recording, cutoff: float = CUTOFF) -> Identification:
