@@ -73,8 +73,8 @@ def bias_of_tensor(motions: Array, wrench: Array, com: Array, rate: float, tenso
     """Expected error (6,) of ``fit_tensor`` because noise of accelerations is taken for motion, and covariance of both.
 
     The error is ``-(X^T X)^-1 Q J``, with ``J`` the true tensor and ``Q`` the part of ``X^T X`` that is noise, which
-    follows from how much robots disagree. Unlike the difference from an unbiased fit, it hardly has noise of its own. The covariance is that about
-    the expectation: residuals of the biased fit would count the bias as noise.
+    follows from how much robots disagree. Unlike the difference from an unbiased fit, it hardly has noise of its own.
+    The covariance is that about the expectation: residuals of the biased fit would count the bias as noise.
 
     Args:
         motions: Motion of the first robot's frame as each robot predicts it, shape (N, n, 12), N at least 2.

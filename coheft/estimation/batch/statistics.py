@@ -80,4 +80,5 @@ def _independent_sums(sums: Array) -> float:
     left, values, _ = np.linalg.svd(balanced, full_matrices=False)
     shown = left[:, values > _SINGULAR * values[0]]
     rank = shown.shape[1]
-    return rank * (rank + 2.0) / float(np.sum(np.square(shown).sum(axis=1) ** 2)) - 2.0
+    fourth_moment = float(np.sum(np.square(shown).sum(axis=1) ** 2))
+    return float(rank * (rank + 2.0) / fourth_moment) - 2.0
