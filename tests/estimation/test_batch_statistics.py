@@ -20,7 +20,7 @@ def test_there_are_some_sums_of_every_recording(count: int, unknowns: int, expec
 
 @pytest.mark.parametrize(("order", "within"), [(0, 0.2), (1, 0.5)], ids=["filtered", "differentiated"])
 def test_scatter_is_that_of_a_sum_of_correlated_scores(order: int, within: float) -> None:
-    """Separate sums of one second would be 22 % too low for filtered noise, and 2.3 times too high if differentiated."""
+    """Separate sums of 1 s would be 22 % too low for filtered noise, and 2.3 times too high if it is differentiated."""
     rng = np.random.default_rng(1)
     motion = np.sin(2.0 * np.pi * 0.4 * np.arange(COUNT) / RATE)
     sums, scatters = [], []
