@@ -195,19 +195,30 @@ def test_static_estimate_is_exact_from_two_orientations_on(seed: int) -> None:
         assert np.linalg.eigvalsh(found.covariance)[0] > 0.0
 
 
-def test_each_component_of_the_centre_of_mass_has_its_own_noise() -> None:
-    """Forces at a long arm along x cause moments across it only; a mean variance would be wrong for every component."""
+def test_mass_and_centre_of_mass_at_rest_have_the_noise_of_each_force() -> None:
+    """A force far away causes moments across its arm only, and is in the mass, too; few residuals are no more noise."""
     rng = np.random.default_rng(9)
     team = (Pose.identity(), Pose(np.eye(3), np.array([4.0, 0.0, 0.0])))
-    exact = resting(team, rng.normal(size=(12, 3)), rng)
+    exact = resting(team, rng.normal(size=(6, 3)), rng)
     scatter = np.zeros_like(exact.scatter)
     scatter[:, 1, :3] = 0.3**2
     squares = []
     for _ in range(300):
         noise = np.sqrt(scatter) * rng.normal(size=scatter.shape)
         found = static_estimate(replace(exact, wrench=exact.wrench + noise, scatter=scatter), team)
-        squares.append((found.com - LOAD.com) ** 2 / np.diag(found.covariance)[1:])
-    np.testing.assert_allclose(np.mean(squares, axis=0), 1.0, atol=0.35)
+        error = np.concatenate([[found.mass - LOAD.mass], found.com - LOAD.com])
+        squares.append([*error**2 / np.diag(found.covariance), error @ np.linalg.solve(found.covariance, error) / 4.0])
+    np.testing.assert_allclose(np.mean(squares, axis=0), 1.0, atol=0.3)
+
+
+def test_residuals_at_rest_that_are_no_chance_count() -> None:
+    rng = np.random.default_rng(10)
+    team = grasps(rng)
+    exact = resting(team, rng.normal(size=(12, 3)), rng)
+    noise = 0.5 * rng.normal(size=exact.wrench.shape)
+    found = static_estimate(replace(exact, wrench=exact.wrench + noise), team)
+    calm = static_estimate(exact, team)
+    assert (np.diag(found.covariance) > 30.0 * np.diag(calm.covariance)).all()
 
 
 def test_one_orientation_is_not_enough_and_said_so() -> None:

@@ -13,7 +13,7 @@ from coheft.estimation.batch.doubts import unsettled
 from coheft.estimation.batch.holds import StaticEstimate, both_holds, holds_of, static_estimate
 from coheft.estimation.batch.identification import Identification
 from coheft.estimation.batch.inertia_fit import LinearFit, bias_of_tensor, fit_parameters, fit_tensor
-from coheft.estimation.batch.pairs import grasps_from_twists
+from coheft.estimation.batch.pairs import expected_bias, grasps_from_twists
 from coheft.estimation.batch.payload import hidden_covariance, make_payload, of_central_numbers
 from coheft.estimation.batch.plausibility import plausible_signals
 from coheft.estimation.batch.pose_differences import derivative_by_poses, turned_covariance
@@ -21,7 +21,6 @@ from coheft.estimation.batch.recording import Recording
 from coheft.estimation.batch.signals import CUTOFF, PAPER_CUTOFF, Signals
 from coheft.estimation.batch.statics import Statics
 from coheft.estimation.batch.team_poses import TeamPoses
-from coheft.estimation.geometry.body_motion import perturbation_between
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.rigid_body.derivatives import central_derivative
 from coheft.estimation.rigid_body.mass_properties import Inertia
@@ -71,15 +70,12 @@ def identify_batch(
         body_motions(signals, team.poses), total_wrench(wrench, team.poses), static.com, signals.rate, tensor.solution
     )
     covariance[4:, 4:] += of_tensor + hidden_covariance(tensor.hidden, static.mass)
-    unbiased, _ = grasps_from_twists(signals, with_instruments=True)
     remarks: tuple[str, ...] = ()
-    if team.is_observable and unbiased.is_observable:
-        bias = numbers - solve(unbiased.poses)[0]
+    if team.is_observable:
+        by_grasps = expected_bias(signals, team)
+        bias = by_poses @ by_grasps
         bias[4:] += of_noise
         remarks = _bias_remark(bias, covariance)
-        by_grasps = np.concatenate(
-            [perturbation_between(own, right) for own, right in zip(team.poses, unbiased.poses, strict=True)]
-        )
         covariance += np.outer(bias, bias)
         team = replace(team, covariance=team.covariance + np.outer(by_grasps, by_grasps))
     return Identification(
