@@ -117,8 +117,8 @@ def expected_bias(signals: Signals, team: TeamPoses) -> Array:
         others = max(len(signals.w) - 2, 1)
         share = others / (others + 1.0)
         matrix = _levers(w, w)
-        position: Array = np.linalg.solve(matrix - share * _levers(noise, noise), matrix @ found.pose.translation)
-        right[i, j] = replace(found, pose=Pose(found.pose.rotation, position))
+        position = np.linalg.solve(matrix - share * _levers(noise, noise), matrix @ found.pose.translation)
+        right[i, j] = replace(found, pose=Pose(found.pose.rotation, position.astype(np.float64)))
     poses = close_loops(len(signals.w), right).poses
     return np.concatenate([perturbation_between(true, own) for true, own in zip(poses, team.poses, strict=True)])
 
