@@ -104,6 +104,21 @@ def test_one_fault_is_named_and_mended(fault: Fault, robots: tuple[str, ...], ca
     assert f"the mass is {mass:.4g} kg" in verdict.words
 
 
+@pytest.mark.parametrize("count", [2, 3])
+def test_wrenches_of_two_robots_that_are_swapped_are_named_and_mended(count: int) -> None:
+    right = held_recording(SEED, count)
+    robots = dict(right.robots)
+    robots["r1"] = replace(robots["r1"], wrench=right.robots["r2"].wrench)
+    robots["r2"] = replace(robots["r2"], wrench=right.robots["r1"].wrench)
+    recording = replace(right, robots=robots)
+    _, verdict = judged(recording)
+    assert (verdict.cause, verdict.robot) == ("robots swapped", None)
+    assert "wrenches of r1 are those of r2" in verdict.words
+    found = identify(recording, Options(assume="robots swapped"))
+    assert found.doubts == ()
+    assert deviations(recording, found).max() < 5.0
+
+
 @pytest.mark.parametrize("with_wrench", [True, False])
 @pytest.mark.parametrize("robot", ["r1", "r2"])
 def test_a_clock_that_is_late_is_named(with_wrench: bool, robot: str) -> None:
