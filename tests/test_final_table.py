@@ -9,11 +9,23 @@ import numpy as np
 import pytest
 
 from coheft.app.results.judge import Verdict
+from coheft.app.results.report import build_report
 from coheft.app.terminal.digits import error_and_std
 from coheft.app.terminal.final_table import print_report, robot_rows, sentences
 from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.wire.messages.structs import Estimate
-from tests.synthetic_run import GRASPS, HEAVY, LIGHT, SCENE, built_report, changing_run, estimate, recorded, truth
+from tests.synthetic_run import (
+    GRASPS,
+    HEAVY,
+    LIGHT,
+    SCENARIO,
+    SCENE,
+    built_report,
+    changing_run,
+    estimate,
+    recorded,
+    truth,
+)
 from tests.test_terminal import drawn, stale, terminal
 
 
@@ -28,6 +40,26 @@ def test_the_final_table_says_why_a_run_has_not_converged() -> None:
     assert "What each robot found out about the payload (0.2 s, fan2017)" in drawn(console)
     assert "Stale at r3: r2 is silent.\nNot converged: r3 (stale).\n" in drawn(console)
     assert max(map(len, drawn(console).splitlines())) <= 80
+
+
+def test_lines_below_the_table_break_at_its_width_only() -> None:
+    report = built_report(recorded([truth(9, HEAVY)], {name: [estimate(name, 9, HEAVY)] for name in GRASPS}))
+    console = terminal(is_terminal=False)
+    print_report(console, report, Path("logs"))
+    begin = (
+        drawn(console)
+        .splitlines()
+        .index("Centre of mass: x y z in the robot's grasp frame. Inertia: principal moments.")
+    )
+    legend = drawn(console).splitlines()[begin : begin + 4]
+    assert all(len(line) > 40 for line in legend[:3]), legend
+
+
+def test_the_speed_of_a_run_is_told_only_where_it_is_known() -> None:
+    record = recorded([truth(9, HEAVY)], {name: [estimate(name, 9, HEAVY)] for name in GRASPS})
+    known, unknown = built_report(record), build_report(SCENARIO, record)
+    assert any("real time" in text for text in sentences(known))
+    assert not any("real time" in text for text in sentences(unknown)), "a recording does not tell"
 
 
 def test_the_final_table_gives_one_example_of_what_is_not_observable() -> None:

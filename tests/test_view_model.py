@@ -140,6 +140,7 @@ def test_texts_tell_numbers_reasons_and_changes_and_let_nobody_write_html():
     assert "&lt;b&gt;r2" in text
     assert "&lt;script&gt;" in words.problems(model)
     assert "stale" in words.team(model, "r1")
+    assert "mass, kg" in words.team(model, "r1"), "a number has a unit"
     paused = msgspec.structs.replace(STATUS, state=RunState.PAUSED)
     assert "resume" in words.waiting_note(paused, is_still=False).lower()
     waits = msgspec.structs.replace(STATUS, state=RunState.RUNNING, waiting_for=["r1"])

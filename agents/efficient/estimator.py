@@ -66,7 +66,7 @@ class EfficientEstimator:
         if own is not None and index >= team.start:
             team.enter(index, own.samples)
         team.take(index)
-        arrays: dict[str, Any] = team.exchange.message(team.session.news_at).channels() | team.seal_channels()
+        arrays: dict[str, Any] = team.exchange.message(team.session.causes.news_at).channels() | team.seal_channels()
         if is_welcoming:
             arrays |= team.known()
         return arrays
@@ -105,7 +105,7 @@ class EfficientEstimator:
             return ("the team's measurements have just begun",)
         if team.session.contradicting is not None:
             return (f"the sensors of {team.names[team.session.contradicting]} contradict the motion of the team",)
-        if session.is_cause_open:
+        if session.causes.is_open:
             return ("either the load has changed or a grasp has slipped",)
         if not team.session.is_confirmed:
             return ("what was known before is being confirmed by new measurements",)
@@ -124,7 +124,13 @@ class EfficientEstimator:
         team = self._team
         if team is not None and team.session.estimate is not None:
             session, estimate = team.session, team.session.estimate
-            now = (estimate, session.stage, len(session.certain_changes), len(session.slips), session.unnoticed)
+            now = (
+                estimate,
+                session.stage,
+                len(session.causes.certain_changes),
+                len(session.causes.slips),
+                session.unnoticed,
+            )
             if now != self._believed:
                 self._belief, self._believed = self._belief_of(team, estimate), now
             self._belief = replace(self._belief, learned_block=team.newest)
@@ -169,7 +175,7 @@ class EfficientEstimator:
         start, times = self._config.start_of, team.times
         new = (
             LoadChangeNotice(start(noticed + 1), start(times.first_block(change.first)))
-            for noticed, change in zip(team.noticed, team.session.certain_changes, strict=False)
+            for noticed, change in zip(team.noticed, team.session.causes.certain_changes, strict=False)
         )
         return (*self._former_changes, *new)
 
@@ -179,7 +185,7 @@ class EfficientEstimator:
             SlipNotice(
                 team.names[slip.robot], start(noticed + 1), start(named + 1), start(times.first_block(slip.first))
             )
-            for (noticed, named), slip in zip(team.noticed_slips, team.session.slips, strict=True)
+            for (noticed, named), slip in zip(team.noticed_slips, team.session.causes.slips, strict=True)
         )
         return (*self._former_slips, *new)
 

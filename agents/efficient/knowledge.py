@@ -14,6 +14,7 @@ from coheft.agents.efficient.innovations import ROWS_BEFORE, Innovations, Past
 from coheft.agents.efficient.row_times import MANY
 from coheft.agents.efficient.settings import Guards
 from coheft.estimation.geometry.spatial import Array, Pose
+from coheft.estimation.moments.body import BodyModel
 from coheft.estimation.moments.change import surprise
 from coheft.estimation.moments.chapter import Chapter, Prior
 from coheft.estimation.moments.derivatives import MotionDerivatives
@@ -181,17 +182,26 @@ class Knowledge:
         )
         return found, chapter.posterior(found, self._guess, evaluate)
 
-    def slipped(self, prior: Prior, robot: int, rows: Iterable[tuple[int, Array]], past: Past) -> Knowledge:
+    def body(self, state: State) -> BodyModel:
+        """Compute the matrices at a state."""
+        return self._settings.body(state)
+
+    def slipped(
+        self, prior: Prior, robot: int, is_load: bool, rows: Iterable[tuple[int, Array]], past: Past
+    ) -> Knowledge:
         """Return the knowledge from a prior and the rows since, if a grasp has slipped in between.
 
         Args:
             prior: What was known before the slip.
-            robot: Index of the robot whose grasp has slipped; everything else stays the same.
+            robot: Index of the robot whose grasp has slipped.
+            is_load: Whether the load has changed as well; everything else stays the same.
             rows: Numbers and rows after the slip.
             past: Rows before the slip.
         """
-        own = Unknowns(self._count, self._settings.errors).poses[robot]
-        loosened = prior.with_process_noise(own, np.diag(np.square(SLIP)))
+        unknowns = Unknowns(self._count, self._settings.errors)
+        loosened = prior.with_process_noise(unknowns.poses[robot], np.diag(np.square(SLIP)))
+        if is_load:
+            loosened = loosened.without_load(unknowns, prior.guess.limits)
         anchor = (robot + 1) % self._count if robot == self._anchor else self._anchor
         found = Knowledge(self._count, anchor, self._settings, self._guards, loosened)
         found._past = past

@@ -12,12 +12,12 @@ import math
 
 import numpy as np
 
+from coheft.agents.efficient.causes import Causes
 from coheft.agents.efficient.confirmation import Confirmation
 from coheft.agents.efficient.contradictions import Contradictions, Use
 from coheft.agents.efficient.judge import Outcome, Verdict, judge
 from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.settings import Guards, RowCounts
-from coheft.agents.efficient.slips import Slip, Suspicion
 from coheft.agents.efficient.small_steps import LoadChange, UnnoticedStep, cover_drift
 from coheft.agents.efficient.stages import TRANSITIONS, Event, Stage
 from coheft.agents.efficient.undeclared_watch import UndeclaredWatch
@@ -45,8 +45,7 @@ class Session:
 
     Attributes:
         stage: What is known of the load.
-        changes: Load changes, oldest first.
-        slips: Slips of grasps, oldest first.
+        causes: Load changes and slips of grasps.
         verdict: Verdict on the last fit.
         total_wrench: Total wrench about the origin of the body frame [N, N·m], mean over the newest row, shape (6,);
             None before the first row.
@@ -65,9 +64,7 @@ class Session:
         self._settings, self._guards = settings, guards
         self._rows = RowCounts.of(guards, settings.period)
         self.stage = Stage.GATHERING
-        self.changes: list[LoadChange] = []
-        self.slips: list[Slip] = []
-        self._suspicion: Suspicion | None = None
+        self.causes = Causes(guards, self._rows, settings.has_offset)
         self.verdict = Verdict(Outcome.FITS)
         self.total_wrench: Array | None = None
         self._undeclared = UndeclaredWatch(guards.undeclared_growth, self._rows.undeclared_lasts)
@@ -103,7 +100,7 @@ class Session:
         """
         if self.stage is Stage.ESTIMATING and self._known.buffer.count and not self._test_for_change(self._newest):
             self._fit_and_judge()  # the newest rows have to be judged as well
-        is_doubtful = self.undeclared is not None or self.is_cause_open or self._confirmation.distrusts_wrenches
+        is_doubtful = self.undeclared is not None or self.causes.is_open or self._confirmation.distrusts_wrenches
         if self.stage is not Stage.ESTIMATING or is_doubtful:
             return None
         self._known.bridge(missing)
@@ -112,7 +109,7 @@ class Session:
     def claimable(self, estimate: Estimate) -> Estimate:
         """Return the estimate to publish: its covariance covers changes of the load that are not noticed yet."""
         rows = self._known.buffer.load_rows
-        return cover_drift(self._steps.cover(estimate), self.changes, rows, self._rows.drifting)
+        return cover_drift(self._steps.cover(estimate), self.causes.changes, rows, self._rows.drifting)
 
     @property
     def unnoticed(self) -> float:
@@ -130,34 +127,13 @@ class Session:
         return self._undeclared.found
 
     @property
-    def changed_at(self) -> int:
-        """Number of the first row with the present load, -1 if the load has never changed."""
-        return self.changes[-1].first if self.changes else -1
-
-    @property
-    def news_at(self) -> int:
-        """Number of the first row after the newest change of load or grasp, -1 if there was none."""
-        return max(self.changed_at, self.slips[-1].first if self.slips else -1)
-
-    @property
-    def is_cause_open(self) -> bool:
-        """Whether the load seems to have changed, but a slip of a grasp has not been ruled out yet."""
-        return self._suspicion is not None and self._suspicion.is_load
-
-    @property
-    def certain_changes(self) -> list[LoadChange]:
-        """Load changes for which a slip has been ruled out."""
-        suspicion = self._suspicion
-        return self.changes if suspicion is None else self.changes[: suspicion.changes]
-
-    @property
     def is_confirmed(self) -> bool:
         """Whether new rows have confirmed what was known before rows were missing, or in a former team."""
         return not self._confirmation.is_open
 
     def look_closely_after(self, first: int, number: int) -> None:
         """Test for a load change in every row for a while, as another robot has detected one at row ``first``."""
-        if first > max(self.news_at + self._rows.turn, self._known_news):
+        if first > max(self.causes.news_at + self._rows.turn, self._known_news):
             self._known_news, self._look_until = first, number + self._rows.turn
 
     def take_back(self, number: int) -> None:
@@ -166,8 +142,8 @@ class Session:
         """
         known, buffer = self._known, self._known.buffer
         is_since_load = buffer.count > buffer.start and number > buffer.numbers[buffer.start]
-        self.changes = [change for change in self.changes if change.first < number]
-        self._suspicion, self._newest = None, number - 1
+        self.causes.take_back(number)
+        self._newest = number - 1
         if not is_since_load or known.misses_poses:
             self._start_over()
             return
@@ -181,15 +157,26 @@ class Session:
     def take(self, number: int, row: Array) -> None:
         """Process a row of the whole team (X,), see ``Exchange.complete``; rows may be missing or arrive late."""
         self._take(number, row)
-        if self._suspicion is not None:
-            self._suspicion.add(number, row)
-            self._decide(self._suspicion)
+        self.causes.add(number, row)
+        match self.causes.decide(self._known, self._newest):
+            case Event.SLIPPED, Knowledge() as known:
+                self.stage = TRANSITIONS[self.stage, Event.SLIPPED]
+                self._begin(known)
+                self._confirmation.begin(since=self._newest + 1)
+            case Event.STARTED_OVER, None:
+                self._start_over()
+
+    def _expect_changes(self, since: int) -> None:
+        """Rows before this one were missing, or not used: load and grasps may have changed meanwhile."""
+        self._confirmation.begin(since)
+        if self.stage is Stage.ESTIMATING and self._known.is_small:
+            self.causes.expect(self._known, since)
 
     def _take(self, number: int, row: Array) -> None:
         known, buffer, guards = self._known, self._known.buffer, self._guards
         if number > self._newest + 1 + self._rows.waiting:
-            self._confirmation.begin(since=number)
             known.bridge((number - self._newest - 1) * self._settings.period)
+            self._expect_changes(since=number)
         self._newest = max(self._newest, number)
         if known.estimate is None:
             buffer.add(number, row)
@@ -227,14 +214,14 @@ class Session:
         match use:
             case Use.BACK_TO_FIRST:
                 numbers = self._known.buffer.numbers[: self._known.buffer.count]
-                self._open_question(int(np.searchsorted(numbers, first)), is_load=False)
+                self.causes.contradiction_begins(first)
+                self._suspect(int(np.searchsorted(numbers, first)), is_load=False)
                 self._known.take_back(first)
             case Use.START_OVER:
                 self._start_over()
             case Use.RESUME:
-                self._confirmation.begin(since=number)
-                if not self.is_cause_open:
-                    self._suspicion = None
+                self.causes.contradiction_ends()
+                self._expect_changes(since=number)
         return use in (Use.KEEP, Use.RESUME)
 
     def _fit(self, end: int | None = None, keeps_motion: bool = False) -> Estimate:
@@ -274,7 +261,7 @@ class Session:
                 self._start_over()
             case Outcome.NO_LOAD:
                 self._forget_load(first, Event.MISFIT, estimate)
-            case Outcome.UNDECIDED if self._newest - self.changed_at <= self._rows.undecided:
+            case Outcome.UNDECIDED if self._newest - self.causes.changed_at <= self._rows.undecided:
                 self.stage = TRANSITIONS[self.stage, Event.UNDECIDED]
             case _:
                 self.stage, self._load_before = TRANSITIONS[self.stage, Event.FITTED], None
@@ -285,32 +272,13 @@ class Session:
         self.stage = TRANSITIONS[self.stage, Event.STARTED_OVER]
         self._begin(Knowledge(self._count, self._anchor, self._settings, self._guards))
 
-    # --- grasps that slip ---
-
-    def _open_question(self, index: int, is_load: bool) -> None:
-        """Begin to compare causes: from this row on the load differs, or motions contradict, or a grasp has slipped."""
-        known = self._known
-        is_known = self.stage is Stage.ESTIMATING and not known.misses_poses
-        if self._suspicion is None and is_known and known.is_small:
-            index = max(index, known.buffer.start)
-            self._suspicion = Suspicion(known, index, self._newest, len(self.changes), is_load)
-
-    def _decide(self, suspicion: Suspicion) -> None:
-        """Decide between the causes once one of them leads; after a slip, continue from what was known before it."""
-        cause, is_late = suspicion.cause(self._guards), self._newest - suspicion.noticed >= self._rows.telling_apart
-        if cause is not None and cause.robot is not None:
-            known = suspicion.known_if_slipped(self._known, cause, self._guards, self._settings.has_offset)
-            if known is not None:
-                self.slips.append(Slip(cause.robot, cause.first, suspicion.noticed, self._newest))
-                self.stage, self._suspicion = TRANSITIONS[self.stage, Event.SLIPPED], None
-                del self.changes[suspicion.changes :]
-                self._begin(known)
-                self._confirmation.begin(since=self._newest + 1)
-                return
-        if is_late or (suspicion.is_load and cause is not None and cause.robot is None):
-            self._suspicion = None
-
     # --- changes of the load ---
+
+    def _suspect(self, index: int, is_load: bool) -> None:
+        """See ``Causes.suspect``."""
+        is_known = self.stage is Stage.ESTIMATING and not self._known.misses_poses
+        if is_known and self._known.is_small:
+            self.causes.suspect(self._known, index, self._newest, is_load)
 
     def _test_for_change(self, number: int) -> bool:
         """Return whether the load has changed: a change must also show against a fit to the older rows only."""
@@ -349,8 +317,8 @@ class Session:
         index, now = (kept, now) if confirmation.is_open else known.first_change(index, now)
         load, theta = now.state.load, now.body.unknowns.theta
         assert load is not None
-        self._open_question(index, is_load=True)
-        self.changes.append(LoadChange(int(buffer.numbers[index]), number, load[THETA]))
+        self._suspect(index, is_load=True)
+        self.causes.changes.append(LoadChange(int(buffer.numbers[index]), number, load[THETA]))
         if self._load_before is None:
             self._load_before = KnownLoad(load, now.covariance[theta, theta])
         self._forget_load(index, Event.LOAD_CHANGED, now)

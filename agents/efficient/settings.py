@@ -69,7 +69,8 @@ class Guards:
             any fault. There are some 250 windows per second and robot, so this is one in many years.
         lasting: After a contradiction that lasts so long, poses may be wrong, and the robot starts over [s].
         unfitted: After so long without any load that fits, poses may be wrong, and the robot starts over [s]; once
-            only, because a force sensor that remains off may be the cause.
+            only, because a force sensor that remains off may be the cause. After missing rows, so long a slip meanwhile
+            is considered.
         misfit: Probability that a stretch of rows fits so badly without any fault; a fit has some ten thousand.
         tolerance: Probability that a robot's sensor errors exceed their tolerances so much if these are right.
         undeclared: False-alarm probability for one kind of error of one robot whose tolerance is zero.
@@ -92,9 +93,12 @@ class Guards:
         drifting: A load that changes again so soon drifts [s].
         mistaken: Probability of taking a load change or a faulty sensor for a slip, or the other way round, if all are
             equally likely a priori: one cause has to be likelier than all others by this factor.
+        doubted: While rows are less likely by this factor without a slip than with one, nothing is valid. Only after
+            rows were missing: at any other time a slip is noticed as a change before.
         telling_apart: After so long without such a decision, a slip is no longer considered [s].
         undecided: After so long without a decision, the load counts as changed [s]: a fault is over by then.
         waiting: Rows are missing when no new row of the whole team has been complete for so long [s].
+        outdated: An estimate whose newest row is late by more than this is not valid [s]: after a pause, old rows come.
         confirming: A robot that contradicted the team is trusted again after so long without a contradiction [s]. After
             that, after missing rows, or in another team, new rows have to fit for so long before the former estimate
             is valid again, because the load may have changed meanwhile.
@@ -132,9 +136,11 @@ class Guards:
     small_step_fades: float = 0.5
     drifting: float = 3.0
     mistaken: float = 6e-6
+    doubted: float = 0.05
     telling_apart: float = 1.2
     undecided: float = 4.0
     waiting: float = 0.15
+    outdated: float = 1.0
     confirming: float = 0.1
     sealed_every: float = 0.5
     sealed_alike: int = 12
@@ -180,6 +186,11 @@ class Guards:
     def lead(self) -> float:
         """Least margin of the likeliest cause's log ratio over all others."""
         return -math.log(self.mistaken)
+
+    @property
+    def doubt(self) -> float:
+        """Margin of a slip's log ratio from which on nothing is valid."""
+        return -math.log(self.doubted)
 
     @property
     def largest_contradiction(self) -> float:

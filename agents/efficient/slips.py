@@ -4,6 +4,9 @@ A small slip looks like another load at first, because torques are about another
 motion of the team. The session reacts to both as if no grasp could slip. Meanwhile a ``Suspicion`` compares all rows
 since then with what was known before, by the log ratios of ``coheft.estimation.moments.suspects``. Only a slip that is
 much likelier than all other causes, and with which all rows fit, replaces what the session has found meanwhile.
+
+After missing rows, load and grasps may have changed unseen, even both. So there is a suspicion without any notice, and
+nothing is valid while its rows are likelier with a slip.
 """
 
 from __future__ import annotations
@@ -11,19 +14,23 @@ from __future__ import annotations
 import math
 from bisect import bisect_left
 from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
+from coheft.agents.efficient.innovations import Past
 from coheft.agents.efficient.judge import Outcome, judge
 from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.settings import Guards
 from coheft.estimation.geometry.spatial import Array, Pose
-from coheft.estimation.moments.body import FORCING, load_operator, residual_covariance
-from coheft.estimation.moments.chapter import evidence_of
+from coheft.estimation.moments.body import FORCING, REGRESSOR, BodyModel, load_operator, residual_covariance
+from coheft.estimation.moments.chapter import Prior, evidence_of
 from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.moments import RowMoments, evaluated_moments, robot_indices
 from coheft.estimation.moments.suspects import LogRatios, log_ratios
+from coheft.estimation.moments.unknowns import THETA
 
 _LEAST, _GROWTH = 5, 1.5
 """Number of rows at which causes are first compared, and the factor by which it grows until the next comparison."""
@@ -53,76 +60,144 @@ class Cause(NamedTuple):
     Attributes:
         robot: Index of the robot whose grasp has slipped, None if the cause is the load or a sensor.
         first: Number of the first row after the change.
+        is_load: Whether the load has changed as well as the grasp.
     """
 
     robot: int | None
     first: int
+    is_load: bool = False
+
+
+class Before(NamedTuple):
+    """What was known before a change.
+
+    Attributes:
+        estimate: The estimate; poses of robots that have joined since are hidden.
+        prior: The same, as a prior.
+        covariance: Covariance of all unknowns, shape (u, u), with the drift of sensors.
+        past: The rows until then.
+    """
+
+    estimate: Estimate
+    prior: Prior
+    covariance: Array
+    past: Past
+
+    @staticmethod
+    def of(known: Knowledge, index: int) -> Before:
+        """What the rows before an index have shown."""
+        estimate, prior = known.known_before(index)
+        return Before(estimate, prior, known.covariance_now(estimate), known.innovations.past_before_slip)
+
+    def body(self, known: Knowledge) -> BodyModel | None:
+        """Return the matrices at this estimate, with the poses of robots that have joined as they are known now; None
+        if one is unknown.
+        """
+        is_new = self.estimate.hidden_poses()
+        if not is_new.any():
+            return self.estimate.body
+        if known.estimate is None or known.misses_poses:
+            return None
+        state, now, old = self.estimate.state, known.estimate.state.poses, int(np.argmin(is_new))
+        to_body = state.poses[old] @ now[old].inverse()
+        poses = [to_body @ now[robot] if is_new[robot] else pose for robot, pose in enumerate(state.poses)]
+        return known.body(replace(state, poses=tuple(poses)))
 
 
 class Suspicion:
     """A change whose cause is not known yet: what was known before, and all rows since.
 
     Args:
-        known: Knowledge with all rows so far.
-        index: Index in its buffer of the first row after the change, as far as is known.
+        before: What was known before.
+        rows: Rows since by their numbers, and some from shortly before.
+        first: Number of the first row after the change, as far as is known.
         noticed: Number of the row at which it was noticed.
         changes: Number of load changes before.
         is_load: Whether it looks like a load change; if not, motions contradict each other.
+        is_after_gap: Whether nothing has been noticed, but rows were missing, and anything may have changed meanwhile.
 
     Attributes:
-        noticed, changes, is_load: As given.
+        noticed, changes, is_load, is_after_gap: As given.
+        favours_slip: Whether rows are likelier if a grasp has slipped.
     """
 
-    def __init__(self, known: Knowledge, index: int, noticed: int, changes: int, is_load: bool) -> None:
-        buffer = known.buffer
-        begin = max(index - _BEFORE, (buffer.start + index) // 2)
-        self._now, self._prior = known.known_before(begin)
-        self._covariance = known.covariance_now(self._now)
-        self._past = known.innovations.past_before_slip
-        numbers = buffer.numbers[begin : buffer.count].tolist()
-        self._rows = dict(zip(numbers, buffer.window(begin).copy(), strict=True))
-        self._first = numbers[index - begin] if index < buffer.count else noticed
+    def __init__(
+        self,
+        before: Before,
+        rows: dict[int, Array],
+        first: int,
+        noticed: int,
+        changes: int,
+        is_load: bool = False,
+        is_after_gap: bool = False,
+    ) -> None:
+        self._before, self._rows, self._first = before, rows, first
         self._next, self._tried = _LEAST, dict[int, LogRatios]()
         self.noticed, self.changes, self.is_load = noticed, changes, is_load
+        self.is_after_gap, self.favours_slip = is_after_gap, False
+
+    @staticmethod
+    def of_change(known: Knowledge, index: int, noticed: int, changes: int, is_load: bool) -> Suspicion:
+        """The suspicion when a change is noticed; the row at ``index`` is the first after it, as far as is known."""
+        buffer = known.buffer
+        begin = max(index - _BEFORE, (buffer.start + index) // 2)
+        numbers = buffer.numbers[begin : buffer.count].tolist()
+        rows = dict(zip(numbers, buffer.window(begin).copy(), strict=True))
+        first = numbers[index - begin] if index < buffer.count else noticed
+        return Suspicion(Before.of(known, begin), rows, first, noticed, changes, is_load)
+
+    @staticmethod
+    def after_gap(known: Knowledge, since: int, changes: int) -> Suspicion:
+        """The suspicion when rows have been missing; ``since`` is the number of the first row that is not."""
+        return Suspicion(Before.of(known, known.buffer.count), {}, since, since, changes, is_after_gap=True)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it is doubtful whether a grasp has slipped."""
+        return not self.is_after_gap or self.is_load or self.favours_slip
+
+    def is_disproved_before(self, number: int) -> bool:
+        """Whether rows after a gap and before this one show that nothing has slipped in the gap."""
+        is_compared = sum(each < number for each in self._rows) >= _LEAST
+        return self.is_after_gap and is_compared and not self.is_open
 
     def add(self, number: int, row: Array) -> None:
         """Add a row."""
         self._rows[number] = row
 
-    def cause(self, guards: Guards) -> Cause | None:
+    def cause(self, known: Knowledge, guards: Guards) -> Cause | None:
         """Return the cause; None while it is not clear, or if few rows have come since the last comparison."""
+        body = self._before.body(known)
+        if body is None:  # nothing can be compared yet
+            return None
         numbers, self._tried = sorted(self._rows), {}
         index = bisect_left(numbers, self._first)
         if len(numbers) - index < self._next:
             return None
         self._next = math.ceil(_GROWTH * (len(numbers) - index))
-        rows = np.array([self._rows[number] for number in numbers])
-        load, _ = self._likeliest(rows, index, lambda found: found.load)
-        sensor, _ = self._likeliest(rows, index, lambda found: found.sensor)
-        slip, first = self._likeliest(rows, index, lambda found: float(found.slips.max()))
-        if slip > max(load, sensor) + guards.lead:
-            return Cause(int(self._ratios(rows, first).slips.argmax()), numbers[first])
+        ratios = partial(self._ratios, body, np.array([self._rows[number] for number in numbers]))
+        load, _ = _likeliest(len(numbers), index, lambda start: ratios(start).load)
+        sensor, _ = _likeliest(len(numbers), index, lambda start: ratios(start).sensor)
+        slip, first = _likeliest(len(numbers), index, lambda start: float(ratios(start).slips.max()))
+        both, first_of_both = -math.inf, first
+        if self.is_after_gap:
+            both, first_of_both = _likeliest(
+                len(numbers), index, lambda start: float(ratios(start).slips_with_load.max())
+            )
+        lead, is_load = max(slip, both) - max(load, sensor, 0.0), both > slip
+        self.favours_slip = self.is_after_gap and lead > guards.doubt
+        if lead > guards.lead:
+            first = first_of_both if is_load else first
+            each = ratios(first).slips_with_load if is_load else ratios(first).slips
+            return Cause(int(each.argmax()), numbers[first], is_load)
         return Cause(None, self._first) if max(load, sensor) > slip + guards.lead else None
 
-    def _likeliest(self, rows: Array, index: int, ratio: Callable[[LogRatios], float]) -> tuple[float, int]:
-        """Return the largest log ratio over all possible first rows, and the index of that row."""
-
-        def at(start: int) -> float:
-            return ratio(self._ratios(rows, start))
-
-        last, step = len(rows) - _LEAST, _STEP
-        best = max({index, *range(last, -1, -step)}, key=at)
-        while step > 1:
-            step = (step + 1) // 2
-            best = max({best, max(best - step, 0), min(best + step, last)}, key=at)
-        return at(best), best
-
-    def _ratios(self, rows: Array, start: int) -> LogRatios:
+    def _ratios(self, body: BodyModel, rows: Array, start: int) -> LogRatios:
         """Return the log ratios if the row at ``start`` is the first after the change."""
         if start not in self._tried:
-            body, moments = self._now.body, RowMoments.of(rows[start:])
+            moments, before = RowMoments.of(rows[start:]), self._before
             newest = evidence_of(body, evaluated_moments(body, moments, moments))
-            self._tried[start] = log_ratios(body, newest, self._covariance, self._prior.guess)
+            self._tried[start] = log_ratios(body, newest, before.covariance, before.prior.guess)
         return self._tried[start]
 
     def known_if_slipped(self, known: Knowledge, cause: Cause, guards: Guards, has_offset: bool) -> Knowledge | None:
@@ -132,26 +207,55 @@ class Suspicion:
         been knocked out of place: that changes their readings in the same way, but not the wrench.
         """
         assert cause.robot is not None
-        numbers = [number for number in sorted(self._rows) if number >= cause.first]
-        rows = [(number, self._rows[number]) for number in numbers]
-        found = known.slipped(self._prior, cause.robot, rows, self._past)
+        rows = [(number, self._rows[number]) for number in sorted(self._rows) if number >= cause.first]
+        before = self._before
+        found = known.slipped(before.prior, cause.robot, cause.is_load, rows, before.past)
         estimate = found.estimate
         assert estimate is not None
-        former_pose = self._now.state.poses[cause.robot]
-        if _log_ratio_to_knock(estimate, cause.robot, former_pose, np.array([row for _, row in rows])) < guards.lead:
+        former_pose, all_rows = before.estimate.state.poses[cause.robot], np.array([row for _, row in rows])
+        least = guards.doubt if cause.is_load else guards.lead  # wrenches of an unknown load show less
+        if _log_ratio_to_knock(estimate, cause.robot, former_pose, all_rows, cause.is_load) < least:
             return None
         verdict = judge(estimate, found.innovations, found.buffer, guards, None, has_offset, found.drift)
         return found if verdict.outcome is Outcome.FITS else None
 
+    @property
+    def former_load(self) -> Array:
+        """``theta`` before the change, shape (10,)."""
+        load = self._before.estimate.state.load
+        assert load is not None
+        return load[THETA]
 
-def _log_ratio_to_knock(estimate: Estimate, robot: int, former_pose: Pose, rows: Array) -> float:
-    """Return the log ratio of the wrenches of rows (n, X): slipped grasp to grasp as before."""
+
+def _likeliest(count: int, index: int, ratio: Callable[[int], float]) -> tuple[float, int]:
+    """Return the largest log ratio over all possible first rows of ``count``, and the index of that row.
+
+    The search begins at ``index`` and in steps.
+    """
+    last, step = count - _LEAST, _STEP
+    best = max({index, *range(last, -1, -step)}, key=ratio)
+    while step > 1:
+        step = (step + 1) // 2
+        best = max({best, max(best - step, 0), min(best + step, last)}, key=ratio)
+    return ratio(best), best
+
+
+def _log_ratio_to_knock(estimate: Estimate, robot: int, former_pose: Pose, rows: Array, is_load: bool) -> float:
+    """Return the log ratio of the wrenches of rows (n, X): slipped grasp to grasp as before.
+
+    If the load has changed as well, each is with the load that fits best.
+    """
     body, load = estimate.body, estimate.state.load
     assert load is not None
     root = np.linalg.cholesky(residual_covariance(body, load))
-    needed, own = load_operator(load) @ body.motion_map[FORCING], robot_indices(body.count, body.unknowns.errors)[robot]
+    motion, own = rows @ body.motion_map[FORCING].T, robot_indices(body.count, body.unknowns.errors)[robot]
     to_former = former_pose.adjoint() @ estimate.state.poses[robot].inverse().adjoint()
     knocked = body.wrench_map.copy()
     knocked[:, own] = to_former @ knocked[:, own]
-    of_slip, of_knock = (np.linalg.solve(root, (each - needed) @ rows.T) for each in (body.wrench_map, knocked))
+    needed = motion @ load_operator(load).T
+    of_slip, of_knock = (np.linalg.solve(root, (rows @ each.T - needed).T) for each in (body.wrench_map, knocked))
+    if is_load:
+        by_theta = np.tensordot(motion, np.linalg.solve(root, REGRESSOR[:, :, THETA]), axes=1)  # (n, 6, 10)
+        basis, _ = np.linalg.qr(by_theta.reshape(-1, by_theta.shape[2]))
+        of_slip, of_knock = (each.T.ravel() - basis @ (basis.T @ each.T.ravel()) for each in (of_slip, of_knock))
     return 0.5 * float(np.square(of_knock).sum() - np.square(of_slip).sum())

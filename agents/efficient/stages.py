@@ -20,7 +20,7 @@ class Event(Enum):
     UNDECIDED = "a load has been fitted, but a sensor that has an offset explains wrenches as well"
     LOAD_CHANGED = "the load is another one"
     MISFIT = "wrenches do not fit the load that was fitted to them"
-    SLIPPED = "a grasp has slipped, and the load is what it was before"
+    SLIPPED = "a grasp has slipped; the load is known with it"
     STARTED_OVER = "all is forgotten: motions fit no poses, errors of sensors no tolerances, or a contradiction lasts"
 
 

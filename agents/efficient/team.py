@@ -71,6 +71,7 @@ class Team:
         errors, noise = self.settings.errors, config.sensors_of(config.name).noise
         self._own_rows = OwnRows(times, noise.gyro**2, config.rate, errors)
         self._waits = max(2, config.blocks(guards.waiting)) + times.spanned - 1
+        self._oldest = self._waits + hops + config.blocks(guards.outdated)
         self._seals: Seals | None = None
         if signer is None:
             self.exchange = Exchange(membership, len(lives), self.own, hops, times, errors.row_size)
@@ -173,10 +174,10 @@ class Team:
         session = self.session
         if self._unclear_since is None:  # so that a slip that is named in the block in which it shows has a time
             self._unclear_since = index
-        del self.noticed[len(session.changes) :]
-        self.noticed += [index] * (len(session.changes) - len(self.noticed))
-        self.noticed_slips += [(self._unclear_since, index)] * (len(session.slips) - len(self.noticed_slips))
-        if session.contradicting is None and not session.is_cause_open:
+        del self.noticed[len(session.causes.changes) :]
+        self.noticed += [index] * (len(session.causes.changes) - len(self.noticed))
+        self.noticed_slips += [(self._unclear_since, index)] * (len(session.causes.slips) - len(self.noticed_slips))
+        if session.contradicting is None and not session.causes.is_open:
             self._unclear_since = None
         oldest = self.times.begun_from(index - self.exchange.window)
         while self._next in self._taken or self._next < oldest:
@@ -190,6 +191,6 @@ class Team:
 
     def missing(self) -> list[str]:
         """Robots whose rows have been missing for too long; empty if there is none."""
-        if self._index - self._heard_at <= self._waits:
+        if self._index - self._heard_at <= self._waits and self._index - self.newest <= self._oldest:
             return []
         return [self.names[robot] for robot in self.exchange.missing(self.times.begun_from(self.newest + 1))]

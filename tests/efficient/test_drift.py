@@ -88,7 +88,7 @@ def test_a_new_load_is_soon_fitted_to_more_rows_although_sensors_drift() -> None
     fits = set[float]()
     for number, row in enumerate(made_up_rows(60, load=load, first=100), 100):
         session.take(number, row)
-        if session.changes and session.estimate is not None and session.estimate.state.load is not None:
+        if session.causes.changes and session.estimate is not None and session.estimate.state.load is not None:
             fits.add(float(session.estimate.state.load[6]))
-    assert len(session.changes) == 1
+    assert len(session.causes.changes) == 1
     assert len(fits) > 4

@@ -56,7 +56,7 @@ class Case:
             if number in self.missing:
                 continue
             session.take(number, row)
-            is_clear = session.contradicting is None and not session.is_cause_open
+            is_clear = session.contradicting is None and not session.causes.is_open
             if session.stage is Stage.ESTIMATING and is_clear and session.is_confirmed:
                 history.valid.append(number)
                 history.errors.append(_error(session, self.loads[number] if self.loads else LOAD))
@@ -123,7 +123,7 @@ def is_sure_after(then: History, row: int) -> bool:
 
 
 CASES = {
-    "surprise": Case(changed(0.05)[0], lambda session, _: session.changes[0].noticed < 203, own=3),
+    "surprise": Case(changed(0.05)[0], lambda session, _: session.causes.changes[0].noticed < 203, own=3),
     "contradiction": Case(off(150, 170, 200, 1, A.start, 0.3), lambda _, then: not {*range(152, 170)} & {*then.valid}),
     "lasting": Case(slipped(), lambda session, then: then.valid[-1] > 390 and session.estimate is not None),
     "misfit": Case(off(8, 16, 200, 2, FORCE.start, 0.5), lambda _, then: then.is_sure and then.valid[0] > 40),
@@ -152,9 +152,9 @@ def test_a_change_that_another_robot_has_noticed_is_looked_for_at_once() -> None
     settings = FitSettings(RowNoise.of_samples(SensorNoise(), 20, 1000.0), PERIOD)
     one, alone, told = (Session(len(POSES), own, settings, Guards()) for own in (2, 3, 3))
     for number, row in enumerate(rows):
-        if one.changes:
-            told.look_closely_after(one.changes[0].first, number)
+        if one.causes.changes:
+            told.look_closely_after(one.causes.changes[0].first, number)
         for session in (one, alone, told):
             session.take(number, row)
-    noticed = [session.changes[0].noticed for session in (one, alone, told)]
+    noticed = [session.causes.changes[0].noticed for session in (one, alone, told)]
     assert noticed[2] <= noticed[0] + 2 < noticed[1]

@@ -98,8 +98,8 @@ def test_another_load_is_noticed_within_two_rows_and_known_soon() -> None:
     for number, row in enumerate(rows):
         found.take(number, row)
         if number == 203:
-            assert [change.first for change in found.changes] == pytest.approx([200], abs=1)
-    assert len(found.changes) == 1
+            assert [change.first for change in found.causes.changes] == pytest.approx([200], abs=1)
+    assert len(found.causes.changes) == 1
     assert_right(found, heavier)
 
 

@@ -10,63 +10,14 @@ import pytest
 from coheft.agents.efficient.innovations import Innovations
 from coheft.agents.efficient.session import Session
 from coheft.agents.efficient.settings import Guards
-from coheft.agents.efficient.stages import Stage
-from coheft.estimation.geometry.spatial import Array, Pose, rotation_exp, rotation_log
+from coheft.estimation.geometry.spatial import Pose, rotation_exp
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.moments.chapter import Chapter
 from coheft.estimation.moments.fit_settings import FitSettings
 from coheft.estimation.moments.row_buffer import RowBuffer
 from coheft.estimation.moments.rows import FORCE, ROW_SIZE, TORQUE, A, RowNoise, V, W
-from tests.efficient.rows import LOAD, PERIOD, POSES, made_up_rows
-
-BEFORE, AFTER = 150, 200
-
-
-def slipped(millimetres: float, degrees: float, robot: int, seed: int) -> tuple[Array, tuple[Pose, ...]]:
-    """Rows over a slip in a random direction, and the poses after it."""
-    rng = np.random.default_rng(seed)
-    shift, turn = (each / np.linalg.norm(each) for each in rng.normal(size=(2, 3)))
-    poses = list(POSES)
-    poses[robot] = poses[robot] @ Pose(rotation_exp(np.radians(degrees) * turn), 1e-3 * millimetres * shift)
-    rows = [made_up_rows(BEFORE, seed=seed), made_up_rows(AFTER, first=BEFORE, seed=seed, poses=tuple(poses))]
-    return np.concatenate(rows), tuple(poses)
-
-
-def session(guards: Guards | None = None, own: int = 0) -> Session:
-    settings = FitSettings(RowNoise.of_samples(SensorNoise(), 20, 1000.0), PERIOD)
-    return Session(len(POSES), own, settings, Guards() if guards is None else guards)
-
-
-def fed(rows: Array, guards: Guards | None = None) -> Session:
-    found = session(guards)
-    for number, row in enumerate(rows):
-        found.take(number, row)
-    return found
-
-
-def is_valid(found: Session) -> bool:
-    is_clear = found.contradicting is None and not found.is_cause_open
-    return found.stage is Stage.ESTIMATING and is_clear and found.is_confirmed
-
-
-def largest_error(found: Session, poses: tuple[Pose, ...]) -> float:
-    """Of poses and load, in the robot's own standard deviations."""
-    assert found.estimate is not None
-    state, unknowns = found.estimate.state, found.estimate.body.unknowns
-    deviations = np.sqrt(found.estimate.covariance.diagonal())
-    anchor = int(np.argmin(deviations[unknowns.poses].max(axis=1)))
-    to_state = state.poses[anchor] @ poses[anchor].inverse()
-    errors = list[float]()
-    for robot, pose in enumerate(poses):
-        true, own = to_state @ pose, unknowns.poses[robot]
-        error = [
-            *rotation_log(true.rotation @ state.poses[robot].rotation.T),
-            *(true.translation - state.poses[robot].translation),
-        ]
-        errors += [] if robot == anchor else np.abs(error / deviations[own]).tolist()
-    assert state.load is not None
-    mass_error = abs(state.load[6] - LOAD[0]) / deviations[unknowns.theta.start]
-    return float(max(*errors, mass_error))
+from tests.efficient.rows import PERIOD, POSES, made_up_rows
+from tests.efficient.sessions import AFTER, BEFORE, fed, is_valid, largest_error, session, slipped
 
 
 @pytest.mark.parametrize("seed", [1, 2, 4])  # of robots 1, 2, and 0, whose pose fixes the body frame
@@ -77,11 +28,11 @@ def test_a_large_slip_is_named_at_once_and_never_called_a_load(seed: int) -> Non
         found.take(number, row)
         if number > BEFORE + 2 and is_valid(found):
             wrong.append(largest_error(found, poses))
-    (slip,) = found.slips
+    (slip,) = found.causes.slips
     assert slip.robot == seed % 4
     assert slip.named < BEFORE + 0.3 / PERIOD
     assert slip.first == pytest.approx(BEFORE, abs=2)
-    assert found.changes == []
+    assert found.causes.changes == []
     assert len(wrong) > AFTER - 20
     assert max(wrong) < 5.0
 
@@ -90,8 +41,8 @@ def test_a_large_slip_is_named_at_once_and_never_called_a_load(seed: int) -> Non
 def test_a_slip_that_looks_like_a_load_at_first_is_told_from_one(seed: int) -> None:
     rows, poses = slipped(10.0, 0.0, seed % 4, seed)
     found = fed(rows)
-    assert [slip.robot for slip in found.slips] == [seed % 4]
-    assert found.changes == []
+    assert [slip.robot for slip in found.causes.slips] == [seed % 4]
+    assert found.causes.changes == []
     assert largest_error(found, poses) < 5.0
     assert is_valid(found)
 
@@ -103,7 +54,7 @@ def test_from_the_suspicion_to_the_verdict_nothing_is_valid() -> None:
         found.take(number, row)
         if is_valid(found):
             valid.append(number)
-    (slip,) = found.slips
+    (slip,) = found.causes.slips
     assert slip.noticed < slip.named
     assert not {*range(slip.noticed, slip.named + 1)} & {*valid}
     assert valid[-1] == len(rows) - 1
@@ -111,26 +62,26 @@ def test_from_the_suspicion_to_the_verdict_nothing_is_valid() -> None:
 
 def test_a_cause_is_not_told_before_it_leads() -> None:
     rows, _ = slipped(10.0, 0.0, 2, 2)
-    assert fed(rows, replace(Guards(), mistaken=1.0)).slips[0].robot != 2
-    assert fed(rows).slips[0].robot == 2
+    assert fed(rows, replace(Guards(), mistaken=1.0)).causes.slips[0].robot != 2
+    assert fed(rows).causes.slips[0].robot == 2
 
 
 def test_what_cannot_be_told_apart_counts_as_another_load_after_a_while() -> None:
     rows, _ = slipped(10.0, 0.0, 2, 2)
     doubting = replace(Guards(), mistaken=1e-300)
     told = fed(rows, doubting)
-    assert told.certain_changes
-    assert told.slips == []
+    assert told.causes.certain_changes
+    assert told.causes.slips == []
     waiting = fed(rows, replace(doubting, telling_apart=1e9))
-    assert waiting.is_cause_open
-    assert waiting.certain_changes == []
+    assert waiting.causes.is_open
+    assert waiting.causes.certain_changes == []
 
 
 @pytest.mark.parametrize("column", [A.start, V.start, W.start, FORCE.start, TORQUE.start])
 def test_a_sensor_that_is_off_is_no_slip(column: int) -> None:
     rows = made_up_rows(300)
     rows[BEFORE:, ROW_SIZE + column] += {FORCE.start: 3.0, TORQUE.start: 0.3}.get(column, 0.2)
-    assert fed(rows).slips == []
+    assert fed(rows).causes.slips == []
 
 
 def test_motion_sensors_that_are_knocked_are_no_slip() -> None:
@@ -139,7 +90,7 @@ def test_motion_sensors_that_are_knocked_are_no_slip() -> None:
     for column in (FORCE, TORQUE):
         own = slice(ROW_SIZE + column.start, ROW_SIZE + column.stop)
         rows[BEFORE:, own] = made_up_rows(AFTER, first=BEFORE)[:, own]
-    assert fed(rows).slips == []
+    assert fed(rows).causes.slips == []
 
 
 def test_of_two_slips_each_is_named() -> None:
@@ -148,7 +99,7 @@ def test_of_two_slips_each_is_named() -> None:
     again[3] = again[3] @ Pose(rotation_exp(np.array([0.02, 0.0, 0.0])), np.array([0.0, 0.015, 0.0]))
     rows = np.concatenate([rows, made_up_rows(200, first=len(rows), seed=1, poses=tuple(again))])
     found = fed(rows)
-    assert [slip.robot for slip in found.slips] == [1, 3]
+    assert [slip.robot for slip in found.causes.slips] == [1, 3]
     assert largest_error(found, tuple(again)) < 5.0
 
 

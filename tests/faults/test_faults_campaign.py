@@ -73,6 +73,8 @@ ONCE_BROKEN_TOLD = (937973879, 937973933, 964694266, 964693935, 964694870, 70000
 """As they are drawn, with errors of sensors that robots are told of."""
 ONCE_BROKEN_AWAY = (1004225683, 1004225826, 1012287590, 1012287719)
 """As they are drawn: the load changes while a robot is away, or rows are damaged."""
+ONCE_BROKEN_BY_UNSEEN_SLIPS = (1004225498, 1012287755, 1012287842, 7159)
+"""As they are drawn: a grasp slips while another robot is away, or its sensors are off."""
 ONCE_DRAWN = "4113bacae4f3effb6aad82a94ae3c0a331aed614f4cdcdccf9196e1da2a5afe2"
 """Digest of all these schedules."""
 
@@ -103,6 +105,8 @@ SHOWN_BY = {
     "without-tolerance": _LATE,
     "without-credible": draw_schedule(1004225511),
     "without-unfitted": draw_schedule(1004224968),
+    "without-outdated": draw_schedule(1012287755),
+    "without-doubted": draw_schedule(6570),
     "without-first-rows": draw_schedule(840, delayed=False, is_exact=True),
 }
 """A schedule for each mutant."""
@@ -304,6 +308,12 @@ def test_late_schedules_that_once_broke_a_promise_keep_them_all(seed: int):
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", ONCE_BROKEN_AWAY)
 def test_schedules_in_which_the_load_changes_while_a_robot_is_away_keep_all_promises(seed: int):
+    assert try_schedule(draw_schedule(seed)).violations == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", ONCE_BROKEN_BY_UNSEEN_SLIPS)
+def test_schedules_in_which_a_grasp_slips_unseen_keep_all_promises(seed: int):
     assert try_schedule(draw_schedule(seed)).violations == []
 
 

@@ -38,6 +38,7 @@ from .view_page import (
     inputs,
     looking_at,
     text_of,
+    unfold,
     wait_for,
 )
 
@@ -71,6 +72,7 @@ SHEET = """(() => {
     return inner && [inner.left, inner.width];
 })()"""
 """Left edge and width of viser's panel on a phone [pixels]."""
+LEGEND_BOTTOM = 'document.querySelector(".legend").getBoundingClientRect().bottom'
 OUTSIDE = """[...document.querySelectorAll("button, input, table")].filter(each => {
     const {left, right, width} = each.getBoundingClientRect();
     return width > 0 && (left < 0 || right > innerWidth);
@@ -158,6 +160,10 @@ def test_what_is_clicked_happens_and_the_last_picture_has_the_numbers_of_the_rep
     arguments = "--duration", "1000", "--change", "t=999,mass=1", "--json", str(report)  # no load before its time
     with viewed_run(folder, *arguments) as url, looking_at(browser, url) as page:
         wait_for(lambda: "true mass" in text_of(page), "the numbers")
+        size = page.viewport_size
+        page.set_viewport_size({"width": 1280, "height": 800})
+        wait_for(lambda: 0 < page.evaluate(LEGEND_BOTTOM) <= 800, "the whole legend on the first screen")
+        page.set_viewport_size(size)
 
         click(page, "Pause")  # and the machine has time for the browser
         wait_for(lambda: "paused: press Resume to continue" in text_of(page), "time to stand still")
@@ -186,6 +192,8 @@ def test_what_is_clicked_happens_and_the_last_picture_has_the_numbers_of_the_rep
         wait_for(lambda: "estimator fan2017" in text_of(page), "the other estimator to be used")
         click(page, "Mend")
         wait_for(lambda: "mended the link r1-r2" in text_of(page), "the link to be mended")
+        unfold(page, "Disturb")
+        button_appears(page, "Disturb")
         enter(page, "Loss, %", "100")
         enter(page, "Delay, ms", "250")
         wait_for(lambda: "250" in inputs(page), "the numbers to be entered")

@@ -57,6 +57,11 @@ def click(page: Any, button: str) -> None:
     page.get_by_role("button", name=button, exact=True).first.evaluate("button => button.click()")
 
 
+def unfold(page: Any, folder: str) -> None:
+    """Show what is in a folder of the panel."""
+    page.get_by_text(folder, exact=True).first.evaluate("label => label.click()")
+
+
 def choose(page: Any, option: str) -> None:
     """From a list, by script, too: without opening it."""
     page.locator(f"[role=option][value='{option}']").first.evaluate("option => option.click()")

@@ -38,7 +38,7 @@ def identify(
     Args:
         recording: An .npz file, or a folder with a CSV file per robot, as 'coheft run --save-data' makes; an MCAP file,
             as 'coheft run --record' makes, or a bag of ROS; see docs/data-format.md.
-        method: batch: the least squares of Fan et al.; instruments: the same without their bias; pose: from poses,
+        method: batch: the least squares of Zhang et al.; instruments: the same without their bias; pose: from poses,
             without differentiating them; likelihood: maximum likelihood, for sensors of known noise; static: from a
             load that is held still. By default the best one that the recording allows.
         calibrate: Estimate calibration errors of the robots as well (method pose).

@@ -42,7 +42,7 @@ def hand_over(load: FoundLoad, target: Target, flange: Placement | None, limits:
     """
     if target != "verdict" and limits != Limits():
         raise UsageError("limits of mass, offset and inertia are for a verdict: add --as verdict, or leave them out")
-    frame = f"grasp frame of {load.robot}, which is taken for that of the flange"
+    frame = f"grasp frame of {load.robot}, taken as the flange frame"
     if flange is not None:
         load = load.seen_from(pose_of(flange[:3], flange[3:]))
         frame = f"flange, with the grasp frame of {load.robot} at {' '.join(f'{x:g}' for x in flange)} (m, degrees)"
@@ -67,7 +67,7 @@ def export_load(load: FoundLoad, format: Format, frame: str) -> str:
     mass, std = load.inertia.mass, load.mass_std
     lines = [
         f"From {load.source}, found by {load.robot}. Frame: {frame}.",
-        f"All of the load, as an arm has to know that holds it alone: {mass:.6g} kg, standard deviation {std:.2g} kg.",
+        f"The whole load, for an arm that holds it alone: {mass:.6g} kg, standard deviation {std:.2g} kg.",
         *load.remarks,
     ]
     comments = "".join(f"{begin}{line.replace('--', '- -') if end else line}{end}\n" for line in lines)

@@ -117,6 +117,8 @@ SWITCHED_OFF = {
     "shortest": 1e9,
     "small_step_fades": 0.0,
     "waiting": 1e9,
+    "outdated": 1e9,
+    "doubted": 1e-300,
     "first_rows": 0.0,
 }
 """Values with which guards have no effect."""

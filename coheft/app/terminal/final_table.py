@@ -23,12 +23,12 @@ from coheft.estimation.geometry.spatial import Array
 _HEADINGS = ("robot", "quantity", "truth", "estimate", "error", "own std")
 LEGEND = (
     "Centre of mass: x y z in the robot's grasp frame. Inertia: principal moments.",
-    "Own std: the standard deviation that the robot itself reports, in the unit of the",
-    "error. Percentages are of the truth. An error that is too large for its own std",
-    "is marked with its size in own std.",
+    "Own std: the standard deviation that the robot itself reports, in the unit of "
+    "the error. Percentages are of the truth. An error that is too large for its own "
+    "std is marked with its size in own std.",
 )
 BOUND = (
-    "Bound: the smallest root mean square error of any unbiased estimator that has all",
+    "Bound: the smallest root mean square error of any unbiased estimator that has all "
     "samples of all robots' sensors up to then (Cramér and Rao).",
 )
 _TEXTS = ("robot", "quantity", "estimator")
@@ -176,9 +176,18 @@ def sentences(report: Report) -> list[str]:
         *_most(sensor_sentences(report.robots)),
         *_convergence_sentences(report),
         *(f"{name}: {text}" for name, other in report.beside.items() for text in _convergence_sentences(other)),
-        f"{report.duration_s:g} s simulated at {report.real_time_factor:.1f} times real time; "
-        f"{report.processes} processes, {report.messages_per_s:,.0f} messages a second.",
+        *_speed_sentence(report),
         *_late_sentence(report.late_blocks),
+    ]
+
+
+def _speed_sentence(report: Report) -> list[str]:
+    """Say how fast the run was; nothing if that is unknown, because the report was made from a recording."""
+    if not report.real_time_factor:
+        return []
+    return [
+        f"{report.duration_s:g} s simulated at {report.real_time_factor:.1f} times real time; "
+        f"{report.processes} processes, {report.messages_per_s:,.0f} messages a second."
     ]
 
 

@@ -18,7 +18,7 @@ BAD: Colour = (248, 113, 113)
 """Stale estimates, silent links."""
 LOAD: Colour = (251, 191, 36)
 FORCE: Colour = (250, 204, 21)
-TORQUE: Colour = (192, 132, 252)
+TORQUE: Colour = (168, 85, 247)
 PAYLOAD: Colour = (100, 116, 139)
 ARM: Colour = (203, 213, 225)
 JOINT: Colour = (71, 85, 105)

@@ -60,7 +60,7 @@ class Controls:
                 self._add_run_controls(gui)
             with gui.add_folder("Robots and links"):
                 self._add_team_controls(gui)
-            with gui.add_folder("Disturb"):
+            with gui.add_folder("Disturb", expand_by_default=False):  # or the legend does not fit on the first screen
                 self._disturbing = Disturbing(gui, model, run_file, self._act)
         self._buttons += self._disturbing.buttons
 

@@ -69,18 +69,14 @@ class Stage:
         server.scene.set_up_direction("+z")
         # No shadows: hardly visible on dark ground, and slow without a GPU. Little light, or colours become white.
         server.scene.configure_default_lights(enabled=False)
-        server.scene.configure_environment_map("studio", environment_intensity=0.3)
-        server.scene.add_light_directional("/light", intensity=1.3, position=(1.0, -1.5, 3.0))
+        server.scene.configure_environment_map("studio", environment_intensity=0.25)
+        server.scene.add_light_directional("/light", intensity=0.8, position=(1.0, -1.5, 3.0))
         middle = home + self._translations.mean(axis=0) + np.array([0.0, 0.0, -0.5 * size])
         camera = server.initial_camera
         camera.look_at, camera.position = whole_team(middle, size, 1.0)
         camera.fov = FOV
 
-        @server.on_client_connect
-        def _(client: viser.ClientHandle) -> None:
-            """Show all robots, also in a narrow window."""
-            look_at, client.camera.position = whole_team(middle, size, client.camera.aspect)
-            client.camera.look_at = look_at  # which its position has moved along
+        server.on_client_connect(lambda client: show_whole_team(client.camera, middle, size))
 
         server.scene.add_grid(
             "/ground",
@@ -266,3 +262,19 @@ class Stage:
     def show_place(self, place: Vector, edge: float) -> None:
         """Show the place of the next load: centre in the payload's frame and edge length [m]."""
         self._place.points = box_edges(Pose(np.eye(3), np.array(place)), np.full(3, edge))
+
+
+def show_whole_team(camera: viser.CameraHandle, middle: Array, size: float) -> None:
+    """Let a browser show all robots, also in a narrow window; arguments as for ``whole_team``."""
+    first = whole_team(middle, size, 1.0)[1]
+
+    def show() -> None:
+        look_at, camera.position = whole_team(middle, size, camera.aspect)
+        camera.look_at = look_at  # which its position has moved along
+
+    show()
+
+    @camera.on_update
+    def _(_: object) -> None:
+        if np.allclose(camera.position, first, atol=1e-3 * size):  # it has taken the server's first camera after ours
+            show()

@@ -56,6 +56,11 @@ class Prior:
         """See ``Evidence.with_process_noise``."""
         return replace(self, evidence=self.evidence.with_process_noise(indices, covariance))
 
+    def without_load(self, unknowns: Unknowns, limits: Array) -> Prior:
+        """Return the prior for another load; ``limits`` (10,) as in ``Evidence.solve``."""
+        theta = np.arange(unknowns.size)[unknowns.theta]
+        return replace(self.marginalized(theta, limits), knows_load=False)
+
     def for_team(self, members: Sequence[int | None], former: FitSettings, settings: FitSettings) -> Prior:
         """Convert to the prior of another team.
 
@@ -152,8 +157,7 @@ class Chapter:
             evidence = wrench_evidence(body, MotionDerivatives.at(body), moments, _load(body))
             self._set_prior(estimate, guess, evidence, False)
         if self.prior is not None:
-            theta = np.arange(body.unknowns.size)[body.unknowns.theta]
-            self.prior = replace(self.prior.marginalized(theta, guess.limits), knows_load=False)
+            self.prior = self.prior.without_load(body.unknowns, guess.limits)
 
     def end(self, estimate: Estimate, guess: Guess, index: int) -> None:
         """Make all rows before this index, and the prior of sensor errors, part of the chapter's prior."""

@@ -1,4 +1,4 @@
-"""Compare the causes of a change: another load, a slipped grasp, or an offset of a force or torque sensor.
+"""Compare the causes of a change: another load, a slipped grasp, both, or an offset of a force or torque sensor.
 
     S ~ N(0, V) if nothing has changed,    N(K D x, V) if unknowns have moved by D x,    x ~ N(0, 1)
     log ratio = (r^T (1 + M)^-1 r - log det (1 + M)) / 2,    M = D^T K V^-1 K D,    r = D^T K V^-1 S
@@ -10,6 +10,7 @@ likeliest of some shares of it. So a cause with fewer parameters, or with likeli
 
 from __future__ import annotations
 
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -34,11 +35,13 @@ class LogRatios(NamedTuple):
     Attributes:
         load: If the load has changed.
         slips: If the grasp of each robot has slipped, shape (N,).
+        slips_with_load: If both have happened, shape (N,).
         sensor: If the likeliest force or torque sensor has an offset.
     """
 
     load: float
     slips: Array
+    slips_with_load: Array
     sensor: float
 
 
@@ -63,13 +66,16 @@ class _White(NamedTuple):
         root = np.linalg.cholesky(np.eye(len(basis)) + by_change @ covariance @ by_change.T)
         return _White(np.linalg.solve(root, basis @ newest.score[indices]), np.linalg.solve(root, by_change))
 
-    def log_ratio(self, directions: Array) -> float:
-        """Return the log ratio if unknowns have changed by ``directions`` (u, a) times standard normals, or a share."""
-        return max(self._log_ratio(share * directions) for share in _SHARES)
+    def log_ratio(self, *directions: Array) -> float:
+        """Return the log ratio if unknowns have changed by each of ``directions`` (u, a) times standard normals, or by
+        a share of it.
+        """
+        moved = [self.by_change @ each for each in directions]
+        every = product(_SHARES, repeat=len(directions))
+        return max(self._log_ratio(np.hstack([s * m for s, m in zip(shares, moved, strict=True)])) for shares in every)
 
-    def _log_ratio(self, directions: Array) -> float:
-        moved = self.by_change @ directions
-        matrix, along = np.eye(directions.shape[1]) + moved.T @ moved, moved.T @ self.score
+    def _log_ratio(self, moved: Array) -> float:
+        matrix, along = np.eye(moved.shape[1]) + moved.T @ moved, moved.T @ self.score
         return 0.5 * float(along @ np.linalg.solve(matrix, along) - np.linalg.slogdet(matrix)[1])
 
 
@@ -88,8 +94,10 @@ def log_ratios(body: BodyModel, newest: Evidence, covariance: Array, guess: Gues
         for adjoint in body.adjoints
         for size, part in zip(_OFFSETS, (slice(0, 3), slice(3, 6)), strict=True)
     ]
+    load, slips = every[:, unknowns.theta] * guess.limits, [every[:, own] * SLIP for own in unknowns.poses]
     return LogRatios(
-        white.log_ratio(every[:, unknowns.theta] * guess.limits),
-        np.array([white.log_ratio(every[:, own] * SLIP) for own in unknowns.poses]),
+        white.log_ratio(load),
+        np.array([white.log_ratio(slip) for slip in slips]),
+        np.array([white.log_ratio(load, slip) for slip in slips]),
         max(map(white.log_ratio, offsets)),
     )

@@ -12,13 +12,14 @@ from coheft.wire.scenario.section import NotNegative, Section
 class EncoderErrors(Section, frozen=True):
     """A force-controlled three-axis arm with a passive three-axis gimbal as wrist, as it appears in recordings.
 
-    The wrist's position and force are measured in the axes of the robot's home frame, the gimbal's angles tell the
-    grasp frame's orientation there: ``R = R_x(a) R_y(b) R_z(c)``. Recordings have a torque of zero, as a gimbal
-    transmits none, and gravity along the home frames' z axes. So arms must have no stiffness in rotation, and grasps be
-    turned about the vertical only: all else is refused.
+    The wrist's position and force are measured in the axes of the robot's home frame. The gimbal's angles give the
+    grasp frame's orientation there: ``R = R_x(a) R_y(b) R_z(c)``. In recordings the torque is zero, because a gimbal
+    transmits none, and gravity is along the z axis of each home frame. So the arms must have no stiffness in rotation,
+    and grasps may be turned about the vertical only; anything else is refused.
 
-    The first four are drawn anew for every sample. The others are fixed: each robot has its own (each axis too, but
-    for the scales of position and force), uniform in plus or minus the given bound.
+    The first four errors are drawn anew for every sample. The others are fixed for each robot, and drawn for each axis,
+    except for the scales of position and force, which all axes share. They are uniform within plus or minus the given
+    bound.
 
     Attributes:
         angle_bits: Resolution of the gimbal's encoders [bits per turn].

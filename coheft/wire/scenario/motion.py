@@ -37,7 +37,7 @@ class ViaPoints(Section, frozen=True):
 class Motion(Section, frozen=True):
     """Reference motion of every robot, drawn for each robot alone: two sinusoids per axis, via points, or your own.
 
-    Motions that no arm can follow, more than 2 m or a turn per axis with their speed counted in, are refused.
+    Motions that no arm can follow are refused: more than 2 m or one turn per axis, including what the speed adds.
 
     Attributes:
         translation: Amplitude per axis [m].

@@ -1,6 +1,6 @@
 """The robots as one kitchen scale: each feels a share of the weight, and all shares add up to it.
 
-A robot at rest knows from its accelerometer which way is up, so it needs no one's pose to know its share
+A robot at rest knows from its accelerometer which way is up, so it needs no other robot's pose to know its share
 ``m_i = (f_i · a_i) / |a_i|²`` with the force ``f_i`` on the payload and the proper acceleration ``a_i``. The mass is
 the sum of all shares. Centre of mass and inertia stay unknown, and so does the mass while the payload is shaken or
 turned.

@@ -8,7 +8,7 @@ import pytest
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.evidence import Evidence
 from coheft.estimation.moments.fit_settings import Guess
-from coheft.estimation.moments.suspects import SLIP, log_ratios
+from coheft.estimation.moments.suspects import SLIP, LogRatios, log_ratios
 from tests.estimation.moments.fitting import IDEAL
 from tests.estimation.moments.moving_team import make_team
 
@@ -57,6 +57,22 @@ def test_each_ratio_is_that_of_two_densities_of_the_score() -> None:
         assert found.slips[robot] == pytest.approx(expected(own, SLIP), rel=1e-6, abs=1e-6)
     theta = np.arange(BODY.unknowns.size)[BODY.unknowns.theta]
     assert found.load == pytest.approx(expected(theta, GUESS.limits), rel=1e-6, abs=1e-6)
+
+
+def test_a_slip_with_another_load_is_told_from_either_alone() -> None:
+    information, covariance = np.linalg.inv(spread(1, scales())), spread(2, scales())
+    slip, load = np.zeros((2, BODY.unknowns.size))
+    slip[BODY.unknowns.poses[1]], load[BODY.unknowns.theta] = 0.7 * SLIP, 0.5 * GUESS.limits
+    zero = np.zeros_like(information)
+
+    def found(step: Array) -> LogRatios:
+        return log_ratios(BODY, Evidence(information @ step, information, zero, zero), covariance, GUESS)
+
+    both = found(slip + load)
+    assert np.argmax(both.slips_with_load) == 1
+    assert max(both.slips_with_load) > max(both.load, both.sensor, *both.slips) + 10.0
+    assert max(found(load).slips_with_load) < found(load).load
+    assert max(found(slip).slips_with_load) < max(found(slip).slips)
 
 
 def test_directions_that_are_noise_alone_count_for_nothing() -> None:

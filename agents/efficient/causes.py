@@ -1,0 +1,128 @@
+"""Load changes and slips of grasps that a robot has found, and the cause of the newest change while it is not known.
+
+a change is noticed, or rows have been missing -> suspicion -> a slip | another load | neither, after a while
+"""
+
+from __future__ import annotations
+
+from coheft.agents.efficient.knowledge import Knowledge
+from coheft.agents.efficient.settings import Guards, RowCounts
+from coheft.agents.efficient.slips import Slip, Suspicion
+from coheft.agents.efficient.small_steps import LoadChange
+from coheft.agents.efficient.stages import Event
+from coheft.estimation.geometry.spatial import Array
+
+
+class Causes:
+    """The changes of one team.
+
+    Args:
+        guards: Thresholds.
+        rows: For how many rows a cause is looked for (``telling_apart``; after missing rows ``unfitted``).
+        has_offset: Whether constant offsets of force and torque are among the unknowns of fits.
+
+    Attributes:
+        changes: Load changes, oldest first.
+        slips: Slips of grasps, oldest first.
+    """
+
+    def __init__(self, guards: Guards, rows: RowCounts, has_offset: bool) -> None:
+        self._guards, self._rows, self._has_offset = guards, rows, has_offset
+        self.changes: list[LoadChange] = []
+        self.slips: list[Slip] = []
+        self._suspicion: Suspicion | None = None
+
+    @property
+    def changed_at(self) -> int:
+        """Number of the first row with the present load, -1 if the load has never changed."""
+        return self.changes[-1].first if self.changes else -1
+
+    @property
+    def news_at(self) -> int:
+        """Number of the first row after the newest change of load or grasp, -1 if there was none."""
+        return max(self.changed_at, self.slips[-1].first if self.slips else -1)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the load seems to have changed, or a grasp to have slipped, but it is not clear which of them."""
+        suspicion = self._suspicion
+        return suspicion is not None and (suspicion.is_load or suspicion.favours_slip)
+
+    @property
+    def certain_changes(self) -> list[LoadChange]:
+        """Load changes for which a slip has been ruled out."""
+        suspicion = self._suspicion
+        return self.changes if suspicion is None or not suspicion.is_open else self.changes[: suspicion.changes]
+
+    def suspect(self, known: Knowledge, index: int, newest: int, is_load: bool) -> None:
+        """Begin to compare causes: from the row at this index on the load differs, or motions contradict each other.
+
+        Args:
+            known: Everything that is known.
+            index: Index of the row in its buffer.
+            newest: Number of the newest row.
+            is_load: Whether it looks like a load change.
+        """
+        if self._suspicion is None:
+            index = max(index, known.buffer.start)
+            self._suspicion = Suspicion.of_change(known, index, newest, len(self.changes), is_load)
+        elif self._suspicion.is_after_gap:
+            self._suspicion.is_load |= is_load
+
+    def expect(self, known: Knowledge, since: int) -> None:
+        """Rows before this one were missing, or not used: load and grasps may have changed meanwhile."""
+        if self._suspicion is None or not self._suspicion.is_open:
+            self._suspicion = Suspicion.after_gap(known, since, len(self.changes))
+
+    def add(self, number: int, row: Array) -> None:
+        """Add a row to compare."""
+        if self._suspicion is not None:
+            self._suspicion.add(number, row)
+
+    def take_back(self, number: int) -> None:
+        """Forget changes since this row."""
+        self.changes = [change for change in self.changes if change.first < number]
+        self._suspicion = None
+
+    def contradiction_begins(self, first: int) -> None:
+        """From this row on, motions contradict each other, which is news if rows before have shown no slip."""
+        if self._suspicion is not None and self._suspicion.is_disproved_before(first):
+            self._suspicion = None
+
+    def contradiction_ends(self) -> None:
+        """Motions that have contradicted each other do so no longer, so no grasp has slipped then."""
+        if self._suspicion is not None and not (self._suspicion.is_load or self._suspicion.is_after_gap):
+            self._suspicion = None
+
+    def decide(self, known: Knowledge, newest: int) -> tuple[Event, Knowledge | None] | None:
+        """Decide between the causes once one of them leads.
+
+        Args:
+            known: Everything that is known.
+            newest: Number of the newest row.
+
+        Returns:
+            ``SLIPPED`` and the knowledge with a slipped grasp; ``STARTED_OVER`` if it has been doubtful for too long
+            whether a grasp has slipped; else None.
+        """
+        suspicion, guards = self._suspicion, self._guards
+        if suspicion is None:
+            return None
+        cause = suspicion.cause(known, guards)
+        if cause is not None and cause.robot is not None:
+            slipped = suspicion.known_if_slipped(known, cause, guards, self._has_offset)
+            if slipped is not None:
+                self.slips.append(Slip(cause.robot, cause.first, suspicion.noticed, newest))
+                del self.changes[suspicion.changes :]
+                if cause.is_load:
+                    self.changes.append(LoadChange(cause.first, newest, suspicion.former_load))
+                self._suspicion = None
+                return Event.SLIPPED, slipped
+        longest = self._rows.unfitted if suspicion.is_after_gap else self._rows.telling_apart
+        is_load = suspicion.is_load and cause is not None and cause.robot is None
+        if is_load and suspicion.is_after_gap:
+            suspicion.is_load = False  # but a grasp may have slipped as well
+        elif is_load or newest - suspicion.noticed >= longest:
+            self._suspicion = None
+            return (Event.STARTED_OVER, None) if suspicion.favours_slip else None
+        return None

@@ -1,0 +1,126 @@
+"""Rows are missing for a while, and meanwhile the load changes, a grasp slips, or both."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from coheft.agents.efficient.session import Session
+from coheft.agents.efficient.settings import Guards
+from coheft.estimation.geometry.spatial import Array, Pose
+from coheft.estimation.moments.rows import ROW_SIZE, V
+from coheft.estimation.rigid_body.mass_properties import Inertia
+from tests.efficient.rows import LOAD, PERIOD, POSES, made_up_rows
+from tests.efficient.sessions import AFTER, BEFORE, is_valid, largest_error, session, slipped_poses
+
+GAP = 40
+HEAVIER: Array = Inertia(10.0, np.array([-0.3, -0.2, 0.02]), np.diag([0.7, 0.9, 1.2])).barycentric()
+SLIPPED = slipped_poses(25.0, 1.0, 2, 2)
+
+
+def over_a_gap(
+    load: Array = LOAD, poses: tuple[Pose, ...] = POSES, guards: Guards | None = None, after: int = AFTER
+) -> tuple[Session, list[tuple[int, float]]]:
+    """Return a session after a gap from which on there are this load and these poses; and the numbers of the rows at
+    which it was valid since, with its largest errors in its own standard deviations.
+    """
+    found, first, history = session(guards), BEFORE + GAP, list[tuple[int, float]]()
+    for number, row in enumerate(made_up_rows(BEFORE)):
+        found.take(number, row)
+    for number, row in enumerate(made_up_rows(after, load, first, poses=poses), first):
+        found.take(number, row)
+        if is_valid(found):
+            history.append((number, largest_error(found, poses, load[0])))
+    return found, history
+
+
+def largest(history: list[tuple[int, float]]) -> float:
+    return max(error for _, error in history)
+
+
+def test_a_slip_in_a_gap_is_named() -> None:
+    found, history = over_a_gap(poses=SLIPPED)
+    assert [slip.robot for slip in found.causes.slips] == [2]
+    assert found.causes.slips[0].first == BEFORE + GAP
+    assert found.causes.changes == []
+    assert history[0][0] < BEFORE + GAP + 0.6 / PERIOD
+    assert largest(history) < 5.0
+
+
+def test_a_slip_and_another_load_in_one_gap_are_both_named() -> None:
+    found, history = over_a_gap(HEAVIER, SLIPPED)
+    assert [slip.robot for slip in found.causes.slips] == [2]
+    assert [change.first for change in found.causes.certain_changes] == [BEFORE + GAP]
+    assert found.causes.changes[0].former == pytest.approx(LOAD, abs=0.05)
+    assert history[0][0] < BEFORE + GAP + 1.0 / PERIOD
+    assert largest(history) < 5.0
+
+
+def test_another_load_alone_is_no_slip() -> None:
+    found, history = over_a_gap(HEAVIER)
+    assert found.causes.slips == []
+    assert [change.first for change in found.causes.certain_changes] == [BEFORE + GAP]
+    assert history[0][0] < BEFORE + GAP + 0.6 / PERIOD
+    assert largest(history) < 5.0
+
+
+def test_where_nothing_has_changed_all_is_valid_again_at_once() -> None:
+    found, history = over_a_gap()
+    assert found.causes.slips == found.causes.changes == []
+    assert [number for number, _ in history] == [*range(history[0][0], BEFORE + GAP + AFTER)]
+    assert history[0][0] < BEFORE + GAP + 0.2 / PERIOD
+    assert largest(history) < 5.0
+
+
+@pytest.mark.parametrize("load", [LOAD, HEAVIER], ids=["same-load", "heavier"])
+def test_while_a_slip_is_likelier_nothing_is_valid(load: Array) -> None:
+    poses = slipped_poses(8.0, 0.3, 1, 8)
+    _, careless = over_a_gap(load, poses, replace(Guards(), doubted=1e-300))
+    _, careful = over_a_gap(load, poses)
+    assert largest(careless) > 5.0
+    assert largest(careful) < 5.0
+
+
+def test_a_small_slip_in_a_gap_is_named_after_a_while() -> None:
+    found, _ = over_a_gap(poses=slipped_poses(8.0, 0.0, 2, 9))
+    assert [slip.robot for slip in found.causes.slips] == [2]
+
+
+def test_after_a_long_doubt_poses_are_found_anew() -> None:
+    poses = slipped_poses(8.0, 0.0, 3, 10)
+    found, history = over_a_gap(HEAVIER, poses)
+    assert found.causes.slips == []
+    assert not found.causes.is_open
+    assert history[0][0] > BEFORE + GAP + 3.0 / PERIOD
+    assert history[-1][0] == BEFORE + GAP + AFTER - 1
+    assert largest(history) < 5.0
+
+
+def test_a_second_gap_hides_no_slip_in_the_first() -> None:
+    found, first = session(), BEFORE + GAP
+    rows = np.concatenate([made_up_rows(BEFORE), made_up_rows(AFTER, HEAVIER, first, poses=SLIPPED)])
+    numbers = [*range(BEFORE), *range(first, first + 9), *range(first + 20, first + AFTER)]
+    history = []
+    for number in numbers:
+        found.take(number, rows[number if number < BEFORE else number - GAP])
+        if is_valid(found) and number > BEFORE:
+            history.append((number, largest_error(found, SLIPPED, HEAVIER[0])))
+    assert [slip.robot for slip in found.causes.slips] == [2]
+    assert largest(history) < 5.0
+
+
+@pytest.mark.parametrize("gap", [0, GAP], ids=["no-gap-before", "shortly-after-a-gap"])
+def test_all_may_have_changed_while_a_sensor_was_off(gap: int) -> None:
+    poses = slipped_poses(8.0, 0.3, 2, 9)
+    off, later = range(BEFORE + gap + 10, BEFORE + gap + 60), BEFORE + gap + 35
+    rows = np.concatenate([made_up_rows(later), made_up_rows(AFTER, HEAVIER, later, poses=poses)])
+    rows[off.start : off.stop, 3 * ROW_SIZE + V.start] += 0.3
+    found, history = session(), []
+    for number in [*range(BEFORE), *range(BEFORE + gap, len(rows))]:
+        found.take(number, rows[number])
+        if number >= off.stop and is_valid(found):
+            history.append(largest_error(found, poses, HEAVIER[0]))
+    assert [slip.robot for slip in found.causes.slips] == [2]
+    assert max(history) < 5.0
