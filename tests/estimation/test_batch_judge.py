@@ -137,6 +137,19 @@ def test_of_two_robots_either_clock_may_be_wrong() -> None:
     assert "(or those of the other robot, the other way round)" in verdict.words
 
 
+def test_a_dead_sensor_is_named_even_if_the_others_exert_what_a_lighter_load_needs() -> None:
+    right = held_recording(SEED, 2)
+    assert right.truth is not None
+    adjoints = [(right.truth.poses[0].inverse() @ pose).adjoint() for pose in right.truth.poses]
+    wrenches = right.stacked("wrench")
+    total = np.sum([own @ adjoint.T for own, adjoint in zip(wrenches, adjoints, strict=True)], axis=0)
+    noise = 1e-3 * np.random.default_rng(1).normal(size=total.shape)
+    recording = right.changed("wrench", lambda _: noise, "r1")
+    recording = recording.changed("wrench", lambda _: 0.4 * total @ np.linalg.inv(adjoints[1]).T, "r2")
+    _, verdict = judged(recording)
+    assert (verdict.cause, verdict.robot) == ("sensor dead", "r1"), verdict.words
+
+
 @pytest.mark.parametrize("columns", [slice(0, 6), slice(3, 6)])
 def test_a_sensor_that_repeats_itself_is_named(columns: slice) -> None:
     def stuck(wrench: Array) -> Array:
