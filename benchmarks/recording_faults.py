@@ -75,7 +75,7 @@ LISTED = (
     *("offset", "tared", "drift", "lever", "lever of all", "scale", "sign", "moment unit", "moment unit of all"),
     *("base axes", "base axes of all", "turned", "exchanged", "wrench clock", "wrench clock of all", "clock"),
     *("compensated", "load change", "slip", "not level", "tilted", "inverse", "inverse of all", "quaternions"),
-    *("dead", "frozen", "length scale"),
+    *("dead", "frozen", "length scale", "swapped"),
 )
 UNLISTED = ("crosstalk", "saturation", "one axis", "clock rate", "two")
 CAUSES: dict[str, tuple[str, ...]] = {
@@ -100,6 +100,7 @@ CAUSES: dict[str, tuple[str, ...]] = {
     "dead": ("sensor dead",),
     "frozen": ("sensor dead",),
     "length scale": ("length scale",),
+    "swapped": ("robots swapped",),
 }
 """Right causes of faults; other faults have to be refuted or refused without one."""
 _BY_POSES = {"base axes", "base axes of all", "compensated", "slip", "not level", "tilted", "inverse", "inverse of all"}
@@ -116,6 +117,8 @@ def faulty(kind: str, seed: int, *, by_twists: bool) -> Faulty:
     team = draw_team(seed, change)
     by_twists = by_twists and kind not in _BY_POSES
     one = str(rng.choice(list(team.records)))
+    if kind == "swapped":
+        return Faulty(_swapped(recorded(team, "white", by_twists=by_twists), one, rng), CAUSES[kind], None)
     names = list(team.records) if kind.endswith(" of all") or kind in ("tared", "tilted", "compensated") else [one]
     robot = one if len(names) == 1 and kind != "load change" else None
     kinds = [kind]
@@ -131,6 +134,15 @@ def faulty(kind: str, seed: int, *, by_twists: bool) -> Faulty:
             robots = {k: replace(r, **fault(r)) if k in names else r for k, r in recording.robots.items()}
             recording = replace(recording, robots=robots)
     return Faulty(recording, CAUSES.get(kinds[-1].removesuffix(" of all"), ()), robot)
+
+
+def _swapped(recording: Recording, one: str, rng: np.random.Generator) -> Recording:
+    """Give the wrenches of one robot to another, and the other way round."""
+    other = str(rng.choice([name for name in recording.names if name != one]))
+    robots = dict(recording.robots)
+    for own, given in ((one, other), (other, one)):
+        robots[own] = replace(robots[own], wrench=recording.robots[given].wrench)
+    return replace(recording, robots=robots)
 
 
 def _fault(team: Team, kind: str, names: Sequence[str], rng: np.random.Generator, *, by_twists: bool) -> Team | Change:

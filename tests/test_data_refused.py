@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from coheft.app.identify.methods import identify
 from coheft.errors import RecordingError
+from coheft.estimation.batch.recording import Recording, RobotRecord, check_recording
 from coheft.wire.data.checks import gravity_of
 from coheft.wire.data.file import read_recording, write_recording
+from tests.estimation.batch_team import held_recording
 from tests.test_data_file import example, same_samples
 
 
@@ -204,3 +208,17 @@ def test_gravity_is_that_of_planets(size: float, is_refused: bool) -> None:
             gravity_of(gravity)
     else:
         assert gravity_of(gravity) is gravity
+
+
+def test_one_file_twice_is_no_second_robot() -> None:
+    right = held_recording(1, 3)
+    robots = {**right.robots, "r3": right.robots["r1"]}
+    with pytest.raises(RecordingError, match="r1 and r3 recorded exactly the same"):
+        identify(replace(right, robots=robots))
+
+
+def test_times_that_32_bits_cannot_hold_are_named() -> None:
+    time = (1.79e9 + np.arange(10) / 100.0).astype(np.float32).astype(np.float64)
+    robots = {name: RobotRecord(time, twist=np.zeros((10, 6))) for name in ("r1", "r2")}
+    with pytest.raises(RecordingError, match="numbers of 32 bits have too few digits"):
+        check_recording(Recording(robots))

@@ -7,9 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from coheft.estimation.batch.identify import grasps_from_twists
 from coheft.estimation.batch.loop_closure import close_loops, loop_errors
-from coheft.estimation.batch.pairs import kabsch, pair_pose, position_between
+from coheft.estimation.batch.pairs import expected_bias, grasps_from_twists, kabsch, pair_pose, position_between
 from coheft.estimation.geometry.body_motion import perturbation_between, perturbed
 from coheft.estimation.geometry.spatial import Array, Pose, skew
 from coheft.estimation.geometry.uncertain_pose import UncertainPose
@@ -57,15 +56,19 @@ def test_instruments_remove_the_bias_of_positions() -> None:
     exact = exact_signals(rng, team, seconds=10.0)
     far = team[1].translation / np.linalg.norm(team[1].translation)
     errors: dict[bool, list[float]] = {False: [], True: []}
+    expected = []
     for _ in range(40):
         noisy = with_noise(rng, exact, w=0.1, v=0.01, alpha=0.0, a=0.0)
         for with_instruments in errors:
             found, _ = grasps_from_twists(noisy, with_instruments)
             errors[with_instruments].append(float(far @ (found.poses[1].translation - team[1].translation)))
+            if not with_instruments:
+                expected.append(float(far @ expected_bias(noisy, found)[9:12]))
     means = {key: np.mean(values) for key, values in errors.items()}
     doubts = {key: np.std(values) / np.sqrt(len(values)) for key, values in errors.items()}
     assert means[False] < -10.0 * doubts[False]
     assert abs(means[True]) < 3.5 * doubts[True]
+    assert np.mean(expected) == pytest.approx(means[False], abs=4.0 * doubts[False])
 
 
 @pytest.mark.parametrize("count", [2, 3, 5])

@@ -15,7 +15,7 @@ from coheft.errors import RecordingError
 from coheft.estimation.batch.body import body_motions, regressor, total_wrench
 from coheft.estimation.batch.holds import Holds, find_holds, orientations, static_estimate
 from coheft.estimation.batch.identify import identify_batch, parameters_fit
-from coheft.estimation.batch.inertia_fit import fit_parameters, fit_tensor
+from coheft.estimation.batch.inertia_fit import bias_of_tensor, fit_parameters, fit_tensor
 from coheft.estimation.batch.payload import make_payload, of_central_numbers
 from coheft.estimation.batch.pose_differences import derivative_by_poses
 from coheft.estimation.batch.principal_axes import PrincipalInertia
@@ -80,6 +80,26 @@ def test_instruments_remove_the_bias_of_inertia() -> None:
         instrumental.append(float(np.trace(Inertia.from_barycentric(fit.solution).tensor) / trace - 1.0))
     assert np.mean(plain) == pytest.approx(-(0.3**2) / (1 + 0.3**2), rel=0.3)
     assert abs(np.mean(instrumental)) < 3.5 * np.std(instrumental) / np.sqrt(40.0)
+
+
+def test_bias_of_the_tensor_is_known_and_its_covariance_is_that_of_noise() -> None:
+    """Residuals of the biased tensor would count the bias as noise, and make the covariance several times too large."""
+    rng = np.random.default_rng(6)
+    team = grasps(rng)
+    exact = exact_signals(rng, team)
+    size = 0.3 * float(np.sqrt(np.mean(exact.alpha**2)))
+    biases, errors, squares = [], [], []
+    for _ in range(40):
+        noisy = with_noise(rng, exact, w=0.0, v=0.0, alpha=size, a=0.0)
+        motions, wrench = body_motions(noisy, team), total_wrench(noisy.wrench, team)
+        tensor = fit_tensor(motions[0], wrench, LOAD.com, RATE).solution
+        bias, covariance = bias_of_tensor(motions, wrench, LOAD.com, RATE, tensor)
+        error = tensor - pack_symmetric(LOAD.tensor)
+        biases.append(bias)
+        errors.append(error)
+        squares.append(float((error - bias) @ np.linalg.solve(covariance, error - bias)) / 6.0)
+    np.testing.assert_allclose(np.mean(biases, axis=0), np.mean(errors, axis=0), atol=0.15 * np.abs(errors).max())
+    assert 0.6 < np.mean(squares) < 1.7
 
 
 def test_covariance_says_how_much_parameters_scatter() -> None:
@@ -173,6 +193,32 @@ def test_static_estimate_is_exact_from_two_orientations_on(seed: int) -> None:
         assert found.mass == pytest.approx(LOAD.mass)
         np.testing.assert_allclose(found.com, LOAD.com, atol=1e-9)
         assert np.linalg.eigvalsh(found.covariance)[0] > 0.0
+
+
+def test_mass_and_centre_of_mass_at_rest_have_the_noise_of_each_force() -> None:
+    """A force far away causes moments across its arm only, and is in the mass, too; few residuals are no more noise."""
+    rng = np.random.default_rng(9)
+    team = (Pose.identity(), Pose(np.eye(3), np.array([4.0, 0.0, 0.0])))
+    exact = resting(team, rng.normal(size=(6, 3)), rng)
+    scatter = np.zeros_like(exact.scatter)
+    scatter[:, 1, :3] = 0.3**2
+    squares = []
+    for _ in range(300):
+        noise = np.sqrt(scatter) * rng.normal(size=scatter.shape)
+        found = static_estimate(replace(exact, wrench=exact.wrench + noise, scatter=scatter), team)
+        error = np.concatenate([[found.mass - LOAD.mass], found.com - LOAD.com])
+        squares.append([*error**2 / np.diag(found.covariance), error @ np.linalg.solve(found.covariance, error) / 4.0])
+    np.testing.assert_allclose(np.mean(squares, axis=0), 1.0, atol=0.3)
+
+
+def test_residuals_at_rest_that_are_no_chance_count() -> None:
+    rng = np.random.default_rng(10)
+    team = grasps(rng)
+    exact = resting(team, rng.normal(size=(12, 3)), rng)
+    noise = 0.5 * rng.normal(size=exact.wrench.shape)
+    found = static_estimate(replace(exact, wrench=exact.wrench + noise), team)
+    calm = static_estimate(exact, team)
+    assert (np.diag(found.covariance) > 30.0 * np.diag(calm.covariance)).all()
 
 
 def test_one_orientation_is_not_enough_and_said_so() -> None:

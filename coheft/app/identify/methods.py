@@ -9,7 +9,6 @@ import numpy as np
 from coheft.app.identify.choices import Bounds, Method, Options
 from coheft.errors import RecordingError, UsageError
 from coheft.estimation.batch.calibration import Tolerances
-from coheft.estimation.batch.holds import static_estimate
 from coheft.estimation.batch.identification import Identification
 from coheft.estimation.batch.identify import identify_batch, identify_with_instruments
 from coheft.estimation.batch.identify_poses import identify_poses
@@ -19,16 +18,11 @@ from coheft.estimation.batch.judged import judged
 from coheft.estimation.batch.recording import Recording
 from coheft.estimation.batch.signals import CUTOFF, PAPER_CUTOFF
 from coheft.estimation.batch.statics import Statics
-from coheft.estimation.geometry.body_motion import perturbation_between
 
 _BEST = Options()
 _SUITABLE = 1.12
 """Largest residuals, in multiples of what noise explains, with which maximum likelihood is chosen: if they are larger,
 noise is not white, and its standard deviations are too small."""
-_TENSOR = 4
-"""Place of the inertia after mass and centre of mass."""
-_BIASED = 2.0
-"""Bias of plain least squares that is worth a remark, in standard deviations."""
 
 
 def suitable(recording: Recording) -> Method:
@@ -105,7 +99,7 @@ def fitted(
     """Identify the load by a method without judging the recording; arguments and errors as of ``identify``."""
     match method:
         case "batch":
-            return _with_bias(identify_batch(recording, options.cutoff or PAPER_CUTOFF, statics), recording)
+            return identify_batch(recording, options.cutoff or PAPER_CUTOFF, statics)
         case "static":
             return identify_statics(statics or Statics.of_recording(recording))
         case "instruments":
@@ -118,36 +112,6 @@ def fitted(
             if options.method is None and found.noise_ratio > _SUITABLE:
                 found = _without_noise(recording, options, found)
     return found if statics is None else with_statics(found, statics)
-
-
-def _with_bias(found: Identification, recording: Recording) -> Identification:
-    """Add to the covariances of plain least squares how far they are from a fit without their bias.
-
-    Grasps come out too close, and with them the centre of mass at rest; inertias come out too small.
-    """
-    try:
-        other = identify_with_instruments(recording, CUTOFF)
-    except RecordingError:
-        return found
-    seen = (found.payload.is_seen("inertia"), other.payload.is_seen("inertia"))
-    if found.holds is None or not (all(seen) and found.team.is_observable and other.team.is_observable):
-        return found
-    by_grasps = np.concatenate(
-        [perturbation_between(own, right) for own, right in zip(found.team.poses, other.team.poses, strict=True)]
-    )
-    bias = found.payload.inertia.central() - other.payload.inertia.central()
-    com, right_com = (static_estimate(found.holds, each.team.poses).com for each in (found, other))
-    bias[:_TENSOR] = [0.0, *(com - right_com)]  # mass and centre of mass are those of holds
-    ratio = float(np.max(np.abs(bias) / found.payload.std))
-    found = replace(
-        found,
-        team=replace(found.team, covariance=found.team.covariance + np.outer(by_grasps, by_grasps)),
-        payload=replace(found.payload, covariance=found.payload.covariance + np.outer(bias, bias)),
-    )
-    if ratio < _BIASED:
-        return found
-    remark = f"By that comparison, up to {ratio:.1f} standard deviations of noise: they include this difference."
-    return replace(found, remarks=(*found.remarks, remark))
 
 
 def _without_noise(recording: Recording, options: Options, refuted: Identification) -> Identification:

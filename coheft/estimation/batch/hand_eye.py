@@ -30,7 +30,7 @@ from coheft.estimation.batch.hand_eye_equations import (
     normal_equations,
     unknowns_of,
 )
-from coheft.estimation.batch.statistics import EXACT, batch_scatter
+from coheft.estimation.batch.statistics import EXACT, scatter_of_sum
 from coheft.estimation.batch.team_poses import TeamPoses
 from coheft.estimation.batch.wrist_poses import WristPoses
 from coheft.estimation.geometry.body_motion import perturbed
@@ -107,7 +107,7 @@ def fit_hand_eye(
         residuals = (count - 1) * 6 * wrists.angles.shape[1]
         scatter = equations.matrix[np.ix_(free, free)] * residuals / (residuals - len(free))
     else:
-        scatter = batch_scatter(equations.scores[:, free], wrists.rate)
+        scatter = scatter_of_sum(equations.scores[:, free], wrists.rate, 6 * (count - 1))
     covariance[np.ix_(free, free)] = shown.covariance(scatter)
     poses = np.intersect1d(free, unknowns_of(count, slice(0, GRASP.stop)))
     covariance[poses, poses] += EXACT**2

@@ -12,6 +12,7 @@ from coheft.errors import RecordingError
 from coheft.estimation.batch.body import total_wrench
 from coheft.estimation.batch.recording import Recording
 from coheft.estimation.batch.signals import PAPER_CUTOFF, smooth_poses
+from coheft.estimation.chi_square import chi_square_threshold
 from coheft.estimation.geometry.spatial import Array, Pose, skew
 
 _TOLERANCE = 0.5
@@ -20,6 +21,8 @@ _DURATION = 6.0
 """Least duration of a hold [s]."""
 _SMOOTHING = 1.0
 """Time over which forces are averaged before they are compared [s]: their noise is not motion."""
+_CHANCE = 0.01
+"""Probability that residuals are taken for larger than the samples' noise explains by chance."""
 _SAME = np.radians(2.0)
 """Orientations that differ by less than this count as one [rad]."""
 
@@ -155,7 +158,8 @@ def static_estimate(holds: Holds, poses: Sequence[Pose]) -> StaticEstimate:
             f"use --method instruments, which takes mass and centre of mass from the motion"
         )
     total = total_wrench(holds.wrench.swapaxes(0, 1), poses)
-    variance = np.sum([holds.scatter[:, i] @ (pose.adjoint() ** 2).T for i, pose in enumerate(poses)], axis=0)
+    adjoints = np.array([pose.adjoint() for pose in poses])
+    spread = np.einsum("iab,hib,icb->hac", adjoints, holds.scatter, adjoints)
     direction = down / np.linalg.norm(down, axis=1, keepdims=True)
     strength = float(np.linalg.norm(down, axis=1).mean())
     weights = -np.einsum("ha,ha->h", direction, total[:, :3])
@@ -163,11 +167,24 @@ def static_estimate(holds: Holds, poses: Sequence[Pose]) -> StaticEstimate:
     matrix = mass * skew(down).reshape(-1, 3)  # -m h x g = m [g]x h
     torque = total[:, 3:].ravel()
     com = np.linalg.lstsq(matrix, torque)[0].astype(np.float64)
-    # What the residuals say, or the samples if that is more: holds are few.
-    degrees = max(len(torque) - 3, 1)
-    residual = max(float(np.sum((torque - matrix @ com) ** 2)) / degrees, float(variance[:, 3:].mean()))
-    force = max(float(weights.var(ddof=1)) / len(weights), float(variance[:, :3].mean()) / len(weights))
-    covariance = np.zeros((4, 4))
-    covariance[0, 0] = force / strength**2
-    covariance[1:, 1:] = residual * np.linalg.inv(matrix.T @ matrix)
+    # Noise of the samples, and what residuals show beyond it: holds are few.
+    gain = np.zeros((len(down), 4, 6))
+    gain[:, 0, :3] = -direction / (len(down) * strength)
+    gain[:, 1:, 3:] = np.linalg.pinv(matrix).reshape(3, -1, 3).swapaxes(0, 1)
+    gain[:, 1:] -= com[:, None] / mass * gain[:, :1]  # the same forces are in the mass
+    covariance: Array = np.sum(gain @ spread @ gain.swapaxes(1, 2), axis=0)
+    forces = np.einsum("ha,hab,hb->h", direction, spread[:, :3, :3], direction)
+    torques = np.trace(spread[:, 3:, 3:], axis1=1, axis2=2) / 3.0
+    excess = _excess(weights - weights.mean(), len(weights) - 1, float(forces.mean()))
+    covariance[0, 0] += excess / len(weights) / strength**2
+    excess = _excess(torque - matrix @ com, len(torque) - 3, float(torques.mean()))
+    covariance[1:, 1:] += excess * np.linalg.inv(matrix.T @ matrix)
     return StaticEstimate(mass, com, covariance)
+
+
+def _excess(residuals: Array, degrees: int, variance: float) -> float:
+    """By how much residuals show a larger variance than the samples, if that is not chance."""
+    squares = float(np.sum(residuals**2))
+    if squares <= variance * chi_square_threshold(degrees, _CHANCE):
+        return 0.0
+    return squares / degrees - variance

@@ -12,8 +12,8 @@ from coheft.estimation.batch.body import body_motions, centre_of, own_motions, t
 from coheft.estimation.batch.doubts import unsettled
 from coheft.estimation.batch.holds import StaticEstimate, both_holds, holds_of, static_estimate
 from coheft.estimation.batch.identification import Identification
-from coheft.estimation.batch.inertia_fit import LinearFit, fit_parameters, fit_tensor
-from coheft.estimation.batch.pairs import grasps_from_twists
+from coheft.estimation.batch.inertia_fit import LinearFit, bias_of_tensor, fit_parameters, fit_tensor
+from coheft.estimation.batch.pairs import expected_bias, grasps_from_twists
 from coheft.estimation.batch.payload import hidden_covariance, make_payload, of_central_numbers
 from coheft.estimation.batch.plausibility import plausible_signals
 from coheft.estimation.batch.pose_differences import derivative_by_poses, turned_covariance
@@ -27,6 +27,8 @@ from coheft.estimation.rigid_body.mass_properties import Inertia
 
 _COM_STEP = 1e-4
 """For differences [m]."""
+_BIASED = 2.0
+"""Bias of plain least squares that is worth a remark, in standard deviations."""
 
 
 def identify_batch(
@@ -64,7 +66,18 @@ def identify_batch(
     by_poses = derivative_by_poses(lambda poses: solve(poses)[0], team.poses)
     covariance = by_com @ static.covariance @ by_com.T + by_poses @ team.covariance @ by_poses.T
     covariance += turned_covariance(lambda poses: solve(poses)[0], team)
-    covariance[4:, 4:] += tensor.covariance + hidden_covariance(tensor.hidden, static.mass)
+    of_noise, of_tensor = bias_of_tensor(
+        body_motions(signals, team.poses), total_wrench(wrench, team.poses), static.com, signals.rate, tensor.solution
+    )
+    covariance[4:, 4:] += of_tensor + hidden_covariance(tensor.hidden, static.mass)
+    remarks: tuple[str, ...] = ()
+    if team.is_observable:
+        by_grasps = expected_bias(signals, team)
+        bias = by_poses @ by_grasps
+        bias[4:] += of_noise
+        remarks = _bias_remark(bias, covariance)
+        covariance += np.outer(bias, bias)
+        team = replace(team, covariance=team.covariance + np.outer(by_grasps, by_grasps))
     return Identification(
         method="batch",
         names=recording.names,
@@ -75,11 +88,20 @@ def identify_batch(
         remarks=(
             "Least squares takes noise of accelerations for motion: inertias come out too small, by an unknown amount. "
             "Compare with --method instruments.",
+            *remarks,
         ),
         suspicions=unsettled(team),
         time=signals.time,
         residual=tensor.residual,
     )
+
+
+def _bias_remark(bias: Array, covariance: Array) -> tuple[str, ...]:
+    """Say how large the bias (10,) is compared with noise, if it is large."""
+    ratio = float(np.max(np.abs(bias) / np.sqrt(np.diag(covariance))))
+    if ratio < _BIASED:
+        return ()
+    return (f"Its bias is up to {ratio:.1f} standard deviations of noise: they include it.",)
 
 
 def identify_with_instruments(recording: Recording, cutoff: float = CUTOFF) -> Identification:

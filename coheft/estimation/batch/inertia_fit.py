@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from coheft.estimation.batch.body import regressor
-from coheft.estimation.batch.statistics import batch_scatter
+from coheft.estimation.batch.statistics import scatter_of_sum
 from coheft.estimation.geometry.body_motion import BODY_ALPHA, BODY_W
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.rigid_body.mass_properties import euler_regressor
@@ -24,6 +24,7 @@ _FINEST = 1e-4
 """Least residual as a share of the wrench, so that weights are finite."""
 _ROUNDING = 1e-12
 """Share of the largest information below which it is rounding."""
+_BIAS_STEPS = 5
 _STILL = 1e-6
 """Accelerations below this are rounding [rad/s², m/s²]."""
 
@@ -66,6 +67,38 @@ def fit_tensor(motion: Array, wrench: Array, com: Array, rate: float) -> LinearF
     matrix = euler_regressor(motion[:, BODY_W], motion[:, BODY_ALPHA])
     moment = wrench[:, 3:] - np.cross(com, wrench[:, :3])
     return instrumental_fit(matrix[None], moment, matrix[None], np.ones(3), rate)
+
+
+def bias_of_tensor(motions: Array, wrench: Array, com: Array, rate: float, tensor: Array) -> tuple[Array, Array]:
+    """Expected error (6,) of ``fit_tensor`` because noise of accelerations is taken for motion, and covariance of both.
+
+    The error is ``-(X^T X)^-1 Q J``, with ``J`` the true tensor and ``Q`` the part of ``X^T X`` that is noise, which
+    follows from how much robots disagree. Unlike the difference from an unbiased fit, it hardly has noise of its own.
+    The covariance is that about the expectation: residuals of the biased fit would count the bias as noise.
+
+    Args:
+        motions: Motion of the first robot's frame as each robot predicts it, shape (N, n, 12), N at least 2.
+        wrench: Total wrench about its origin, shape (n, 6).
+        com: ``h``, shape (3,).
+        rate: Samples per second.
+        tensor: ``J`` packed, the solution of ``fit_tensor``, shape (6,).
+
+    Returns:
+        The expected error, and the covariance (6, 6).
+    """
+    regressors = np.array([euler_regressor(motion[:, BODY_W], motion[:, BODY_ALPHA]) for motion in motions])
+    own = regressors[0]
+    flat, noise = own.reshape(-1, 6), (own - others(regressors)[0]).reshape(-1, 6)
+    inverse, _ = _inverse_and_hidden(flat.T @ flat, np.zeros(6, dtype=np.bool_), _STILL**2 * 3 * len(own))
+    # The others' mean has noise as well.
+    share = (len(motions) - 1) / len(motions)
+    shrinkage = share * inverse @ noise.T @ noise
+    bias: Array = -shrinkage @ tensor
+    for _ in range(_BIAS_STEPS):  # the true tensor is the biased one without its bias
+        bias = -shrinkage @ (tensor - bias)
+    residual = wrench[:, 3:] - np.cross(com, wrench[:, :3]) - own @ (tensor - bias)
+    scores = np.einsum("kru,kr->ku", own, residual)
+    return bias, inverse @ scatter_of_sum(scores - scores.mean(axis=0), rate, 6) @ inverse.T
 
 
 def fit_parameters(motions: Array, wrench: Array, rate: float, weight: Array | None = None) -> LinearFit:
@@ -137,7 +170,8 @@ def instrumental_fit(
     solution = inverse @ vector
     residuals = output - regressors @ solution
     scores = np.einsum("ikru,ikr->ku", weighted, residuals, optimize=True)
-    noise = inverse @ batch_scatter(scores, rate) @ inverse.T
+    scatter = scatter_of_sum(scores, rate, int(np.count_nonzero(prior.information == 0.0)))
+    noise = inverse @ scatter @ inverse.T
     shrinkage = inverse * prior.information
     covariance = noise + shrinkage @ inverse.T
     return LinearFit(solution, covariance, residuals.mean(axis=0), hidden, weight, noise, shrinkage)

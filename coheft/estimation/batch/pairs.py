@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from itertools import combinations
+
 import numpy as np
 
 from coheft.estimation.batch.loop_closure import LoopError, close_loops, loop_errors
 from coheft.estimation.batch.signals import Signals
 from coheft.estimation.batch.statistics import sandwich_information
 from coheft.estimation.batch.team_poses import TeamPoses
+from coheft.estimation.geometry.body_motion import perturbation_between
 from coheft.estimation.geometry.observability import PoseEstimate, Visibility, seen_information
 from coheft.estimation.geometry.spatial import Array, Pose, skew
 
@@ -43,14 +47,20 @@ def position_between(rotation: Array, w_i: Array, v_i: Array, v_j: Array, instru
         v_j: Velocity of the origin of ``F_j``, in ``F_j``, shape (n, 3).
         instrument: ``w_i``, or another measurement of it, shape (n, 3).
     """
-    # p x w = -[w]x p, and [z]x^T = -[z]x.
-    matrix = np.trace(products := instrument.T @ w_i) * np.eye(3) - products.T
+    matrix = _levers(instrument, w_i)
     vector = np.cross(instrument, v_i - v_j @ rotation.T).sum(axis=0)
     largest = float(np.linalg.norm(matrix, 2))
     rounding = len(w_i) * _FINEST**2
     if largest <= rounding:
         return np.zeros(3)
     result: Array = np.linalg.lstsq(matrix, vector, rcond=max(_SINGULAR, rounding / largest))[0]
+    return result
+
+
+def _levers(instrument: Array, w_i: Array) -> Array:
+    """Sum of ``[z]x^T [w]x`` (3, 3) over vectors (n, 3): ``p x w = -[w]x p``, and ``[z]x^T = -[z]x``."""
+    products = instrument.T @ w_i
+    result: Array = np.trace(products) * np.eye(3) - products.T
     return result
 
 
@@ -84,15 +94,42 @@ def pair_pose(twist_i: Array, twist_j: Array, rate: float, instrument: Array | N
 
 def grasps_from_twists(signals: Signals, with_instruments: bool) -> tuple[TeamPoses, list[LoopError]]:
     """Poses of the team from its twists, and by how much loops of observable pairs failed to close."""
-    twists = np.concatenate([signals.w, signals.v], axis=-1)
-    count = len(twists)
-    pairs: dict[tuple[int, int], PoseEstimate] = {}
-    for i in range(count):
-        for j in range(i + 1, count):
-            instrument = _instrument(signals.w, i, j) if with_instruments else None
-            pairs[i, j] = pair_pose(twists[i], twists[j], signals.rate, instrument)
+    pairs = _pairs(signals, with_instruments)
     seen = {pair: estimate for pair, estimate in pairs.items() if not estimate.unobservable}
-    return close_loops(count, pairs), loop_errors(seen)
+    return close_loops(len(signals.w), pairs), loop_errors(seen)
+
+
+def expected_bias(signals: Signals, team: TeamPoses) -> Array:
+    """Expected perturbations (6 N,) of the team by plain least squares, because noise of ``w`` is taken for rotation.
+
+    Positions are too short by ``(W^T W)^-1 Q p``, with ``Q`` the part of ``W^T W`` that is noise, which follows from
+    how much robots disagree.
+
+    Args:
+        signals: Signals of N robots.
+        team: Their poses by plain least squares; all are observable.
+    """
+    right = {}
+    for (i, j), found in _pairs(signals, with_instruments=False).items():
+        w = signals.w[i]
+        noise = w - _instrument(signals.w, i, j)
+        # The instrument is the mean of others, which have noise as well.
+        others = max(len(signals.w) - 2, 1)
+        share = others / (others + 1.0)
+        matrix = _levers(w, w)
+        position = np.linalg.solve(matrix - share * _levers(noise, noise), matrix @ found.pose.translation)
+        right[i, j] = replace(found, pose=Pose(found.pose.rotation, position.astype(np.float64)))
+    poses = close_loops(len(signals.w), right).poses
+    return np.concatenate([perturbation_between(true, own) for true, own in zip(poses, team.poses, strict=True)])
+
+
+def _pairs(signals: Signals, with_instruments: bool) -> dict[tuple[int, int], PoseEstimate]:
+    twists = np.concatenate([signals.w, signals.v], axis=-1)
+    pairs = {}
+    for i, j in combinations(range(len(twists)), 2):
+        instrument = _instrument(signals.w, i, j) if with_instruments else None
+        pairs[i, j] = pair_pose(twists[i], twists[j], signals.rate, instrument)
+    return pairs
 
 
 def _instrument(w: Array, i: int, j: int) -> Array:

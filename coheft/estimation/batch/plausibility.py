@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
 from coheft.errors import RecordingError
 from coheft.estimation.batch.pose_conventions import check_conventions
-from coheft.estimation.batch.recording import Recording, check_recording
+from coheft.estimation.batch.recording import CHANNELS, Recording, check_recording
 from coheft.estimation.batch.signals import Signals, signals_of
 from coheft.estimation.geometry.spatial import Array
 
@@ -38,6 +39,7 @@ def plausible_signals(recording: Recording, cutoff: float) -> Signals:
         RecordingError: Something is impossible, or missing; the message says what may be wrong.
     """
     check_recording(recording)
+    check_robots(recording)
     check_units(recording)
     check_jumps(recording)
     signals = signals_of(recording, cutoff)
@@ -46,6 +48,23 @@ def plausible_signals(recording: Recording, cutoff: float) -> Signals:
     if signals.wrench is not None:
         check_weight(recording, signals.wrench, signals.a)
     return signals
+
+
+def check_robots(recording: Recording) -> None:
+    """Check that no robot is there twice; made-up ones at rest may be equal.
+
+    Raises:
+        RecordingError: One is.
+    """
+    for (one, own), (other, others) in combinations(recording.robots.items(), 2):
+        channels = [(getattr(own, channel), getattr(others, channel)) for channel in CHANNELS]
+        if all(np.array_equal(samples, same) for samples, same in channels) and any(
+            samples is not None and np.median(np.abs(np.diff(samples, axis=0)).max(axis=1)) > 0.0
+            for samples, _ in channels
+        ):
+            raise RecordingError(
+                f"{one} and {other} recorded exactly the same: expected two robots, not one file twice"
+            )
 
 
 def check_units(recording: Recording) -> None:

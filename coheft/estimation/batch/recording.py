@@ -17,6 +17,8 @@ CHANNELS = {"pose": 7, "twist": 6, "dtwist": 6, "acceleration": 3, "wrench": 6}
 """Attributes of ``RobotRecord`` that robots may record, and their numbers of columns."""
 _TIME_TOLERANCE = 1e-3
 """Largest deviation of times from a regular grid, as a share of the sampling period."""
+_COARSE = 1e5
+"""Times above this have steps of 8 ms and more as numbers of 32 bits [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,7 +177,7 @@ def check_recording(recording: Recording) -> None:
             raise RecordingError(
                 f"'t' of {name}: sample {at + 2} is of {robot.time[at + 1]:.9g} s, the one before of "
                 f"{robot.time[at]:.9g} s (in all, {len(falling)} are not later than the one before); expected times "
-                f"that grow: sort the samples, and remove what is there twice"
+                f"that grow: {_advice(robot.time)}"
             )
         steps = np.diff(robot.time)
         if np.ptp(steps) > 2.0 * _TIME_TOLERANCE * steps.mean() + 1e-9:
@@ -186,6 +188,13 @@ def check_recording(recording: Recording) -> None:
         if len(robot.time) != len(recording.time) or np.abs(robot.time - recording.time).max() > 0.5 * steps.mean():
             raise RecordingError(f"'t' of {name} is not that of {first}: resample all robots at the same times")
         check_samples(name, robot)
+
+
+def _advice(time: Array) -> str:
+    """What to do about times that do not grow."""
+    if np.array_equal(time, time.astype(np.float32)) and np.abs(time).max() > _COARSE:
+        return "numbers of 32 bits have too few digits for such times; save them with 64 bits, or from zero on"
+    return "sort the samples, and remove what is there twice"
 
 
 def check_samples(name: str, robot: RobotRecord) -> None:

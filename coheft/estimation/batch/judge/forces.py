@@ -72,9 +72,10 @@ def judge_forces(evidence: Evidence, assumed: str | None) -> Verdict:
         found += [forces_instead(one) for one in found if is_unit_of_all(one)]
     is_misfit = plain.excess > _EXCESS
     sure = [one for one in found if one.gain > _GAIN and (is_misfit or one.cause not in _OF_CALIBRATION)]
+    silent = silent_sensor(recording, evidence.cutoff)  # what others exert may still be that of a lighter load
     if not sure and not (is_misfit and misfit.share() > _SHARE):
-        return _accepted(evidence, plain, found, assumed)
-    silent = missing_axis(recording, FORCES) or silent_sensor(recording, evidence.cutoff)
+        return silent or _accepted(evidence, plain, found, assumed)
+    silent = missing_axis(recording, FORCES) or silent
     if silent is not None:
         return silent
     mending = [one for one in sure if _mends(one, plain.excess)]

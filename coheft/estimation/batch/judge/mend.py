@@ -24,6 +24,7 @@ MENDABLE = (
     Cause.BASE_AXES,
     Cause.TURNED,
     Cause.EXCHANGED,
+    Cause.SWAPPED,
     Cause.CLOCK,
     Cause.LENGTH_SCALE,
     Cause.GRAVITY,
@@ -73,6 +74,11 @@ def mend(recording: Recording, verdict: Verdict, poses: Sequence[Pose]) -> Recor
             return recording.changed("wrench", partial(_rotated, rotations=value.reshape(1, 3, 3)), name)
         case Cause.EXCHANGED:
             return recording.changed("wrench", lambda wrench: wrench[:, [3, 4, 5, 0, 1, 2]], name)
+        case Cause.SWAPPED:
+            one, other = (int(index) for index in value)
+            wrenches = recording.stacked("wrench")
+            recording = recording.changed("wrench", lambda _: wrenches[other], recording.names[one])
+            return recording.changed("wrench", lambda _: wrenches[one], recording.names[other])
         case Cause.CLOCK:
             for channel in verdict.channels:
                 recording = recording.changed(channel, partial(_earlier, time=recording.time, delay=value[0]), name)

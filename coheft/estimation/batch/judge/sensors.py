@@ -82,7 +82,10 @@ def silent_sensor(recording: Recording, cutoff: float) -> Verdict | None:
         noise = white_level(wrench[:, :3], recording.rate, cutoff)
         if noise is not None and np.all(np.mean(wrench[:, :3] ** 2, axis=0) < _NOISE_ALONE * noise**2):
             return Verdict(
-                Cause.DEAD, name, (0.0,), f"forces of {name} are nothing but noise: its sensor does not work"
+                Cause.DEAD,
+                name,
+                (0.0,),
+                f"forces of {name} are nothing but noise: its sensor does not work, or it does not hold the load",
             )
     return None
 

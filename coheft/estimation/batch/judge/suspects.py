@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from itertools import combinations
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -42,7 +43,7 @@ class Suspect:
         fit: The fit of the load with this fault.
         gain: Twice the log likelihood ratio to the fit without a fault, minus the cost of the fault's unknowns.
         value: Its parameters: an offset (6,) in the body frame, a lever (3,) [m], a factor, a delay [s], gravity (3,),
-            a sensor's axes (9,), or an offset and its drift per minute (12,).
+            a sensor's axes (9,), an offset and its drift per minute (12,), or the indices of two robots.
         time: Time from which on the recording has it [s]; None if all the time.
     """
 
@@ -81,7 +82,7 @@ class Suspects:
     def all(self) -> list[Suspect]:
         """All faults, the likeliest first."""
         found = [*self._offset(), *self._levers(), *self._scales(), *self._clocks()]
-        found += [*self._turned(), *self._exchanged(), *self._changes()]
+        found += [*self._turned(), *self._exchanged(), *self._swapped(), *self._changes()]
         if self._misfit.signals.rotation is not None:
             found += [*self._axes(), self._weight(), self.direction_of_gravity()]
             recording = self._misfit.evidence.recording
@@ -162,6 +163,15 @@ class Suspects:
         for robot in range(self._count):
             total = self._misfit.total_with([robot], self._misfit.wrenches[..., [3, 4, 5, 0, 1, 2]])
             yield self._suspect(Cause.EXCHANGED, robot, self._misfit.fit(total=total), 1)
+
+    def _swapped(self) -> Iterator[Suspect]:
+        """Two robots' wrenches given for each other's."""
+        for one, other in combinations(range(self._count), 2):
+            order = np.arange(self._count)
+            order[[one, other]] = other, one
+            total = self._misfit.total_with([one, other], self._misfit.wrenches[order])
+            found = self._suspect(Cause.SWAPPED, None, self._misfit.fit(total=total), 1, np.array([one, other]))
+            yield replace(found, gain=found.gain - 2.0 * self._robot_cost)
 
     def _turned(self) -> Iterator[Suspect]:
         """Sensors whose axes are rotated or exchanged."""

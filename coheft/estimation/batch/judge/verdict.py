@@ -20,6 +20,7 @@ class Cause(StrEnum):
     BASE_AXES = "base axes"
     TURNED = "sensor turned"
     EXCHANGED = "forces for moments"
+    SWAPPED = "robots swapped"
     COMPENSATED = "weight compensated"
     CLOCK = "clock"
     TIME = "time scale"

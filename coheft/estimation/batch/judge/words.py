@@ -51,6 +51,9 @@ def words_of(suspect: Suspect, recording: Recording, misfit: WrenchMisfit) -> tu
             return name, turned_words(value.reshape(3, 3), whose)
         case Cause.EXCHANGED:
             return name, f"what {whose} gives as forces are moments, and the other way round: swap the columns"
+        case Cause.SWAPPED:
+            one, other = (names[int(index)] for index in value)
+            return None, f"wrenches of {one} are those of {other}, and the other way round: swap them, or the poses"
         case Cause.DRIFT:
             return _drift_words(value[6:], recording, misfit)
         case Cause.COMPENSATED:
