@@ -46,7 +46,7 @@ class Causes:
     def is_open(self) -> bool:
         """Whether the load seems to have changed, or a grasp to have slipped, but it is not clear which of them."""
         suspicion = self._suspicion
-        return suspicion is not None and (suspicion.is_load or suspicion.favours_slip)
+        return suspicion is not None and (suspicion.is_load or suspicion.favours_change)
 
     @property
     def certain_changes(self) -> list[LoadChange]:
@@ -70,8 +70,8 @@ class Causes:
         if self._suspicion is None:
             index = max(index, buffer.start)
             self._suspicion = Suspicion.of_change(known, index, newest, len(self.changes), is_load)
-        elif self._suspicion.is_after_gap:
-            self._suspicion.is_load |= is_load
+        elif self._suspicion.is_after_gap and is_load:
+            self._suspicion.notice_load()
 
     def expect(self, known: Knowledge, since: int) -> None:
         """Rows before this one were missing, or not used: load and grasps may have changed meanwhile."""
@@ -102,7 +102,7 @@ class Causes:
 
         Returns:
             ``SLIPPED`` and the knowledge with a slipped grasp; ``STARTED_OVER`` if it has been doubtful for too long
-            whether a grasp has slipped; else None.
+            what has changed; else None.
         """
         suspicion, guards = self._suspicion, self._guards
         if suspicion is None:
@@ -123,5 +123,5 @@ class Causes:
             suspicion.is_load = False  # but a grasp may have slipped as well
         elif is_load or newest - suspicion.noticed >= longest:
             self._suspicion = None
-            return (Event.STARTED_OVER, None) if suspicion.favours_slip else None
+            return (Event.STARTED_OVER, None) if suspicion.favours_change else None
         return None

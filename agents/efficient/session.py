@@ -301,6 +301,7 @@ class Session:
                 return False
             if surprise > self._guards.credible:
                 return self._wait_for_poses(number, now)
+            confirmation.count()
             self._fit_trusted()
             self._pause = number + self._rows.confirming
             return False

@@ -94,8 +94,8 @@ class Guards:
         drifting: A load that changes again so soon drifts [s].
         mistaken: Probability of taking a load change or a faulty sensor for a slip, or the other way round, if all are
             equally likely a priori: one cause has to be likelier than all others by this factor.
-        doubted: While rows are less likely by this factor without a slip than with one, nothing is valid. Only after
-            rows were missing: at any other time a slip is noticed as a change before.
+        doubted: While rows are less likely by this factor without a change than with one, nothing is valid. Only after
+            rows were missing: at any other time a change is noticed as soon as it begins.
         telling_apart: After so long without such a decision, a slip is no longer considered [s].
         undecided: After so long without a decision, the load counts as changed [s]: a fault is over by then.
         waiting: Rows are missing when no new row of the whole team has been complete for so long [s].
@@ -190,7 +190,7 @@ class Guards:
 
     @property
     def doubt(self) -> float:
-        """Margin of a slip's log ratio from which on nothing is valid."""
+        """Log ratio of a change from which on nothing is valid."""
         return -math.log(self.doubted)
 
     @property

@@ -118,7 +118,7 @@ class Suspicion:
 
     Attributes:
         noticed, changes, is_load, is_after_gap: As given.
-        favours_slip: Whether rows are likelier if a grasp has slipped.
+        favours_change: Whether rows after a gap are likelier if a grasp has slipped, or the load has changed unnoticed.
     """
 
     def __init__(
@@ -134,7 +134,7 @@ class Suspicion:
         self._before, self._rows, self._first = before, rows, first
         self._next, self._tried = _LEAST, dict[int, LogRatios]()
         self.noticed, self.changes, self.is_load = noticed, changes, is_load
-        self.is_after_gap, self.favours_slip = is_after_gap, False
+        self.is_after_gap, self.favours_change, self._is_load_known = is_after_gap, False, is_load
 
     @staticmethod
     def of_change(known: Knowledge, index: int, noticed: int, changes: int, is_load: bool) -> Suspicion:
@@ -153,8 +153,12 @@ class Suspicion:
 
     @property
     def is_open(self) -> bool:
-        """Whether it is doubtful whether a grasp has slipped."""
-        return not self.is_after_gap or self.is_load or self.favours_slip
+        """Whether it is doubtful what has changed."""
+        return not self.is_after_gap or self.is_load or self.favours_change
+
+    def notice_load(self) -> None:
+        """Process that it looks like a load change now."""
+        self.is_load = self._is_load_known = True
 
     def is_disproved_before(self, number: int) -> bool:
         """Whether rows after a gap and before this one show that nothing has slipped in the gap."""
@@ -185,7 +189,7 @@ class Suspicion:
                 len(numbers), index, lambda start: float(ratios(start).slips_with_load.max())
             )
         lead, is_load = max(slip, both) - max(load, sensor, 0.0), both > slip
-        self.favours_slip = self.is_after_gap and lead > guards.doubt
+        self.favours_change = self.is_after_gap and max(lead, -math.inf if self._is_load_known else load) > guards.doubt
         if lead > guards.lead:
             first = first_of_both if is_load else first
             each = ratios(first).slips_with_load if is_load else ratios(first).slips
