@@ -296,14 +296,11 @@ class Session:
             self._confirmation.count()
             return False
         index, confirmation = buffer.start + since, self._confirmation
-        if (surprise := known.surprise(index, now)) < self._guards.worth_a_fit:  # uncertain poses may explain it
-            if not confirmation.is_open:
-                return False
-            if surprise > self._guards.credible:
-                return self._wait_for_poses(number, now)
-            confirmation.count()
-            self._fit_trusted()
-            self._pause = number + self._rows.confirming
+        if known.surprise(index, now) < self._guards.worth_a_fit:  # uncertain poses may explain it
+            if confirmation.is_open:
+                confirmation.count()
+                self._fit_trusted()
+                self._pause = number + self._rows.confirming
             return False
         kept = buffer.index_of(confirmation.since) if confirmation.is_open else index
         now = self._fit(end=kept, keeps_motion=confirmation.is_open)

@@ -63,8 +63,6 @@ class Guards:
         surprise: Probability that the wrench of one row is a surprise without a change; two in a row start a test.
         worth_a_fit: The second test for a change needs two fits. They are made if, with uncertain poses, the statistic
             is at least this share of its threshold: less than 1, because some rows may have been fitted already.
-        credible: With uncertain poses, rows confirm what was known before if the statistic of that test is at most this
-            share of its threshold; else only motion is fitted until poses are better known.
         contradiction: Probability that a robot's motion seems to contradict the team's over a window of rows without
             any fault. There are some 250 windows per second and robot, so this is one in many years.
         lasting: After a contradiction that lasts so long, poses may be wrong, and the robot starts over [s].
@@ -116,7 +114,6 @@ class Guards:
     turn: float = 0.48
     surprise: float = 4e-5
     worth_a_fit: float = 0.5
-    credible: float = 0.2
     contradiction: float = 1e-11
     lasting: float = 1.5
     unfitted: float = 3.0

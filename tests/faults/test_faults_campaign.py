@@ -71,7 +71,7 @@ ONCE_BROKEN_LATE = (
 """With it."""
 ONCE_BROKEN_TOLD = (937973879, 937973933, 964694266, 964693935, 964694870, 700000035)
 """As they are drawn, with errors of sensors that robots are told of."""
-ONCE_BROKEN_AWAY = (1004225683, 1004225826, 1012287590, 1012287719, 1025733695, 1025733698)
+ONCE_BROKEN_AWAY = (1004225511, 1004225683, 1004225826, 1012287590, 1012287719, 1025733695, 1025733698)
 """As they are drawn: the load changes while a robot is away, or rows are damaged."""
 ONCE_BROKEN_BY_UNSEEN_SLIPS = (1004225498, 1012287755, 1012287842, 7159, 1023698510)
 """As they are drawn: a grasp slips while another robot is away, or its sensors are off; or contradicts repeatedly."""
@@ -103,14 +103,13 @@ SHOWN_BY = {
     "without-fresh-change": draw_schedule(4220, delayed=False, is_exact=True),
     "without-calm": draw_schedule(4220, delayed=False, is_exact=True),
     "without-tolerance": _LATE,
-    "without-credible": draw_schedule(1004225511),
     "without-unfitted": draw_schedule(1004225511),
     "without-outdated": draw_schedule(1012287755),
     "without-doubted": draw_schedule(6570),
     "without-first-rows": draw_schedule(840, delayed=False, is_exact=True),
 }
 """A schedule for each mutant."""
-WITHIN = {"without-unfitted": 4.0, "without-credible": 4.0}
+WITHIN = {"without-unfitted": 4.0}
 """How soon after the last fault robots are valid again without the mutant [s], if later than after 3 s."""
 
 

@@ -112,7 +112,6 @@ SWITCHED_OFF = {
     "fresh_change": 1e9,
     "calm": 0.0,
     "mass": 0.999,
-    "credible": 1.0,
     "small_step": 1e-300,
     "shortest": 1e9,
     "small_step_fades": 0.0,
