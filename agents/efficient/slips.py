@@ -189,7 +189,8 @@ class Suspicion:
                 len(numbers), index, lambda start: float(ratios(start).slips_with_load.max())
             )
         lead, is_load = max(slip, both) - max(load, sensor, 0.0), both > slip
-        self.favours_change = self.is_after_gap and max(lead, -math.inf if self._is_load_known else load) > guards.doubt
+        doubtful = lead if self._is_load_known else max(lead, load)
+        self.favours_change = self.is_after_gap and doubtful > guards.doubt
         if lead > guards.lead:
             first = first_of_both if is_load else first
             each = ratios(first).slips_with_load if is_load else ratios(first).slips
