@@ -65,7 +65,7 @@ class Causes:
         """
         buffer = known.buffer
         first = int(buffer.numbers[index]) if index < buffer.count else newest
-        if self._suspicion is not None and self._suspicion.is_disproved_before(first):
+        if self._suspicion is not None and not self._suspicion.may_begin_at(first):
             self._suspicion = None
         if self._suspicion is None:
             index = max(index, buffer.start)

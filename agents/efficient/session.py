@@ -302,7 +302,7 @@ class Session:
                 self._fit_trusted()
                 self._pause = number + self._rows.confirming
             return False
-        kept = buffer.index_of(confirmation.since) if confirmation.is_open else index
+        kept = min(index, buffer.index_of(confirmation.since)) if confirmation.is_open else index
         now = self._fit(end=kept, keeps_motion=confirmation.is_open)
         index = buffer.start + known.innovations.look_for_change(buffer).first
         if now.state.load is None or known.surprise(index, now) <= 1.0:

@@ -160,10 +160,12 @@ class Suspicion:
         """Process that it looks like a load change now."""
         self.is_load = self._is_load_known = True
 
-    def is_disproved_before(self, number: int) -> bool:
-        """Whether rows after a gap and before this one show that nothing has slipped in the gap."""
-        is_compared = sum(each < number for each in self._rows) >= _LEAST
-        return self.is_after_gap and is_compared and not self.is_open
+    def may_begin_at(self, number: int) -> bool:
+        """Whether a change that begins at this row may be this one: not after rows that have shown no change in a gap,
+        nor before the gap.
+        """
+        has_compared = sum(each < number for each in self._rows) >= _LEAST
+        return not self.is_after_gap or (number >= self._first and (self.is_open or not has_compared))
 
     def add(self, number: int, row: Array) -> None:
         """Add a row."""
