@@ -134,7 +134,7 @@ class Guards:
     small_step_fades: float = 0.5
     drifting: float = 3.0
     mistaken: float = 6e-6
-    doubted: float = 0.05
+    doubted: float = 0.005
     telling_apart: float = 1.2
     undecided: float = 4.0
     waiting: float = 0.15
