@@ -185,11 +185,7 @@ class Suspicion:
         load, _ = _likeliest(len(numbers), index, lambda start: ratios(start).load)
         sensor, _ = _likeliest(len(numbers), index, lambda start: ratios(start).sensor)
         slip, first = _likeliest(len(numbers), index, lambda start: float(ratios(start).slips.max()))
-        both, first_of_both = -math.inf, first
-        if self.is_after_gap:
-            both, first_of_both = _likeliest(
-                len(numbers), index, lambda start: float(ratios(start).slips_with_load.max())
-            )
+        both, first_of_both = _likeliest(len(numbers), index, lambda start: float(ratios(start).slips_with_load.max()))
         lead, is_load = max(slip, both) - max(load, sensor, 0.0), both > slip
         doubtful = lead if self._is_load_known else max(lead, load)
         self.favours_change = self.is_after_gap and doubtful > guards.doubt
@@ -204,7 +200,7 @@ class Suspicion:
         if start not in self._tried:
             moments, before = RowMoments.of(rows[start:]), self._before
             newest = evidence_of(body, evaluated_moments(body, moments, moments))
-            self._tried[start] = log_ratios(body, newest, before.covariance, before.prior.guess)
+            self._tried[start] = log_ratios(body, newest, before.covariance, before.prior.guess, self.is_after_gap)
         return self._tried[start]
 
     def known_if_slipped(self, known: Knowledge, cause: Cause, guards: Guards, has_offset: bool) -> Knowledge | None:

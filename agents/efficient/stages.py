@@ -21,7 +21,9 @@ class Event(Enum):
     LOAD_CHANGED = "the load is another one"
     MISFIT = "wrenches do not fit the load that was fitted to them"
     SLIPPED = "a grasp has slipped; the load is known with it"
-    STARTED_OVER = "all is forgotten: motions fit no poses, errors of sensors no tolerances, or a contradiction lasts"
+    STARTED_OVER = (
+        "all is forgotten: motions fit no poses, errors of sensors no tolerances, or a contradiction or doubt lasts"
+    )
 
 
 TRANSITIONS = {
