@@ -18,7 +18,7 @@ class Causes:
 
     Args:
         guards: Thresholds.
-        rows: For how many rows a cause is looked for (``telling_apart``; after missing rows ``unfitted``).
+        rows: For how many rows a cause is looked for (``telling_apart``; after missing rows ``after_gap``).
         has_offset: Whether constant offsets of force and torque are among the unknowns of fits.
 
     Attributes:
@@ -117,7 +117,7 @@ class Causes:
                     self.changes.append(LoadChange(cause.first, newest, suspicion.former_load))
                 self._suspicion = None
                 return Event.SLIPPED, slipped
-        longest = self._rows.unfitted if suspicion.is_after_gap else self._rows.telling_apart
+        longest = self._rows.after_gap if suspicion.is_after_gap else self._rows.telling_apart
         is_load = suspicion.is_load and cause is not None and cause.robot is None
         if is_load and suspicion.is_after_gap:
             suspicion.is_load = False  # but a grasp may have slipped as well

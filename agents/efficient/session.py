@@ -8,8 +8,6 @@ row -> does a robot's motion contradict the team?   drop the row, and those sinc
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from coheft.agents.efficient.causes import Causes
@@ -69,7 +67,6 @@ class Session:
         self.total_wrench: Array | None = None
         self._undeclared = UndeclaredWatch(guards.undeclared_growth, self._rows.undeclared_lasts)
         self._steps = UnnoticedStep(self._rows.shortest, guards)
-        self._gives_up_at: float | None = None  # number of a row; None if a load has fitted since
         self._known_news = self._newest = -1  # the newest change that another robot has told of; the newest row
         self._begin(Knowledge(count, anchor, settings, guards, prior))
         if prior is not None:
@@ -100,7 +97,7 @@ class Session:
         """
         if self.stage is Stage.ESTIMATING and self._known.buffer.count and not self._test_for_change(self._newest):
             self._fit_and_judge()  # the newest rows have to be judged as well
-        is_doubtful = self.undeclared is not None or self.causes.is_open or self._confirmation.distrusts_wrenches
+        is_doubtful = self.undeclared is not None or self.causes.is_open
         if self.stage is not Stage.ESTIMATING or is_doubtful:
             return None
         self._known.bridge(missing)
@@ -228,18 +225,9 @@ class Session:
         self._contradictions.forget()
         return self._known.fit(end, keeps_motion)
 
-    def _fit_trusted(self) -> Estimate:
-        """Fit to all rows, but without wrenches that may be of another load."""
-        known, confirmation = self._known, self._confirmation
-        if not confirmation.distrusts_wrenches:
-            return self._fit()
-        return self._fit(end=known.buffer.index_of(confirmation.since), keeps_motion=True)
-
     def _fit_and_judge(self) -> None:
         """Fit, then test whether all rows fit and whether a faulty sensor would explain them as well as a load."""
-        estimate, has_offset, guards = self._fit_trusted(), self._settings.has_offset, self._guards
-        if self._confirmation.distrusts_wrenches:
-            return
+        estimate, has_offset, guards = self._fit(), self._settings.has_offset, self._guards
         innovations, buffer = self._known.innovations, self._known.buffer
         self.verdict = judge(estimate, innovations, buffer, guards, self._load_before, has_offset, self._known.drift)
         first = buffer.count
@@ -248,14 +236,7 @@ class Session:
             fresh = innovations.look_for_change(buffer)
             if fresh.statistic > guards.fresh_change:
                 self.verdict, first = Verdict(Outcome.NO_LOAD), buffer.start + fresh.first
-        if self.verdict.outcome is not Outcome.NO_LOAD:
-            self._gives_up_at = None
-        elif self._gives_up_at is None:
-            self._gives_up_at = self._newest + self._rows.unfitted
         match self.verdict.outcome:
-            case Outcome.NO_LOAD if self._gives_up_at is not None and self._newest > self._gives_up_at:
-                self._start_over()
-                self._gives_up_at = math.inf
             case Outcome.NO_BODY | Outcome.BEYOND_TOLERANCE:
                 self._start_over()
             case Outcome.NO_LOAD:
@@ -299,15 +280,14 @@ class Session:
         if known.surprise(index, now) < self._guards.worth_a_fit:  # uncertain poses may explain it
             if confirmation.is_open:
                 confirmation.count()
-                self._fit_trusted()
+                self._fit()
                 self._pause = number + self._rows.confirming
             return False
         kept = min(index, buffer.index_of(confirmation.since)) if confirmation.is_open else index
         now = self._fit(end=kept, keeps_motion=confirmation.is_open)
         index = buffer.start + known.innovations.look_for_change(buffer).first
         if now.state.load is None or known.surprise(index, now) <= 1.0:
-            if confirmation.is_open:
-                return self._wait_for_poses(number, now)
+            confirmation.count()
             self._pause = number + buffer.count - index  # until there are twice as many rows
             self._fit()
             return False
@@ -320,15 +300,6 @@ class Session:
             self._load_before = KnownLoad(load, now.covariance[theta, theta])
         self._forget_load(index, Event.LOAD_CHANGED, now)
         return True
-
-    def _wait_for_poses(self, number: int, now: Estimate) -> bool:
-        """Leave out unconfirmed wrenches for a while; after too long, forget the load and return True."""
-        if self._confirmation.fits_badly(number):
-            self._forget_load(self._known.buffer.index_of(self._confirmation.since), Event.MISFIT, now)
-            return True
-        self._fit_trusted()
-        self._pause = number + self._rows.confirming
-        return False
 
     def _forget_load(self, index: int, event: Event, now: Estimate) -> None:
         """Estimate the load anew from the row at this index on."""

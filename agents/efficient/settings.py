@@ -66,9 +66,8 @@ class Guards:
         contradiction: Probability that a robot's motion seems to contradict the team's over a window of rows without
             any fault. There are some 250 windows per second and robot, so this is one in many years.
         lasting: After a contradiction that lasts so long, poses may be wrong, and the robot starts over [s].
-        unfitted: After so long without any load that fits, poses may be wrong, and the robot starts over [s]; once
-            only, because a force sensor that remains off may be the cause. After missing rows, so long a slip meanwhile
-            is considered.
+        after_gap: After missing rows, so long other loads and slips meanwhile are considered; if one is still likelier
+            than none, the robot starts over [s].
         misfit: Probability that a stretch of rows fits so badly without any fault; a fit has some ten thousand.
         tolerance: Probability that a robot's sensor errors exceed their tolerances so much if these are right.
         undeclared: False-alarm probability for one kind of error of one robot whose tolerance is zero.
@@ -117,7 +116,7 @@ class Guards:
     worth_a_fit: float = 0.5
     contradiction: float = 1e-11
     lasting: float = 1.5
-    unfitted: float = 3.0
+    after_gap: float = 3.0
     misfit: float = 1e-13
     tolerance: float = 1e-8
     undeclared: float = 1e-9
@@ -202,7 +201,7 @@ class RowCounts:
     """The times of ``Guards`` as numbers of rows, each at least 1."""
 
     lasting: int
-    unfitted: int
+    after_gap: int
     undeclared_lasts: int
     calm: int
     shortest: int

@@ -103,13 +103,13 @@ SHOWN_BY = {
     "without-fresh-change": draw_schedule(4220, delayed=False, is_exact=True),
     "without-calm": draw_schedule(4220, delayed=False, is_exact=True),
     "without-tolerance": _LATE,
-    "without-unfitted": draw_schedule(1004225511),
+    "without-after-gap": draw_schedule(1004225511),
     "without-outdated": draw_schedule(1012287755),
     "without-doubted": draw_schedule(6570),
     "without-first-rows": draw_schedule(840, delayed=False, is_exact=True),
 }
 """A schedule for each mutant."""
-WITHIN = {"without-unfitted": 4.0}
+WITHIN = {"without-after-gap": 4.0}
 """How soon after the last fault robots are valid again without the mutant [s], if later than after 3 s."""
 
 

@@ -102,7 +102,7 @@ SWITCHED_OFF = {
     "surprise": 1e-300,
     "contradiction": 1e-300,
     "lasting": 1e9,
-    "unfitted": 1e9,
+    "after_gap": 1e9,
     "misfit": 1e-300,
     "tolerance": 1e-300,
     "energy": 1e9,

@@ -142,6 +142,24 @@ class Evidence:
         both += Evidence.prior(np.ones(changed)).embedded(size + changed, step)
         return both.marginalized(step, np.full(changed, 2.0)).restricted(np.arange(size))
 
+    def beyond_doubt(self, limits: Array) -> Evidence:
+        """Return the evidence without the directions in which its information may be noise alone.
+
+        To be called before a prior is added: the doubt about noisy rows would hide what the prior shows by itself.
+
+        Args:
+            limits: Units of the unknowns, shape (u,).
+        """
+        scale = np.outer(limits, limits)
+        values, vectors = np.linalg.eigh(scale * (self.information + self.noise) + np.eye(len(limits)))
+        root = np.sqrt(np.maximum(values, 1.0))[:, None]
+        from_white, to_white = (vectors.T * root).T / limits[:, None], vectors.T / root * limits
+        values, vectors = np.linalg.eigh(to_white @ (self.information - self.doubt) @ to_white.T)
+        kept = vectors[:, values > 0.0]
+        take = from_white @ kept @ kept.T @ to_white
+        parts = (take @ each @ take.T for each in (self.information, self.noise, self.doubt))
+        return Evidence(take @ self.score, *parts)
+
     def solve(self, limits: Array) -> Solution:
         """Invert the information in the directions that are seen.
 

@@ -98,14 +98,13 @@ def fit_state(
     for _ in range(most_steps):
         body, load = settings.body(state), state.load
         moments, derivatives = evaluate(body), MotionDerivatives.at(body)
-        total = motion_evidence(body, derivatives, moments.motion, noise_of_motion)
+        by_rows = motion_evidence(body, derivatives, moments.motion, noise_of_motion)
         if load is not None:
-            noise_of_motion = total.noise
+            noise_of_motion = by_rows.noise
             if moments.wrench.number > 0.0:
                 by_wrench = wrench_evidence(body, derivatives, moments.wrench, load, noise_of_wrench)
-                total, noise_of_wrench = total + by_wrench, by_wrench.noise
-        total += prior(body)
-        state, seen, hidden, size, left = _step(body, total, settings, guess, anchor)
+                by_rows, noise_of_wrench = by_rows + by_wrench, by_wrench.noise
+        state, seen, hidden, size, left = _step(body, by_rows, prior(body), settings, guess, anchor)
         if size > _FAR:
             noise_of_motion = noise_of_wrench = None
         if left < SMALL_ERROR:
@@ -114,7 +113,7 @@ def fit_state(
 
 
 def _step(
-    body: BodyModel, total: Evidence, settings: FitSettings, guess: Guess, anchor: int
+    body: BodyModel, by_rows: Evidence, prior: Evidence, settings: FitSettings, guess: Guess, anchor: int
 ) -> tuple[State, Array, Array, float, float]:
     """Make one step; return the new state, covariances ``seen`` and ``hidden``, the step's size and remaining error.
 
@@ -123,8 +122,12 @@ def _step(
     """
     unknowns = body.unknowns
     free = settings.free(unknowns, anchor, body.state.load is not None)
-    part = total.restricted(free)
-    solution = part.solve(settings.limits(unknowns.count, guess)[free])
+    limits = settings.limits(unknowns.count, guess)[free]
+    part = (by_rows + prior).restricted(free)
+    solution = part.solve(limits)
+    if solution.hidden.any():
+        part = by_rows.restricted(free).beyond_doubt(limits) + prior.restricted(free)
+        solution = part.solve(limits)
     step, square = np.zeros(unknowns.size), np.ix_(free, free)
     seen, hidden = np.zeros((2, unknowns.size, unknowns.size))
     step[free] = solution.inverse @ part.score
