@@ -189,6 +189,38 @@ def test_what_is_doubtful_is_not_seen(information: float, is_seen: bool) -> None
     assert bool(solution.hidden.any()) != is_seen
 
 
+def test_a_prior_shows_what_noisy_rows_leave_in_doubt() -> None:
+    noise = np.diag([0.0, 100.0])
+    rows = Evidence(np.array([50.0, 3.0]), np.diag([50.0, 5.0]), noise, 0.3 * noise)
+    prior, limits = Evidence.of_information(np.diag([0.0, 20.0])), np.ones(2)
+    assert (rows + prior).solve(limits).hidden[1, 1] > 100.0
+    solution = (rows.beyond_doubt(limits) + prior).solve(limits)
+    assert not solution.hidden.any()
+    np.testing.assert_allclose(solution.seen, np.diag([1 / 50, 1 / 20]), atol=1e-12)
+
+
+@given(seeds)
+def test_what_is_beyond_doubt_does_not_depend_on_coordinates(seed: int) -> None:
+    rng, ones = np.random.default_rng(seed), np.ones(SIZE)
+    noise = definite(rng, scale=100.0)
+    evidence = Evidence(rng.normal(size=SIZE), definite(rng, scale=100.0), noise, 0.3 * noise)
+    turn = np.linalg.qr(rng.normal(size=(SIZE, SIZE)))[0]
+
+    def turned(each: Evidence) -> Evidence:
+        parts = (turn @ part @ turn.T for part in (each.information, each.noise, each.doubt))
+        return Evidence(turn @ each.score, *parts)
+
+    kept = evidence.beyond_doubt(ones)
+    assert_equal(turned(evidence).beyond_doubt(ones), turned(kept))
+    assert np.linalg.eigvalsh(kept.information - kept.doubt)[0] > -1e-8
+    assert_equal(kept.beyond_doubt(ones), kept)
+
+
+@given(seeds)
+def test_evidence_without_noise_is_beyond_doubt(seed: int) -> None:
+    assert_equal(random_evidence(seed).beyond_doubt(WIDE), random_evidence(seed))
+
+
 def test_doubt_shrinks_with_rows() -> None:
     def share(count: float) -> float:
         return float(Evidence.of_rows(np.zeros(2), np.eye(2), np.eye(2), count).doubt[0, 0])
