@@ -282,12 +282,14 @@ def test_the_robot_with_the_anchor_may_leave_robots_that_miss_sensors() -> None:
 
 
 @pytest.mark.slow
-def test_six_unlike_robots_find_the_mass() -> None:
+def test_six_unlike_robots_find_all_ten_parameters_and_all_poses_within_two_seconds() -> None:
     scenario = load_scenario("mixed6", ["duration=2", "load_changes=[]"])
     assert {missing for own in scenario.robot_sensors() for missing in own.missing} == set(COLUMNS)
     for estimate in last_estimates(scenario).values():
         assert estimate.status == "valid"
+        assert len(estimate.poses) == 2  # of its neighbours
         assert estimate.payload is not None
+        assert estimate.payload.tensor is not None
         assert abs(estimate.payload.mass - 10.0) < 5.0 * estimate.payload.covariance[0, 0] ** 0.5
 
 
