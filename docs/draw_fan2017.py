@@ -1,10 +1,12 @@
 """Draws the pictures of fan2017.md: figures 2, 3 and 4 of Fan et al. (CDC 2017), and the robots' disagreement.
 
-One run of ``configs/fan2017.toml`` in this process, a minute or two. Needs coheft[study].
+One run of ``configs/fan2017.toml`` in this process, a minute or two. Needs coheft[study]. Arguments change values of the
+scenario, as those of ``--set`` do.
 """
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -109,7 +111,7 @@ def run(scenario: Scenario) -> Run:
 
 def main() -> None:
     """Draw all pictures."""
-    found = run(load_scenario("fan2017"))
+    found = run(load_scenario("fan2017", sys.argv[1:]))
     _draw_poses(found)
     _draw_payload(found, found.start - 1.0, found.start + 10.0, "fan2017-payload.svg")
     _draw_payload(found, found.change - 1.0, found.scenario.duration, "fan2017-change.svg")
