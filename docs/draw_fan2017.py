@@ -1,7 +1,7 @@
 """Draws the pictures of fan2017.md: figures 2, 3 and 4 of Fan et al. (CDC 2017), and the robots' disagreement.
 
-One run of ``configs/fan2017.toml`` in this process, a minute or two. Needs coheft[study]. Arguments change values of the
-scenario, as those of ``--set`` do.
+One run of ``configs/fan2017.toml`` in this process, a minute or two. Arguments change its values, as ``--set`` does.
+Needs coheft[study].
 """
 
 from __future__ import annotations

@@ -26,7 +26,7 @@ from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.settings import Guards
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.moments.body import FORCING, REGRESSOR, BodyModel, load_operator, residual_covariance
-from coheft.estimation.moments.chapter import Prior, evidence_of
+from coheft.estimation.moments.chapter import EvidenceAt, Prior
 from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.moments import RowMoments, evaluated_moments, robot_indices
 from coheft.estimation.moments.suspects import LogRatios, log_ratios
@@ -181,7 +181,7 @@ class Suspicion:
         if len(numbers) - index < self._next:
             return None
         self._next = math.ceil(_GROWTH * (len(numbers) - index))
-        ratios = partial(self._ratios, body, np.array([self._rows[number] for number in numbers]))
+        ratios = partial(self._ratios, body, EvidenceAt(body), np.array([self._rows[number] for number in numbers]))
         load, _ = _likeliest(len(numbers), index, lambda start: ratios(start).load)
         sensor, _ = _likeliest(len(numbers), index, lambda start: ratios(start).sensor)
         slip, first = _likeliest(len(numbers), index, lambda start: float(ratios(start).slips.max()))
@@ -195,11 +195,11 @@ class Suspicion:
             return Cause(int(each.argmax()), numbers[first], is_load)
         return Cause(None, self._first) if max(load, sensor) > slip + guards.lead else None
 
-    def _ratios(self, body: BodyModel, rows: Array, start: int) -> LogRatios:
+    def _ratios(self, body: BodyModel, evidence: EvidenceAt, rows: Array, start: int) -> LogRatios:
         """Return the log ratios if the row at ``start`` is the first after the change."""
         if start not in self._tried:
             moments, before = RowMoments.of(rows[start:]), self._before
-            newest = evidence_of(body, evaluated_moments(body, moments, moments))
+            newest = evidence.of(evaluated_moments(body, moments, moments))
             self._tried[start] = log_ratios(body, newest, before.covariance, before.prior.guess, self.is_after_gap)
         return self._tried[start]
 

@@ -183,9 +183,29 @@ class Chapter:
 
 def evidence_of(body: BodyModel, moments: EvaluatedMoments) -> Evidence:
     """Evidence of moments at a state with a load."""
-    derivatives, load = MotionDerivatives.at(body), _load(body)
-    by_motion = motion_evidence(body, derivatives, moments.motion)
-    return by_motion + wrench_evidence(body, derivatives, moments.wrench, load)
+    return EvidenceAt(body).of(moments)
+
+
+class EvidenceAt:
+    """Evidence at one state with a load: derivatives, and what noise adds per row, are computed once.
+
+    Args:
+        body: Matrices at the state.
+    """
+
+    def __init__(self, body: BodyModel) -> None:
+        self._body, self._derivatives, self._load = body, MotionDerivatives.at(body), _load(body)
+        self._noise: tuple[Array, Array] | None = None  # per row, of motion and of wrenches, (u, u) each
+
+    def of(self, moments: EvaluatedMoments) -> Evidence:
+        """Evidence of these moments."""
+        numbers = moments.motion.number, moments.wrench.number
+        noise = (None, None) if self._noise is None else (numbers[0] * self._noise[0], numbers[1] * self._noise[1])
+        by_motion = motion_evidence(self._body, self._derivatives, moments.motion, noise[0])
+        by_wrench = wrench_evidence(self._body, self._derivatives, moments.wrench, self._load, noise[1])
+        if min(numbers) > 0.0:
+            self._noise = by_motion.noise / numbers[0], by_wrench.noise / numbers[1]
+        return by_motion + by_wrench
 
 
 def _load(body: BodyModel) -> Array:

@@ -97,8 +97,9 @@ def _motion_information(
 
 def _summed_product(left: Array, gram: Array, right: Array, used: Indices) -> Array:
     """Compute ``sum tr(left_k gram right_l^T)`` over the features ``used``: (k, 6, f), (l, 6, f) to (k, l)."""
-    by_gram = left[..., used] @ gram[used[:, None], used]
-    result: Array = by_gram.reshape(len(left), -1) @ right[..., used].reshape(len(right), -1).T
+    of_left, of_right = left.take(used, axis=-1), right.take(used, axis=-1)
+    by_gram = of_left.reshape(-1, len(used)) @ gram[used[:, None], used]  # one product is faster than one for each k
+    result: Array = by_gram.reshape(len(left), -1) @ of_right.reshape(len(right), -1).T
     return result
 
 

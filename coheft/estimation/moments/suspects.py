@@ -70,13 +70,13 @@ class _White(NamedTuple):
         """Return the log ratio if unknowns have changed by each of ``directions`` (u, a) times standard normals, or by
         a share of it.
         """
-        moved = [self.by_change @ each for each in directions]
-        every = product(_SHARES, repeat=len(directions))
-        return max(self._log_ratio(np.hstack([s * m for s, m in zip(shares, moved, strict=True)])) for shares in every)
-
-    def _log_ratio(self, moved: Array) -> float:
-        matrix, along = np.eye(moved.shape[1]) + moved.T @ moved, moved.T @ self.score
-        return 0.5 * float(along @ np.linalg.solve(matrix, along) - np.linalg.slogdet(matrix)[1])
+        moved = self.by_change @ np.hstack(directions)
+        shares = np.array(list(product(_SHARES, repeat=len(directions))))
+        scale = np.repeat(shares, [each.shape[1] for each in directions], axis=1)  # of each column of moved, (n, a)
+        matrix = np.eye(moved.shape[1]) + scale[:, :, None] * scale[:, None] * (moved.T @ moved)
+        along = scale * (moved.T @ self.score)
+        squares = (along[:, None] @ np.linalg.solve(matrix, along[:, :, None])).ravel()
+        return 0.5 * float((squares - np.linalg.slogdet(matrix)[1]).max())
 
 
 def log_ratios(body: BodyModel, newest: Evidence, covariance: Array, guess: Guess, with_both: bool = True) -> LogRatios:

@@ -11,7 +11,7 @@ import pytest
 
 from coheft.estimation.geometry.body_motion import perturbation_between
 from coheft.estimation.geometry.spatial import Array, Pose
-from coheft.estimation.moments.chapter import Chapter, Prior, evidence_of
+from coheft.estimation.moments.chapter import Chapter, EvidenceAt, Prior, evidence_of
 from coheft.estimation.moments.fit_settings import FitSettings, Guess
 from coheft.estimation.moments.moments import RowMoments
 from coheft.estimation.moments.sensor_errors import SensorErrors
@@ -279,6 +279,20 @@ def test_a_body_without_a_load_has_no_wrench_to_speak_of() -> None:
     body = IDEAL.body(found.estimate.state.with_load(None))
     with pytest.raises(ValueError, match="fit one first"):
         evidence_of(body, found.chapter.evaluation()(body))
+
+
+@EVERY
+def test_noise_that_is_known_from_fewer_rows_is_that_of_all_rows(kind: str) -> None:
+    settings = SETTINGS[kind]
+    _, rows = erring(make_team(seed=22), settings, np.random.default_rng(23))
+    found = fit(rows, settings)
+    body, evaluation = found.estimate.body, found.chapter.evaluation
+    at_body = EvidenceAt(body)
+    for end in (20, None, 40):
+        moments = evaluation(end=end)(body)
+        for name, value in vars(evidence_of(body, moments)).items():
+            scale = np.abs(value).max()
+            np.testing.assert_allclose(getattr(at_body.of(moments), name), value, rtol=1e-9, atol=1e-9 * scale)
 
 
 def test_a_prior_says_what_it_was_told() -> None:
