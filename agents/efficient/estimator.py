@@ -98,11 +98,13 @@ class EfficientEstimator:
             return ("the team is not known yet",)
         session = team.session
         if session.undeclared is not None:
-            return (_undeclared_in_words(session.undeclared, team.names),)
+            return (f"{_undeclared_in_words(session.undeclared, team.names)}, but is declared to be exact",)
         if session.stage is not Stage.ESTIMATING and session.verdict.outcome is not Outcome.FITS:
             return (_in_words(session.verdict, team.names),)
         if session.estimate is None:
             return ("the team's measurements have just begun",)
+        if session.suspected is not None:
+            return (f"it is being tested whether {_undeclared_in_words(session.suspected, team.names)}",)
         if team.session.contradicting is not None:
             return (f"the sensors of {team.names[team.session.contradicting]} contradict the motion of the team",)
         if session.causes.is_open:
@@ -234,7 +236,7 @@ def _undeclared_in_words(found: UndeclaredError, names: list[str]) -> str:
     sensor, _, what = found.kind.partition("_")
     seems = {"bias": "to have an offset", "mounting": "to be turned", "scale": "to have another scale"}.get(what, "")
     where = f"the {SENSOR_NAMES[sensor]} of {names[found.robot]}"
-    return f"{where} seems {seems or 'to be elsewhere'}, but is declared to be exact"
+    return f"{where} seems {seems or 'to be elsewhere'}"
 
 
 def _in_first(names: list[str], poses: tuple[Pose, ...]) -> dict[str, Pose]:

@@ -110,11 +110,11 @@ class Knowledge:
 
     @property
     def rows_before_undeclared(self) -> int:
-        """Number of rows at which undeclared sensor errors are tested for the first time."""
+        """Least number of rows to find an undeclared sensor error with; fewer make it suspected."""
         return 3 * self.least
 
     def undeclared_error(self) -> UndeclaredError | None:
-        """Return a sensor error with tolerance zero that the rows show, or None; large teams do not test."""
+        """Return the most significant sensor error with tolerance zero, or None; large teams do not test."""
         if self.estimate is None or not self.is_small:
             return None
         return undeclared_error(

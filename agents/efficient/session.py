@@ -65,7 +65,9 @@ class Session:
         self.causes = Causes(guards, self._rows, settings.has_offset)
         self.verdict = Verdict(Outcome.FITS)
         self.total_wrench: Array | None = None
-        self._undeclared = UndeclaredWatch(guards.undeclared_growth, self._rows.undeclared_lasts)
+        self._undeclared = UndeclaredWatch(
+            guards.undeclared_doubt, guards.undeclared_growth, self._rows.undeclared_lasts
+        )
         self._steps = UnnoticedStep(self._rows.shortest, guards)
         self._known_news = self._newest = -1  # the newest change that another robot has told of; the newest row
         self._begin(Knowledge(count, anchor, settings, guards, prior))
@@ -97,7 +99,7 @@ class Session:
         """
         if self.stage is Stage.ESTIMATING and self._known.buffer.count and not self._test_for_change(self._newest):
             self._fit_and_judge()  # the newest rows have to be judged as well
-        is_doubtful = self.undeclared is not None or self.causes.is_open
+        is_doubtful = self.undeclared is not None or self.suspected is not None or self.causes.is_open
         if self.stage is not Stage.ESTIMATING or is_doubtful:
             return None
         self._known.bridge(missing)
@@ -122,6 +124,11 @@ class Session:
     def undeclared(self) -> UndeclaredError | None:
         """A sensor error with tolerance zero that the rows show nevertheless, or None."""
         return self._undeclared.found
+
+    @property
+    def suspected(self) -> UndeclaredError | None:
+        """Such an error that the rows hardly show yet, or None."""
+        return self._undeclared.suspected
 
     @property
     def is_confirmed(self) -> bool:

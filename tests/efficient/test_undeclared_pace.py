@@ -20,13 +20,17 @@ ROWS = made_up_rows(700)
 FOUND = UndeclaredError(1, "acceleration_scale", 2.0)
 
 
-def fed(monkeypatch: pytest.MonkeyPatch, guards: Guards, asked_for: range) -> tuple[list[int], list[int]]:
-    """Rows at which a session looks for such errors, and after which one is told, if rows ask for it at some rows."""
-    looks, told, now = list[int](), list[int](), [0]
+def fed(
+    monkeypatch: pytest.MonkeyPatch, guards: Guards, asked_for: range, size: float = 2.0
+) -> tuple[list[int], list[int], list[int]]:
+    """Rows at which a session looks for such errors, after which one is told, and after which one is suspected, if
+    rows ask for it at some rows.
+    """
+    looks, told, suspected, now = list[int](), list[int](), list[int](), [0]
 
     def undeclared_error(self: Knowledge) -> UndeclaredError | None:
         looks.append(now[0])
-        return FOUND if now[0] in asked_for else None
+        return FOUND._replace(size=size) if now[0] in asked_for else None
 
     monkeypatch.setattr(Knowledge, "undeclared_error", undeclared_error)
     noise = RowNoise.of_samples(SensorNoise(), 20, 1000.0)
@@ -36,21 +40,40 @@ def fed(monkeypatch: pytest.MonkeyPatch, guards: Guards, asked_for: range) -> tu
         session.take(number, row)
         if session.undeclared is not None:
             told.append(number)
-    return looks, told
+        if session.suspected is not None:
+            suspected.append(number)
+    return looks, told, suspected
 
 
 def test_looks_become_rarer_as_rows_become_many(monkeypatch: pytest.MonkeyPatch) -> None:
-    looks, _ = fed(monkeypatch, Guards(), range(0))
-    assert len(looks) < 9
-    assert all(later > 1.5 * earlier for earlier, later in pairwise(looks))
-    often, _ = fed(monkeypatch, replace(Guards(), undeclared_growth=1.0), range(0))
+    looks, _, _ = fed(monkeypatch, Guards(), range(0))
+    assert len(looks) < 15
+    assert all(later > 1.3 * earlier for earlier, later in pairwise(looks))
+    often, _, _ = fed(monkeypatch, replace(Guards(), undeclared_growth=1.0), range(0))
     assert len(often) > 1.5 * len(looks)
 
 
+def test_an_error_is_suspected_before_there_are_enough_rows_to_find_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    looks, told, suspected = fed(monkeypatch, Guards(), range(700))
+    assert suspected[0] == looks[0] < 32
+    assert 45 < told[0] < 60
+    assert told[-1] == len(ROWS) - 1
+
+
+@pytest.mark.parametrize(("size", "is_suspected"), [(0.5, False), (0.7, True)])
+def test_a_weak_error_is_only_suspected(monkeypatch: pytest.MonkeyPatch, size: float, is_suspected: bool) -> None:
+    looks, told, suspected = fed(monkeypatch, Guards(), range(300), size)
+    assert not told
+    assert bool(suspected) == is_suspected
+    if is_suspected:
+        assert max(suspected) < 350  # until the rows do not ask for it any more
+        assert len(looks) > 15  # at every fit
+
+
 def test_what_has_passed_is_over_before_there_are_as_many_rows_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    passing = range(250, 430)
-    _, told = fed(monkeypatch, Guards(), passing)
-    _, for_long = fed(monkeypatch, replace(Guards(), undeclared_lasts=1e9), passing)
+    passing = range(250, 330)
+    _, told, _ = fed(monkeypatch, Guards(), passing)
+    _, for_long, _ = fed(monkeypatch, replace(Guards(), undeclared_lasts=1e9), passing)
     assert told
     assert told[0] == for_long[0]
     assert len(told) < 0.8 * len(for_long)

@@ -39,7 +39,7 @@ class UndeclaredError(NamedTuple):
     Attributes:
         robot: Index of the robot.
         kind: One of ``KINDS``.
-        size: Statistic over its threshold, more than 1.
+        size: Statistic over its threshold.
     """
 
     robot: int
@@ -50,7 +50,7 @@ class UndeclaredError(NamedTuple):
 def undeclared_error(
     estimate: Estimate, guess: Guess, chapter: Chapter, settings: FitSettings, anchor: int, false_alarm: float
 ) -> UndeclaredError | None:
-    """Return the most significant sensor error with tolerance zero, None if there is none.
+    """Return the most significant sensor error with tolerance zero, None if no tolerance is.
 
     Args:
         estimate: The fit to all rows of the chapter.
@@ -85,9 +85,9 @@ def undeclared_error(
     variance += gain @ of_fit @ gain.T
     alone = rows.information[np.ix_(tested, tested)]
     sizes = _surprises(score, _blocks(variance), _blocks(alone), false_alarm)
-    largest = int(sizes.argmax()) if len(sizes) else 0
-    if not len(sizes) or sizes[largest] <= 1.0:
+    if not len(sizes):
         return None
+    largest = int(sizes.argmax())
     robot, parameter = np.argwhere(is_tested)[3 * largest].tolist()
     return UndeclaredError(robot, errors.names[parameter], float(sizes[largest]))
 

@@ -50,17 +50,24 @@ def test_rows_ask_for_the_error_that_is_there(kind: str) -> None:
     found = asked_for(3, kind)
     assert found is not None
     assert (found.robot, found.kind) == (1, kind)
+    assert found.size > 1.0
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_rows_of_exact_sensors_ask_for_none(seed: int) -> None:
-    assert asked_for(seed, None, false_alarm=1e-4) is None
+    found = asked_for(seed, None, false_alarm=1e-4)
+    assert found is not None
+    assert found.size < 1.0
 
 
 def test_what_was_told_is_not_asked_for_but_the_rest_is() -> None:
     told = FitSettings(NOISE, PERIOD, SensorErrors({"gyro_mounting": 0.01, "clock": 0.001}))
-    assert asked_for(5, None, told) is None
+    found = asked_for(5, None, told)
+    assert found is not None
+    assert found.size < 1.0
     found = asked_for(5, "acceleration_scale", told)
     assert found is not None
     assert (found.robot, found.kind) == (1, "acceleration_scale")
-    assert asked_for(5, "gyro_mounting", told) is None
+    found = asked_for(5, "gyro_mounting", told)
+    assert found is not None
+    assert found.size < 1.0
