@@ -71,8 +71,8 @@ class Guards:
         misfit: Probability that a stretch of rows fits so badly without any fault; a fit has some ten thousand.
         tolerance: Probability that a robot's sensor errors exceed their tolerances so much if these are right.
         undeclared: False-alarm probability for one kind of error of one robot whose tolerance is zero.
-        undeclared_doubt: Share of its threshold from which on an undeclared error is suspected and nothing is valid: some
-            5e-6 by chance.
+        undeclared_doubt: Share of its threshold from which on an undeclared error is suspected, and nothing is valid:
+            some 5e-6 by chance.
         undeclared_growth: The next test for undeclared errors is due when the number of rows has grown by this factor.
         undeclared_lasts: An undeclared error is over when rows do not show it for so long [s], or for as many rows.
         energy: Standard deviations by which the sum of all squared residuals may exceed its expectation.

@@ -9,8 +9,9 @@ from coheft.estimation.moments.undeclared import UndeclaredError
 class UndeclaredWatch:
     """Tests for undeclared errors at growing intervals.
 
-    Two tests in a row have to find the same error. One that is less certain is suspected. An error is over once as many rows in succession are free of it as it was
-    found with; the first time, after ``lasts`` rows at most.
+    Two tests in a row have to find the same error; one that is less certain, or that few rows show, is suspected. An
+    error is over once as many rows in succession are free of it as it was found with; the first time, after ``lasts``
+    rows at most.
 
     Args:
         doubt: Size from which on an error is suspected.
