@@ -162,7 +162,7 @@ class EfficientEstimator:
         if last is not None and known is not None:
             indices = [last.indices.get(each) for each in self._lives(names)]
             newcomers = [each for each, then in zip(names, indices, strict=True) if then is None]
-            prior = known.for_team(indices, last.settings, fit_settings(self._config, names))
+            prior = known.for_team(indices, last.session.settings, fit_settings(self._config, names))
             anchor = next(now for now, then in enumerate(indices) if then is not None)
         self._team = Team(self._lives(names), membership, graph, start, self._config, self._guards, self._signer)
         if prior is not None:
@@ -207,7 +207,7 @@ class EfficientEstimator:
             indices = np.concatenate([unknowns.poses[own], unknowns.poses[other]])
             covariance = derivative @ estimate.covariance[np.ix_(indices, indices)] @ derivative.T
             poses[name] = UncertainPose(state.poses[own].inverse() @ state.poses[other], covariance)
-        payload = _payload(claim)
+        payload, errors = _payload(claim), found_errors(estimate, own, team.settings.errors)
         return Belief(
             phase="poses" if payload is None and claim.hidden_poses.any() else "inertia",
             converged=payload is not None and is_converged(payload, self._config.converged),
@@ -216,7 +216,7 @@ class EfficientEstimator:
             not_observable=(*not_observable, *claim.unobservable),
             load_changes=self._notices(team),
             slips=self._slips(team),
-            sensor_errors=tuple(SensorErrorEstimate(*each) for each in found_errors(estimate, own)),
+            sensor_errors=tuple(SensorErrorEstimate(*each) for each in errors),
             grasps={} if claim.hidden_poses.any() else _in_first(team.names, state.poses),
         )
 

@@ -27,6 +27,7 @@ from coheft.estimation.moments.fit_settings import FitSettings
 from coheft.estimation.moments.misfit import KnownLoad
 from coheft.estimation.moments.undeclared import UndeclaredError
 from coheft.estimation.moments.unknowns import THETA
+from coheft.estimation.moments.widening import widened
 
 
 class Session:
@@ -42,6 +43,7 @@ class Session:
             robots choose the same anchor, so that they compute the same numbers.
 
     Attributes:
+        settings: Settings of fits; tolerances of sensors grow where they prove too small.
         stage: What is known of the load.
         causes: Load changes and slips of grasps.
         verdict: Verdict on the last fit.
@@ -59,7 +61,7 @@ class Session:
         anchor: int = 0,
     ) -> None:
         self._count, self._own, self._anchor = count, own, anchor
-        self._settings, self._guards = settings, guards
+        self.settings, self._guards, self._declared = settings, guards, settings
         self._rows = RowCounts.of(guards, settings.period)
         self.stage = Stage.GATHERING
         self.causes = Causes(guards, self._rows, settings.has_offset)
@@ -99,7 +101,8 @@ class Session:
         """
         if self.stage is Stage.ESTIMATING and self._known.buffer.count and not self._test_for_change(self._newest):
             self._fit_and_judge()  # the newest rows have to be judged as well
-        is_doubtful = self.undeclared is not None or self.suspected is not None or self.causes.is_open
+        is_suspected = self.undeclared is not None or self.suspected is not None
+        is_doubtful = is_suspected or self.causes.is_open or self._confirmation.distrusts_wrenches
         if self.stage is not Stage.ESTIMATING or is_doubtful:
             return None
         self._known.bridge(missing)
@@ -179,7 +182,7 @@ class Session:
     def _take(self, number: int, row: Array) -> None:
         known, buffer, guards = self._known, self._known.buffer, self._guards
         if number > self._newest + 1 + self._rows.waiting:
-            known.bridge((number - self._newest - 1) * self._settings.period)
+            known.bridge((number - self._newest - 1) * self.settings.period)
             self._expect_changes(since=number)
         self._newest = max(self._newest, number)
         if known.estimate is None:
@@ -232,9 +235,18 @@ class Session:
         self._contradictions.forget()
         return self._known.fit(end, keeps_motion)
 
+    def _fit_trusted(self) -> Estimate:
+        """Fit to all rows, but without wrenches that may be of another load."""
+        known, confirmation = self._known, self._confirmation
+        if not confirmation.distrusts_wrenches:
+            return self._fit()
+        return self._fit(end=known.buffer.index_of(confirmation.since), keeps_motion=True)
+
     def _fit_and_judge(self) -> None:
         """Fit, then test whether all rows fit and whether a faulty sensor would explain them as well as a load."""
-        estimate, has_offset, guards = self._fit(), self._settings.has_offset, self._guards
+        estimate, has_offset, guards = self._fit_trusted(), self.settings.has_offset, self._guards
+        if self._confirmation.distrusts_wrenches:
+            return
         innovations, buffer = self._known.innovations, self._known.buffer
         self.verdict = judge(estimate, innovations, buffer, guards, self._load_before, has_offset, self._known.drift)
         first = buffer.count
@@ -244,7 +256,10 @@ class Session:
             if fresh.statistic > guards.fresh_change:
                 self.verdict, first = Verdict(Outcome.NO_LOAD), buffer.start + fresh.first
         match self.verdict.outcome:
-            case Outcome.NO_BODY | Outcome.BEYOND_TOLERANCE:
+            case Outcome.NO_BODY:
+                self._start_over()
+            case Outcome.BEYOND_TOLERANCE:
+                self.settings = widened(estimate, self.settings, self._declared) or self.settings
                 self._start_over()
             case Outcome.NO_LOAD:
                 self._forget_load(first, Event.MISFIT, estimate)
@@ -257,7 +272,7 @@ class Session:
 
     def _start_over(self) -> None:
         self.stage = TRANSITIONS[self.stage, Event.STARTED_OVER]
-        self._begin(Knowledge(self._count, self._anchor, self._settings, self._guards))
+        self._begin(Knowledge(self._count, self._anchor, self.settings, self._guards))
 
     # --- changes of the load ---
 
@@ -287,14 +302,15 @@ class Session:
         if known.surprise(index, now) < self._guards.worth_a_fit:  # uncertain poses may explain it
             if confirmation.is_open:
                 confirmation.count()
-                self._fit()
+                self._fit_trusted()
                 self._pause = number + self._rows.confirming
             return False
         kept = min(index, buffer.index_of(confirmation.since)) if confirmation.is_open else index
         now = self._fit(end=kept, keeps_motion=confirmation.is_open)
         index = buffer.start + known.innovations.look_for_change(buffer).first
         if now.state.load is None or known.surprise(index, now) <= 1.0:
-            confirmation.count()
+            if confirmation.is_open:
+                return self._wait_for_poses(number, now)
             self._pause = number + buffer.count - index  # until there are twice as many rows
             self._fit()
             return False
@@ -307,6 +323,15 @@ class Session:
             self._load_before = KnownLoad(load, now.covariance[theta, theta])
         self._forget_load(index, Event.LOAD_CHANGED, now)
         return True
+
+    def _wait_for_poses(self, number: int, now: Estimate) -> bool:
+        """Leave out unconfirmed wrenches for a while; after too long, forget the load and return True."""
+        if self._confirmation.fits_badly(number):
+            self._forget_load(self._known.buffer.index_of(self._confirmation.since), Event.MISFIT, now)
+            return True
+        self._fit_trusted()
+        self._pause = number + self._rows.confirming
+        return False
 
     def _forget_load(self, index: int, event: Event, now: Estimate) -> None:
         """Estimate the load anew from the row at this index on."""

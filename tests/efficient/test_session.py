@@ -175,6 +175,16 @@ def test_a_sensor_that_was_off_at_first_makes_all_begin_again() -> None:
     assert_right(found)
 
 
+def test_wrenches_are_distrusted_for_a_limited_time_only() -> None:
+    rows = RowCounts.of(Guards(), PERIOD)
+    confirmation = Confirmation(rows)
+    assert not confirmation.fits_badly(10)
+    assert not confirmation.fits_badly(10 + rows.lasting)
+    assert confirmation.fits_badly(11 + rows.lasting)
+    confirmation.count()  # a row that fits
+    assert not confirmation.fits_badly(12 + rows.lasting)
+
+
 def test_rows_that_nothing_has_confirmed_stay_so_when_more_are_missing() -> None:
     rows = RowCounts.of(Guards(), PERIOD)
     confirmation = Confirmation(rows)
@@ -185,6 +195,14 @@ def test_rows_that_nothing_has_confirmed_stay_so_when_more_are_missing() -> None
         confirmation.count()
     confirmation.begin(since=120)
     assert confirmation.since == 120
+
+
+def test_what_may_be_of_another_load_is_not_handed_over() -> None:
+    found = fed(made_up_rows(150))
+    assert found.hand_over(0.0) is not None
+    found._confirmation.fits_badly(149)
+    found._pause = 1000
+    assert found.hand_over(0.0) is None
 
 
 def test_rows_that_came_with_a_contradiction_are_taken_back() -> None:

@@ -71,7 +71,17 @@ ONCE_BROKEN_LATE = (
 """With it."""
 ONCE_BROKEN_TOLD = (937973879, 937973933, 964694266, 964693935, 964694870, 700000035)
 """As they are drawn, with errors of sensors that robots are told of."""
-ONCE_BROKEN_AWAY = (1004225511, 1004225683, 1004225826, 1012287590, 1012287719, 1025733648, 1025733695, 1026664645)
+ONCE_BROKEN_AWAY = (
+    1004225511,
+    1004225683,
+    1004225826,
+    1012287590,
+    1012287719,
+    1025733648,
+    1025733695,
+    1026664645,
+    1034123404,
+)
 """As they are drawn: the load changes while a robot is away, or rows are damaged."""
 ONCE_BROKEN_BY_UNSEEN_SLIPS = (1004225498, 1012287755, 1012287842, 7159, 1023698510)
 """As they are drawn: a grasp slips while another robot is away, or its sensors are off; or contradicts repeatedly."""

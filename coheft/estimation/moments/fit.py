@@ -125,7 +125,7 @@ def _step(
     limits = settings.limits(unknowns.count, guess)[free]
     part = (by_rows + prior).restricted(free)
     solution = part.solve(limits)
-    if solution.hidden.any():
+    if settings.errors.count and solution.hidden.any():  # priors of sensor errors may show what rows do not
         part = by_rows.restricted(free).beyond_doubt(limits) + prior.restricted(free)
         solution = part.solve(limits)
     step, square = np.zeros(unknowns.size), np.ix_(free, free)

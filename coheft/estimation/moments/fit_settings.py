@@ -141,7 +141,7 @@ class FitSettings:
         offset = np.zeros(6) if state.load is None else state.load[OFFSET]
         total = Evidence.of_information(inverse_of(self.offset_covariance(body)), -offset)
         total = total.embedded(unknowns.size, unknowns.offset)
-        gyros = np.full(3, self._of_fused_gyros(body))
+        gyros = np.full(3, self.fused_gyro_offset(body))
         total += Evidence.prior(gyros, -state.gyros).embedded(unknowns.size, unknowns.gyros)
         is_declared = unknowns.deviations > 0.0
         if is_declared.any():
@@ -149,7 +149,7 @@ class FitSettings:
             total += expected.embedded(unknowns.size, unknowns.eta[is_declared])
         return total
 
-    def _of_fused_gyros(self, body: BodyModel) -> float:
+    def fused_gyro_offset(self, body: BodyModel) -> float:
         """Prior deviation of the offset of the fused angular velocity, robots weighed by their shares [rad/s]."""
         own = np.maximum(self.gyro_offset, _EXACT)
         return float(np.linalg.norm(body.shares * own) if np.ndim(own) else own / np.sqrt(self._fused(body)))

@@ -11,6 +11,7 @@ import numpy as np
 
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.fit import Estimate
+from coheft.estimation.moments.sensor_errors import SensorErrors
 from coheft.estimation.tolerance import AXES, PAIRS
 
 _DELAYS = ("clock", "wrench_delay")
@@ -34,18 +35,20 @@ class FoundError(NamedTuple):
     told: float
 
 
-def found_errors(estimate: Estimate, robot: int) -> list[FoundError]:
+def found_errors(estimate: Estimate, robot: int, declared: SensorErrors) -> list[FoundError]:
     """Return the errors of a robot's sensors by an estimate, in the order of the unknowns.
+
+    The tolerances told are those of ``declared``, which has the same parameters as the estimate.
 
     Offsets of gyros, forces and torques are missing: only their sums over the team are known. Clocks are relative to
     that of the robot that fixes the body frame.
     """
     unknowns = estimate.body.unknowns
-    indices, errors = unknowns.eta[robot], unknowns.errors
+    indices, tolerances = unknowns.eta[robot], np.broadcast_to(declared.deviations, unknowns.eta.shape)
     deviations: Array = np.sqrt(np.maximum(estimate.covariance[indices, indices], 0.0))
-    found, axes = list[FoundError](), dict.fromkeys(errors.names, 0)
+    found, axes = list[FoundError](), dict.fromkeys(declared.names, 0)
     for name, eta, std, told in zip(
-        errors.names, estimate.state.eta[robot], deviations, unknowns.deviations[robot], strict=True
+        declared.names, estimate.state.eta[robot], deviations, tolerances[robot], strict=True
     ):
         if told == 0.0:
             continue

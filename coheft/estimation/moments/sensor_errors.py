@@ -104,6 +104,11 @@ class SensorErrors:
         declared = [kind for tolerance in others for kind, size in _kinds(tolerance, drift).items() if size]
         return SensorErrors(*(_kinds(tolerance, drift) for tolerance in alike), other_kinds=declared)
 
+    def scaled(self, factors: Mapping[str, float]) -> SensorErrors:
+        """Return the same parameters with tolerances that are larger by a factor for each kind."""
+        tolerances = ({kind: factors.get(kind, 1.0) * size for kind, size in each.items()} for each in self.tolerances)
+        return SensorErrors(*tolerances, other_kinds=self.names)
+
     @property
     def count(self) -> int:
         """Number of parameters of one robot, ``q``."""

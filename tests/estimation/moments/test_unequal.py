@@ -51,7 +51,7 @@ def test_what_is_exact_is_neither_free_nor_found() -> None:
     _, rows = erring(make_team(seed=1, count=4, number=150), SETTINGS, np.random.default_rng(2))
     found = fit(rows, SETTINGS).estimate
     assert not found.state.eta[unknowns.deviations == 0.0].any()
-    assert [[error.key for error in found_errors(found, robot)] for robot in range(4)] == [
+    assert [[error.key for error in found_errors(found, robot, SETTINGS.errors)] for robot in range(4)] == [
         ["force_gain"],
         ["acceleration_offset"] * 3 + ["force_gain"],
         [],

@@ -1,0 +1,78 @@
+"""Wider tolerances where the found errors contradict the declared ones, kind by kind.
+
+    s^2 <- max(s^2, mean over robots and axes of (x^2 + P)),    at most ``_MOST`` times the declared tolerance
+
+``x`` are the found errors and ``P`` their posterior variances. One factor for all robots is what data sheets that are
+too optimistic call for. Of offsets of forces, torques and gyros only the team's sums are found, and compared.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from coheft.estimation.geometry.spatial import Array
+from coheft.estimation.moments.fit import Estimate
+from coheft.estimation.moments.fit_settings import FitSettings
+from coheft.estimation.moments.unknowns import OFFSET
+
+_MOST = 4.0
+"""Sensors that are worse than this times their tolerances are faulty; errors of any size would explain too much."""
+_LEAST = 1.05
+"""Least factor by which a tolerance has to grow."""
+
+
+def widened(estimate: Estimate, present: FitSettings, declared: FitSettings) -> FitSettings | None:
+    """Return settings with wider tolerances, None if no tolerance may grow.
+
+    Args:
+        estimate: Fit of which the sensor errors are too large.
+        present: Settings of that fit.
+        declared: Settings with the declared tolerances.
+    """
+    names, tolerances, told = declared.errors.names, present.errors.deviations, declared.errors.deviations
+    factors, is_wider = dict[str, float](), False
+    squares = _squares(estimate, present)
+    for kind, found in squares.items():
+        of_kind = [name == kind for name in names]
+        offset = getattr(declared, kind, None)
+        now = tolerances[:, of_kind].max() if offset is None else np.max(getattr(present, kind))
+        before = told[:, of_kind].max() if offset is None else np.max(offset)
+        factor = float(now / before)
+        wider = min(_MOST, factor * float(np.sqrt(found.mean())))
+        is_wider |= wider > _LEAST * factor
+        factors[kind] = max(factor, wider)
+    if not is_wider:
+        return None
+    offsets = {kind: getattr(declared, kind) * factors.pop(kind) for kind in _OFFSETS if kind in factors}
+    return replace(present, errors=declared.errors.scaled(factors), **offsets)
+
+
+_OFFSETS = ("force_offset", "torque_offset", "gyro_offset")
+
+
+def _squares(estimate: Estimate, settings: FitSettings) -> dict[str, Array]:
+    """Return ``(x^2 + P) / s^2`` of each declared kind of error."""
+    body, state = estimate.body, estimate.state
+    unknowns, variances = body.unknowns, estimate.covariance.diagonal()
+    of_eta, deviations = variances[unknowns.eta], unknowns.deviations
+    is_found = (deviations > 0.0) & (of_eta > 0.0)  # the anchor's clock is fixed
+    squares = np.divide(np.square(state.eta) + of_eta, np.square(deviations), where=is_found, out=np.zeros_like(of_eta))
+    result = dict[str, Array]()
+    for kind in dict.fromkeys(settings.errors.names):
+        of_kind = is_found & np.array([name == kind for name in settings.errors.names])
+        if of_kind.any():
+            result[kind] = squares[of_kind]
+    if settings.has_offset and state.load is not None:
+        total = np.square(state.load[OFFSET]) + variances[unknowns.offset]
+        total = total / settings.offset_covariance(body).diagonal()
+        result |= {
+            kind: total[part]
+            for kind, part in (("force_offset", slice(3)), ("torque_offset", slice(3, 6)))
+            if np.max(getattr(settings, kind)) > 0.0
+        }
+    if settings.has_gyro_offset:
+        gyros = np.square(state.gyros) + variances[unknowns.gyros]
+        result["gyro_offset"] = gyros / settings.fused_gyro_offset(body) ** 2
+    return result
