@@ -67,6 +67,7 @@ class Session:
         self.causes = Causes(guards, self._rows, settings.has_offset)
         self.verdict = Verdict(Outcome.FITS)
         self.total_wrench: Array | None = None
+        self._has_exceeded = False  # whether sensor errors have exceeded their tolerances
         self._undeclared = UndeclaredWatch(
             guards.undeclared_doubt, guards.undeclared_growth, self._rows.undeclared_lasts
         )
@@ -259,7 +260,9 @@ class Session:
             case Outcome.NO_BODY:
                 self._start_over()
             case Outcome.BEYOND_TOLERANCE:
-                self.settings = widened(estimate, self.settings, self._declared) or self.settings
+                if self._has_exceeded:  # not a passing cause
+                    self.settings = widened(estimate, self.settings, self._declared) or self.settings
+                self._has_exceeded = True
                 self._start_over()
             case Outcome.NO_LOAD:
                 self._forget_load(first, Event.MISFIT, estimate)
