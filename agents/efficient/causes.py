@@ -88,6 +88,10 @@ class Causes:
         self.changes = [change for change in self.changes if change.first < number]
         self._suspicion = None
 
+    def forget_cause(self) -> None:
+        """Forget what is being compared: what was known before is not to be relied upon."""
+        self._suspicion = None
+
     def contradiction_ends(self) -> None:
         """Motions that have contradicted each other do so no longer, so no grasp has slipped then."""
         if self._suspicion is not None and not (self._suspicion.is_load or self._suspicion.is_after_gap):

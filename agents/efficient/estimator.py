@@ -98,13 +98,15 @@ class EfficientEstimator:
             return ("the team is not known yet",)
         session = team.session
         if session.undeclared is not None:
-            return (f"{_undeclared_in_words(session.undeclared, team.names)}, but is declared to be exact",)
+            where, what = _undeclared_in_words(session.undeclared, team.names)
+            return (f"{where} seems to {what}, but is declared to be exact",)
         if session.stage is not Stage.ESTIMATING and session.verdict.outcome is not Outcome.FITS:
             return (_in_words(session.verdict, team.names),)
         if session.estimate is None:
             return ("the team's measurements have just begun",)
         if session.suspected is not None:
-            return (f"it is being tested whether {_undeclared_in_words(session.suspected, team.names)}",)
+            where, what = _undeclared_in_words(session.suspected, team.names)
+            return (f"{where} may {what}, though it is declared to be exact: more samples will tell",)
         if team.session.contradicting is not None:
             return (f"the sensors of {team.names[team.session.contradicting]} contradict the motion of the team",)
         if session.causes.is_open:
@@ -162,7 +164,7 @@ class EfficientEstimator:
         if last is not None and known is not None:
             indices = [last.indices.get(each) for each in self._lives(names)]
             newcomers = [each for each, then in zip(names, indices, strict=True) if then is None]
-            prior = known.for_team(indices, last.session.settings, fit_settings(self._config, names))
+            prior = known.for_team(indices, last.settings, fit_settings(self._config, names))
             anchor = next(now for now, then in enumerate(indices) if then is not None)
         self._team = Team(self._lives(names), membership, graph, start, self._config, self._guards, self._signer)
         if prior is not None:
@@ -231,12 +233,11 @@ def _in_words(verdict: Verdict, names: list[str]) -> str:
     return f"either the load has changed or {which} has an offset"
 
 
-def _undeclared_in_words(found: UndeclaredError, names: list[str]) -> str:
-    """Say which sensor has an error although its tolerance is zero."""
+def _undeclared_in_words(found: UndeclaredError, names: list[str]) -> tuple[str, str]:
+    """Say which sensor, and what is wrong with it."""
     sensor, _, what = found.kind.partition("_")
-    seems = {"bias": "to have an offset", "mounting": "to be turned", "scale": "to have another scale"}.get(what, "")
-    where = f"the {SENSOR_NAMES[sensor]} of {names[found.robot]}"
-    return f"{where} seems {seems or 'to be elsewhere'}"
+    words = {"bias": "have an offset", "mounting": "be turned", "scale": "have another scale"}
+    return f"the {SENSOR_NAMES[sensor]} of {names[found.robot]}", words.get(what, "be elsewhere")
 
 
 def _in_first(names: list[str], poses: tuple[Pose, ...]) -> dict[str, Pose]:

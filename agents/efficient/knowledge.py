@@ -109,7 +109,7 @@ class Knowledge:
         return self._chapter.posterior(estimate, self._guess)
 
     @property
-    def rows_before_undeclared(self) -> int:
+    def rows_to_find_undeclared(self) -> int:
         """Least number of rows to find an undeclared sensor error with; fewer make it suspected."""
         return 3 * self.least
 

@@ -67,7 +67,7 @@ class Session:
         self.causes = Causes(guards, self._rows, settings.has_offset)
         self.verdict = Verdict(Outcome.FITS)
         self.total_wrench: Array | None = None
-        self._has_exceeded = False  # whether sensor errors have exceeded their tolerances
+        self._exceeded_with = 0  # number of rows with which sensor errors exceeded their tolerances; 0 if they do not
         self._undeclared = UndeclaredWatch(
             guards.undeclared_doubt, guards.undeclared_growth, self._rows.undeclared_lasts
         )
@@ -87,7 +87,7 @@ class Session:
         self._steps.mass = 0.0
         self._confirmation = Confirmation(self._rows)
         self._forgot_at = -self._rows.calm
-        self._undeclared.begin(known.rows_before_undeclared)
+        self._undeclared.begin(known.rows_to_find_undeclared)
 
     @property
     def estimate(self) -> Estimate | None:
@@ -102,6 +102,8 @@ class Session:
         """
         if self.stage is Stage.ESTIMATING and self._known.buffer.count and not self._test_for_change(self._newest):
             self._fit_and_judge()  # the newest rows have to be judged as well
+        if self.settings is not self._declared:
+            return None  # another team starts with the declared tolerances
         is_suspected = self.undeclared is not None or self.suspected is not None
         is_doubtful = is_suspected or self.causes.is_open or self._confirmation.distrusts_wrenches
         if self.stage is not Stage.ESTIMATING or is_doubtful:
@@ -131,7 +133,7 @@ class Session:
 
     @property
     def suspected(self) -> UndeclaredError | None:
-        """Such an error that the rows hardly show yet, or None."""
+        """Such an error that is not certain yet, or None."""
         return self._undeclared.suspected
 
     @property
@@ -152,11 +154,10 @@ class Session:
         is_since_load = buffer.count > buffer.start and number > buffer.numbers[buffer.start]
         self.causes.take_back(number)
         self._newest = number - 1
-        if not is_since_load or known.misses_poses:
-            self._start_over()
-            return
-        known.take_back(number)
-        if buffer.load_rows < known.least:
+        if is_since_load and not known.misses_poses:
+            known.take_back(number)
+        if not is_since_load or known.misses_poses or buffer.load_rows < known.least:
+            self.settings, self._exceeded_with = self._declared, 0
             self._start_over()
             return
         self._fit()
@@ -182,7 +183,10 @@ class Session:
 
     def _take(self, number: int, row: Array) -> None:
         known, buffer, guards = self._known, self._known.buffer, self._guards
-        if number > self._newest + 1 + self._rows.waiting:
+        if self._newest < 0:
+            if self.stage is Stage.ESTIMATING:  # another team has known this before
+                self._expect_changes(since=number)
+        elif number > self._newest + 1 + self._rows.waiting:
             known.bridge((number - self._newest - 1) * self.settings.period)
             self._expect_changes(since=number)
         self._newest = max(self._newest, number)
@@ -260,9 +264,10 @@ class Session:
             case Outcome.NO_BODY:
                 self._start_over()
             case Outcome.BEYOND_TOLERANCE:
-                if self._has_exceeded:  # not a passing cause
+                if self._exceeded_with:  # not a passing cause
                     self.settings = widened(estimate, self.settings, self._declared) or self.settings
-                self._has_exceeded = True
+                    self.causes.forget_cause()
+                self._exceeded_with = buffer.load_rows
                 self._start_over()
             case Outcome.NO_LOAD:
                 self._forget_load(first, Event.MISFIT, estimate)
@@ -270,6 +275,8 @@ class Session:
                 self.stage = TRANSITIONS[self.stage, Event.UNDECIDED]
             case _:
                 self.stage, self._load_before = TRANSITIONS[self.stage, Event.FITTED], None
+                if buffer.load_rows > 2 * self._exceeded_with:
+                    self._exceeded_with = 0
                 if self._undeclared.test(self._known):
                     self._start_over()
 

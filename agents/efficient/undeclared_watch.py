@@ -25,23 +25,23 @@ class UndeclaredWatch:
 
     def __init__(self, doubt: float, growth: float, lasts: int) -> None:
         self.found: UndeclaredError | None = None
+        self.suspected: UndeclaredError | None = None
         self._doubt, self._growth, self._lasts = doubt, growth, lasts
         self._found_with = self._over_with = 0  # rows with which it was found, and with which it is over
         self.begin(0)
 
     def begin(self, least: int) -> None:
         """Start again with other rows; to find an error takes so many."""
-        self._least, self._next = least, 0
+        self._least, self._next, self._tested_with = least, 0, 0
         self._last_found: tuple[int, str] | None = None
-        self.suspected: UndeclaredError | None = None
 
     def test(self, known: Knowledge) -> bool:
         """Test if it is due; return whether an error has been found, after which estimation has to start over."""
         rows = known.buffer.load_rows
-        if rows < self._next or known.misses_poses:
+        if known.misses_poses or self._tested_with <= rows < self._next:
             return False
-        likeliest, last = known.undeclared_error(), self._last_found
-        self.suspected = likeliest if likeliest is not None and likeliest.size > self._doubt else None
+        largest, last, self._tested_with = known.undeclared_error(), self._last_found, rows
+        self.suspected = largest if largest is not None and largest.size > self._doubt else None
         self._next = round(self._growth * rows) if self.suspected is None else 0
         found = self.suspected
         if found is None or found.size <= 1.0 or rows < self._least:

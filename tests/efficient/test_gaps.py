@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.session import Session
 from coheft.agents.efficient.settings import Guards
 from coheft.estimation.geometry.spatial import Array, Pose
@@ -38,6 +39,23 @@ def over_a_gap(
 
 def largest(history: list[tuple[int, float]]) -> float:
     return max(error for _, error in history)
+
+
+def test_no_rows_are_missing_before_the_first_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    bridged = list[float]()
+    monkeypatch.setattr(Knowledge, "bridge", lambda _, seconds: bridged.append(seconds))
+    found = session()
+    for number, row in enumerate(made_up_rows(BEFORE, first=500), 500):
+        found.take(number, row)
+        assert found.is_confirmed  # nothing was known before
+    assert is_valid(found)
+    settings, guards = found.settings, Guards()
+    prior = found.hand_over(0.0)
+    later = Session(len(POSES), 0, settings, guards, prior)
+    bridged.clear()
+    later.take(5000, made_up_rows(1, first=700)[0])
+    assert not later.is_confirmed
+    assert not bridged  # ``hand_over`` has done so
 
 
 def test_a_slip_in_a_gap_is_named() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from itertools import pairwise
 
+import numpy as np
 import pytest
 
 from coheft.agents.efficient.knowledge import Knowledge
@@ -14,9 +15,10 @@ from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.moments.fit_settings import FitSettings
 from coheft.estimation.moments.rows import RowNoise
 from coheft.estimation.moments.undeclared import UndeclaredError
-from tests.efficient.rows import PERIOD, POSES, made_up_rows
+from tests.efficient.rows import LOAD, PERIOD, POSES, made_up_rows
 
 ROWS = made_up_rows(700)
+SETTINGS = FitSettings(RowNoise.of_samples(SensorNoise(), 20, 1000.0), PERIOD)
 FOUND = UndeclaredError(1, "acceleration_scale", 2.0)
 
 
@@ -33,8 +35,7 @@ def fed(
         return FOUND._replace(size=size) if now[0] in asked_for else None
 
     monkeypatch.setattr(Knowledge, "undeclared_error", undeclared_error)
-    noise = RowNoise.of_samples(SensorNoise(), 20, 1000.0)
-    session = Session(len(POSES), 0, FitSettings(noise, PERIOD), guards)
+    session = Session(len(POSES), 0, SETTINGS, guards)
     for number, row in enumerate(ROWS):
         now[0] = number
         session.take(number, row)
@@ -43,6 +44,15 @@ def fed(
         if session.suspected is not None:
             suspected.append(number)
     return looks, told, suspected
+
+
+def fed_with_another_load(now: list[int]) -> Session:
+    """A session after 400 rows of one load and 60 of another; ``now`` is the number of the present row."""
+    session = Session(len(POSES), 0, SETTINGS, Guards())
+    for number, row in enumerate(np.concatenate([made_up_rows(400), made_up_rows(60, 1.3 * LOAD, first=400)])):
+        now[0] = number
+        session.take(number, row)
+    return session
 
 
 def test_looks_become_rarer_as_rows_become_many(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -68,6 +78,23 @@ def test_a_weak_error_is_only_suspected(monkeypatch: pytest.MonkeyPatch, size: f
     if is_suspected:
         assert max(suspected) < 350  # until the rows do not ask for it any more
         assert len(looks) > 15  # at every fit
+
+
+def test_another_load_is_tested_at_its_first_fits(monkeypatch: pytest.MonkeyPatch) -> None:
+    looks, now = list[int](), [0]
+    monkeypatch.setattr(Knowledge, "undeclared_error", lambda _: looks.append(now[0]))
+    found = fed_with_another_load(now)
+    assert found.causes.changes
+    assert any(400 < look < 450 for look in looks)
+
+
+def test_what_is_suspected_is_not_handed_over(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Knowledge, "undeclared_error", lambda _: FOUND._replace(size=0.7))
+    session = Session(len(POSES), 0, SETTINGS, Guards())
+    for number, row in enumerate(ROWS[:100]):
+        session.take(number, row)
+    assert session.suspected is not None
+    assert session.hand_over(0.0) is None
 
 
 def test_what_has_passed_is_over_before_there_are_as_many_rows_again(monkeypatch: pytest.MonkeyPatch) -> None:

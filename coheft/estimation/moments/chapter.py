@@ -155,6 +155,7 @@ class Chapter:
         if keeps_poses:
             moments = wrench_moments(body, of_load)
             evidence = wrench_evidence(body, MotionDerivatives.at(body), moments, _load(body))
+            evidence = self._beyond_doubt(estimate, evidence, guess)
             self._set_prior(estimate, guess, evidence, False)
         if self.prior is not None:
             self.prior = self.prior.without_load(body.unknowns, guess.limits)
@@ -163,6 +164,7 @@ class Chapter:
         """Make all rows before this index, and the prior of sensor errors, part of the chapter's prior."""
         of_all, of_load = self.buffer.begin_chapter(index)
         evidence = evidence_of(estimate.body, evaluated_moments(estimate.body, of_all, of_load))
+        evidence = self._beyond_doubt(estimate, evidence, guess)
         if self.prior is None or not self.prior.has_expectations:
             evidence += self._settings.expected(estimate.body)
         self._set_prior(estimate, guess, evidence, True)
@@ -170,9 +172,17 @@ class Chapter:
     def posterior(self, estimate: Estimate, guess: Guess, evaluate: EvaluateMoments | None = None) -> Prior:
         """Return the posterior as a prior for another robot or team; ``evaluate`` may leave out rows."""
         evidence = evidence_of(estimate.body, (self.evaluation() if evaluate is None else evaluate)(estimate.body))
+        evidence = self._beyond_doubt(estimate, evidence, guess)
         if self.prior is not None:
             evidence += self.prior.at(estimate.body)
         return Prior(estimate.state, guess, evidence, self.prior is not None and self.prior.has_expectations)
+
+    def _beyond_doubt(self, estimate: Estimate, evidence: Evidence, guess: Guess) -> Evidence:
+        """Evidence of rows that become part of a prior, used as in the estimate."""
+        if not estimate.is_doubtful:
+            return evidence
+        limits = self._settings.limits(estimate.body.count, guess)
+        return evidence.beyond_doubt(np.where(limits > 0.0, limits, 1.0))
 
     def _set_prior(self, estimate: Estimate, guess: Guess, evidence: Evidence, has_expectations: bool) -> None:
         if self.prior is not None:

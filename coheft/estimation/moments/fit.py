@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -40,6 +41,7 @@ class Estimate:
         hidden: Assumed covariance (u, u) in those that are not.
         step: Largest change of a pose by the last step, in its standard deviations.
         size: Rough size of the load [m].
+        is_doubtful: Whether rows count only beyond doubt, see ``Evidence.beyond_doubt``.
     """
 
     body: BodyModel
@@ -47,6 +49,7 @@ class Estimate:
     hidden: Array
     step: float
     size: float
+    is_doubtful: bool = False
 
     @property
     def state(self) -> State:
@@ -67,6 +70,24 @@ class Estimate:
         """Whether a robot's pose is hidden or less certain than ``limits`` (6,) in any component, shape (N,)."""
         variances = (self.seen + self.hidden).diagonal()[self.body.unknowns.poses]
         return np.asarray((variances > np.square(limits)).any(axis=1))
+
+
+class _Step(NamedTuple):
+    """One Gauss-Newton step.
+
+    Attributes:
+        state: The new state.
+        seen, hidden, is_doubtful: As in ``Estimate``.
+        size: The step, in deviations of poses.
+        left: The error that it leaves, likewise: of a step ``d`` about ``d^2`` (rotations in rad, lengths in m).
+    """
+
+    state: State
+    seen: Array
+    hidden: Array
+    is_doubtful: bool
+    size: float
+    left: float
 
 
 EvaluateMoments = Callable[[BodyModel], EvaluatedMoments]
@@ -104,28 +125,26 @@ def fit_state(
             if moments.wrench.number > 0.0:
                 by_wrench = wrench_evidence(body, derivatives, moments.wrench, load, noise_of_wrench)
                 by_rows, noise_of_wrench = by_rows + by_wrench, by_wrench.noise
-        state, seen, hidden, size, left = _step(body, by_rows, prior(body), settings, guess, anchor)
-        if size > _FAR:
+        step = _step(body, by_rows, prior(body), settings, guess, anchor)
+        state = step.state
+        if step.size > _FAR:
             noise_of_motion = noise_of_wrench = None
-        if left < SMALL_ERROR:
+        if step.left < SMALL_ERROR:
             break
-    return Estimate(settings.body(state), seen, hidden, size, guess.size)
+    return Estimate(settings.body(state), step.seen, step.hidden, step.size, guess.size, step.is_doubtful)
 
 
 def _step(
     body: BodyModel, by_rows: Evidence, prior: Evidence, settings: FitSettings, guess: Guess, anchor: int
-) -> tuple[State, Array, Array, float, float]:
-    """Make one step; return the new state, covariances ``seen`` and ``hidden``, the step's size and remaining error.
-
-    The last two are in deviations of poses; a Gauss-Newton step ``d`` leaves about ``d^2`` (rotations in rad, lengths
-    in m).
-    """
+) -> _Step:
+    """Make one step."""
     unknowns = body.unknowns
     free = settings.free(unknowns, anchor, body.state.load is not None)
     limits = settings.limits(unknowns.count, guess)[free]
     part = (by_rows + prior).restricted(free)
     solution = part.solve(limits)
-    if settings.errors.count and solution.hidden.any():  # priors of sensor errors may show what rows do not
+    is_doubtful = settings.errors.count > 0 and bool(solution.hidden.any())
+    if is_doubtful:  # priors of sensor errors may show what rows do not
         part = by_rows.restricted(free).beyond_doubt(limits) + prior.restricted(free)
         solution = part.solve(limits)
     step, square = np.zeros(unknowns.size), np.ix_(free, free)
@@ -137,4 +156,4 @@ def _step(
     size, left = float(np.abs(of_poses / deviations).max()), float((of_poses**2 / deviations).max())
     if settings.errors.count:
         step = step / max(1.0, float(np.abs(of_poses).max()) / _LONGEST)
-    return body.state.moved(step, unknowns, _FARTHEST), seen, hidden, size, left
+    return _Step(body.state.moved(step, unknowns, _FARTHEST), seen, hidden, is_doubtful, size, left)

@@ -34,7 +34,7 @@ _LEAST_SHARE = 1e-3
 
 
 class UndeclaredError(NamedTuple):
-    """A sensor error with tolerance zero that rows show nevertheless.
+    """A sensor error with tolerance zero, and how much the rows show it.
 
     Attributes:
         robot: Index of the robot.
@@ -50,7 +50,8 @@ class UndeclaredError(NamedTuple):
 def undeclared_error(
     estimate: Estimate, guess: Guess, chapter: Chapter, settings: FitSettings, anchor: int, false_alarm: float
 ) -> UndeclaredError | None:
-    """Return the most significant sensor error with tolerance zero, None if no tolerance is.
+    """Return the most significant sensor error with tolerance zero, None if no tolerance is zero, or if poses, load
+    or declared errors are not all seen.
 
     Args:
         estimate: The fit to all rows of the chapter.
@@ -73,7 +74,10 @@ def undeclared_error(
     before = chapter.prior_evidence(estimate.body)
     fitted = rows.restricted(others) + before
     free = settings.free(unknowns, anchor, with_load=True)
-    inverse = fitted.restricted(free).solve(settings.limits(unknowns.count, guess)[free]).inverse
+    solution = fitted.restricted(free).solve(settings.limits(unknowns.count, guess)[free])
+    if solution.hidden.any():
+        return None
+    inverse = solution.inverse
     tested = every.eta[is_tested]
     gain = rows.information[np.ix_(tested, others[free])] @ inverse
     score = rows.score[tested] - gain @ fitted.score[free]

@@ -1,6 +1,6 @@
 """Wider tolerances where the found errors contradict the declared ones, kind by kind.
 
-    s^2 <- max(s^2, mean over robots and axes of (x^2 + P)),    at most ``_MOST`` times the declared tolerance
+    s <- s sqrt(mean over robots and axes of (x^2 + P) / s^2),    from the declared tolerance to ``_MOST`` times it
 
 ``x`` are the found errors and ``P`` their posterior variances. One factor for all robots is what data sheets that are
 too optimistic call for. Of offsets of forces, torques and gyros only the team's sums are found, and compared.
@@ -21,6 +21,8 @@ _MOST = 4.0
 """Sensors that are worse than this times their tolerances are faulty; errors of any size would explain too much."""
 _LEAST = 1.05
 """Least factor by which a tolerance has to grow."""
+_OFFSETS = ("force_offset", "torque_offset", "gyro_offset")
+"""Kinds that are attributes of ``FitSettings``; all others are in ``FitSettings.errors``."""
 
 
 def widened(estimate: Estimate, present: FitSettings, declared: FitSettings) -> FitSettings | None:
@@ -31,16 +33,10 @@ def widened(estimate: Estimate, present: FitSettings, declared: FitSettings) -> 
         present: Settings of that fit.
         declared: Settings with the declared tolerances.
     """
-    names, tolerances, told = declared.errors.names, present.errors.deviations, declared.errors.deviations
     factors, is_wider = dict[str, float](), False
-    squares = _squares(estimate, present)
-    for kind, found in squares.items():
-        of_kind = [name == kind for name in names]
-        offset = getattr(declared, kind, None)
-        now = tolerances[:, of_kind].max() if offset is None else np.max(getattr(present, kind))
-        before = told[:, of_kind].max() if offset is None else np.max(offset)
-        factor = float(now / before)
-        wider = min(_MOST, factor * float(np.sqrt(found.mean())))
+    for kind, squares in _squares(estimate, present).items():
+        factor = _largest(present, kind) / _largest(declared, kind)
+        wider = min(_MOST, factor * float(np.sqrt(squares.mean())))
         is_wider |= wider > _LEAST * factor
         factors[kind] = max(factor, wider)
     if not is_wider:
@@ -49,7 +45,11 @@ def widened(estimate: Estimate, present: FitSettings, declared: FitSettings) -> 
     return replace(present, errors=declared.errors.scaled(factors), **offsets)
 
 
-_OFFSETS = ("force_offset", "torque_offset", "gyro_offset")
+def _largest(settings: FitSettings, kind: str) -> float:
+    """Largest tolerance of a kind in the team; the others are in proportion."""
+    if kind in _OFFSETS:
+        return float(np.max(getattr(settings, kind)))
+    return float(settings.errors.deviations[:, [name == kind for name in settings.errors.names]].max())
 
 
 def _squares(estimate: Estimate, settings: FitSettings) -> dict[str, Array]:
@@ -67,11 +67,9 @@ def _squares(estimate: Estimate, settings: FitSettings) -> dict[str, Array]:
     if settings.has_offset and state.load is not None:
         total = np.square(state.load[OFFSET]) + variances[unknowns.offset]
         total = total / settings.offset_covariance(body).diagonal()
-        result |= {
-            kind: total[part]
-            for kind, part in (("force_offset", slice(3)), ("torque_offset", slice(3, 6)))
-            if np.max(getattr(settings, kind)) > 0.0
-        }
+        for kind, part in (("force_offset", slice(3)), ("torque_offset", slice(3, 6))):
+            if _largest(settings, kind) > 0.0:
+                result[kind] = total[part]
     if settings.has_gyro_offset:
         gyros = np.square(state.gyros) + variances[unknowns.gyros]
         result["gyro_offset"] = gyros / settings.fused_gyro_offset(body) ** 2

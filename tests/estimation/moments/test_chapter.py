@@ -12,6 +12,7 @@ import pytest
 from coheft.estimation.geometry.body_motion import perturbation_between
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.moments.chapter import Chapter, EvidenceAt, Prior, evidence_of
+from coheft.estimation.moments.fit import fit_state
 from coheft.estimation.moments.fit_settings import FitSettings, Guess
 from coheft.estimation.moments.moments import RowMoments
 from coheft.estimation.moments.sensor_errors import SensorErrors
@@ -150,6 +151,21 @@ def test_all_that_is_known_is_the_sum_of_rows_and_of_what_was_known(kind: str) -
     free = settings.free(body.unknowns, 0, with_load=True)
     solution = empty.prior_evidence(body).restricted(free).solve(settings.limits(3, found.guess)[free])
     np.testing.assert_allclose(np.sqrt(solution.seen.diagonal()), deviations(found, settings), rtol=0.02)
+
+
+def test_poses_that_tolerances_show_stay_seen_when_noisy_rows_become_a_prior() -> None:
+    noise = replace(NOISE, kinematics=10.0 * NOISE.kinematics, wrench=10.0 * NOISE.wrench)
+    errors = SensorErrors({"clock": 0.001, "wrench_delay": 0.001, "grasp_compliance": 2e-5})
+    settings, team = FitSettings(noise, PERIOD, errors), make_team(seed=1, count=3, number=30)
+    team = team.expressed_in(team.poses[0])
+    found = fit(noisy_for(errors, team, np.random.default_rng(1), noise), settings)
+    assert found.estimate.is_doubtful
+    assert not found.estimate.misses_poses
+    prior = found.chapter.posterior(found.estimate, found.guess)
+    chapter = Chapter(buffer_of(np.zeros((0, 3 * errors.row_size + 1)), settings, 3), settings, prior)
+    evaluate, before = chapter.evaluation(), chapter.prior_evidence
+    again = fit_state(found.estimate.state, evaluate, before, found.guess, settings, 0, most_steps=1)
+    assert not again.misses_poses
 
 
 def test_a_prior_moves_with_the_state() -> None:
