@@ -45,8 +45,12 @@ def share_valid(seed: int, after: float) -> float:
     return sum(valid) / len(valid)
 
 
-def told_too_little(monkeypatch: pytest.MonkeyPatch, fits: set[int], rows: int = 150) -> tuple[Session, FitSettings]:
-    """A session whose sensor errors seem too large after these fits, and the declared settings."""
+def told_too_little(
+    monkeypatch: pytest.MonkeyPatch, fits: set[int], rows: int = 150, gap: int = 0
+) -> tuple[Session, FitSettings]:
+    """A session whose sensor errors seem too large after these fits, and the declared settings; rows may be missing
+    after the first 100.
+    """
     count = [0]
 
     def judged(*args: Any) -> Verdict:
@@ -58,8 +62,9 @@ def told_too_little(monkeypatch: pytest.MonkeyPatch, fits: set[int], rows: int =
     monkeypatch.setattr(session, "judge", judged)
     monkeypatch.setattr(session, "widened", lambda *_: wider)
     found = Session(len(POSES), 0, declared, Guards())
-    for number, row in enumerate(made_up_rows(rows)):
-        found.take(number, row)
+    for number, row in enumerate(made_up_rows(rows + gap)):
+        if not 100 <= number < 100 + gap:
+            found.take(number, row)
     return found, declared
 
 
@@ -77,6 +82,14 @@ def test_tolerances_grow_when_they_are_exceeded_again(monkeypatch: pytest.Monkey
     assert found.hand_over(0.0) is None  # another team has the declared ones
     found.take_back(0)
     assert found.settings is declared
+
+
+def test_what_was_known_with_the_declared_tolerances_is_not_compared_any_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    found, _ = told_too_little(monkeypatch, set(), 110, gap=40)
+    assert found.causes._suspicion is not None
+    found, declared = told_too_little(monkeypatch, set(range(6, 99)), 190, gap=40)
+    assert found.settings is not declared
+    assert found.causes._suspicion is None
 
 
 def test_causes_far_apart_have_nothing_in_common(monkeypatch: pytest.MonkeyPatch) -> None:

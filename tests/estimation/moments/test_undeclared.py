@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -71,3 +73,13 @@ def test_what_was_told_is_not_asked_for_but_the_rest_is() -> None:
     found = asked_for(5, "gyro_mounting", told)
     assert found is not None
     assert found.size < 1.0
+
+
+def test_while_much_is_in_doubt_nothing_is_asked_for() -> None:
+    noise = replace(NOISE, kinematics=10.0 * NOISE.kinematics, wrench=10.0 * NOISE.wrench)
+    errors = SensorErrors({"clock": 0.001, "wrench_delay": 0.001, "grasp_compliance": 2e-5})
+    settings, team = FitSettings(noise, PERIOD, errors), make_team(1, count=3, number=30)
+    team = team.expressed_in(team.poses[0])
+    found = fit(noisy_for(errors, team, np.random.default_rng(1), noise), settings)
+    assert not found.estimate.misses_poses
+    assert undeclared_error(found.estimate, found.guess, found.chapter, settings, 0, 1e-9) is None
