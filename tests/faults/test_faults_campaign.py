@@ -118,7 +118,7 @@ SHOWN_BY = {
     "no-confirmation": draw_schedule(883, is_exact=True),
     "without-offset": draw_schedule(4645, is_exact=True),
     "without-fresh-change": draw_schedule(4220, delayed=False, is_exact=True),
-    "without-calm": draw_schedule(4220, delayed=False, is_exact=True),
+    "without-calm": draw_schedule(20901),
     "without-tolerance": _LATE,
     "without-after-gap": draw_schedule(1004225511),
     "without-outdated": draw_schedule(1012287755),
