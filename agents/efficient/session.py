@@ -86,7 +86,7 @@ class Session:
         self._surprises, self._look_until, self._pause = 0, -1, -1
         self._steps.mass = 0.0
         self._confirmation = Confirmation(self._rows)
-        self._forgot_at = -self._rows.calm
+        self._forgot_at = self._restless_since = -self._rows.calm
         self._undeclared.begin(known.rows_to_find_undeclared)
 
     @property
@@ -346,6 +346,11 @@ class Session:
     def _forget_load(self, index: int, event: Event, now: Estimate) -> None:
         """Estimate the load anew from the row at this index on."""
         is_troubled = self._newest - self._forgot_at < self._rows.calm
+        if not is_troubled:
+            self._restless_since = self._newest
+        elif self._newest - self._restless_since > self._rows.restless:
+            self._start_over()
+            return
         least = self._known.least * (1 + is_troubled)
         self._known.forget_load(now, index, event is Event.LOAD_CHANGED, least)
         self._contradictions.forget()

@@ -84,6 +84,7 @@ class Guards:
         calm: A load that is forgotten again sooner than this needs twice as many rows [s]: a sensor may be faulty from
             time to time, and rows may be of both kinds. A contradiction of the same robot that returns sooner is still
             the same one.
+        restless: If loads have been forgotten that soon for so long, poses may be wrong, and the robot starts over [s].
         mass: Probability that the mass seems to have changed by chance, where a faulty sensor may be the cause instead.
         shortest: Shortest time over which small steps of the mass are searched [s]: larger ones are noticed by then.
         small_step: Probability that one stretch of rows shows a small step of the mass by chance; a look tests some ten
@@ -131,6 +132,7 @@ class Guards:
     constant_offset: float = 1e-9
     fresh_change: float = 0.65
     calm: float = 1.0
+    restless: float = 3.0
     mass: float = 1e-6
     shortest: float = 0.3
     small_step: float = 0.012
@@ -207,6 +209,7 @@ class RowCounts:
     after_gap: int
     undeclared_lasts: int
     calm: int
+    restless: int
     shortest: int
     drifting: int
     telling_apart: int

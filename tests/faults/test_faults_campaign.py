@@ -83,7 +83,7 @@ ONCE_BROKEN_AWAY = (
     1034123404,
 )
 """As they are drawn: the load changes while a robot is away, or rows are damaged."""
-ONCE_BROKEN_BY_UNSEEN_SLIPS = (1004225498, 1012287755, 1012287842, 7159, 1023698510)
+ONCE_BROKEN_BY_UNSEEN_SLIPS = (1004225498, 1012287755, 1012287842, 7159, 1023698510, 1036598597)
 """As they are drawn: a grasp slips while another robot is away, or its sensors are off; or contradicts repeatedly."""
 DRAWN = {
     **{seed: draw_schedule(seed, delayed=False, is_exact=True) for seed in ONCE_BROKEN},
@@ -121,12 +121,13 @@ SHOWN_BY = {
     "without-calm": draw_schedule(20901),
     "without-tolerance": _LATE,
     "without-after-gap": draw_schedule(1004225511),
+    "without-restless": draw_schedule(1036598597),
     "without-outdated": draw_schedule(1012287755),
     "without-doubted": draw_schedule(6570),
     "without-first-rows": draw_schedule(878, delayed=False, is_exact=True),
 }
 """A schedule for each mutant."""
-WITHIN = {"without-after-gap": 4.0}
+WITHIN = {"without-after-gap": 4.0, "without-restless": 7.5}
 """How soon after the last fault robots are valid again without the mutant [s], if later than after 3 s."""
 
 

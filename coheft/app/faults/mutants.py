@@ -103,6 +103,7 @@ SWITCHED_OFF = {
     "contradiction": 1e-300,
     "lasting": 1e9,
     "after_gap": 1e9,
+    "restless": 1e9,
     "misfit": 1e-300,
     "tolerance": 1e-300,
     "energy": 1e9,
