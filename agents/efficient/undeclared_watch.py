@@ -38,9 +38,7 @@ class UndeclaredWatch:
     def test(self, known: Knowledge) -> bool:
         """Test if it is due; return whether an error has been found, after which estimation has to start over."""
         rows = known.buffer.load_rows
-        if rows < self._tested_with:  # another load, which may be why an error was suspected
-            self._next, self._tested_with, self.suspected = self._least, 0, None
-        if known.misses_poses or rows < self._next:
+        if known.misses_poses or self._tested_with <= rows < self._next:
             return False
         largest, last, self._tested_with = known.undeclared_error(), self._last_found, rows
         self.suspected = largest if largest is not None and largest.size > self._doubt else None
