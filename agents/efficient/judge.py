@@ -15,9 +15,10 @@ from coheft.agents.efficient.settings import Guards
 from coheft.estimation.chi_square import chi_square_threshold
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.fit import Estimate
+from coheft.estimation.moments.fit_settings import FitSettings
 from coheft.estimation.moments.misfit import KnownLoad, excess_energy, explanations, worst_misfit
 from coheft.estimation.moments.row_buffer import RowBuffer
-from coheft.estimation.moments.unknowns import THETA
+from coheft.estimation.moments.unknowns import OFFSET, THETA
 
 _JUDGED = 256
 """Number of newest rows that are tested; older ones have been tested before."""
@@ -121,12 +122,27 @@ def _robot_beyond_tolerance(estimate: Estimate, guards: Guards) -> int | None:
             estimate.state.eta[robot, is_declared],
         )
         uncertain = estimate.covariance[np.ix_(indices, indices)] / np.outer(deviations, deviations)
-        seen, directions = np.linalg.eigh(np.eye(len(indices)) - uncertain)
-        is_seen = seen > _SEEN
-        square = np.square(found / deviations @ directions[:, is_seen]) / seen[is_seen]
-        if is_seen.any() and square.sum() > chi_square_threshold(int(is_seen.sum()), guards.tolerance):
+        if _is_beyond(found / deviations, uncertain, guards):
             return robot
     return None
+
+
+def has_offset_beyond_tolerance(estimate: Estimate, settings: FitSettings, guards: Guards) -> bool:
+    """Whether the offset of the total wrench exceeds what tolerances allow; offsets that drift are not judged."""
+    load, offset = estimate.state.load, estimate.body.unknowns.offset
+    if load is None or not settings.has_offset or max(settings.drift.force, settings.drift.torque) > 0.0:
+        return False
+    root = np.linalg.cholesky(settings.offset_covariance(estimate.body))
+    uncertain = np.linalg.solve(root, np.linalg.solve(root, estimate.covariance[offset, offset]).T)
+    return _is_beyond(np.linalg.solve(root, load[OFFSET]), uncertain, guards)
+
+
+def _is_beyond(found: Array, uncertain: Array, guards: Guards) -> bool:
+    """Whether errors (k,) with posterior covariance (k, k), in prior deviations, are too large."""
+    seen, directions = np.linalg.eigh(np.eye(len(found)) - uncertain)
+    is_seen = seen > _SEEN
+    square = np.square(found @ directions[:, is_seen]) / seen[is_seen]
+    return bool(is_seen.any() and square.sum() > chi_square_threshold(int(is_seen.sum()), guards.tolerance))
 
 
 def _fits(residuals: Array, freedom: float, largest: float, guards: Guards, drift: Array | float = 0.0) -> bool:

@@ -13,7 +13,7 @@ import numpy as np
 from coheft.agents.efficient.causes import Causes
 from coheft.agents.efficient.confirmation import Confirmation
 from coheft.agents.efficient.contradictions import Contradictions, Use
-from coheft.agents.efficient.judge import Outcome, Verdict, judge
+from coheft.agents.efficient.judge import Outcome, Verdict, has_offset_beyond_tolerance, judge
 from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.settings import Guards, RowCounts
 from coheft.agents.efficient.small_steps import LoadChange, UnnoticedStep, cover_drift
@@ -254,6 +254,8 @@ class Session:
             return
         innovations, buffer = self._known.innovations, self._known.buffer
         self.verdict = judge(estimate, innovations, buffer, guards, self._load_before, has_offset, self._known.drift)
+        if self.verdict.outcome is Outcome.FITS and has_offset_beyond_tolerance(estimate, self.settings, guards):
+            self.verdict = Verdict(Outcome.BEYOND_TOLERANCE)
         first = buffer.count
         is_body = self.verdict.outcome not in (Outcome.NO_BODY, Outcome.BEYOND_TOLERANCE)
         if self.stage is Stage.GATHERING and is_body:

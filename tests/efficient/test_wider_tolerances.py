@@ -12,10 +12,12 @@ from coheft.agents.efficient import session
 from coheft.agents.efficient.judge import Outcome, Verdict, judge
 from coheft.agents.efficient.session import Session
 from coheft.agents.efficient.settings import Guards
+from coheft.agents.efficient.stages import Stage
 from coheft.app.faults.invariants import Watch
 from coheft.app.faults.run import FaultyRun
 from coheft.app.faults.schedule import FaultSchedule
 from coheft.estimation.moments.fit_settings import FitSettings
+from coheft.estimation.moments.rows import FORCE, ROW_SIZE
 from coheft.estimation.moments.sensor_errors import SensorErrors
 from coheft.estimation.tolerance import INDUSTRIAL, SensorTolerance
 from coheft.wire.scenario.file import load_scenario
@@ -95,6 +97,18 @@ def test_what_was_known_with_the_declared_tolerances_is_not_compared_any_more(mo
 def test_causes_far_apart_have_nothing_in_common(monkeypatch: pytest.MonkeyPatch) -> None:
     found, declared = told_too_little(monkeypatch, {2, 9}, 400)
     assert found.settings is declared
+
+
+@pytest.mark.parametrize(("offset", "is_beyond"), [(2.0, False), (60.0, True)])
+def test_an_offset_of_forces_that_no_tolerance_allows_for_is_no_load(offset: float, is_beyond: bool) -> None:
+    rows = made_up_rows(120)
+    rows[:, ROW_SIZE + FORCE.start] += offset
+    found, outcomes = Session(len(POSES), 0, FitSettings(NOISE, PERIOD, force_offset=1.0), Guards()), set[Outcome]()
+    for number, row in enumerate(rows):
+        found.take(number, row)
+        outcomes.add(found.verdict.outcome)
+    assert (Outcome.BEYOND_TOLERANCE in outcomes) == is_beyond
+    assert (found.stage is Stage.ESTIMATING) != is_beyond
 
 
 @pytest.mark.slow
