@@ -92,6 +92,11 @@ def test_values_that_are_not_drawn_are_part_of_what_shows_it_again(
     assert shlex.split(last) == ["coheft", "faults", "--replay", "6", *values]
 
 
+def test_values_may_be_set_in_schedules_whose_last_change_comes_late() -> None:
+    values = ["sensors.noise_scale=2.0"]
+    assert draw_schedule(1039552089, values=values).scenario.sensors.noise_scale == 2.0
+
+
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [

@@ -115,7 +115,8 @@ def draw_schedule(
     is_unlike = bool(rng.random() < _UNLIKE)
     if (is_unlike and is_exact is None and lasting is None) if unlike is None else unlike:
         schedule = with_unlike_robots(schedule, rng, DELAY if is_late else 0.0)
-    return _long_enough(_with_values(schedule, values) if values else schedule)
+    schedule = _long_enough(schedule)
+    return _long_enough(_with_values(schedule, values)) if values else schedule
 
 
 def _with_values(schedule: FaultSchedule, values: Sequence[str]) -> FaultSchedule:
