@@ -86,7 +86,7 @@ class Causes:
     def take_back(self, number: int) -> None:
         """Forget changes since this row."""
         self.changes = [change for change in self.changes if change.first < number]
-        self._suspicion = None
+        self.forget_cause()
 
     def forget_cause(self) -> None:
         """Forget what is being compared: what was known before is not to be relied upon."""

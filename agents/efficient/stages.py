@@ -22,7 +22,8 @@ class Event(Enum):
     MISFIT = "wrenches do not fit the load that was fitted to them"
     SLIPPED = "a grasp has slipped; the load is known with it"
     STARTED_OVER = (
-        "all is forgotten: motions fit no poses, errors of sensors no tolerances, or a contradiction or doubt lasts"
+        "all is forgotten: motions fit no poses, errors of sensors no tolerances, or for long rows fit no load,"
+        " contradict each other, or leave in doubt what has changed"
     )
 
 

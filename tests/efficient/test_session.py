@@ -175,6 +175,20 @@ def test_a_sensor_that_was_off_at_first_makes_all_begin_again() -> None:
     assert_right(found)
 
 
+def test_without_a_load_that_fits_poses_are_found_anew() -> None:
+    rows = made_up_rows(900)
+    rows[150:700, ROW_SIZE + FORCE.start] += np.random.default_rng(3).normal(size=550)
+    found, starts, had_poses = session(), list[int](), False
+    for number, row in enumerate(rows):
+        found.take(number, row)
+        if had_poses and found.estimate is None:
+            starts.append(number)
+        had_poses = found.estimate is not None
+    assert starts
+    assert 300 < starts[0] < 400
+    assert_right(found)
+
+
 def test_wrenches_are_distrusted_for_a_limited_time_only() -> None:
     rows = RowCounts.of(Guards(), PERIOD)
     confirmation = Confirmation(rows)

@@ -15,11 +15,16 @@ DECLARED = {"acceleration_scale": 0.002, "gyro_mounting": 0.003}
 SETTINGS = FitSettings(NOISE, PERIOD, SensorErrors(DECLARED))
 
 
-def fitted(times: float, settings: FitSettings = SETTINGS) -> Fitted:
-    """A fit to rows of a team whose scales are so many times as large as declared; its mountings are as declared."""
+def fitted(scale: float, settings: FitSettings = SETTINGS, mounting: float = 1.0) -> Fitted:
+    """A fit to rows of a team whose scales and mountings are so many times as large as declared."""
     rng, team = np.random.default_rng(4), make_team(4, count=6, number=600)
     team = team.expressed_in(team.poses[0])
-    true = SensorErrors(DECLARED | {"acceleration_scale": times * DECLARED["acceleration_scale"]})
+    true = SensorErrors(
+        {
+            "acceleration_scale": scale * DECLARED["acceleration_scale"],
+            "gyro_mounting": mounting * DECLARED["gyro_mounting"],
+        }
+    )
     state, _ = with_errors(team, true, rng, gyros=0.0)
     return fit(misread(noisy_for(true, team, rng), state), settings)
 
@@ -40,8 +45,10 @@ def test_no_tolerance_shrinks_and_none_grows_beyond_a_limit() -> None:
     found = widened(fitted(30.0).estimate, SETTINGS, SETTINGS)
     assert found is not None
     assert factors(found)["acceleration_scale"] == pytest.approx(4.0)
-    again = widened(fitted(0.01, found).estimate, found, SETTINGS)
-    assert again is None or factors(again)["acceleration_scale"] == pytest.approx(4.0)
+    again = widened(fitted(0.01, found, mounting=3.0).estimate, found, SETTINGS)
+    assert again is not None
+    assert factors(again)["acceleration_scale"] == pytest.approx(4.0)
+    assert factors(again)["gyro_mounting"] > 1.5
     wide = SensorErrors({kind: 4.0 * size for kind, size in DECLARED.items()})
     widest = FitSettings(NOISE, PERIOD, wide)
     assert widened(fitted(30.0, widest).estimate, widest, SETTINGS) is None
