@@ -15,7 +15,7 @@ from coheft.agents.efficient.row_times import MANY
 from coheft.agents.efficient.settings import Guards
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.moments.body import BodyModel
-from coheft.estimation.moments.change import surprise
+from coheft.estimation.moments.change import spread_mass, surprise
 from coheft.estimation.moments.chapter import Chapter, Prior
 from coheft.estimation.moments.derivatives import MotionDerivatives
 from coheft.estimation.moments.fit import Estimate, EvaluateMoments, fit_state
@@ -27,7 +27,7 @@ from coheft.estimation.moments.row_buffer import RowBuffer
 from coheft.estimation.moments.start import first_load, first_poses, poses_by_motion
 from coheft.estimation.moments.suspects import SLIP
 from coheft.estimation.moments.undeclared import UndeclaredError, undeclared_error
-from coheft.estimation.moments.unknowns import Flags, State, Unknowns
+from coheft.estimation.moments.unknowns import THETA, Flags, State, Unknowns
 
 _PAGES_IN_MEMORY, _KEPT_ON_PAGE = 8, 2
 """A fading memory forgets in so many steps per time constant; each step keeps so many of the newest rows."""
@@ -35,6 +35,9 @@ _LONGEST_FADING = 20.0
 """After so many time constants without rows nothing is left of a load."""
 _LONGEST_PAGE_OF_DRIFT, _LONGEST_OF_DRIFT = 2.0, 10.0
 """Longest step of sensor drift, and time of rows by which the interval between fits is chosen then [s]."""
+DRIFT = 1.0
+DLIM = 0.5
+LAG = 3.0
 _EXACT_UP_TO = 12
 """Largest team whose moments are kept exactly; for larger ones moments projected at one state are faster."""
 
@@ -121,6 +124,10 @@ class Knowledge:
             self.estimate, self._guess, self._chapter, self._settings, self._anchor, self._guards.undeclared
         )
 
+    def drift_response(self) -> Array:
+        """See ``Innovations.drift_response``."""
+        return self.innovations.drift_response(self.buffer)
+
     def reevaluate(self) -> None:
         """Evaluate all rows of the buffer again, because some have moved in it."""
         if self.estimate is not None:
@@ -173,6 +180,29 @@ class Knowledge:
             )
         self._next_fit, self._rows_before = least, 0  # a load that is known from few rows is fitted often
 
+    def follow_drift(self, now: Estimate, index: int, step: float, gap: int) -> bool:
+        """Continue with the load that was known, less certainly, from the row at this index on, if rows allow it.
+
+        Args:
+            now: The fit to the rows before.
+            index: Of the first row after the step.
+            step: Standard deviation of the step of the mass [kg].
+
+        Returns:
+            Whether the rows since fit such a step.
+        """
+        load, theta = now.state.load, now.body.unknowns.theta
+        assert load is not None
+        response = self.innovations.drift_response(self.buffer, index)
+        spread = spread_mass(load[THETA], now.size)
+        noise = step**2 * (DRIFT**2 * spread + LAG**2 * response @ spread @ response.T / gap**2)
+        if self.surprise(index, now, noise) > DLIM:
+            return False
+        self._chapter.end_of_load(now, self._guess, index, keeps_poses=True, noise=noise)
+        self._set_estimate(now)
+        self._next_fit = self._rows_before = 0
+        return True
+
     def known_before(self, index: int) -> tuple[Estimate, Prior]:
         """Return the estimate from the rows before an index, and the same as a prior; changes nothing here."""
         assert self.estimate is not None
@@ -219,7 +249,7 @@ class Knowledge:
         result[np.ix_(indices, indices)] += drifted
         return result
 
-    def surprise(self, index: int, now: Estimate) -> float:
+    def surprise(self, index: int, now: Estimate, noise: Array | None = None) -> float:
         """Return the statistic of a load change at this row over its threshold; allows for all uncertainty.
 
         Args:
@@ -230,7 +260,11 @@ class Knowledge:
         assert load is not None
         moments = wrench_moments(now.body, ProjectedMoments.of(self.buffer.window(index), now.body))
         newest = wrench_evidence(now.body, MotionDerivatives.at(now.body), moments, load)
-        return surprise(newest, self.covariance_now(now), now.body.unknowns.theta)
+        covariance, theta = self.covariance_now(now), now.body.unknowns.theta
+        if noise is not None:
+            covariance = covariance.copy()
+            covariance[theta, theta] += noise
+        return surprise(newest, covariance, theta)
 
     def first_change(self, index: int, now: Estimate) -> tuple[int, Estimate]:
         """Return where the load changed first, if it changed before this index as well, and the fit to the rows before.

@@ -16,7 +16,7 @@ from coheft.agents.efficient.contradictions import Contradictions, Use
 from coheft.agents.efficient.judge import Outcome, Verdict, has_offset_beyond_tolerance, judge
 from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.settings import Guards, RowCounts
-from coheft.agents.efficient.small_steps import LoadChange, UnnoticedStep, cover_drift
+from coheft.agents.efficient.small_steps import LoadChange, UnnoticedStep, cover_drift, drift_rate, drift_step
 from coheft.agents.efficient.stages import TRANSITIONS, Event, Stage
 from coheft.agents.efficient.undeclared_watch import UndeclaredWatch
 from coheft.estimation.geometry.spatial import Array
@@ -113,8 +113,21 @@ class Session:
 
     def claimable(self, estimate: Estimate) -> Estimate:
         """Return the estimate to publish: its covariance covers changes of the load that are not noticed yet."""
-        rows = self._known.buffer.load_rows
-        return cover_drift(self._steps.cover(estimate), self.causes.changes, rows, self._rows.drifting)
+        covered, rate = self._steps.cover(estimate), self.drift_rate
+        return cover_drift(covered, rate, self._known.drift_response()) if rate > 0.0 else covered
+
+    @property
+    def drift_rate(self) -> float:
+        """Drift of the mass per row [kg], zero if there is none."""
+        estimate = self.estimate
+        if estimate is None or estimate.state.load is None:
+            return 0.0
+        mass, rows = float(estimate.state.load[THETA.start]), self._known.buffer.load_rows
+        return drift_rate(self.causes.changes, mass, rows, self._rows.drifting)
+
+    @property
+    def _is_drifting(self) -> bool:
+        return self.drift_rate > 0.0
 
     @property
     def unnoticed(self) -> float:
@@ -134,7 +147,7 @@ class Session:
     @property
     def suspected(self) -> UndeclaredError | None:
         """Such an error that is not certain yet, or None."""
-        return self._undeclared.suspected
+        return None if self._is_drifting else self._undeclared.suspected
 
     @property
     def is_confirmed(self) -> bool:
@@ -279,7 +292,7 @@ class Session:
                 self.stage, self._load_before = TRANSITIONS[self.stage, Event.FITTED], None
                 if buffer.load_rows > 2 * self._exceeded_with:
                     self._exceeded_with = 0
-                if self._undeclared.test(self._known):
+                if not self._is_drifting and self._undeclared.test(self._known):
                     self._start_over()
 
     def _start_over(self) -> None:
@@ -331,9 +344,23 @@ class Session:
         assert load is not None
         self._suspect(index, is_load=True)
         self.causes.changes.append(LoadChange(int(buffer.numbers[index]), number, load[THETA]))
+        if self._follows_drift(index, now):
+            return True
         if self._load_before is None:
             self._load_before = KnownLoad(load, now.covariance[theta, theta])
         self._forget_load(index, Event.LOAD_CHANGED, now)
+        return True
+
+    def _follows_drift(self, index: int, now: Estimate) -> bool:
+        """Whether the load has changed at this index as far as it drifts; it stays known then, less certainly."""
+        step = drift_step(self.causes.changes, self._rows.drifting)
+        if self.stage is not Stage.ESTIMATING or step == 0.0 or not self.is_confirmed:
+            return False
+        changes = self.causes.changes
+        if not self._known.follow_drift(now, index, step, max(1, changes[-1].first - changes[-2].first)):
+            return False
+        self._surprises, self._look_until = 0, -1
+        self._fit()
         return True
 
     def _wait_for_poses(self, number: int, now: Estimate) -> bool:

@@ -9,8 +9,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
-import numpy as np
-
 from coheft.agents.efficient.settings import Guards
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.change import SmallSteps, spread_mass
@@ -21,8 +19,7 @@ _COVER = 0.5
 """Standard deviation that is added, as a share of the possible step; five of them exceed the step."""
 _ALIKE = 3.0
 """Two changes of the mass belong to one drift if neither is more than so many times the other."""
-_NOT_YET, _SINCE = 0.25, 0.5
-"""Standard deviation of a drift, as shares of its last step: at once, and after the time from one step to the next."""
+COVER = 1.5
 
 
 class UnnoticedStep:
@@ -74,28 +71,47 @@ class LoadChange(NamedTuple):
     former: Array
 
 
-def cover_drift(estimate: Estimate, changes: Sequence[LoadChange], rows: int, longest: int) -> Estimate:
-    """Return an estimate whose covariance covers the drift of a load that keeps becoming lighter or heavier.
-
-    It may have moved on as far as with the last change, in proportion to the time since.
+def drift_rate(changes: Sequence[LoadChange], mass: float, rows: int, longest: int) -> float:
+    """Return by how much a load that keeps becoming lighter or heavier drifts per row [kg]; zero if it does not.
 
     Args:
-        estimate: The estimate.
         changes: Load changes so far, oldest first.
+        mass: Of the present load [kg].
         rows: Number of rows of the present load.
         longest: Loads that change after more rows do not drift.
     """
-    load = estimate.state.load
-    if len(changes) < 2 or load is None:
-        return estimate
+    if len(changes) < 2:
+        return 0.0
     second_last, last = changes[-2:]
-    step, change = last.former - second_last.former, load[THETA] - last.former
+    step, change = last.former[0] - second_last.former[0], mass - last.former[0]
     gap = max(1, last.first - second_last.first)
     # After three times the gap without another change it has not gone on.
-    is_drift = step[0] ** 2 / _ALIKE < change[0] * step[0] < step[0] ** 2 * _ALIKE
-    if not is_drift or gap > longest or rows > 3 * gap:
-        return estimate
-    spread = (_NOT_YET + _SINCE * rows / gap) * change
-    theta, seen = estimate.body.unknowns.theta, estimate.seen.copy()
-    seen[theta, theta] += np.outer(spread, spread)
+    is_drift = step**2 / _ALIKE < change * step < step**2 * _ALIKE
+    return abs(float(step)) / gap if is_drift and gap <= longest and rows <= 3 * gap else 0.0
+
+
+def drift_step(changes: Sequence[LoadChange], longest: int) -> float:
+    """Return by how much the mass changed last [kg] if the newest change may continue that drift, else zero.
+
+    Args:
+        changes: Load changes so far, oldest first; the load after the newest one is not known yet.
+        longest: Loads that change after more rows do not drift.
+    """
+    if len(changes) < 2 or changes[-1].first - changes[-2].first > longest:
+        return 0.0
+    return abs(float(changes[-1].former[0] - changes[-2].former[0]))
+
+
+def cover_drift(estimate: Estimate, rate: float, response: Array) -> Estimate:
+    """Return an estimate whose covariance covers a drift.
+
+    Args:
+        estimate: The estimate.
+        rate: Drift per row [kg].
+        response: By how much the estimate of theta is off per drift of theta by one per row, shape (10, 10).
+    """
+    load, theta = estimate.state.load, estimate.body.unknowns.theta
+    assert load is not None
+    seen = estimate.seen.copy()
+    seen[theta, theta] += (COVER * rate) ** 2 * response @ spread_mass(load[THETA], estimate.size) @ response.T
     return replace(estimate, seen=seen)

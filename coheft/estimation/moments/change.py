@@ -85,6 +85,24 @@ class Weights:
         return matrices.reshape(-1, LOAD_SIZE, LOAD_SIZE), vectors
 
 
+    def drift_response(self, views: Array, ages: Array, since: float) -> Array:
+        """Return ``H^-1 sum_i age_i H_i`` (10, 10): how far estimates lag behind a load that drifts by one per row.
+
+        Args:
+            views: Of the rows that were fitted, shape (n, 19).
+            ages: Number of rows since each of them, shape (n,).
+            since: Number of rows since the rows before, which are the prior.
+        """
+        grams = np.stack([views.T @ views, views.T @ (ages[:, None] * views)])
+        matrices, _ = self.sums(grams)
+        noise = np.array([float(len(views)), ages.sum()])[:, None, None] * self.of_noise
+        matrices[0] += self.known
+        basis, shares = seen_directions(matrices[0], noise[0])
+        drifted = (matrices[1] - noise[1] + since * self.known)[:, THETA]
+        result: Array = (basis.T @ np.linalg.solve(shares, basis @ drifted))[THETA]
+        return result
+
+
 class SmallSteps(NamedTuple):
     """Which small steps of the mass to look for.
 

@@ -149,7 +149,7 @@ class Chapter:
                 of_all = of_load if is_only_load else of_all - newest
         return lambda body: evaluated_moments(body, of_all, of_load)
 
-    def end_of_load(self, estimate: Estimate, guess: Guess, index: int, keeps_poses: bool) -> None:
+    def end_of_load(self, estimate: Estimate, guess: Guess, index: int, keeps_poses: bool, noise: Array | None = None) -> None:
         """Start another load at this index; the wrenches' evidence on poses is kept only if ``keeps_poses``."""
         of_load, body = self.buffer.begin_load(index), estimate.body
         if keeps_poses:
@@ -157,7 +157,9 @@ class Chapter:
             evidence = wrench_evidence(body, MotionDerivatives.at(body), moments, _load(body))
             evidence = self._beyond_doubt(estimate, evidence, guess)
             self._set_prior(estimate, guess, evidence, False)
-        if self.prior is not None:
+        if self.prior is not None and noise is not None:
+            self.prior = replace(self.prior.with_process_noise(body.unknowns.theta, noise), knows_load=True)
+        elif self.prior is not None:
             self.prior = self.prior.without_load(body.unknowns, guess.limits)
 
     def end(self, estimate: Estimate, guess: Guess, index: int) -> None:
