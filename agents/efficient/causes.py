@@ -6,9 +6,9 @@ a change is noticed, or rows have been missing -> suspicion -> a slip | another 
 from __future__ import annotations
 
 from coheft.agents.efficient.knowledge import Knowledge
+from coheft.agents.efficient.load_drift import LoadChange, LoadDrift
 from coheft.agents.efficient.settings import Guards, RowCounts
 from coheft.agents.efficient.slips import Slip, Suspicion
-from coheft.agents.efficient.small_steps import LoadChange
 from coheft.agents.efficient.stages import Event
 from coheft.estimation.geometry.spatial import Array
 
@@ -53,6 +53,14 @@ class Causes:
         """Load changes for which a slip has been ruled out."""
         suspicion = self._suspicion
         return self.changes if suspicion is None or not suspicion.is_open else self.changes[: suspicion.changes]
+
+    def drift(self, known: Knowledge) -> LoadDrift | None:
+        """The drift of the present load, None if it does not drift."""
+        drift, load = LoadDrift.before(self.changes, self._rows.drifting), known.theta
+        if drift is None or load is None:
+            return None
+        change = float(load[0] - self.changes[-1].former[0])
+        return drift if drift.goes_on(change, known.buffer.load_rows) else None
 
     def suspect(self, known: Knowledge, index: int, newest: int, is_load: bool) -> None:
         """Begin to compare causes: from the row at this index on the load differs, or motions contradict each other.

@@ -67,7 +67,7 @@ class Innovations:
         if load is None:  # residuals of wrenches are not used then
             load = np.zeros(LOAD_SIZE)
         of_all, of_load = buffer.moments()
-        self._fitted = buffer.count - buffer.start
+        self._fitted = buffer.count - buffer.start  # number of rows of the load
         see = np.vstack([body.motion_map[FORCING], body.wrench_map])
         buffer.views[: buffer.count] = buffer.rows[: buffer.count] @ see.T
         self._older = np.zeros((VIEW_SIZE, VIEW_SIZE))
@@ -123,17 +123,16 @@ class Innovations:
         result: Array = self._older + views.T @ views
         return result
 
-    def drift_response(self, buffer: RowBuffer, end: int | None = None) -> Array:
-        """By how much theta at a row differs from the estimate, per drift of theta by one per row, shape (10, 10).
+    def lag(self, buffer: RowBuffer, end: int | None = None) -> Array:
+        """By how much theta at a row differs from the fitted one, per drift of theta by one per row, shape (10, 10).
 
         Args:
             buffer: Rows.
-            end: Index of that row, and of the first one that was not fitted; the newest row if None.
+            end: Index of the first row that was not fitted, which is the row in question; None for the newest row.
         """
         last = buffer.count - buffer.start if end is None else end - buffer.start
         fitted = min(last, self._fitted)
-        ages = last - 1.0 - np.arange(fitted)
-        return self._weights.drift_response(buffer.views[buffer.start :][:fitted], ages, float(last))
+        return self._weights.lag(buffer.views[buffer.start :][:fitted], last - 1.0 - np.arange(fitted), float(last))
 
     def look_for_change(self, buffer: RowBuffer, end: int | None = None, small: SmallSteps | None = None) -> Look:
         """Run the first test for a load change on all rows of the load, or on those before an index.

@@ -11,11 +11,12 @@ from collections.abc import Iterable
 import numpy as np
 
 from coheft.agents.efficient.innovations import ROWS_BEFORE, Innovations, Past
+from coheft.agents.efficient.load_drift import LoadDrift
 from coheft.agents.efficient.row_times import MANY
 from coheft.agents.efficient.settings import Guards
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.moments.body import BodyModel
-from coheft.estimation.moments.change import spread_mass, surprise
+from coheft.estimation.moments.change import surprise
 from coheft.estimation.moments.chapter import Chapter, Prior
 from coheft.estimation.moments.derivatives import MotionDerivatives
 from coheft.estimation.moments.fit import Estimate, EvaluateMoments, fit_state
@@ -35,9 +36,6 @@ _LONGEST_FADING = 20.0
 """After so many time constants without rows nothing is left of a load."""
 _LONGEST_PAGE_OF_DRIFT, _LONGEST_OF_DRIFT = 2.0, 10.0
 """Longest step of sensor drift, and time of rows by which the interval between fits is chosen then [s]."""
-DRIFT = 1.0
-DLIM = 0.5
-LAG = 3.0
 _EXACT_UP_TO = 12
 """Largest team whose moments are kept exactly; for larger ones moments projected at one state are faster."""
 
@@ -88,6 +86,12 @@ class Knowledge:
         return self.estimate is None or self.estimate.misses_poses
 
     @property
+    def theta(self) -> Array | None:
+        """Mass, first moment and inertia of the load, shape (10,), None if it is unknown."""
+        load = None if self.estimate is None else self.estimate.state.load
+        return None if load is None else load[THETA]
+
+    @property
     def is_small(self) -> bool:
         """Whether the team is small enough to keep moments exactly, and to look for rare events as well."""
         return self._count <= _EXACT_UP_TO
@@ -124,9 +128,9 @@ class Knowledge:
             self.estimate, self._guess, self._chapter, self._settings, self._anchor, self._guards.undeclared
         )
 
-    def drift_response(self) -> Array:
-        """See ``Innovations.drift_response``."""
-        return self.innovations.drift_response(self.buffer)
+    def covering(self, estimate: Estimate, drift: LoadDrift) -> Estimate:
+        """See ``LoadDrift.cover``."""
+        return drift.cover(estimate, self.innovations.lag(self.buffer))
 
     def reevaluate(self) -> None:
         """Evaluate all rows of the buffer again, because some have moved in it."""
@@ -180,27 +184,23 @@ class Knowledge:
             )
         self._next_fit, self._rows_before = least, 0  # a load that is known from few rows is fitted often
 
-    def follow_drift(self, now: Estimate, index: int, step: float, gap: int) -> bool:
-        """Continue with the load that was known, less certainly, from the row at this index on, if rows allow it.
+    def follow_drift(self, now: Estimate, index: int, drift: LoadDrift) -> bool:
+        """Keep the load, less certainly, if the rows from this index on fit one that has drifted.
 
         Args:
             now: The fit to the rows before.
-            index: Of the first row after the step.
-            step: Standard deviation of the step of the mass [kg].
+            index: Of the first row after another step.
+            drift: The drift before.
 
         Returns:
-            Whether the rows since fit such a step.
+            Whether they do.
         """
-        load, theta = now.state.load, now.body.unknowns.theta
-        assert load is not None
-        response = self.innovations.drift_response(self.buffer, index)
-        spread = spread_mass(load[THETA], now.size)
-        noise = step**2 * (DRIFT**2 * spread + LAG**2 * response @ spread @ response.T / gap**2)
-        if self.surprise(index, now, noise) > DLIM:
+        noise = drift.process_noise(now, self.innovations.lag(self.buffer, index))
+        if self.surprise(index, now, noise) > self._guards.fresh_change:
             return False
-        self._chapter.end_of_load(now, self._guess, index, keeps_poses=True, noise=noise)
+        self._chapter.end_of_load(now, self._guess, index, True, noise)
         self._set_estimate(now)
-        self._next_fit = self._rows_before = 0
+        self._next_fit, self._rows_before = 0, 0
         return True
 
     def known_before(self, index: int) -> tuple[Estimate, Prior]:
@@ -255,6 +255,7 @@ class Knowledge:
         Args:
             index: Of the first row of the other load.
             now: The fit to the rows before.
+            noise: Covariance (10, 10) of a change that is no surprise, None if any is one.
         """
         load = now.state.load
         assert load is not None

@@ -15,8 +15,9 @@ from coheft.agents.efficient.confirmation import Confirmation
 from coheft.agents.efficient.contradictions import Contradictions, Use
 from coheft.agents.efficient.judge import Outcome, Verdict, has_offset_beyond_tolerance, judge
 from coheft.agents.efficient.knowledge import Knowledge
+from coheft.agents.efficient.load_drift import LoadChange, LoadDrift
 from coheft.agents.efficient.settings import Guards, RowCounts
-from coheft.agents.efficient.small_steps import LoadChange, UnnoticedStep, cover_drift, drift_rate, drift_step
+from coheft.agents.efficient.small_steps import UnnoticedStep
 from coheft.agents.efficient.stages import TRANSITIONS, Event, Stage
 from coheft.agents.efficient.undeclared_watch import UndeclaredWatch
 from coheft.estimation.geometry.spatial import Array
@@ -113,21 +114,13 @@ class Session:
 
     def claimable(self, estimate: Estimate) -> Estimate:
         """Return the estimate to publish: its covariance covers changes of the load that are not noticed yet."""
-        covered, rate = self._steps.cover(estimate), self.drift_rate
-        return cover_drift(covered, rate, self._known.drift_response()) if rate > 0.0 else covered
+        covered, drift = self._steps.cover(estimate), self.drift
+        return covered if drift is None else self._known.covering(covered, drift)
 
     @property
-    def drift_rate(self) -> float:
-        """Drift of the mass per row [kg], zero if there is none."""
-        estimate = self.estimate
-        if estimate is None or estimate.state.load is None:
-            return 0.0
-        mass, rows = float(estimate.state.load[THETA.start]), self._known.buffer.load_rows
-        return drift_rate(self.causes.changes, mass, rows, self._rows.drifting)
-
-    @property
-    def _is_drifting(self) -> bool:
-        return self.drift_rate > 0.0
+    def drift(self) -> LoadDrift | None:
+        """The drift of a load that keeps becoming lighter or heavier, None if it does not."""
+        return self.causes.drift(self._known)
 
     @property
     def unnoticed(self) -> float:
@@ -146,8 +139,8 @@ class Session:
 
     @property
     def suspected(self) -> UndeclaredError | None:
-        """Such an error that is not certain yet, or None."""
-        return None if self._is_drifting else self._undeclared.suspected
+        """Such an error that is not certain yet, or None; a load that drifts looks like one."""
+        return self._undeclared.suspected if self.drift is None else None
 
     @property
     def is_confirmed(self) -> bool:
@@ -285,14 +278,15 @@ class Session:
                 self._exceeded_with = buffer.load_rows
                 self._start_over()
             case Outcome.NO_LOAD:
-                self._forget_load(first, Event.MISFIT, estimate)
+                if not self._drifts_on():
+                    self._forget_load(first, Event.MISFIT, estimate)
             case Outcome.UNDECIDED if self._newest - self.causes.changed_at <= self._rows.undecided:
                 self.stage = TRANSITIONS[self.stage, Event.UNDECIDED]
             case _:
                 self.stage, self._load_before = TRANSITIONS[self.stage, Event.FITTED], None
                 if buffer.load_rows > 2 * self._exceeded_with:
                     self._exceeded_with = 0
-                if not self._is_drifting and self._undeclared.test(self._known):
+                if self.drift is None and self._undeclared.test(self._known):
                     self._start_over()
 
     def _start_over(self) -> None:
@@ -351,13 +345,26 @@ class Session:
         self._forget_load(index, Event.LOAD_CHANGED, now)
         return True
 
-    def _follows_drift(self, index: int, now: Estimate) -> bool:
-        """Whether the load has changed at this index as far as it drifts; it stays known then, less certainly."""
-        step = drift_step(self.causes.changes, self._rows.drifting)
-        if self.stage is not Stage.ESTIMATING or step == 0.0 or not self.is_confirmed:
+    def _drifts_on(self) -> bool:
+        """Whether rows fit no load because it drifts; it stays known then."""
+        known, buffer = self._known, self._known.buffer
+        index = buffer.start + known.innovations.look_for_change(buffer).first
+        if self.drift is None or index == buffer.start:
             return False
-        changes = self.causes.changes
-        if not self._known.follow_drift(now, index, step, max(1, changes[-1].first - changes[-2].first)):
+        now, changes = self._fit(end=index), self.causes.changes
+        assert now.state.load is not None
+        changes.append(LoadChange(int(buffer.numbers[index]), self._newest, now.state.load[THETA]))
+        if self._follows_drift(index, now):
+            return True
+        del changes[-1]
+        return False
+
+    def _follows_drift(self, index: int, now: Estimate) -> bool:
+        """Whether the newest load change is one more step of a drift; the load stays known then."""
+        drift = LoadDrift.before(self.causes.changes, self._rows.drifting)
+        if drift is None or self.stage is not Stage.ESTIMATING or not self.is_confirmed:
+            return False
+        if not self._known.follow_drift(now, index, drift):
             return False
         self._surprises, self._look_until = 0, -1
         self._fit()

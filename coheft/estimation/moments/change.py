@@ -84,9 +84,8 @@ class Weights:
         vectors: Array = crossed.reshape(len(grams), -1) @ self.of_cross
         return matrices.reshape(-1, LOAD_SIZE, LOAD_SIZE), vectors
 
-
-    def drift_response(self, views: Array, ages: Array, since: float) -> Array:
-        """Return ``H^-1 sum_i age_i H_i`` (10, 10): how far estimates lag behind a load that drifts by one per row.
+    def lag(self, views: Array, ages: Array, since: float) -> Array:
+        """Return ``H^-1 sum_i age_i H_i``: by how much fits lag behind a theta that drifts by one per row, (10, 10).
 
         Args:
             views: Of the rows that were fitted, shape (n, 19).

@@ -149,18 +149,30 @@ class Chapter:
                 of_all = of_load if is_only_load else of_all - newest
         return lambda body: evaluated_moments(body, of_all, of_load)
 
-    def end_of_load(self, estimate: Estimate, guess: Guess, index: int, keeps_poses: bool, noise: Array | None = None) -> None:
-        """Start another load at this index; the wrenches' evidence on poses is kept only if ``keeps_poses``."""
+    def end_of_load(
+        self, estimate: Estimate, guess: Guess, index: int, keeps_poses: bool, noise: Array | None = None
+    ) -> None:
+        """Start another load at this index.
+
+        Args:
+            estimate: The fit to the rows before.
+            guess: Guess of theta.
+            index: Of the first row of the other load.
+            keeps_poses: Whether to keep what the wrenches have shown.
+            noise: Covariance (10, 10) by which theta has changed, None if it may be any.
+        """
         of_load, body = self.buffer.begin_load(index), estimate.body
         if keeps_poses:
             moments = wrench_moments(body, of_load)
             evidence = wrench_evidence(body, MotionDerivatives.at(body), moments, _load(body))
             evidence = self._beyond_doubt(estimate, evidence, guess)
             self._set_prior(estimate, guess, evidence, False)
-        if self.prior is not None and noise is not None:
-            self.prior = replace(self.prior.with_process_noise(body.unknowns.theta, noise), knows_load=True)
-        elif self.prior is not None:
+        if self.prior is None:
+            return
+        if noise is None:
             self.prior = self.prior.without_load(body.unknowns, guess.limits)
+        else:
+            self.prior = self.prior.with_process_noise(body.unknowns.theta, noise)
 
     def end(self, estimate: Estimate, guess: Guess, index: int) -> None:
         """Make all rows before this index, and the prior of sensor errors, part of the chapter's prior."""

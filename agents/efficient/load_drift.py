@@ -1,0 +1,96 @@
+"""Loads that keep becoming lighter or heavier, such as one that leaks: they stay known, only less certainly.
+
+    theta = former theta + age d,    fitted theta = theta - R d + noise,    R = H^-1 sum_i age_i H_i
+
+The drift per row ``d`` is so many kilograms anywhere in the load, as many as from the last noticed change to the one
+before. ``H_i`` is the information of a row on theta, and ``H`` that of all rows that were fitted as if ``d`` were zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+from coheft.estimation.geometry.spatial import Array
+from coheft.estimation.moments.change import spread_mass
+from coheft.estimation.moments.fit import Estimate
+from coheft.estimation.moments.unknowns import THETA
+
+_ALIKE = 3.0
+"""Two changes of the mass belong to one drift if neither is more than so many times the other."""
+_GONE_ON = 3
+"""After so many times the rows from one change to the next without another one, the drift has not gone on."""
+_PUBLISHED, _KEPT = 1.5, 3.0
+"""Standard deviations of the drift, as multiples of the last one, in what is published and in the next prior. Lags of
+successive loads add up, which a larger deviation allows for.
+"""
+
+
+class LoadChange(NamedTuple):
+    """A change of the load.
+
+    Attributes:
+        first: Number of the first row of the new load.
+        noticed: Number of the row at which the change was noticed.
+        former: Theta before the change, shape (10,).
+    """
+
+    first: int
+    noticed: int
+    former: Array
+
+
+class LoadDrift(NamedTuple):
+    """The drift of a load.
+
+    Attributes:
+        step: Change of the mass from one load to the next [kg].
+        rows: Number of rows in which it has changed so.
+    """
+
+    step: float
+    rows: int
+
+    @staticmethod
+    def before(changes: Sequence[LoadChange], longest: int) -> LoadDrift | None:
+        """The drift from the second last change to the last one, None if no load may have drifted.
+
+        Args:
+            changes: Load changes so far, oldest first.
+            longest: Loads that change after more rows do not drift.
+        """
+        if len(changes) < 2:
+            return None
+        second_last, last = changes[-2:]
+        rows = max(1, last.first - second_last.first)
+        return LoadDrift(float(last.former[0] - second_last.former[0]), rows) if rows <= longest else None
+
+    def goes_on(self, change: float, rows: int) -> bool:
+        """Whether the mass has changed alike by ``change`` [kg] since, in so many rows."""
+        square = self.step**2
+        return square / _ALIKE < change * self.step < square * _ALIKE and rows <= _GONE_ON * self.rows
+
+    def process_noise(self, now: Estimate, lag: Array) -> Array:
+        """Covariance (10, 10) of the difference between a fit to the rows before another step and theta after it.
+
+        Args:
+            now: The fit.
+            lag: Its ``R``, (10, 10).
+        """
+        noise = _spread(now)
+        result: Array = self.step**2 * (noise + (_KEPT / self.rows) ** 2 * lag @ noise @ lag.T)
+        return result
+
+    def cover(self, estimate: Estimate, lag: Array) -> Estimate:
+        """Return an estimate whose covariance covers the drift; ``lag`` is its ``R``, (10, 10)."""
+        theta, seen = estimate.body.unknowns.theta, estimate.seen.copy()
+        seen[theta, theta] += (_PUBLISHED * self.step / self.rows) ** 2 * lag @ _spread(estimate) @ lag.T
+        return replace(estimate, seen=seen)
+
+
+def _spread(estimate: Estimate) -> Array:
+    """Second moment (10, 10) of 1 kg anywhere in the load."""
+    load = estimate.state.load
+    assert load is not None
+    return spread_mass(load[THETA], estimate.size)
