@@ -10,6 +10,7 @@ import numpy as np
 from coheft.app.results.errors import PAYLOAD_SIZE, in_full, payload_error
 from coheft.app.results.judge import Judge
 from coheft.estimation.geometry.spatial import Array
+from coheft.estimation.rigid_body.consistency import is_possible
 from coheft.estimation.rigid_body.mass_properties import TIMES_IN_MATRIX, Inertia
 from coheft.wire.messages.structs import Estimate, PayloadEstimate
 
@@ -110,9 +111,4 @@ def payload_exists(payload: PayloadEstimate | None) -> bool:
         return True
     if payload.com is None or payload.tensor is None:
         return payload.mass > 0.0
-    pseudo = Inertia(payload.mass, payload.com, payload.tensor).pseudo_inertia()
-    diagonal = np.diag(pseudo)
-    if not np.all(diagonal > 0.0):
-        return False
-    balanced = pseudo / np.sqrt(np.outer(diagonal, diagonal))
-    return bool(np.linalg.eigvalsh(balanced)[0] >= -_ROUNDING)
+    return is_possible(Inertia(payload.mass, payload.com, payload.tensor).barycentric(), -_ROUNDING)

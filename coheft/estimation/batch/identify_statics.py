@@ -22,6 +22,7 @@ from coheft.estimation.batch.statics import Statics
 from coheft.estimation.batch.team_poses import TeamPoses
 from coheft.estimation.batch.wrist_poses import WristPoses
 from coheft.estimation.geometry.spatial import Array, Pose
+from coheft.estimation.linear_algebra import positive_part
 
 _FEWEST = 3
 """Least number of holds that determine grasps."""
@@ -93,14 +94,14 @@ def with_statics(found: Identification, statics: Statics) -> Identification:
     still, spread = _estimate(holds, team.poses)
     shared = _by_poses(holds, team)
     numbers, covariance = found.payload.measured.central(), found.payload.covariance
-    own = _positive(covariance[:_KNOWN, :_KNOWN] - shared)
+    own = positive_part(covariance[:_KNOWN, :_KNOWN] - shared)
     difference = still - numbers[:_KNOWN]
     innovation = own + spread + _ROUNDING * np.diag(np.diag(covariance)[:_KNOWN])
     gain = covariance[:, :_KNOWN].copy()
     gain[:_KNOWN] = own
     gain = gain @ np.linalg.inv(innovation)
     numbers = numbers + gain @ difference
-    whole = _positive(covariance - gain @ innovation @ gain.T)
+    whole = positive_part(covariance - gain @ innovation @ gain.T)
     apart = float(np.sqrt(difference @ np.linalg.solve(innovation, difference)))
     suspicion = (
         f"Held still the load weighs {still[0]:.4g} kg with its centre at "
@@ -180,10 +181,3 @@ def _not_along(holds: Holds, poses: Sequence[Pose]) -> tuple[str, ...]:
 def _held(holds: Holds) -> str:
     down = holds.down[:, 0]
     return f"Holds apart from the motion: {len(down)}, in {orientations(down)} orientations."
-
-
-def _positive(matrix: Array) -> Array:
-    """The nearest positive semidefinite matrix."""
-    values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T))
-    result: Array = (vectors * np.maximum(values, 0.0)) @ vectors.T
-    return result

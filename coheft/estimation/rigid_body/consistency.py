@@ -36,14 +36,17 @@ def parameters_of(pseudo: Array) -> Array:
     return np.concatenate([[pseudo[3, 3]], pseudo[:3, 3], pack_symmetric(about_origin)])
 
 
-def is_possible(parameters: Array) -> bool:
-    """Whether a body with ``theta``, shape (10,), can exist: mass and pseudo-inertia are safely positive."""
+def is_possible(parameters: Array, thinnest: float = _THINNEST) -> bool:
+    """Whether a body with ``theta``, shape (10,), can exist: mass and pseudo-inertia are safely positive.
+
+    ``thinnest`` is the largest eigenvalue of a pseudo-inertia, with ones on its diagonal, that does not count so.
+    """
     pseudo = pseudo_inertia(parameters)
     diagonal = pseudo.diagonal()
     if not diagonal.min() > 0.0:
         return False
     scale = np.sqrt(diagonal)
-    return bool(np.linalg.eigvalsh(pseudo / scale[:, None] / scale)[0] > _THINNEST)
+    return bool(np.linalg.eigvalsh(pseudo / scale[:, None] / scale)[0] > thinnest)
 
 
 def nearest_possible(parameters: Array, information: Array, length: float) -> Array:

@@ -69,7 +69,5 @@ def acceleration_noise(
     own = noise[..., None] * np.eye(6)
     if turned.any():
         own = own + level("pose")[0] ** 2 * turned[..., :3] @ turned[..., :3].swapaxes(-1, -2)
-    to_body = np.kron(np.eye(2), pose.rotation)
-    to_body[3:, :3] = skew(pose.translation) @ pose.rotation
-    result: Array = to_body @ own @ to_body.T
+    result: Array = pose.adjoint() @ own @ pose.adjoint().T
     return result

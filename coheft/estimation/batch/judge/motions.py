@@ -174,8 +174,7 @@ class _View:
 def _noise(evidence: Evidence, robot: int, up: Array, frequency: Array) -> Array:
     """Covariance of the noise of ``(w, v, a)`` of the body frame as one robot predicts them, shape (K, 9, 9)."""
     recording, pose, cutoff = evidence.recording, evidence.poses[robot], evidence.cutoff
-    to_body = np.kron(np.eye(2), pose.rotation)
-    to_body[3:, :3] = skew(pose.translation) @ pose.rotation
+    to_body = pose.adjoint()
     covariance = np.zeros((len(frequency), 9, 9))
     covariance[:, :6, :6] = to_body @ np.diag(level_of(recording, "twist", robot, cutoff) ** 2) @ to_body.T
     if recording.has("acceleration"):
