@@ -5,8 +5,6 @@ mean is 1 if covariances are right, less if they are too large. The interval is 
 independent recordings. Payloads of one experiment are carried by robots with the same calibration errors.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from benchmarks.command import run_command

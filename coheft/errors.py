@@ -1,7 +1,5 @@
 """The exceptions that coheft raises on purpose."""
 
-from __future__ import annotations
-
 from typing import NoReturn
 
 _QUOTED = 400

@@ -1,7 +1,5 @@
 """Draws pictures/overview.svg: the team with its load, and the links between processes. Needs coheft[study]."""
 
-from __future__ import annotations
-
 import numpy as np
 from drawing import AXES, FAINT, INK, ROBOTS, SOFT, save
 from matplotlib.axes import Axes

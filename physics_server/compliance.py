@@ -1,7 +1,5 @@
 """Compliant grasps: the hand is displaced against the load by ``compliance x force``, without a delay of its own."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from coheft.estimation.geometry.spatial import Array

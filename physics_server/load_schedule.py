@@ -1,7 +1,5 @@
 """The scenario's changes of the load and slips of grasps, by block."""
 
-from __future__ import annotations
-
 from coheft.wire.scenario.borders import first_border
 from coheft.wire.scenario.change_checks import load_complaints
 from coheft.wire.scenario.rules import check

@@ -1,7 +1,5 @@
 """Files of results: arrays in an ``.npz`` file that also holds scenario and report as JSON."""
 
-from __future__ import annotations
-
 import zipfile
 from collections.abc import Mapping
 from dataclasses import fields

@@ -1,7 +1,5 @@
 """A run in this process, block by block, with the caller's code in between."""
 
-from __future__ import annotations
-
 import time
 
 import msgspec

@@ -1,7 +1,5 @@
 """Names of robots in sentences."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 from coheft.errors import CoheftError

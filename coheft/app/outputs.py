@@ -1,7 +1,5 @@
 """Files that a command writes at its end."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Linear algebra in double precision, with exact types."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from coheft.estimation.geometry.spatial import Array

@@ -7,8 +7,6 @@ its clock's error; force and torque have an additional delay. With a compliant g
 the load by ``compliance x force``, in the direction in which the robot pushes.
 """
 
-from __future__ import annotations
-
 from typing import Annotated, NamedTuple
 
 import msgspec

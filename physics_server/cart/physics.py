@@ -4,8 +4,6 @@ The wheels' force is computed exactly from the engine's mass matrix and accelera
 to rounding. Rolling wheels with friction would slip a thousand times as much.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Results of all tests beside the paper's claims, as a table."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 
 import msgspec

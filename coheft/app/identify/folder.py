@@ -1,7 +1,5 @@
 """A folder with all about an identification: report, tables as text, pictures."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from rich.console import Console

@@ -1,7 +1,5 @@
 """Reading of a team's recording from a file of topics."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Many simulated experiments: all configurations, with and without calibration errors, by several methods."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Literal
 

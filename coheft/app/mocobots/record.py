@@ -1,7 +1,5 @@
 """Simulated experiments with mocobots."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 
 import msgspec

@@ -1,7 +1,5 @@
 """Errors of an estimate, and whether they contradict its own covariance."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from coheft.estimation.geometry.spatial import Array, Pose, rotation_log

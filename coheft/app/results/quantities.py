@@ -1,7 +1,5 @@
 """The quantities that are evaluated, and norms of the errors of all robots."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

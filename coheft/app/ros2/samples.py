@@ -1,7 +1,5 @@
 """One robot's measurements from ROS 2: three streams of standard messages, combined to blocks by their stamps."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator, Sequence
 from queue import Empty, SimpleQueue

@@ -1,7 +1,5 @@
 """Folders of runs, which hold the logs of processes and the file with which other commands find a run in progress."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import shutil

@@ -1,7 +1,5 @@
 """The observer's link to a run: receives estimates and truth, and sends requests to the server."""
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Iterator

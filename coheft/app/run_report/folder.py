@@ -1,7 +1,5 @@
 """The folder of a report: the page, its pictures, the data, and the report for programs."""
 
-from __future__ import annotations
-
 from io import BytesIO
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Output of a study's results to the terminal and to a folder."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Shapes of the scene: boxes for inertias, ellipsoids for covariances, arms for robots."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The state of a run that the view shows, live or in replay, independent of a browser."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Iterable
 from typing import Literal

@@ -1,7 +1,5 @@
 """Texts and tables of the panel; ``panel.html.jinja`` lays them out, and escapes texts from other processes."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from functools import cache
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Motion of the load, and the total wrench on it, in a frame fixed to it: the body frame."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -4,8 +4,6 @@ What remains is the Schur complement of the loads' block, sample by sample, as i
 McLauchlan, Hartley and Fitzgibbon 2000).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

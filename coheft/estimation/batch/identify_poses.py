@@ -1,7 +1,5 @@
 """Identification from recorded poses, with or without estimating the robots' calibration errors."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

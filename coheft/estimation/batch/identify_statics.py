@@ -1,7 +1,5 @@
 """Identification of grasps, mass and centre of mass from a load that is held still in several orientations."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Mass properties with their covariance, physically possible."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

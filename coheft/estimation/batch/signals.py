@@ -4,8 +4,6 @@ All signals go through the same filter, forwards and backwards, which causes no 
 are dropped (Zhang et al., sec. IV-B).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

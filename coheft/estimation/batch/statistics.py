@@ -1,7 +1,5 @@
 """Covariances of estimates whose residuals are correlated and of unknown size."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 

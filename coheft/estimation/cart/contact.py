@@ -1,7 +1,5 @@
 """Hands on a cart's handle: their wrenches on the cart, their best contact points, and their shares of a wrench."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from coheft.estimation.geometry.spatial import Array

@@ -6,8 +6,6 @@ the steps of the last seconds are kept; when the parameters have changed, these 
 linearised about the present parameters.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from dataclasses import replace
 from itertools import islice

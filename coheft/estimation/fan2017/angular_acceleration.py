@@ -1,7 +1,5 @@
 """Angular acceleration from the neighbours' accelerometers and the own gyro (Fan et al., eqs 16, 17)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property

@@ -14,8 +14,6 @@ The projection of the second on the complement of F (eq. 24) follows from it and
 their noise, so it is not stacked a second time.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

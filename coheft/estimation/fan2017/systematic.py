@@ -10,8 +10,6 @@ A robot knows what its own place does to the estimate. All of these add up to wh
 by consensus, as that of their estimates.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

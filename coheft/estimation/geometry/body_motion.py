@@ -8,8 +8,6 @@ Perturbations of a pose are ``(rotation, translation)``, shape (6,), in the axes
 given: ``R <- exp(rotation) R`` and ``p <- p + translation``. Covariances of poses refer to them.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from coheft.estimation.geometry.spatial import Array, Pose, rotation_exp, rotation_log, skew

@@ -8,8 +8,6 @@ linear in ``theta = (m, m h, I_o)``, so the best possible body is the solution o
 solved with a logarithmic barrier and Newton's method. All iterates lie strictly inside, whatever the data.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from coheft.estimation.geometry.spatial import Array

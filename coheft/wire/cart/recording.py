@@ -1,7 +1,5 @@
 """Reading of recordings of a cart, ``.csv`` or ``.npz``; ``docs/cart.md`` describes them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Recordings as files: ``.npz``, or a folder of CSV files, one per robot. ``docs/data-format.md`` describes both."""
 
-from __future__ import annotations
-
 import os
 import struct
 import tokenize

@@ -1,7 +1,5 @@
 """Times at which events take effect: at the start of a block, or at a sample."""
 
-from __future__ import annotations
-
 import math
 
 _ROUNDING = 1e-9

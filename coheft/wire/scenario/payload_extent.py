@@ -4,8 +4,6 @@ Lengths in millimetres instead of metres are a common mistake in files, and a ru
 other ways.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import product

@@ -5,8 +5,6 @@ which may touch. A point belongs to the payload if the surface winds around it o
 shells overlap; where it winds backwards, a shell is turned inside out.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import cast
 

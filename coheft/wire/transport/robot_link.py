@@ -1,7 +1,5 @@
 """The server's end of a robot's link: the measurements that were sent, and the references that were received."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import zenoh

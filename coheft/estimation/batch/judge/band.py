@@ -3,8 +3,6 @@
 Noise is measured just above the band, where there is no motion: still higher, a sensor's own filter may suppress it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Self
 

@@ -1,7 +1,5 @@
 """Corrects a recording for the fault that the verdict names."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import partial
 

@@ -1,7 +1,5 @@
 """Noise of the load's motion by frequency, which depends on the channels from which the motion was derived."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from coheft.estimation.batch.judge.band import white_level

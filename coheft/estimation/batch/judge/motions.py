@@ -4,8 +4,6 @@ Each robot's motion predicts that of the body frame. Its difference from the mea
 of small errors of the grasp poses, which are fitted; a larger difference is the fault of a sensor.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A grasp that slips has another pose in the load from some time on: the robot's view of the load has a step."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from coheft.estimation.batch.judge.evidence import Evidence

@@ -4,8 +4,6 @@ A fault adds columns to the regressor, or changes the total wrench or the motion
 cost, which grows with the number of its unknowns, and with the number of robots that may have it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from itertools import combinations

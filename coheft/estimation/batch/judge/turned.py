@@ -5,8 +5,6 @@ robot's sensor, a matrix of nine unknowns is fitted linearly; Gauss-Newton start
 sensors alike, the linear fit would find that no wrench and no load are best, so the start is the best exchange of axes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import permutations, product
 

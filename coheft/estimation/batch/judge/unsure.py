@@ -1,7 +1,5 @@
 """Effects of uncertain grasp poses and calibration errors on the wrench, which must not refute a recording."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ The noise of forces, and that of poses through the body's dynamics, are measured
 are whitened with both.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
