@@ -35,8 +35,7 @@ def main() -> None:
 
 def _flat(points: Array) -> Array:
     """Project points (..., 3) to the picture (..., 2)."""
-    result: Array = np.stack([points @ _RIGHT, points @ _UP], axis=-1)
-    return result
+    return np.stack([points @ _RIGHT, points @ _UP], axis=-1)
 
 
 def _draw_team(axes: Axes, scenario: Scenario) -> None:

@@ -119,8 +119,7 @@ class SensorTolerance(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
         if shape == "mounting":
             degrees: float = getattr(self, f"{sensor}_mounting_deg", 0.0)
             return float(np.radians(degrees))
-        value: float = getattr(self, f"{sensor}_{shape}", 0.0)
-        return value
+        return getattr(self, f"{sensor}_{shape}", 0.0)
 
     def proportional(self) -> list[Proportional]:
         """Return all proportional errors with a deviation above 0."""

@@ -54,5 +54,4 @@ def in_stds(error: Array, covariance: Array) -> Array:
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         stds = np.abs(error) / np.sqrt(np.diagonal(covariance))
-    result: Array = np.where(np.abs(error) < _ROUNDING, 0.0, stds)
-    return result
+    return np.where(np.abs(error) < _ROUNDING, 0.0, stds)

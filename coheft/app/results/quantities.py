@@ -37,13 +37,11 @@ class Quantity:
 
     def squares(self, errors: Array) -> Array:
         """Return squared norms of errors, shape (k, 6 or 10) to (k,)."""
-        result: Array = np.square(errors[:, self.components]) @ self.counts
-        return result
+        return np.square(errors[:, self.components]) @ self.counts
 
     def expected_squares(self, covariances: Array) -> Array:
         """Return the expectation of ``squares`` for given covariances, shape (k, s, s) to (k,)."""
-        result: Array = np.diagonal(covariances, axis1=1, axis2=2)[:, self.components] @ self.counts
-        return result
+        return np.diagonal(covariances, axis1=1, axis2=2)[:, self.components] @ self.counts
 
 
 _ONCE = np.ones(3)

@@ -149,8 +149,7 @@ def _estimate(holds: Holds, poses: Sequence[Pose]) -> tuple[Array, Array]:
 def _by_poses(holds: Holds, team: TeamPoses) -> Array:
     """Covariance (4, 4) of ``(m, h)`` due to uncertain poses."""
     derivative = derivative_by_poses(lambda poses: _estimate(holds, poses)[0], team.poses)
-    result: Array = derivative @ team.covariance @ derivative.T
-    return result
+    return derivative @ team.covariance @ derivative.T
 
 
 def _residual(holds: Holds, poses: Sequence[Pose], numbers: Array) -> Array:

@@ -73,8 +73,7 @@ def nearest_possible(parameters: Array, information: Array, length: float) -> Ar
         point = _centred(point, target, weight * metric, _ROUGHLY)
         cost = _cost(point, target, metric)
     point = _centred(point, target, weight * metric, _EXACTLY)
-    result: Array = to_theta @ (point + _INWARDS * (start - point))
-    return result
+    return to_theta @ (point + _INWARDS * (start - point))
 
 
 def _symmetric_basis() -> Array:

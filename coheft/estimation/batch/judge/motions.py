@@ -165,8 +165,7 @@ class _View:
 
     def _white(self, columns: Array) -> Array:
         """Whitened coefficients of columns (n, c, q), shape (K, c, q)."""
-        result: Array = self._whitening @ self._band.coefficients(columns)
-        return result
+        return self._whitening @ self._band.coefficients(columns)
 
 
 def _noise(evidence: Evidence, robot: int, up: Array, frequency: Array) -> Array:

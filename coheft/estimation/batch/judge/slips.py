@@ -48,5 +48,4 @@ def find_slip(evidence: Evidence, views: Views) -> Verdict | None:
 
 def _sums_to_the_end(samples: Array) -> Array:
     """Sums of samples (b, ...) from each to the last."""
-    result: Array = np.cumsum(samples[::-1], axis=0)[::-1]
-    return result
+    return np.cumsum(samples[::-1], axis=0)[::-1]
