@@ -19,15 +19,14 @@ class Causes:
     Args:
         guards: Thresholds.
         rows: For how many rows a cause is looked for (``telling_apart``; after missing rows ``after_gap``).
-        has_offset: Whether constant offsets of force and torque are among the unknowns of fits.
 
     Attributes:
         changes: Load changes, oldest first.
         slips: Slips of grasps, oldest first.
     """
 
-    def __init__(self, guards: Guards, rows: RowCounts, has_offset: bool) -> None:
-        self._guards, self._rows, self._has_offset = guards, rows, has_offset
+    def __init__(self, guards: Guards, rows: RowCounts) -> None:
+        self._guards, self._rows = guards, rows
         self.changes: list[LoadChange] = []
         self.slips: list[Slip] = []
         self._suspicion: Suspicion | None = None
@@ -121,7 +120,7 @@ class Causes:
             return None
         cause = suspicion.cause(known, guards)
         if cause is not None and cause.robot is not None:
-            slipped = suspicion.known_if_slipped(known, cause, guards, self._has_offset)
+            slipped = suspicion.known_if_slipped(known, cause, guards)
             if slipped is not None:
                 self.slips.append(Slip(cause.robot, cause.first, suspicion.noticed, newest))
                 del self.changes[suspicion.changes :]

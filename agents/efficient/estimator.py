@@ -41,7 +41,7 @@ class EfficientEstimator:
         self._team: Team | None = None
         self._lacks: str | None = None  # a sensor that no robot of the team has, but one needs
         self._belief = Belief("poses", False, None, {})
-        self._believed: tuple[Estimate, Stage, int, int, float] | None = None
+        self._believed: tuple[Estimate, Stage, int, int, float, int | None] | None = None
         self._former_changes: tuple[LoadChangeNotice, ...] = ()
         self._former_slips: tuple[SlipNotice, ...] = ()
 

@@ -130,9 +130,8 @@ class Innovations:
             buffer: Rows.
             end: Index of the first row that was not fitted, which is the row in question; None for the newest row.
         """
-        last = buffer.count - buffer.start if end is None else end - buffer.start
-        fitted = min(last, self._fitted)
-        return self._weights.lag(buffer.views[buffer.start :][:fitted], last - 1.0 - np.arange(fitted), float(last))
+        rows = (buffer.count if end is None else end) - buffer.start
+        return self._weights.lag(buffer.views[buffer.start :][: min(rows, self._fitted)], rows)
 
     def look_for_change(self, buffer: RowBuffer, end: int | None = None, small: SmallSteps | None = None) -> Look:
         """Run the first test for a load change on all rows of the load, or on those before an index.

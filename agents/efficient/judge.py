@@ -58,9 +58,9 @@ def judge(
     innovations: Innovations,
     buffer: RowBuffer,
     guards: Guards,
-    load_before: KnownLoad | None,
-    has_offset: bool,
+    settings: FitSettings,
     drift: Array,
+    load_before: KnownLoad | None = None,
 ) -> Verdict:
     """Judge a fit by its residuals.
 
@@ -69,9 +69,9 @@ def judge(
         innovations: Evaluates rows at this fit.
         buffer: Rows.
         guards: Thresholds.
-        load_before: The load before the last change, while a faulty sensor may still explain that change; else None.
-        has_offset: Whether constant offsets of force and torque are among the unknowns of the fit.
+        settings: Settings of the fit.
         drift: Variance by which motion sensors may have drifted, in units of the noise, shape (N, 12) or (1, 12).
+        load_before: The load before the last change, while a faulty sensor may still explain that change; else None.
     """
     assert estimate.state.load is not None
     assumed = KnownLoad(estimate.state.load) if load_before is None else load_before
@@ -87,11 +87,12 @@ def judge(
     if not _fits(wrench, wrench.size - _LOAD, guards.largest_wrench_misfit, guards):
         return Verdict(Outcome.NO_LOAD)
     found = explanations(body, innovations.gram(buffer), assumed)
-    if found.both > guards.largest_constant_offset and not has_offset:
+    if found.both > guards.largest_constant_offset and not settings.has_offset:
         return Verdict(Outcome.NO_LOAD)
     is_load = found.load > found.sensor and _has_another_mass(estimate, assumed, guards)
     if load_before is None or found.sensor < guards.largest_offset or is_load:
-        return Verdict(Outcome.FITS)
+        is_beyond = _has_offset_beyond_tolerance(estimate, settings, guards)
+        return Verdict(Outcome.BEYOND_TOLERANCE if is_beyond else Outcome.FITS)
     # Where torques are all measured about points of one body, it makes no difference whose torque sensor is off.
     return Verdict(Outcome.UNDECIDED, (found.robot if found.kind == "force" else None, found.kind))
 
@@ -127,7 +128,7 @@ def _robot_beyond_tolerance(estimate: Estimate, guards: Guards) -> int | None:
     return None
 
 
-def has_offset_beyond_tolerance(estimate: Estimate, settings: FitSettings, guards: Guards) -> bool:
+def _has_offset_beyond_tolerance(estimate: Estimate, settings: FitSettings, guards: Guards) -> bool:
     """Whether the offset of the total wrench exceeds what tolerances allow; offsets that drift are not judged."""
     load, offset = estimate.state.load, estimate.body.unknowns.offset
     if load is None or not settings.has_offset or max(settings.drift.force, settings.drift.torque) > 0.0:

@@ -11,6 +11,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from coheft.agents.efficient.innovations import ROWS_BEFORE, Innovations, Past
+from coheft.agents.efficient.judge import Verdict, judge
 from coheft.agents.efficient.load_drift import LoadDrift
 from coheft.agents.efficient.row_times import MANY
 from coheft.agents.efficient.settings import Guards
@@ -22,6 +23,7 @@ from coheft.estimation.moments.derivatives import MotionDerivatives
 from coheft.estimation.moments.fit import Estimate, EvaluateMoments, fit_state
 from coheft.estimation.moments.fit_settings import FitSettings, Guess
 from coheft.estimation.moments.likelihood import wrench_evidence
+from coheft.estimation.moments.misfit import KnownLoad
 from coheft.estimation.moments.moments import wrench_moments
 from coheft.estimation.moments.projected import ProjectedMoments
 from coheft.estimation.moments.row_buffer import RowBuffer
@@ -131,6 +133,13 @@ class Knowledge:
     def covering(self, estimate: Estimate, drift: LoadDrift) -> Estimate:
         """See ``LoadDrift.cover``."""
         return drift.cover(estimate, self.innovations.lag(self.buffer))
+
+    def judge(self, load_before: KnownLoad | None = None) -> Verdict:
+        """Judge the estimate, see ``judge.judge``."""
+        assert self.estimate is not None
+        return judge(
+            self.estimate, self.innovations, self.buffer, self._guards, self._settings, self.drift, load_before
+        )
 
     def reevaluate(self) -> None:
         """Evaluate all rows of the buffer again, because some have moved in it."""

@@ -13,7 +13,7 @@ import numpy as np
 from coheft.agents.efficient.causes import Causes
 from coheft.agents.efficient.confirmation import Confirmation
 from coheft.agents.efficient.contradictions import Contradictions, Use
-from coheft.agents.efficient.judge import Outcome, Verdict, has_offset_beyond_tolerance, judge
+from coheft.agents.efficient.judge import Outcome, Verdict
 from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.load_drift import LoadChange, LoadDrift
 from coheft.agents.efficient.settings import Guards, RowCounts
@@ -65,7 +65,7 @@ class Session:
         self.settings, self._guards, self._declared = settings, guards, settings
         self._rows = RowCounts.of(guards, settings.period)
         self.stage = Stage.GATHERING
-        self.causes = Causes(guards, self._rows, settings.has_offset)
+        self.causes = Causes(guards, self._rows)
         self.verdict = Verdict(Outcome.FITS)
         self.total_wrench: Array | None = None
         self._exceeded_with = 0  # number of rows with which sensor errors exceeded their tolerances; 0 if they do not
@@ -255,13 +255,11 @@ class Session:
 
     def _fit_and_judge(self) -> None:
         """Fit, then test whether all rows fit and whether a faulty sensor would explain them as well as a load."""
-        estimate, has_offset, guards = self._fit_trusted(), self.settings.has_offset, self._guards
+        estimate, guards = self._fit_trusted(), self._guards
         if self._confirmation.distrusts_wrenches:
             return
         innovations, buffer = self._known.innovations, self._known.buffer
-        self.verdict = judge(estimate, innovations, buffer, guards, self._load_before, has_offset, self._known.drift)
-        if self.verdict.outcome is Outcome.FITS and has_offset_beyond_tolerance(estimate, self.settings, guards):
-            self.verdict = Verdict(Outcome.BEYOND_TOLERANCE)
+        self.verdict = self._known.judge(self._load_before)
         first = buffer.count
         is_body = self.verdict.outcome not in (Outcome.NO_BODY, Outcome.BEYOND_TOLERANCE)
         if self.stage is Stage.GATHERING and is_body:
@@ -277,9 +275,10 @@ class Session:
                     self.causes.forget_cause()
                 self._exceeded_with = buffer.load_rows
                 self._start_over()
+            case Outcome.NO_LOAD if not self._drifts_on():
+                self._forget_load(first, Event.MISFIT, estimate)
             case Outcome.NO_LOAD:
-                if not self._drifts_on():
-                    self._forget_load(first, Event.MISFIT, estimate)
+                pass
             case Outcome.UNDECIDED if self._newest - self.causes.changed_at <= self._rows.undecided:
                 self.stage = TRANSITIONS[self.stage, Event.UNDECIDED]
             case _:
@@ -337,9 +336,10 @@ class Session:
         load, theta = now.state.load, now.body.unknowns.theta
         assert load is not None
         self._suspect(index, is_load=True)
-        self.causes.changes.append(LoadChange(int(buffer.numbers[index]), number, load[THETA]))
-        if self._follows_drift(index, now):
+        change = LoadChange(int(buffer.numbers[index]), number, load[THETA])
+        if self._is_step_of_drift(change, index, now):
             return True
+        self.causes.changes.append(change)
         if self._load_before is None:
             self._load_before = KnownLoad(load, now.covariance[theta, theta])
         self._forget_load(index, Event.LOAD_CHANGED, now)
@@ -349,23 +349,18 @@ class Session:
         """Whether rows fit no load because it drifts; it stays known then."""
         known, buffer = self._known, self._known.buffer
         index = buffer.start + known.innovations.look_for_change(buffer).first
-        if self.drift is None or index == buffer.start:
+        if self.stage is not Stage.ESTIMATING or self.drift is None or index == buffer.start:
             return False
-        now, changes = self._fit(end=index), self.causes.changes
-        assert now.state.load is not None
-        changes.append(LoadChange(int(buffer.numbers[index]), self._newest, now.state.load[THETA]))
-        if self._follows_drift(index, now):
-            return True
-        del changes[-1]
-        return False
+        now = self._fit(end=index)
+        assert known.theta is not None
+        return self._is_step_of_drift(LoadChange(int(buffer.numbers[index]), self._newest, known.theta), index, now)
 
-    def _follows_drift(self, index: int, now: Estimate) -> bool:
-        """Whether the newest load change is one more step of a drift; the load stays known then."""
-        drift = LoadDrift.before(self.causes.changes, self._rows.drifting)
-        if drift is None or self.stage is not Stage.ESTIMATING or not self.is_confirmed:
+    def _is_step_of_drift(self, change: LoadChange, index: int, now: Estimate) -> bool:
+        """Whether a load change at this index is one more step of a drift; the load stays known then."""
+        drift = LoadDrift.before([*self.causes.changes, change], self._rows.drifting)
+        if drift is None or not self.is_confirmed or not self._known.follow_drift(now, index, drift):
             return False
-        if not self._known.follow_drift(now, index, drift):
-            return False
+        self.causes.changes.append(change)
         self._surprises, self._look_until = 0, -1
         self._fit()
         return True

@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from coheft.agents.efficient.innovations import Past
-from coheft.agents.efficient.judge import Outcome, judge
+from coheft.agents.efficient.judge import Outcome
 from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.settings import Guards
 from coheft.estimation.geometry.spatial import Array, Pose
@@ -203,7 +203,7 @@ class Suspicion:
             self._tried[start] = log_ratios(body, newest, before.covariance, before.prior.guess, self.is_after_gap)
         return self._tried[start]
 
-    def known_if_slipped(self, known: Knowledge, cause: Cause, guards: Guards, has_offset: bool) -> Knowledge | None:
+    def known_if_slipped(self, known: Knowledge, cause: Cause, guards: Guards) -> Knowledge | None:
         """Return the knowledge if this grasp has slipped; None if the rows do not support that.
 
         All rows have to fit with the slipped grasp, and have to be likelier than if only the robot's motion sensors had
@@ -219,8 +219,7 @@ class Suspicion:
         least = guards.doubt if cause.is_load else guards.lead  # wrenches of an unknown load show less
         if _log_ratio_to_knock(estimate, cause.robot, former_pose, all_rows, cause.is_load) < least:
             return None
-        verdict = judge(estimate, found.innovations, found.buffer, guards, None, has_offset, found.drift)
-        return found if verdict.outcome is Outcome.FITS else None
+        return found if found.judge().outcome is Outcome.FITS else None
 
     @property
     def former_load(self) -> Array:

@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from coheft.agents.efficient import session
+from coheft.agents.efficient import knowledge, session
 from coheft.agents.efficient.judge import Outcome, Verdict, judge
 from coheft.agents.efficient.session import Session
 from coheft.agents.efficient.settings import Guards
@@ -61,7 +61,7 @@ def told_too_little(
 
     declared = FitSettings(NOISE, PERIOD, SensorErrors({"acceleration_scale": 0.003}))
     wider = replace(declared, errors=declared.errors.scaled({"acceleration_scale": 2.0}))
-    monkeypatch.setattr(session, "judge", judged)
+    monkeypatch.setattr(knowledge, "judge", judged)
     monkeypatch.setattr(session, "widened", lambda *_: wider)
     found = Session(len(POSES), 0, declared, Guards())
     for number, row in enumerate(made_up_rows(rows + gap)):

@@ -84,21 +84,19 @@ class Weights:
         vectors: Array = crossed.reshape(len(grams), -1) @ self.of_cross
         return matrices.reshape(-1, LOAD_SIZE, LOAD_SIZE), vectors
 
-    def lag(self, views: Array, ages: Array, since: float) -> Array:
+    def lag(self, views: Array, rows: int) -> Array:
         """Return ``H^-1 sum_i age_i H_i``: by how much fits lag behind a theta that drifts by one per row, (10, 10).
 
         Args:
-            views: Of the rows that were fitted, shape (n, 19).
-            ages: Number of rows since each of them, shape (n,).
-            since: Number of rows since the rows before, which are the prior.
+            views: Of the rows that were fitted, oldest first, shape (n, 19).
+            rows: Number of rows up to now; what is known from before them is older.
         """
-        grams = np.stack([views.T @ views, views.T @ (ages[:, None] * views)])
-        matrices, _ = self.sums(grams)
-        noise = np.array([float(len(views)), ages.sum()])[:, None, None] * self.of_noise
-        matrices[0] += self.known
-        basis, shares = seen_directions(matrices[0], noise[0])
-        drifted = (matrices[1] - noise[1] + since * self.known)[:, THETA]
-        result: Array = (basis.T @ np.linalg.solve(shares, basis @ drifted))[THETA]
+        ages = rows - 1.0 - np.arange(len(views), dtype=np.float64)
+        matrices, _ = self.sums(np.stack([views.T @ views, views.T @ (ages[:, None] * views)]))
+        of_noise, of_ages = len(views) * self.of_noise, ages.sum() * self.of_noise
+        basis, shares = seen_directions(matrices[0] + self.known, of_noise)
+        aged = (matrices[1] - of_ages + rows * self.known)[:, THETA]
+        result: Array = (basis.T @ np.linalg.solve(shares, basis @ aged))[THETA]
         return result
 
 
