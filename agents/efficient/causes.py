@@ -54,12 +54,15 @@ class Causes:
         return self.changes if suspicion is None or not suspicion.is_open else self.changes[: suspicion.changes]
 
     def drift(self, known: Knowledge) -> LoadDrift | None:
-        """The drift of the present load, None if it does not drift."""
-        drift, load = LoadDrift.before(self.changes, self._rows.drifting), known.theta
-        if drift is None or load is None:
+        """The drift of the present load, None if it does not drift; it may go on after an abrupt change."""
+        if known.theta is None:
             return None
-        change = float(load[0] - self.changes[-1].former[0])
-        return drift if drift.goes_on(change, known.buffer.load_rows) else None
+        masses = [*(change.former[0] for change in self.changes), known.theta[0]]
+        for end in (len(self.changes), len(self.changes) - 1):
+            drift = LoadDrift.before(self.changes[: max(0, end)], self._rows.drifting)
+            if drift is not None and drift.goes_on(masses[end] - masses[end - 1], known.buffer.load_rows):
+                return drift
+        return None
 
     def suspect(self, known: Knowledge, index: int, newest: int, is_load: bool) -> None:
         """Begin to compare causes: from the row at this index on the load differs, or motions contradict each other.

@@ -131,7 +131,7 @@ class Innovations:
             end: Index of the first row that was not fitted, which is the row in question; None for the newest row.
         """
         rows = (buffer.count if end is None else end) - buffer.start
-        return self._weights.lag(buffer.views[buffer.start :][: min(rows, self._fitted)], rows)
+        return self._weights.lag(buffer.views[buffer.start :][: min(rows, self._fitted)], rows, self._older)
 
     def look_for_change(self, buffer: RowBuffer, end: int | None = None, small: SmallSteps | None = None) -> Look:
         """Run the first test for a load change on all rows of the load, or on those before an index.

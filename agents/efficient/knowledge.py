@@ -193,24 +193,19 @@ class Knowledge:
             )
         self._next_fit, self._rows_before = least, 0  # a load that is known from few rows is fitted often
 
-    def follow_drift(self, now: Estimate, index: int, drift: LoadDrift) -> bool:
-        """Keep the load, less certainly, if the rows from this index on fit one that has drifted.
+    def follow_drift(self, now: Estimate, index: int, drift: LoadDrift) -> None:
+        """Keep the load, less certainly, although it has changed, and fit it to the rows from this index on.
 
         Args:
             now: The fit to the rows before.
-            index: Of the first row after another step.
+            index: Of the first row after the change.
             drift: The drift before.
-
-        Returns:
-            Whether they do.
         """
         noise = drift.process_noise(now, self.innovations.lag(self.buffer, index))
-        if self.surprise(index, now, noise) > self._guards.fresh_change:
-            return False
         self._chapter.end_of_load(now, self._guess, index, True, noise)
         self._set_estimate(now)
-        self._next_fit, self._rows_before = 0, 0
-        return True
+        self._rows_before = 0
+        self.fit()
 
     def known_before(self, index: int) -> tuple[Estimate, Prior]:
         """Return the estimate from the rows before an index, and the same as a prior; changes nothing here."""
@@ -258,23 +253,18 @@ class Knowledge:
         result[np.ix_(indices, indices)] += drifted
         return result
 
-    def surprise(self, index: int, now: Estimate, noise: Array | None = None) -> float:
+    def surprise(self, index: int, now: Estimate) -> float:
         """Return the statistic of a load change at this row over its threshold; allows for all uncertainty.
 
         Args:
             index: Of the first row of the other load.
             now: The fit to the rows before.
-            noise: Covariance (10, 10) of a change that is no surprise, None if any is one.
         """
         load = now.state.load
         assert load is not None
         moments = wrench_moments(now.body, ProjectedMoments.of(self.buffer.window(index), now.body))
         newest = wrench_evidence(now.body, MotionDerivatives.at(now.body), moments, load)
-        covariance, theta = self.covariance_now(now), now.body.unknowns.theta
-        if noise is not None:
-            covariance = covariance.copy()
-            covariance[theta, theta] += noise
-        return surprise(newest, covariance, theta)
+        return surprise(newest, self.covariance_now(now), now.body.unknowns.theta)
 
     def first_change(self, index: int, now: Estimate) -> tuple[int, Estimate]:
         """Return where the load changed first, if it changed before this index as well, and the fit to the rows before.

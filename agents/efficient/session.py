@@ -357,12 +357,15 @@ class Session:
 
     def _is_step_of_drift(self, change: LoadChange, index: int, now: Estimate) -> bool:
         """Whether a load change at this index is one more step of a drift; the load stays known then."""
-        drift = LoadDrift.before([*self.causes.changes, change], self._rows.drifting)
-        if drift is None or not self.is_confirmed or not self._known.follow_drift(now, index, drift):
+        known, drift = self._known, LoadDrift.before([*self.causes.changes, change], self._rows.drifting)
+        if drift is None or not self.is_confirmed:
+            return False
+        self._contradictions.forget()
+        known.follow_drift(now, index, drift)
+        if known.theta is None or not drift.goes_on(known.theta[0] - change.former[0], 0):
             return False
         self.causes.changes.append(change)
         self._surprises, self._look_until = 0, -1
-        self._fit()
         return True
 
     def _wait_for_poses(self, number: int, now: Estimate) -> bool:

@@ -137,7 +137,7 @@ class Guards:
     shortest: float = 0.3
     small_step: float = 0.012
     small_step_fades: float = 0.5
-    drifting: float = 3.0
+    drifting: float = 12.0
     mistaken: float = 6e-6
     doubted: float = 0.005
     telling_apart: float = 1.2

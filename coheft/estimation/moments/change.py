@@ -84,19 +84,21 @@ class Weights:
         vectors: Array = crossed.reshape(len(grams), -1) @ self.of_cross
         return matrices.reshape(-1, LOAD_SIZE, LOAD_SIZE), vectors
 
-    def lag(self, views: Array, rows: int) -> Array:
+    def lag(self, views: Array, rows: int, older: Array) -> Array:
         """Return ``H^-1 sum_i age_i H_i``: by how much fits lag behind a theta that drifts by one per row, (10, 10).
 
         Args:
             views: Of the rows that were fitted, oldest first, shape (n, 19).
-            rows: Number of rows up to now; what is known from before them is older.
+            rows: Number of rows from the first of them up to now; what is known from before is older.
+            older: Gram matrix (19, 19) of rows before that were fitted as well.
         """
         ages = rows - 1.0 - np.arange(len(views), dtype=np.float64)
-        matrices, _ = self.sums(np.stack([views.T @ views, views.T @ (ages[:, None] * views)]))
-        of_noise, of_ages = len(views) * self.of_noise, ages.sum() * self.of_noise
-        basis, shares = seen_directions(matrices[0] + self.known, of_noise)
-        aged = (matrices[1] - of_ages + rows * self.known)[:, THETA]
-        result: Array = (basis.T @ np.linalg.solve(shares, basis @ aged))[THETA]
+        grams = np.stack([older + views.T @ views, rows * older + views.T @ (ages[:, None] * views)])
+        (information, aged), _ = self.sums(grams)
+        of_noise = grams[:, 0, 0, None, None] * self.of_noise  # the first number of a view is 1
+        basis, shares = seen_directions(information + self.known, of_noise[0])
+        known = (aged - of_noise[1] + rows * self.known)[:, THETA]
+        result: Array = (basis.T @ np.linalg.solve(shares, basis @ known))[THETA]
         return result
 
 
