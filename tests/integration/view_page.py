@@ -16,10 +16,21 @@ PATIENCE = 180.0
 wait_for = partial(wait_until, limit=PATIENCE)
 
 
+SELDOM = "window.requestAnimationFrame = draw => setTimeout(() => draw(performance.now()), 1000)"
+"""Pages draw one picture a second."""
+
+
+def little_to_draw(browser: Any) -> Any:
+    """A context of pages with little to draw, and room for all panels."""
+    context = browser.new_context(viewport={"width": 900, "height": 1100}, device_scale_factor=0.3)
+    context.add_init_script(SELDOM)
+    return context
+
+
 @contextmanager
 def looking_at(browser: Any, url: str) -> Iterator[Any]:
-    """A page with little to draw, and room for all panels."""
-    page = browser.new_page(viewport={"width": 900, "height": 1100}, device_scale_factor=0.3)
+    context = little_to_draw(browser)
+    page = context.new_page()
     page.set_default_timeout(1e3 * PATIENCE)
     failures: list[str] = []
     page.on("pageerror", lambda error: failures.append(str(error)))
@@ -28,7 +39,7 @@ def looking_at(browser: Any, url: str) -> Iterator[Any]:
         yield page
         assert not failures
     finally:  # or the browser draws it for all tests that follow
-        page.close()
+        context.close()
 
 
 def text_of(page: Any) -> str:
