@@ -16,8 +16,8 @@ PATIENCE = 180.0
 wait_for = partial(wait_until, limit=PATIENCE)
 
 
-SELDOM = "window.requestAnimationFrame = draw => setTimeout(() => draw(performance.now()), 5000)"
-"""Pages draw one picture in five seconds: software takes most of a second for one."""
+SELDOM = "window.requestAnimationFrame = draw => setTimeout(() => draw(performance.now()), 1000)"
+"""Pages draw one picture a second: software takes long for each."""
 
 
 def little_to_draw(browser: Any) -> Any:
