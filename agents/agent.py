@@ -4,8 +4,6 @@ It uses no clock, socket or thread. The same core runs in a process of its own o
 simulated network in one process; equal inputs give equal outputs, bit for bit.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@ To add an estimator, write a class with the methods of ``Estimator``. In your ow
 ``coheft.agents.agent.ESTIMATORS``, ``coheft.wire.scenario.plugins.SECTIONS`` and ``coheft.wire.messages.size.ARRAYS``.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field

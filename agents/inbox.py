@@ -4,8 +4,6 @@ Messages may be late, duplicated, out of order, from before the sender restarted
 block are used now; those of the next few blocks are kept until their block. Invalid messages are refused with a reason.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 

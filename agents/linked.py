@@ -1,7 +1,5 @@
 """Agents of a team in one process, linked by a simulated network."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 
 from coheft.agents.agent import Agent, Outbox

@@ -4,8 +4,6 @@ Loss and lateness of a message follow from seed, sender, receiver and block alon
 one process and in many.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 
 from coheft.wire.config import AgentConfig

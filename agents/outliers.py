@@ -1,7 +1,5 @@
 """Detection of single samples that a smooth signal with noise cannot explain."""
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 

@@ -1,7 +1,5 @@
 """Tasks that are due at regular numbers of blocks."""
 
-from __future__ import annotations
-
 
 class Regular:
     """Schedule of a regular task: it is due at blocks whose number is a multiple, the same for all agents.

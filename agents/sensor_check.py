@@ -1,7 +1,5 @@
 """Detection of samples that no working sensor would give; the robot does not use them."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -4,8 +4,6 @@ The first one is the robot's own: its estimates are published, and move the arm.
 beside it. Their messages travel in one, in arrays named ``estimator/array``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 

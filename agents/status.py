@@ -1,7 +1,5 @@
 """An agent's reports to observers: its estimate, whether that is still valid, and if not, why."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from coheft.agents.estimator import Belief

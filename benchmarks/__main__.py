@@ -3,8 +3,6 @@
 'usual' takes some minutes, 'full' most of an hour. If one fails, the others are still measured; the exit status is 1.
 """
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -21,8 +21,6 @@ The JSON has a table for each number of robots, which has one for each estimator
                        ratio of us_per_block, which depends less on other load
 """
 
-from __future__ import annotations
-
 import math
 import os
 import subprocess

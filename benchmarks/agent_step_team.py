@@ -9,8 +9,6 @@ empty line on stdout says that the team is ready; then each line of stdin is a `
 on stdout.
 """
 
-from __future__ import annotations
-
 import argparse
 import cProfile
 import math

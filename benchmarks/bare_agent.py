@@ -1,7 +1,5 @@
 """An agent's process without mathematics, with the same links and messages, see ``benchmarks.floor``."""
 
-from __future__ import annotations
-
 from unittest.mock import patch
 
 from benchmarks.replay import BareAgent

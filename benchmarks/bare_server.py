@@ -1,7 +1,5 @@
 """The physics server's process without physics, with the same links and messages, see ``benchmarks.floor``."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from unittest.mock import patch
 

@@ -4,8 +4,6 @@
 the reports of known quantities with errors within five of their own standard deviations.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from typing import Annotated
 

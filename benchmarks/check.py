@@ -5,8 +5,6 @@ better result counts. With --commit nothing is measured: the ratios of a table o
 build/bench/bench.json, are committed for later comparisons.
 """
 
-from __future__ import annotations
-
 import math
 import sys
 from collections.abc import Mapping

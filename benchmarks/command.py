@@ -1,7 +1,5 @@
 """The command lines of benchmarks."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from typing import NoReturn

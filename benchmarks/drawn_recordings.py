@@ -53,8 +53,7 @@ def between(rng: np.random.Generator, low: float, high: float) -> float:
 def direction(rng: np.random.Generator) -> Array:
     """Draw a unit vector (3,)."""
     drawn = rng.normal(size=3)
-    result: Array = drawn / np.linalg.norm(drawn)
-    return result
+    return drawn / np.linalg.norm(drawn)
 
 
 def draw_team(seed: int, change: tuple[float, Inertia] | None = None) -> Team:

@@ -1,7 +1,5 @@
 """Results of benchmarks: figures in sections, as Markdown and JSON."""
 
-from __future__ import annotations
-
 import statistics
 from collections.abc import Iterable, Sequence
 from pathlib import Path

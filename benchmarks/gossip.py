@@ -3,8 +3,6 @@
 python -m benchmarks.gossip
 """
 
-from __future__ import annotations
-
 import time
 
 from coheft.consensus.gossip import Gossip

@@ -4,8 +4,6 @@ Prints the resident memory and open files of every process that ran for at least
 start, at its end, and three times in between. The exit status is that of the run.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import statistics

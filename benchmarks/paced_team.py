@@ -1,7 +1,5 @@
 """Teams of real processes that can be paused, so that several of them can take turns."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager

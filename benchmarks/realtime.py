@@ -6,8 +6,6 @@ process as ``coheft.run`` in Python does. A ring of 6 estimates the inertia afte
 late. Other load makes runs slower: the note says what the CPU time would allow on all cores.
 """
 
-from __future__ import annotations
-
 import os
 import resource
 import tempfile

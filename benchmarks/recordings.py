@@ -10,8 +10,6 @@ Every second recording has twists and accelerations, if the fault allows. Seeds 
 The bars count for seeds that nothing was tuned on.
 """
 
-from __future__ import annotations
-
 import time
 from dataclasses import replace
 from pathlib import Path

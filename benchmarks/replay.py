@@ -1,7 +1,5 @@
 """Recorded messages of agents, which others repeat without mathematics."""
 
-from __future__ import annotations
-
 import statistics
 from collections import deque
 from collections.abc import Sequence

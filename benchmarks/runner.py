@@ -1,7 +1,5 @@
 """Runs benchmarks one after another."""
 
-from __future__ import annotations
-
 import importlib
 import os
 import platform

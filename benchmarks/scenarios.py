@@ -1,7 +1,5 @@
 """Scenarios for benchmarks: any number of robots, any rate, without load changes."""
 
-from __future__ import annotations
-
 from msgspec.structs import replace
 
 from coheft.wire.scenario.file import load_scenario

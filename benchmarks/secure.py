@@ -3,8 +3,6 @@
 Two teams take turns of a second or two, while the other stands still.
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Callable
 from pathlib import Path

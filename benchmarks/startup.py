@@ -3,8 +3,6 @@
 Bare processes import only the libraries that the real ones need in any case.
 """
 
-from __future__ import annotations
-
 import os
 import statistics
 import subprocess

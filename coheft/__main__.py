@@ -1,7 +1,5 @@
 """``python -m coheft``, and the command ``coheft``."""
 
-from __future__ import annotations
-
 import os
 import sys
 

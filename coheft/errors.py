@@ -1,7 +1,7 @@
 """The exceptions that coheft raises on purpose."""
 
-from __future__ import annotations
-
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import NoReturn
 
 _QUOTED = 400
@@ -72,3 +72,23 @@ class PluginError(CoheftError):
 
 class RecordingError(CoheftError):
     """A recording does not contain what is required."""
+
+
+@contextmanager
+def file_errors(kind: type[CoheftError], failure: str, advice: str = "") -> Iterator[None]:
+    """Raise errors of the file system as another kind: what failed, the system's reason, and what to do."""
+    try:
+        yield
+    except OSError as error:
+        raise kind(f"{failure}: {error.strerror or error}{advice}") from error
+
+
+@contextmanager
+def recording_errors(path: object, failure: str = "cannot be read", advice: str = "") -> Iterator[None]:
+    """Begin each ``RecordingError`` with the path, and raise errors of the file system as such."""
+    try:
+        yield
+    except RecordingError as error:
+        raise RecordingError(f"{path}: {error}") from error
+    except OSError as error:
+        raise RecordingError(f"{path}: {failure}: {error.strerror or error}{advice}") from error

@@ -1,7 +1,5 @@
 """Estimators for your own measurements, without simulation, network or other processes."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

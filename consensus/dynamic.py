@@ -11,8 +11,6 @@ If a value is lost, the sum is no longer conserved. Results that depend on it ar
 all at the same block.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """Tables with one row per robot, distributed to all robots by flooding."""
 
-from __future__ import annotations
-
 import zlib
 from collections.abc import Mapping
 from itertools import islice

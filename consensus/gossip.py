@@ -12,8 +12,6 @@ The **team** is the set of robots that hold the load. When one of them restarts,
 team is a new one, and all of its robots have to announce again that they are ready.
 """
 
-from __future__ import annotations
-
 import zlib
 from collections import deque
 from collections.abc import Iterable

@@ -9,8 +9,6 @@ If a round cannot be completed because a neighbour's message is missing, has ano
 value is marked invalid and never used.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ To compute sums, call ``advance`` and then ``enter`` for each block, and send ``
 ``advance`` returns the network's result of the block entered K blocks before, or None if a value was missing.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Protocol
 

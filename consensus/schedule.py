@@ -12,8 +12,6 @@ Every robot computes the same schedule from the graph that it learned by gossip.
 edge then carries only two values per block, however many rounds there are, and no robot computes eigenvalues.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal

@@ -4,8 +4,6 @@ An agent keeps its own value of a block until its children's subtotals of that b
 all agents output it in the same block. With the number of agents only these delays grow, not the messages.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 Run it after a change of a command; a test fails otherwise.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from coheft.app.cli.base import EXIT_MEANINGS

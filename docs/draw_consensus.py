@@ -3,8 +3,6 @@
 Some seconds. Needs coheft[study].
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

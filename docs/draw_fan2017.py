@@ -4,8 +4,6 @@ One run of ``configs/fan2017.toml`` in this process, a minute or two. Arguments 
 Needs coheft[study].
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Draws pictures/overview.svg: the team with its load, and the links between processes. Needs coheft[study]."""
 
-from __future__ import annotations
-
 import numpy as np
 from drawing import AXES, FAINT, INK, ROBOTS, SOFT, save
 from matplotlib.axes import Axes
@@ -37,8 +35,7 @@ def main() -> None:
 
 def _flat(points: Array) -> Array:
     """Project points (..., 3) to the picture (..., 2)."""
-    result: Array = np.stack([points @ _RIGHT, points @ _UP], axis=-1)
-    return result
+    return np.stack([points @ _RIGHT, points @ _UP], axis=-1)
 
 
 def _draw_team(axes: Axes, scenario: Scenario) -> None:

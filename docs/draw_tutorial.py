@@ -1,7 +1,5 @@
 """Draws the tutorial's pictures from a run of ``ring6``. Needs coheft[study], and half a minute."""
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 from drawing import AXES, FAINT, INK, ROBOTS, SOFT, save

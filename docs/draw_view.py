@@ -3,8 +3,6 @@
 ``python docs/draw_view.py`` needs playwright and Chromium, and takes some minutes where software draws the scene.
 """
 
-from __future__ import annotations
-
 import shutil
 import signal
 import subprocess

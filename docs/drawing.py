@@ -1,7 +1,5 @@
 """Colours, fonts and output of the documentation's pictures."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import matplotlib as mpl

@@ -1,7 +1,5 @@
 """A Sphinx extension that writes equations as MathML, which browsers draw by themselves: no JavaScript, no network."""
 
-from __future__ import annotations
-
 import re
 from html import unescape
 from typing import Any

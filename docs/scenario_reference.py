@@ -3,8 +3,6 @@
 Run it after a change of ``coheft/wire/scenario/schema.py``; a test fails otherwise.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Iterator

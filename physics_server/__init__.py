@@ -2,5 +2,3 @@
 
 It does not depend on the agents; ``coheft.wire`` defines the messages that it exchanges with them.
 """
-
-from __future__ import annotations

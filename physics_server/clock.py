@@ -1,7 +1,5 @@
 """Clocks that decide when the next block is simulated: when all robots have answered, or at a wall-clock time."""
 
-from __future__ import annotations
-
 import math
 import time
 

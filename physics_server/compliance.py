@@ -1,7 +1,5 @@
 """Compliant grasps: the hand is displaced against the load by ``compliance x force``, without a delay of its own."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from coheft.estimation.geometry.spatial import Array
@@ -43,5 +41,4 @@ class CompliantGrasps:
     def _changing(self, vectors: Array, w: Array) -> Array:
         """How fast vectors (N, n, 3) change in axes that do not turn, at all but the first two, shape (N, n - 2, 3)."""
         rates = self._rate * (1.5 * vectors[:, 2:] - 2.0 * vectors[:, 1:-1] + 0.5 * vectors[:, :-2])
-        result: Array = rates + np.cross(w[:, 2:], vectors[:, 2:])
-        return result
+        return rates + np.cross(w[:, 2:], vectors[:, 2:])

@@ -1,7 +1,5 @@
 """Recording of all robots' measurements for a data file, as an experiment with real robots would produce it."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from coheft.estimation.batch.recording import Recording, RobotRecord, Truth

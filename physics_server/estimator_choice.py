@@ -1,7 +1,5 @@
 """The choice of another estimator for all robots during a run."""
 
-from __future__ import annotations
-
 from msgspec import structs
 
 from coheft.errors import CoheftError

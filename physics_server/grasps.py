@@ -1,7 +1,5 @@
 """The robots' grasps on the payload, which change when one slips."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import mujoco

@@ -1,7 +1,5 @@
 """Checks that end a simulation: controls that the engine cannot use, and a payload that the robots have lost."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 

@@ -1,7 +1,5 @@
 """Counting and occasional reporting of answers that arrive too late."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """Loads that are added to the payload and removed while it moves."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """Descriptions of requests to the server, for the log and for messages."""
 
-from __future__ import annotations
-
 from coheft.wire.messages.requests import (
     ClockRequest,
     EstimatorRequest,

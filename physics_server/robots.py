@@ -1,7 +1,5 @@
 """All robots of a run as the server sees them: which take part, and which are late, silent or away."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Iterable, Mapping

@@ -1,7 +1,5 @@
 """The scene: a free payload, the robots' grasps on it, and what the engine needs to simulate them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import mujoco

@@ -1,7 +1,5 @@
 """The robots' sensors: exact readings of the engine with compliance, delay, rotation, scale, drift and white noise."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Mapping
 

@@ -3,8 +3,6 @@
 ``python -m coheft.physics_server.server`` reads a ``ServerConfig`` from stdin.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from contextlib import ExitStack

@@ -17,7 +17,6 @@ from coheft.physics_server.arms.impedance import Arms
 from coheft.physics_server.arms.torque_control import TorqueArms
 from coheft.physics_server.grasps import Grasps
 from coheft.physics_server.held import check_controls, check_held
-from coheft.physics_server.load_schedule import LoadSchedule
 from coheft.physics_server.loads import Loads
 from coheft.physics_server.scene import PAYLOAD, PAYLOAD_HOME, build_model, home_name
 from coheft.physics_server.sensor_errors import SensorErrors
@@ -27,6 +26,8 @@ from coheft.wire.messages.scene import BoxShape, Scene
 from coheft.wire.messages.structs import Measurements, Reference
 from coheft.wire.messages.truth import LoadState, PayloadTruth, Truth
 from coheft.wire.process.log import LOG
+from coheft.wire.scenario.borders import by_border
+from coheft.wire.scenario.change_checks import load_complaints
 from coheft.wire.scenario.grasps import place_grasps
 from coheft.wire.scenario.payload import vector_of
 from coheft.wire.scenario.payload_surface import from_text
@@ -80,7 +81,7 @@ class Simulation:
             ScenarioError: The scenario's load changes cannot all be made, or its arms are too stiff for its payload.
         """
         grasps = place_grasps(scenario)
-        check(scenario, scenario.name, stability_complaints)
+        check(scenario, scenario.name, stability_complaints, load_complaints)
         names = scenario.robot_names
         self._scenario = scenario
         self._names = names
@@ -120,7 +121,8 @@ class Simulation:
             self.model, self.data, payload_body, scenario.payload.inertia(), scenario.payload.load_slots
         )
         self._loads_since = 0.0
-        self._schedule = LoadSchedule(scenario)
+        self._changes = by_border(scenario.load_changes, scenario.block_duration)
+        self._slips = by_border(scenario.slips, scenario.block_duration)
         self._clocks: dict[str, float] = {}
 
     @property
@@ -260,7 +262,7 @@ class Simulation:
     def _change_loads(self) -> tuple[str, ...]:
         """Make the scenario's load changes that are due; return descriptions of those that had to be skipped."""
         problems = []
-        for change in self._schedule.due(self.block):
+        for change in self._changes.get(self.block, ()):
             try:
                 if change.remove is not None:
                     self.remove(change.remove)
@@ -271,7 +273,7 @@ class Simulation:
         return tuple(problems)
 
     def _let_grasps_slip(self) -> None:
-        for slip in self._schedule.slips(self.block):
+        for slip in self._slips.get(self.block, ()):
             number = self._names.index(slip.robot)
             self._grasps.slip(slip.robot, slip.pose())
             self._arms.move_grasp(slip.robot, self._grasps.poses[number])

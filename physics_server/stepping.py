@@ -1,7 +1,5 @@
 """Stepping the engine through one block of samples."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import mujoco

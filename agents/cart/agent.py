@@ -5,8 +5,6 @@ their wrenches and measurements, exactly and a few samples late. Then each filte
 cart and the same total push, and exerts its share of it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -3,8 +3,6 @@
 ``python -m coheft.agents.cart.process`` reads a ``CartAgentProcessConfig`` from stdin.
 """
 
-from __future__ import annotations
-
 import time
 from collections import deque
 from typing import NoReturn

@@ -3,8 +3,6 @@
 All values are in the frames of the cart and the floor, which every robot knows, so no transforms are needed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Consensus over the robots' estimates (Fan et al., eqs 31, 32), and over what their places and the lag do to these."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

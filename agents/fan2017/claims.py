@@ -1,7 +1,5 @@
 """Estimates that a robot publishes of the payload, with covariances and the reasons that keep these large."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from coheft.agents.estimator import is_converged

@@ -5,8 +5,6 @@ frozen and the inertial phase begins: total wrench and angular acceleration by d
 joint least squares with forgetting, and consensus over the robots' estimates.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Mapping
 

@@ -4,8 +4,6 @@ Total wrench and angular acceleration by dynamic consensus, and mass properties 
 on which robots agree.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import replace

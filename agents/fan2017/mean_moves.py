@@ -1,7 +1,5 @@
 """Dynamic consensus on the moves of the robots' estimates, from which each robot learns how noisy their mean is."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -5,8 +5,6 @@ centre of mass and inertia in its own frame, hence the total wrench for that mot
 the load, hence its own share. Its accelerometer gives the direction of gravity. No further messages are needed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The path along which all robots carry the load together, as one agent computes it."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from coheft.estimation.geometry.smooth_step import least_jerk_step

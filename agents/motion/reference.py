@@ -1,7 +1,5 @@
 """Reference motions that make the load observable."""
 
-from __future__ import annotations
-
 from typing import Protocol
 
 import numpy as np

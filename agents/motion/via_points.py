@@ -1,7 +1,5 @@
 """Reference motion along straight lines between random points, followed by points at which the robot rests."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from coheft.estimation.geometry.smooth_step import least_jerk_step

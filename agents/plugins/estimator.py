@@ -4,8 +4,6 @@ The author of an estimator learns of a mistake where it was made, and not from n
 Restarting the agent would not help.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import TypeVar
 

@@ -1,7 +1,5 @@
 """Creation of users' estimators and motions, with checks that an agent can use them."""
 
-from __future__ import annotations
-
 import inspect
 from typing import Any
 

@@ -4,8 +4,6 @@ The results are what other processes would receive: copies, so that later change
 numbers that messages can hold. So a team in one process behaves like one in many processes.
 """
 
-from __future__ import annotations
-
 import operator
 from collections.abc import Callable, Collection, Mapping
 from typing import Any, TypeVar

@@ -1,7 +1,5 @@
 """A function that is called at regular intervals, however long a step takes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from threading import Event, Thread
 

@@ -3,8 +3,6 @@
 ``python -m coheft.agents.process.main`` reads an ``AgentProcessConfig`` from stdin.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections import deque

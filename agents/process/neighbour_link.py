@@ -1,7 +1,5 @@
 """State of the link with one neighbour, its messages, and whether to wait for it."""
 
-from __future__ import annotations
-
 import math
 from collections import deque
 

@@ -1,7 +1,5 @@
 """Collects the estimates of a run for its result."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from coheft.api.result import Result

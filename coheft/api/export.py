@@ -1,7 +1,5 @@
 """Export of an identified load to models and arms."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from coheft.api.result import Result

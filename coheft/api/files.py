@@ -1,7 +1,5 @@
 """Files of results: arrays in an ``.npz`` file that also holds scenario and report as JSON."""
 
-from __future__ import annotations
-
 import zipfile
 from collections.abc import Mapping
 from dataclasses import fields
@@ -14,7 +12,7 @@ import numpy as np
 from coheft.api.result import Result
 from coheft.api.tracks import PoseTrack, RobotResult, Track
 from coheft.app.results.report import Report
-from coheft.errors import CoheftError
+from coheft.errors import CoheftError, file_errors
 from coheft.wire.data.replace import replace_files
 from coheft.wire.scenario.schema import Scenario
 
@@ -37,10 +35,8 @@ def save_result(result: Result, path: Path) -> Path:
         parts |= {f"poses/{other}": pose for other, pose in robot.poses.items()}
         for each, track in parts.items():
             arrays |= {f"{name}/{each}/{field.name}": getattr(track, field.name) for field in fields(track)}
-    try:
+    with file_errors(CoheftError, f"{path}: cannot be written"):
         replace_files({path: lambda file: np.savez_compressed(file, **arrays)})
-    except OSError as error:
-        raise CoheftError(f"{path}: cannot be written: {error.strerror or error}") from error
     return path
 
 

@@ -1,7 +1,5 @@
 """Identification of a load from a recording."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 

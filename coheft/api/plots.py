@@ -1,7 +1,5 @@
 """Plots of a result."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

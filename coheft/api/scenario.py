@@ -1,7 +1,5 @@
 """Scenarios in Python: by name, from a file, from dictionaries, or built from classes."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """A run in this process, block by block, with the caller's code in between."""
 
-from __future__ import annotations
-
 import time
 
 import msgspec
@@ -9,6 +7,7 @@ import msgspec
 from coheft.agents.agent import Outbox
 from coheft.api.collector import Collector
 from coheft.api.result import Result
+from coheft.app.names import check_link
 from coheft.app.results.carry_record import CarryRecord
 from coheft.app.results.record import Record
 from coheft.app.results.report import build_report
@@ -135,7 +134,7 @@ class Simulation:
         Raises:
             CoheftError: They are not neighbours.
         """
-        self._check_link(one, other)
+        check_link(self._team.graph, one, other)
         self._cut.add(frozenset((one, other)))
 
     def mend(self, one: str, other: str) -> None:
@@ -144,7 +143,7 @@ class Simulation:
         Raises:
             CoheftError: They are not neighbours.
         """
-        self._check_link(one, other)
+        check_link(self._team.graph, one, other)
         self._cut.discard(frozenset((one, other)))
 
     def result(self) -> Result:
@@ -173,9 +172,3 @@ class Simulation:
         for news in all_news:
             self._record.receive(news)
             self._collector.receive(news)
-
-    def _check_link(self, one: str, other: str) -> None:
-        graph = self._team.graph
-        if other not in graph.get(one, ()):
-            links = ", ".join(f"{a}-{b}" for a, others in graph.items() for b in others if a < b)
-            raise CoheftError(f"there is no link {one}-{other}; the links are {links}")

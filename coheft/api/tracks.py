@@ -1,7 +1,5 @@
 """Estimates of one robot over time with the truth, as arrays."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Style and files of all pictures."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -9,7 +7,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import IO, Any
 
-from coheft.errors import CoheftError, MissingPackageError
+from coheft.errors import CoheftError, MissingPackageError, file_errors
 
 _DPI = 150
 _PACKAGES = {"study": ("matplotlib",), "report": ("matplotlib", "Jinja2")}
@@ -71,10 +69,8 @@ def picture_folder(folder: Path | None, extra: str = "study") -> Iterator[None]:
         if find_spec(package.lower()) is None:
             raise MissingPackageError(package, extra)
     new = [each for each in (folder, *folder.parents) if not each.exists()]
-    try:
+    with file_errors(CoheftError, f"cannot make the folder {folder}", "; name another"):
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise CoheftError(f"cannot make the folder {folder}: {error.strerror}; name another") from error
     try:
         yield
     except BaseException:

@@ -1,8 +1,8 @@
-"""Lists of names in sentences."""
+"""Names of robots in sentences."""
 
-from __future__ import annotations
+from collections.abc import Mapping, Sequence
 
-from collections.abc import Sequence
+from coheft.errors import CoheftError
 
 _MOST = 8
 
@@ -12,3 +12,10 @@ def few(names: Sequence[str]) -> str:
     if len(names) <= _MOST:
         return ", ".join(names)
     return f"{', '.join(names[: _MOST - 1])} and {len(names) - _MOST + 1} more"
+
+
+def check_link(neighbours: Mapping[str, Sequence[str]], one: str, other: str) -> None:
+    """Check that two robots of a graph are neighbours; a ``CoheftError`` names all links if they are not."""
+    if other not in neighbours.get(one, ()):
+        links = ", ".join(f"{a}-{b}" for a, others in neighbours.items() for b in others if a < b)
+        raise CoheftError(f"there is no link {one}-{other}; the links are {links}")

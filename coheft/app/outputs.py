@@ -1,13 +1,11 @@
 """Files that a command writes at its end."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from coheft.errors import CoheftError
+from coheft.errors import CoheftError, file_errors
 
 
 def write_outputs(*outputs: tuple[Any, Callable[[Any], object]]) -> None:
@@ -20,7 +18,5 @@ def write_outputs(*outputs: tuple[Any, Callable[[Any], object]]) -> None:
 
 def write_text(path: Path, text: str, what: str = "") -> None:
     """Write a text file, or raise a ``CoheftError`` in which ``what`` describes it, before its path."""
-    try:
+    with file_errors(CoheftError, f"cannot write {what}{path}"):
         path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise CoheftError(f"cannot write {what}{path}: {error.strerror}") from error

@@ -1,7 +1,5 @@
 """Versions of the software that made a result, for reproducing it."""
 
-from __future__ import annotations
-
 import platform
 from importlib.metadata import version
 

@@ -263,8 +263,7 @@ def _reduced(by_parameters: Array, by_motion: Array) -> Array:
     coupling = by_motion.transpose(0, 2, 1) @ by_parameters
     nuisance = by_motion.transpose(0, 2, 1) @ by_motion + _NEGLIGIBLE * np.eye(MOTION_SIZE)
     explained = np.linalg.solve(nuisance, coupling).reshape(-1, size)
-    result: Array = flat.T @ flat - coupling.reshape(-1, size).T @ explained
-    return result
+    return flat.T @ flat - coupling.reshape(-1, size).T @ explained
 
 
 def _inverse(information: Array) -> Array:

@@ -4,8 +4,6 @@ They are computed in closed form for integer degrees of freedom, because loading
 MB and half of an agent's import time.
 """
 
-from __future__ import annotations
-
 import math
 from functools import cache
 

@@ -1,7 +1,5 @@
 """Linear algebra in double precision, with exact types."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from coheft.estimation.geometry.spatial import Array
@@ -13,8 +11,7 @@ def inverse(matrix: Array) -> Array:
     Raises:
         numpy.linalg.LinAlgError: A matrix is singular.
     """
-    result: Array = np.asarray(np.linalg.inv(matrix), dtype=np.float64)
-    return result
+    return np.asarray(np.linalg.inv(matrix), dtype=np.float64)
 
 
 def positive_part(symmetric: Array) -> Array:

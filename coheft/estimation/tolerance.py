@@ -7,8 +7,6 @@ its clock's error; force and torque have an additional delay. With a compliant g
 the load by ``compliance x force``, in the direction in which the robot pushes.
 """
 
-from __future__ import annotations
-
 from typing import Annotated, NamedTuple
 
 import msgspec
@@ -121,8 +119,7 @@ class SensorTolerance(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
         if shape == "mounting":
             degrees: float = getattr(self, f"{sensor}_mounting_deg", 0.0)
             return float(np.radians(degrees))
-        value: float = getattr(self, f"{sensor}_{shape}", 0.0)
-        return value
+        return getattr(self, f"{sensor}_{shape}", 0.0)
 
     def proportional(self) -> list[Proportional]:
         """Return all proportional errors with a deviation above 0."""

@@ -1,7 +1,5 @@
 """Configurations of processes: each contains only what the process needs for its part of the run."""
 
-from __future__ import annotations
-
 from typing import Any, Literal
 
 import msgspec

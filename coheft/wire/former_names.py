@@ -3,8 +3,6 @@
 Structs with the name of an estimator call ``keep_present`` on creation, so that no other code handles earlier names.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import Any
 

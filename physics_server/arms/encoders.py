@@ -93,5 +93,4 @@ class Encoders:
 def _direction(rng: np.random.Generator) -> Array:
     """Return a unit vector (3,), uniform over the sphere."""
     vector = rng.standard_normal(3)
-    result: Array = vector / np.linalg.norm(vector)
-    return result
+    return vector / np.linalg.norm(vector)

@@ -8,8 +8,6 @@ The wrench on the payload is exactly the sum of two parts:
   because actuators would cost the engine as much as those of a spring even when they are not used.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import mujoco

@@ -1,7 +1,5 @@
 """Seven-joint arms made of primitive shapes, each with its wrist welded to the payload."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

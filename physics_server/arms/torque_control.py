@@ -5,8 +5,6 @@ between hand and home frame, plus the feed-forward wrench, plus the arm's own gr
 remaining degree of freedom of the seven joints is held near the home angles.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import mujoco

@@ -4,8 +4,6 @@ The wheels' force is computed exactly from the engine's mass matrix and accelera
 to rounding. Rolling wheels with friction would slip a thousand times as much.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -20,7 +18,7 @@ from coheft.estimation.cart.model import CartBody, axes, mass_matrix, wheel_row
 from coheft.estimation.geometry.spatial import Array
 from coheft.wire.cart.messages import CartMeasurement, CartPush, CartTruth
 from coheft.wire.cart.scenario import PHYSICS_RATE, CartLoad, CartScenario
-from coheft.wire.scenario.borders import first_border
+from coheft.wire.scenario.borders import by_border
 
 _STABILISING = 100.0
 """Rate at which residual slip decays [1/s]."""
@@ -79,7 +77,7 @@ class CartSimulation:
         self._steps = PHYSICS_RATE // scenario.rate
         self._acceleration = np.zeros(3)
         self._casters = Casters() if scenario.casters else None
-        self._loads = sorted(scenario.loads, key=lambda load: load.at)
+        self._loads = by_border(scenario.loads, 1.0 / scenario.rate)
         self._hands = {name: np.array(scenario.hand(name)) for name in scenario.names}
         self._rng = np.random.default_rng(scenario.seed)
 
@@ -89,8 +87,8 @@ class CartSimulation:
         Raises:
             SimulationError: The cart has moved out of bounds.
         """
-        while self._loads and first_border(self._loads[0].at, 1.0 / self._scenario.rate) <= self.block:
-            self._change(self._loads.pop(0))
+        for load in self._loads.get(self.block, ()):
+            self._change(load)
         scenario, motion = self._scenario, np.concatenate([self.data.qpos, self.data.qvel])
         if not (np.abs(motion) < _FARTHEST).all():
             raise SimulationError(f"at {self.block / scenario.rate:g} s the cart has moved out of bounds: {motion}")

@@ -3,8 +3,6 @@
 ``python -m coheft.physics_server.cart.server`` reads a ``CartServerConfig`` from stdin.
 """
 
-from __future__ import annotations
-
 import time
 from contextlib import ExitStack
 from typing import NoReturn

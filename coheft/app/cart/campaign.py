@@ -1,7 +1,5 @@
 """Many runs with carts, in parallel: tests, seeds, with and without the estimator."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple

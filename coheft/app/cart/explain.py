@@ -1,7 +1,5 @@
 """Other meanings of a cart's recording, with one of which all of it may fit."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Figures 4 to 6 of Aguilera et al., redrawn."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Identification of a cart from a recording of pushes."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import msgspec

@@ -1,7 +1,5 @@
 """A run with a cart in one process, with the same pure cores and results as in separate processes."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from coheft.agents.cart.agent import CartAgent

@@ -1,7 +1,5 @@
 """Errors of a run with a cart."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import msgspec

@@ -1,7 +1,5 @@
 """A run with a cart in separate processes: one for its physics, one for each pusher."""
 
-from __future__ import annotations
-
 import secrets
 import time
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Results of all tests beside the paper's claims, as a table."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 
 import msgspec
@@ -113,9 +111,3 @@ def sentences(reports: Sequence[CartReport]) -> list[str]:
     diverged = sum(report.diverged for report in learned)
     found.append(f"{diverged} of {len(learned)} runs diverged.")
     return found
-
-
-def markdown(reports: Sequence[CartReport]) -> str:
-    """The table as Markdown."""
-    lines = [HEADER, ("---",) * len(HEADER), CLAIMS, *rows(reports)]
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in lines) + "\n"

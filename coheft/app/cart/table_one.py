@@ -1,7 +1,5 @@
 """The tests of Aguilera et al., Table I, with assumptions where the paper leaves values open."""
 
-from __future__ import annotations
-
 from coheft.estimation.cart.model import CartBody
 from coheft.estimation.cart.prior import CartPrior
 from coheft.wire.cart.scenario import CartLoad, CartScenario, TrajectoryName

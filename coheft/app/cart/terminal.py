@@ -1,7 +1,5 @@
 """Results of ``coheft cart`` in the terminal."""
 
-from __future__ import annotations
-
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table

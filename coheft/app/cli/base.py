@@ -1,7 +1,5 @@
 """Shared parts of all commands: the application, its groups of commands, exit statuses."""
 
-from __future__ import annotations
-
 import cyclopts
 
 import coheft

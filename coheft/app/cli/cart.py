@@ -1,7 +1,5 @@
 """The command that pushes a cart."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path

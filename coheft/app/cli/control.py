@@ -1,7 +1,5 @@
 """Commands for a run in progress."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

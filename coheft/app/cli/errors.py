@@ -1,7 +1,5 @@
 """Error messages of the command line: what was found, what was expected, what to do."""
 
-from __future__ import annotations
-
 import difflib
 import re
 import shutil

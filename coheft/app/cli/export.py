@@ -1,7 +1,5 @@
 """The command that exports an identified load."""
 
-from __future__ import annotations
-
 import sys
 from typing import Annotated, Literal
 

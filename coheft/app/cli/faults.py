@@ -10,7 +10,7 @@ from cyclopts import Parameter
 
 from coheft.app.cli import options
 from coheft.app.cli.base import EVALUATE, EXIT_BROKEN_PROMISE, EXIT_CONVERGED, app
-from coheft.errors import CoheftError, UsageError
+from coheft.errors import CoheftError, UsageError, file_errors
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -137,11 +137,9 @@ def _keep_failed(seed: int, values: list[str], folder: Path) -> None:
     from coheft.app.faults.draw import draw_schedule
     from coheft.app.faults.schedule import write_schedule
 
-    try:
+    with file_errors(CoheftError, f"cannot write {folder / str(seed)}.json"):
         folder.mkdir(parents=True, exist_ok=True)
         write_schedule(draw_schedule(seed, values=values), folder / f"{seed}.json")
-    except OSError as error:
-        raise CoheftError(f"cannot write {folder / str(seed)}.json: {error.strerror}") from error
 
 
 def _new_file(seed: int) -> Path:

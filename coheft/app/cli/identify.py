@@ -1,7 +1,5 @@
 """The command that identifies a load from a recording."""
 
-from __future__ import annotations
-
 import os
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """The command line. Modules that only one command needs are imported in that command, so that help is fast."""
 
-from __future__ import annotations
-
 import errno
 import sys
 from collections.abc import Sequence

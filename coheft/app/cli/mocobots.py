@@ -1,7 +1,5 @@
 """The command that repeats the experiments of the paper on mocobots."""
 
-from __future__ import annotations
-
 from itertools import count
 from typing import Annotated
 

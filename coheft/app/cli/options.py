@@ -1,7 +1,5 @@
 """Types of arguments and options: how they are converted, checked and described."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path

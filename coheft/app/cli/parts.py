@@ -1,7 +1,5 @@
 """Commands that start parts by hand, make their certificates, and link them with ROS 2."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """Commands for recordings of runs."""
 
-from __future__ import annotations
-
 from math import isfinite
 
 from coheft.app.cli import options

@@ -1,7 +1,5 @@
 """Commands about scenarios."""
 
-from __future__ import annotations
-
 import re
 import textwrap
 

@@ -1,7 +1,5 @@
 """Commands about the command line itself."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Literal
 

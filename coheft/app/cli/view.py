@@ -1,7 +1,5 @@
 """The command that shows a run in a browser."""
 
-from __future__ import annotations
-
 from contextlib import suppress
 
 from coheft.app.cli import options

@@ -1,7 +1,5 @@
 """Loads in the formats of models and arm controllers. Each format has its own frames and units."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable, Iterable
 from typing import Literal

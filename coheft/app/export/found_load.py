@@ -10,6 +10,7 @@ from coheft.app.identify.report import IdentifyReport
 from coheft.app.results.report import Report
 from coheft.errors import CoheftError
 from coheft.estimation.geometry.spatial import Array, Pose
+from coheft.estimation.rigid_body.consistency import is_possible
 from coheft.estimation.rigid_body.mass_properties import Inertia, unpack_symmetric
 from coheft.wire.messages.states import Validity
 from coheft.wire.messages.structs import Estimate
@@ -144,8 +145,7 @@ def _checked(
     """Return the load, if a body with these mass properties can exist."""
     if inertia.com.shape != (3,) or inertia.tensor.shape != (3, 3):
         raise CoheftError(f"{source}: expected 3 numbers for the centre of mass and 3 × 3 for the inertia")
-    scale = np.sqrt(np.abs(np.diag(inertia.pseudo_inertia())))
-    smallest = np.linalg.eigvalsh(inertia.pseudo_inertia() / np.outer(scale, scale))[0] if scale.all() else -1.0
-    if not (inertia.mass > 0.0 and np.allclose(inertia.tensor, inertia.tensor.T) and smallest >= -_ROUNDING):
+    exists = inertia.mass > 0.0 and is_possible(inertia.barycentric(), -_ROUNDING)
+    if not (exists and np.allclose(inertia.tensor, inertia.tensor.T)):
         raise CoheftError(f"{source}: no body can have the mass properties that {robot} tells: {inertia.mass:g} kg")
     return FoundLoad(inertia, *std, robot, source, remarks)

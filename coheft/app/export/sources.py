@@ -1,7 +1,5 @@
 """Sources of identified loads: JSON reports, and runs in progress."""
 
-from __future__ import annotations
-
 import time
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Comparison of a load with limits, with its uncertainty taken into account."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 import msgspec

@@ -1,7 +1,5 @@
 """Campaigns of many schedules on all cores. Outcomes can be kept in a file, so that a campaign can be continued."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 import time

@@ -1,7 +1,5 @@
 """Times at which a robot holds the load, and the notices of changes to its agent."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from coheft.app.faults.schedule import FaultSchedule, Release

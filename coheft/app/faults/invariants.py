@@ -10,8 +10,6 @@ change is not checked, and nothing that belongs to less than ``GRACE_OF_SLIP`` a
 lie or have lied, nor the poses of robots that do not hold the load.
 """
 
-from __future__ import annotations
-
 import math
 
 import msgspec

@@ -3,8 +3,6 @@
 A campaign has to find the bugs. If a campaign does not notice that a guard is disabled, the guard is useless.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial

@@ -1,7 +1,5 @@
 """The simulated network: queues of messages for each agent and block, with all faults of messages."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 

@@ -1,7 +1,5 @@
 """Output of campaigns and schedules in the terminal."""
 
-from __future__ import annotations
-
 import math
 import shlex
 from collections.abc import Callable, Iterator, Sequence

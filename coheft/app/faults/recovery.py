@@ -16,8 +16,6 @@ other faults, or changes of the load alone              ``BACK``                
 ======================================================  =======================  =====================================
 """
 
-from __future__ import annotations
-
 from coheft.app.faults.grasp_schedule import GraspSchedule
 from coheft.app.faults.invariants import Violation
 from coheft.app.faults.run import FaultyBlock

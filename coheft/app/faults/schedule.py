@@ -1,7 +1,5 @@
 """Faults of one simulated run, with their times. Equal schedules give equal runs, bit for bit."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 

@@ -1,7 +1,5 @@
 """Simplification of a schedule that breaks a promise."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 
 import msgspec

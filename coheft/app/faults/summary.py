@@ -1,7 +1,5 @@
 """Summary of a campaign."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import msgspec

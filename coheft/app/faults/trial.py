@@ -1,7 +1,5 @@
 """Running one schedule with all checks."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterable, Iterator
 

@@ -1,7 +1,5 @@
 """Options of an identification; this module imports nothing heavy."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal

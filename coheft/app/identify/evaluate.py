@@ -1,7 +1,5 @@
 """Identification of a load from a recording in a file or in arrays, for the command and the Python interface."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A folder with all about an identification: report, tables as text, pictures."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from rich.console import Console
@@ -10,7 +8,7 @@ from coheft.app.identify.plots import plot_forces, plot_residuals, plot_uncertai
 from coheft.app.identify.report import IdentifyReport
 from coheft.app.identify.tables import print_identification
 from coheft.app.results.report import write_report
-from coheft.errors import RecordingError
+from coheft.errors import RecordingError, file_errors
 from coheft.estimation.batch.identification import Identification
 from coheft.estimation.batch.recording import Recording
 
@@ -22,11 +20,11 @@ def write_identification(folder: Path, recording: Recording, found: Identificati
         RecordingError: A file cannot be written.
         MissingPackageError: matplotlib is not installed.
     """
-    try:
-        with (folder / "report.txt").open("w", encoding="utf-8") as file:
-            print_identification(Console(file=file, width=120), report)
-    except OSError as error:
-        raise RecordingError(f"{folder}: cannot be written: {error.strerror}") from error
+    with (
+        file_errors(RecordingError, f"{folder}: cannot be written"),
+        (folder / "report.txt").open("w", encoding="utf-8") as file,
+    ):
+        print_identification(Console(file=file, width=120), report)
     write_report(report, str(folder / "report.json"))
     plot_residuals(found, folder / "residuals.png")
     plot_forces(recording, found, folder / "forces.png")

@@ -1,7 +1,5 @@
 """Reading of all kinds of recordings."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path

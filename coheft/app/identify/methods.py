@@ -1,7 +1,5 @@
 """Choice of a method for a recording, and calls of all methods."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Pictures of an identification: residuals, forces and correlations."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

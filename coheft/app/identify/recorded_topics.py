@@ -1,7 +1,5 @@
 """Reading of a team's recording from a file of topics."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -12,7 +10,7 @@ from coheft.app.identify.bags import Bag
 from coheft.app.identify.topics import found_topics, named_topics
 from coheft.app.recording.reader import Recording as Run
 from coheft.app.recording.reader import read_recording as read_run
-from coheft.errors import RecordingError, one_line
+from coheft.errors import one_line, recording_errors
 from coheft.estimation.batch.recording import Recording, Truth, check_recording
 from coheft.estimation.geometry.spatial import Pose
 from coheft.estimation.rigid_body.mass_properties import Inertia
@@ -34,7 +32,7 @@ def read_topics(path: Path, topics: Sequence[str]) -> Recording:
     Raises:
         RecordingError: It cannot be read, has other topics, or samples that are not valid.
     """
-    try:
+    with recording_errors(path):
         with Bag(path) as bag:
             chosen = named_topics(bag.topics, topics) if topics else found_topics(bag.topics)
             streams = bag.streams({name for own in chosen.values() for name in own.values()})
@@ -47,10 +45,6 @@ def read_topics(path: Path, topics: Sequence[str]) -> Recording:
         )
         recording = Recording(robots)
         check_recording(recording)
-    except RecordingError as error:
-        raise RecordingError(f"{path}: {error}") from error
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from error
     return _with_truth(recording, read_run(path)) if is_ours and not topics else recording
 
 

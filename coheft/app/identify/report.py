@@ -1,7 +1,5 @@
 """The report on an identification, which becomes JSON."""
 
-from __future__ import annotations
-
 from itertools import combinations
 
 import msgspec

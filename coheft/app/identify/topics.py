@@ -1,7 +1,5 @@
 """Assignment of topics to robots, by ``--topics`` or by the topics' names."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 

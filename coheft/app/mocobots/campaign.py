@@ -1,7 +1,5 @@
 """Many simulated experiments: all configurations, with and without calibration errors, by several methods."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Literal
 
@@ -15,8 +13,9 @@ from coheft.app.mocobots.paper import PAIRS, PAPER
 from coheft.app.mocobots.record import record, record_sphere
 from coheft.app.run.parallel import side_by_side, workers
 from coheft.estimation.batch.identification import Identification
-from coheft.estimation.batch.recording import Recording
+from coheft.estimation.batch.recording import Recording, Truth
 from coheft.estimation.geometry.spatial import Array
+from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.wire.scenario.encoders import EncoderErrors
 from coheft.wire.scenario.file import load_scenario
 from coheft.wire.scenario.schema import Scenario
@@ -131,10 +130,16 @@ def scenario_of(configuration: str, noise: Noise, number: int) -> Scenario:
 
 def errors_of(recording: Recording, found: Identification) -> list[float]:
     """Errors in the order of ``paper.ROWS``."""
+    truth, load = truth_of(recording)
+    rotations, positions = zip(*(pose_errors(truth, found, i, j) for i, j in PAIRS), strict=True)
+    mass, com, principal = load_errors(found.payload.inertia, load)
+    return [*rotations, *positions, abs(mass), com, *principal]
+
+
+def truth_of(recording: Recording) -> tuple[Truth, Inertia]:
+    """The truth of a simulated recording, and the load, which does not change."""
     truth = recording.truth
     load = None if truth is None else truth.load_between(float(recording.time[0]), float(recording.time[-1]))
     if truth is None or load is None:
         raise ValueError("expected a recording with the truth")
-    rotations, positions = zip(*(pose_errors(truth, found, i, j) for i, j in PAIRS), strict=True)
-    mass, com, principal = load_errors(found.payload.inertia, load)
-    return [*rotations, *positions, abs(mass), com, *principal]
+    return truth, load

@@ -4,8 +4,6 @@ Errors of rotations, positions, mass and centre of mass are means of absolute va
 means of signed values with standard deviations, so that ``sqrt(mean² + std²)`` is used.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 PAIRS = ((0, 1), (1, 2), (2, 0))

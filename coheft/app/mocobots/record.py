@@ -1,7 +1,5 @@
 """Simulated experiments with mocobots."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 
 import msgspec
@@ -96,8 +94,7 @@ def sphere_references(grasps: Sequence[Pose], seed: int, rate: int, block: int) 
         swing = 0.5 * np.radians(_SWING_DEG) * np.sin(omegas * time[:, None, None] + phases).sum(axis=-1)
         edge = np.clip(np.minimum(time, SPHERE_TIME - time) / _RAMP, 0.0, 1.0)[:, None]
         turned = Rotation.from_rotvec(edge**2 * (3.0 - 2.0 * edge) * swing).apply(grasp.translation - centre)
-        result: Array = (turned - (grasp.translation - centre)) @ grasp.rotation
-        return result
+        return (turned - (grasp.translation - centre)) @ grasp.rotation
 
     def reference(grasp: Pose) -> ReferenceOf:
         def at(index: int) -> Array:

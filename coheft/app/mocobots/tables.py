@@ -1,7 +1,5 @@
 """Our errors beside the paper's tables, as Markdown."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

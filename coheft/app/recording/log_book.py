@@ -1,7 +1,5 @@
 """Log of events in a run: loads that are added or removed, robots that notice it, estimates that become stale."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 from coheft.app.recording import ros

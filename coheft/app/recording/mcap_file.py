@@ -1,7 +1,5 @@
 """Writing of an MCAP file of ROS 2 messages."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from typing import BinaryIO
 

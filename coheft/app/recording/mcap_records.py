@@ -1,7 +1,5 @@
 """Iteration over the records of an MCAP file, also of an incomplete one."""
 
-from __future__ import annotations
-
 import os
 import struct
 from collections.abc import Iterator

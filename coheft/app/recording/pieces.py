@@ -4,8 +4,6 @@ Chunks and attachments have checksums: after damage, reading continues at the ne
 contain their own length, so damage right before one does not hide it. Every other record is used if it can be read.
 """
 
-from __future__ import annotations
-
 import math
 import re
 import struct

@@ -1,7 +1,5 @@
 """The messages of the observer plane as bytes under separate topics, so that a replay is exact."""
 
-from __future__ import annotations
-
 from coheft.wire.messages.codec import decode, encode
 from coheft.wire.messages.former_frame import decode_former, is_former
 from coheft.wire.messages.requests import Status

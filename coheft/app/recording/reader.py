@@ -1,7 +1,5 @@
 """Reading of recordings: returns exactly the messages that were received when they were made."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path

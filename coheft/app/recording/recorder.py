@@ -1,7 +1,5 @@
 """Recording of a run in progress."""
 
-from __future__ import annotations
-
 import threading
 import time
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Recovery of incomplete or damaged recordings."""
 
-from __future__ import annotations
-
 import math
 import mmap
 from collections.abc import Iterator

@@ -4,8 +4,6 @@ Every time is simulated time in nanoseconds. The order of components is this pro
 ``(f, t)``, quaternions with the scalar first. What is not known is NaN.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from types import SimpleNamespace
 from typing import Any, NamedTuple

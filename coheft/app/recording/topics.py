@@ -1,7 +1,5 @@
 """Messages of a run as ROS 2 messages by topic: the truth, measurements, estimates, and errors of these."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 
 import numpy as np

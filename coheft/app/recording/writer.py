@@ -1,7 +1,5 @@
 """Content of a recording: every message that an observer receives, and its content as ROS 2 messages."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import msgspec

@@ -1,7 +1,5 @@
 """How well a load was carried along the common path: deviations from the path, and internal forces."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Literal
 

@@ -1,7 +1,5 @@
 """Errors of an estimate, and whether they contradict its own covariance."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from coheft.estimation.geometry.spatial import Array, Pose, rotation_log
@@ -56,5 +54,4 @@ def in_stds(error: Array, covariance: Array) -> Array:
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         stds = np.abs(error) / np.sqrt(np.diagonal(covariance))
-    result: Array = np.where(np.abs(error) < _ROUNDING, 0.0, stds)
-    return result
+    return np.where(np.abs(error) < _ROUNDING, 0.0, stds)

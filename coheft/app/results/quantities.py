@@ -1,7 +1,5 @@
 """The quantities that are evaluated, and norms of the errors of all robots."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -10,6 +8,7 @@ import numpy as np
 from coheft.app.results.errors import PAYLOAD_SIZE, in_full, payload_error
 from coheft.app.results.judge import Judge
 from coheft.estimation.geometry.spatial import Array
+from coheft.estimation.rigid_body.consistency import is_possible
 from coheft.estimation.rigid_body.mass_properties import TIMES_IN_MATRIX, Inertia
 from coheft.wire.messages.structs import Estimate, PayloadEstimate
 
@@ -38,13 +37,11 @@ class Quantity:
 
     def squares(self, errors: Array) -> Array:
         """Return squared norms of errors, shape (k, 6 or 10) to (k,)."""
-        result: Array = np.square(errors[:, self.components]) @ self.counts
-        return result
+        return np.square(errors[:, self.components]) @ self.counts
 
     def expected_squares(self, covariances: Array) -> Array:
         """Return the expectation of ``squares`` for given covariances, shape (k, s, s) to (k,)."""
-        result: Array = np.diagonal(covariances, axis1=1, axis2=2)[:, self.components] @ self.counts
-        return result
+        return np.diagonal(covariances, axis1=1, axis2=2)[:, self.components] @ self.counts
 
 
 _ONCE = np.ones(3)
@@ -110,9 +107,4 @@ def payload_exists(payload: PayloadEstimate | None) -> bool:
         return True
     if payload.com is None or payload.tensor is None:
         return payload.mass > 0.0
-    pseudo = Inertia(payload.mass, payload.com, payload.tensor).pseudo_inertia()
-    diagonal = np.diag(pseudo)
-    if not np.all(diagonal > 0.0):
-        return False
-    balanced = pseudo / np.sqrt(np.outer(diagonal, diagonal))
-    return bool(np.linalg.eigvalsh(balanced)[0] >= -_ROUNDING)
+    return is_possible(Inertia(payload.mass, payload.com, payload.tensor).barycentric(), -_ROUNDING)

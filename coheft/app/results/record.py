@@ -1,7 +1,5 @@
 """An observer's record of a run: all data of the report, in memory that does not grow with time."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 
 import msgspec

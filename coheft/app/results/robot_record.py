@@ -1,7 +1,5 @@
 """The record of one robot's estimates: each is compared with the truth when it arrives, and then dropped."""
 
-from __future__ import annotations
-
 from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass, field

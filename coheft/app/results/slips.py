@@ -1,7 +1,5 @@
 """Grasps that slipped in a run, and when the robots noticed."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 
 import msgspec

@@ -1,7 +1,5 @@
 """The bridge from a run to ROS 2: an observer that publishes its received messages as standard ROS messages."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 
 from coheft.app.recording import ros

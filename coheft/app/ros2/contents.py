@@ -1,7 +1,5 @@
 """Whether measurements can be those of robots that hold one load: units, gravity, and the sign of forces."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Sequence
 

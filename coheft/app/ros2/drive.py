@@ -1,7 +1,5 @@
 """Robots driven from ROS 2: agents receive measurements of ROS nodes; references and estimates are published."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Nodes and publishers in ROS 2 according to liveliness tokens, and reasons why messages on a topic may be missing."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 

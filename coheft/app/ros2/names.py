@@ -4,8 +4,6 @@ As rmw_zenoh's design.md and sources have it from version 0.2.4 (Jazzy) and 0.6.
 were different.
 """
 
-from __future__ import annotations
-
 import re
 import struct
 from collections.abc import Iterable

@@ -1,7 +1,5 @@
 """A ROS 2 node on rmw_zenoh with publishers and subscriptions."""
 
-from __future__ import annotations
-
 import json
 import os
 import time

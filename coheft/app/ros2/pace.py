@@ -4,8 +4,6 @@ Arrival times are those of our own clock. Stamps may be of any clock; recordings
 slower than that, and pause.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Mapping
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """One robot's measurements from ROS 2: three streams of standard messages, combined to blocks by their stamps."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator, Sequence
 from queue import Empty, SimpleQueue
@@ -129,14 +127,12 @@ class BlockBuilder:
         sensors: The robot's sensors; what is missing is zero.
 
     Attributes:
-        given_up: Number of blocks that were never complete.
         counts: Measurements that have arrived since the last complete block, by stream.
         behind: Time by which the last of these is older than the next possible block [s]; 0 if it is not.
         paces: The pace of each stream.
     """
 
     def __init__(self, robot: str, rate: int, block: int, epoch: int, stamps: Stamps, sensors: RobotSensors) -> None:
-        self.given_up = 0
         self.counts = dict.fromkeys(streams_of(sensors), 0)
         self.behind = 0.0
         self.paces = {stream: Pace() for stream in self.counts}
@@ -183,4 +179,3 @@ class BlockBuilder:
     def _give_up(self, numbers: Sequence[int]) -> None:
         for number in numbers:
             del self._open[number]
-        self.given_up += len(numbers)

@@ -1,7 +1,5 @@
 """Checks of stamps: a clock that is far ahead would make its robot's agent wait for that long."""
 
-from __future__ import annotations
-
 from statistics import median_low
 
 from coheft.errors import MessageError

@@ -1,7 +1,5 @@
 """The robots that one process drives: exchanges messages between their ROS nodes and their agents."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Hashable, Iterable, Mapping

@@ -1,7 +1,5 @@
 """Folders of runs, which hold the logs of processes and the file with which other commands find a run in progress."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import shutil
@@ -13,7 +11,7 @@ from pathlib import Path
 
 import msgspec
 
-from coheft.errors import CoheftError
+from coheft.errors import CoheftError, file_errors
 
 RUN_FILE = "run.json"
 END_FILE = "end.json"
@@ -80,12 +78,8 @@ def make_run_folder(run: str, logs: Path | None = None) -> Path:
             f"{found[0]} exists already: the files of a run are never overwritten; name another folder: --logs DIR"
         )
     folder = logs if logs is not None else runs_folder() / f"{time.strftime('%Y%m%d-%H%M%S')}-{run}"
-    try:
+    with file_errors(CoheftError, f"cannot make the folder of the run, {folder}", "; name another: --logs DIR"):
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise CoheftError(
-            f"cannot make the folder of the run, {folder}: {error.strerror}; name another: --logs DIR"
-        ) from error
     return folder.resolve()
 
 
@@ -127,14 +121,10 @@ def noted_end(folder: Path) -> RunEnd | None:
 
 def _write(file: Path, content: msgspec.Struct) -> None:
     folder, draft = file.parent, file.with_name(f"{file.name}.new")
-    try:
+    with file_errors(CoheftError, f"cannot write {draft}", "; name another folder for the run: --logs DIR"):
         folder.mkdir(parents=True, exist_ok=True)  # it may have been removed during the run
         draft.write_bytes(msgspec.json.format(msgspec.json.encode(content)))
         draft.replace(file)
-    except OSError as error:
-        raise CoheftError(
-            f"cannot write {draft}: {error.strerror}; name another folder for the run: --logs DIR"
-        ) from error
 
 
 def find_run(folder: Path | None = None, *, acts: bool = False) -> RunFile:

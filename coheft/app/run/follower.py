@@ -1,7 +1,5 @@
 """Interface of everything that follows a run beside the report: a recorder, a view, curves over time."""
 
-from __future__ import annotations
-
 from coheft.app.run.heard import News
 from coheft.wire.messages.requests import Status
 

@@ -1,7 +1,5 @@
 """Checks of an observer's received messages: computing with a checked message cannot fail."""
 
-from __future__ import annotations
-
 from collections.abc import Collection
 
 import numpy as np

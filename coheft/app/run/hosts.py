@@ -1,7 +1,5 @@
 """Addresses of the parts of a run: on this machine, or on different hosts."""
 
-from __future__ import annotations
-
 import contextlib
 import ipaddress
 import os

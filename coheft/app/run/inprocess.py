@@ -3,8 +3,6 @@
 It gives the same numbers as ``coheft run`` in lockstep, bit for bit, without processes and sockets.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 

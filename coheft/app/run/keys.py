@@ -4,8 +4,6 @@ Apart from ``coheft.wire.transport.signatures``, this is the only module that ne
 sessions read the files themselves.
 """
 
-from __future__ import annotations
-
 import ipaddress
 import os
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """The supervisor: starts the processes of a run, follows the run, and ends them all with it."""
 
-from __future__ import annotations
-
 import select
 import time
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """The observer's link to a run: receives estimates and truth, and sends requests to the server."""
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Iterator
@@ -10,6 +8,7 @@ from pathlib import Path
 
 import zenoh
 
+from coheft.app.names import check_link
 from coheft.app.run.folder import RunFile, find_run
 from coheft.app.run.heard import News, check_news, check_status
 from coheft.errors import CoheftError, LinkError, MessageError
@@ -171,7 +170,7 @@ def set_link(run_file: RunFile, scene: Scene, one: str, other: str, *, cut: bool
         CoheftError: They are not neighbours, or the run is secure and there are no operator's keys.
         LinkError: The robot that dials does not answer.
     """
-    _check_link(scene, one, other)
+    check_link(scene.neighbours, one, other)
     listens, dials = sorted((one, other), key=scene.robots.index)  # see ``coheft.app.run.plan.link_neighbours``
     _ask_agent(run_file, dials, LinkRequest(neighbour=listens, cut=cut), CutLinks)
 
@@ -186,18 +185,12 @@ def disturb_links(run_file: RunFile, scene: Scene, robot: str, other: str | None
         LinkError: An agent does not answer.
     """
     if other is not None:
-        _check_link(scene, robot, other)
+        check_link(scene.neighbours, robot, other)
     elif robot not in scene.neighbours:
         raise CoheftError(f"there is no robot {robot}: the robots are {', '.join(scene.robots)}")
     for neighbour in scene.neighbours[robot] if other is None else [other]:
         for receiver, sender in ((robot, neighbour), (neighbour, robot)):
             _ask_agent(run_file, receiver, DisturbRequest(neighbour=sender, quality=quality), DisturbedLink)
-
-
-def _check_link(scene: Scene, one: str, other: str) -> None:
-    if other not in scene.neighbours.get(one, ()):
-        links = ", ".join(f"{a}-{b}" for a in scene.robots for b in scene.neighbours[a] if a < b)
-        raise CoheftError(f"there is no link {one}-{other}; the links are {links}")
 
 
 def _ask_agent(run_file: RunFile, name: str, request: Message, expected: type[Message]) -> None:

@@ -1,7 +1,5 @@
 """Changes of a scenario by options of the command line."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """Pairing of estimates with the truth of their block, whichever arrives first."""
 
-from __future__ import annotations
-
 from collections import deque
 
 from coheft.app.results.judge import Judge

@@ -1,7 +1,5 @@
 """Parallel calls of a function: in processes on all cores, or on a cluster."""
 
-from __future__ import annotations
-
 import signal
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures.process import BrokenProcessPool

@@ -1,7 +1,5 @@
 """The plan of a run: the configurations of all processes, determined before the first one starts."""
 
-from __future__ import annotations
-
 import os
 import secrets
 import time

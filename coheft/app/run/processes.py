@@ -4,8 +4,6 @@ Each child reads its configuration as one line of JSON from stdin, which then st
 closed. The system closes it even if the supervisor is killed.
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

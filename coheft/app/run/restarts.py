@@ -1,7 +1,5 @@
 """Restarts of agents that fail during a run."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Errors over time, with three times the robot's own standard deviation."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any

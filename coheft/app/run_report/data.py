@@ -1,7 +1,5 @@
 """The data behind the pictures, as tables for other programs: Parquet where pyarrow is installed, CSV elsewhere."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Iterator
 from importlib.util import find_spec

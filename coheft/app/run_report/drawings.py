@@ -1,7 +1,5 @@
 """The report's pictures, except for the errors over time."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The folder of a report: the page, its pictures, the data, and the report for programs."""
 
-from __future__ import annotations
-
 from io import BytesIO
 from pathlib import Path
 
@@ -11,7 +9,7 @@ from coheft.app.run_report.data import SUFFIXES, TABLES, write_data
 from coheft.app.run_report.page import Drawn, render_page
 from coheft.app.run_report.pictures import PICTURES, Picture, pictures_of
 from coheft.app.run_report.series import Series
-from coheft.errors import CoheftError
+from coheft.errors import CoheftError, file_errors
 from coheft.wire.scenario.schema import Scenario
 
 PAGE = "report.html"
@@ -25,7 +23,7 @@ def write_folder(folder: Path, scenario: Scenario, clock: str | None, series: Se
     ``clock`` is None for a recording. A ``CoheftError`` says what cannot be written.
     """
     page = folder / PAGE
-    try:
+    with file_errors(CoheftError, f"cannot write the report into {folder}"):
         _remove_former(page)
         write_report(report, str(folder / "report.json"))
         data = write_data(series, folder)
@@ -35,8 +33,6 @@ def write_folder(folder: Path, scenario: Scenario, clock: str | None, series: Se
             (folder / f"{picture.name}.png").write_bytes(light)
             drawn.append(Drawn(picture, light, dark))
         page.write_text(render_page(scenario, clock, series, report, drawn, data), encoding="utf-8")
-    except OSError as error:
-        raise CoheftError(f"cannot write the report into {folder}: {error.strerror}") from error
     return page
 
 

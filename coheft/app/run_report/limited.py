@@ -1,7 +1,5 @@
 """Series of any length in limited memory: evenly spread items, and the states that a robot reported as spans."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Generic, TypeVar

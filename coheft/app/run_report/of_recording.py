@@ -1,7 +1,5 @@
 """The report of a recorded run."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import msgspec

@@ -1,7 +1,5 @@
 """The report as one HTML page that needs no other file."""
 
-from __future__ import annotations
-
 import base64
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -55,47 +53,44 @@ def render_page(
     scenario: Scenario, clock: str | None, series: Series, report: Report, drawn: Sequence[Drawn], data: Sequence[Path]
 ) -> str:
     """Return the whole page, in HTML; for a recording there is no clock, and no section about wall-clock time."""
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+    from coheft.app.templates import templates_beside
 
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     robots: dict[Verdict, list[str]] = {verdict: [] for verdict in Verdict}
     for name, robot in report.robots.items():
         robots[robot.verdict].append(name)
     payload = structs.replace(scenario.payload, surface="")  # which is no setting
     unobservable = list(unobservable_rows(series))
-    return environment.get_template("page.html.jinja").render(
-        scenario=scenario,
-        report=report,
-        sections={name: title for name, title in SECTIONS.items() if name != "changes" or report.load_changes},
-        is_good=report.converged,
-        missing=robots[Verdict.NOT_CONVERGED],
-        contradicted=robots[Verdict.CONTRADICTED],
-        poses=[pose for robot in report.robots.values() for pose in robot.poses.values()],
-        sentences=sentences(report),
-        headings=headings(report),
-        rows=table_rows(report),
-        legend=legend(report),
-        pictures=drawn,
-        scene=scene_json(series),
-        boxes=series.scene.boxes,
-        unobservable=unobservable[:_MOST_ROWS],
-        rows_left=max(0, len(unobservable) - _MOST_ROWS),
-        clock=clock,
-        pace=list(series.pace),
-        problems=series.problems,
-        problem_count=series.problem_count,
-        is_endless=scenario.duration >= MAX_DURATION,
-        most_robots=MOST_ROBOTS,
-        versions=versions(),
-        scenario_text=msgspec.json.format(msgspec.json.encode(structs.replace(scenario, payload=payload))).decode(),
-        data=[(path.name, TABLES[path.stem]) for path in data],
-        thinned=max(robot.points.every for robot in series.robots.values()),
+    return (
+        templates_beside(__file__)
+        .get_template("page.html.jinja")
+        .render(
+            scenario=scenario,
+            report=report,
+            sections={name: title for name, title in SECTIONS.items() if name != "changes" or report.load_changes},
+            is_good=report.converged,
+            missing=robots[Verdict.NOT_CONVERGED],
+            contradicted=robots[Verdict.CONTRADICTED],
+            poses=[pose for robot in report.robots.values() for pose in robot.poses.values()],
+            sentences=sentences(report),
+            headings=headings(report),
+            rows=table_rows(report),
+            legend=legend(report),
+            pictures=drawn,
+            scene=scene_json(series),
+            boxes=series.scene.boxes,
+            unobservable=unobservable[:_MOST_ROWS],
+            rows_left=max(0, len(unobservable) - _MOST_ROWS),
+            clock=clock,
+            pace=list(series.pace),
+            problems=series.problems,
+            problem_count=series.problem_count,
+            is_endless=scenario.duration >= MAX_DURATION,
+            most_robots=MOST_ROBOTS,
+            versions=versions(),
+            scenario_text=msgspec.json.format(msgspec.json.encode(structs.replace(scenario, payload=payload))).decode(),
+            data=[(path.name, TABLES[path.stem]) for path in data],
+            thinned=max(robot.points.every for robot in series.robots.values()),
+        )
     )
 
 

@@ -1,7 +1,5 @@
 """What the report's pictures share: the robots that are shown, and marks."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """One robot's estimate and the truth, as kept for curves over time."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

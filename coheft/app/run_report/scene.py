@@ -1,7 +1,5 @@
 """The scene of a report: the payload, the robots and the motion, as JSON for the script of the page."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import msgspec

@@ -1,7 +1,5 @@
 """What happened in a run over time, in memory that does not grow with its duration."""
 
-from __future__ import annotations
-
 import time
 from collections import deque
 from dataclasses import dataclass, field

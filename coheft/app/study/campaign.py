@@ -1,7 +1,5 @@
 """Planning and running of a study, on all cores or on a cluster."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Evaluation of how changes of the load were noticed."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import msgspec

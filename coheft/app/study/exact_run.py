@@ -1,7 +1,5 @@
 """The truth of a run, and the Cramér-Rao bounds of its estimates."""
 
-from __future__ import annotations
-
 import msgspec
 import numpy as np
 

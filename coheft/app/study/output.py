@@ -1,7 +1,5 @@
 """Output of a study's results to the terminal and to a folder."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
@@ -16,7 +14,7 @@ from coheft.app.study.plots import plot_curves, plot_ratios
 from coheft.app.study.report import StudyReport
 from coheft.app.study.trial import Trial
 from coheft.app.terminal.wide_table import print_table
-from coheft.errors import CoheftError
+from coheft.errors import CoheftError, file_errors
 
 _WIDTH = 7
 """Number of columns that fit into a terminal."""
@@ -39,12 +37,10 @@ def write_folder(report: StudyReport, trials: Sequence[Trial], folder: Path) -> 
     """Write ``report.md``, its pictures and ``report.json`` into an existing folder, or raise a ``CoheftError``."""
     pictures = {"Errors over bounds": "ratios.png", "Errors of one run over time": "curves.png"}
     write_report(report, str(folder / "report.json"))
-    try:
+    with file_errors(CoheftError, f"cannot write into {folder}"):
         (folder / "report.md").write_text(tables.markdown(report, pictures), encoding="utf-8")
         plot_ratios(report, folder / "ratios.png")
         plot_curves(trials, folder / "curves.png")
-    except OSError as error:
-        raise CoheftError(f"cannot write into {folder}: {error.strerror}") from error
 
 
 def print_study(console: Console, report: StudyReport) -> None:

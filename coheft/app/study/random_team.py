@@ -1,7 +1,5 @@
 """Random teams: a study of them shows how estimators perform on robots and loads that were not chosen by hand."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

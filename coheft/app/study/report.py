@@ -1,7 +1,5 @@
 """The results of a study, in the struct that becomes its JSON report."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

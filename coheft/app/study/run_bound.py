@@ -1,7 +1,5 @@
 """The Cramér-Rao bound of one run, which is shown beside its estimators."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import msgspec

@@ -1,7 +1,5 @@
 """Readings of all sensors of a run without agents, as the robots' reference motions do not depend on estimates."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import count, islice

@@ -1,7 +1,5 @@
 """Statistics over independent runs. Robots of the same run are not independent, so the unit is the run."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

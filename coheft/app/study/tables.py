@@ -1,7 +1,5 @@
 """A study's report in tables and sentences."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping
 

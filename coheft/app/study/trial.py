@@ -1,7 +1,5 @@
 """One run of a study: every estimator with the same motion and noise, compared with the truth."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import accumulate, pairwise

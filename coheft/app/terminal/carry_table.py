@@ -1,7 +1,5 @@
 """Terminal output of how well the load was carried."""
 
-from __future__ import annotations
-
 from rich.console import Console
 
 from coheft.app.results.report import CarryPhaseReport, CarryReport, LoadDropReport

@@ -1,7 +1,5 @@
 """Numbers with as many digits as are significant."""
 
-from __future__ import annotations
-
 import math
 
 from coheft.wire.scenario.schema import MAX_DURATION

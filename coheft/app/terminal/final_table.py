@@ -1,7 +1,5 @@
 """The table and the sentences printed at the end of a run."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Notes about contradictory settings, printed before a run."""
 
-from __future__ import annotations
-
 from rich.console import Console
 
 from coheft.wire.scenario.notes import notes

@@ -1,7 +1,5 @@
 """Progress of a command with many runs: a bar in a terminal, a count in a narrow one, otherwise lines."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 

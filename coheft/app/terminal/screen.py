@@ -1,7 +1,5 @@
 """A run in a terminal: progress, estimates with their states, reasons for doubts."""
 
-from __future__ import annotations
-
 import re
 import time
 from collections import Counter

@@ -1,7 +1,5 @@
 """Sentences about the sensor errors that robots have estimated."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from coheft.app.results.judge import RobotReport

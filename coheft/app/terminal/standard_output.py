@@ -1,7 +1,5 @@
 """Standard output that cannot be written: commands continue to their end, save their files, and then report it."""
 
-from __future__ import annotations
-
 import os
 import sys
 from io import BufferedWriter, FileIO, TextIOWrapper

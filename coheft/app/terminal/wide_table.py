@@ -1,7 +1,5 @@
 """Tables that are complete in any window: if they do not fit, each value is printed on a line of its own."""
 
-from __future__ import annotations
-
 from rich.console import Console, RenderableType
 from rich.measure import Measurement
 from rich.table import Column, Table

@@ -1,7 +1,5 @@
 """Drawing of the robots: arms on stands, whose hands follow the payload."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

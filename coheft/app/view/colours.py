@@ -1,7 +1,5 @@
 """Colours, each with one meaning, for the scene and the panel."""
 
-from __future__ import annotations
-
 from coheft.wire.messages.states import Validity
 
 Colour = tuple[int, int, int]

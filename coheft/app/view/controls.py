@@ -1,7 +1,5 @@
 """Controls that act on the run, as the operator; a notification reports the result of each action."""
 
-from __future__ import annotations
-
 import os
 import signal
 import threading

@@ -1,7 +1,5 @@
 """Controls that disturb links and clocks, and restore them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

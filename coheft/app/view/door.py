@@ -4,8 +4,6 @@ The secret is a part of the path, which page and socket share. It is not a cooki
 every port of a host, and another user of the host may listen at one.
 """
 
-from __future__ import annotations
-
 import secrets
 import socket
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Shapes of the scene: boxes for inertias, ellipsoids for covariances, arms for robots."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -12,6 +10,7 @@ from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.linear_algebra import principal_axes
 from coheft.estimation.rigid_body.mass_properties import Inertia, edges_of_box
 from coheft.wire.messages.scene import BoxShape, Scene
+from coheft.wire.scenario.payload_extent import corners
 from coheft.wire.scenario.section import pose_of
 
 SIGMAS = 3.0
@@ -47,9 +46,9 @@ def ellipsoid(centre: Array, covariance: Array) -> tuple[Pose, Array]:
 
 def box_edges(pose: Pose, size: Array) -> Array:
     """Return the twelve edges of a box, shape (12, 2, 3)."""
-    corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
     pairs = [(i, i | bit) for i in range(8) for bit in (1, 2, 4) if not i & bit]
-    return pose.apply(corners[np.array(pairs)] * size)
+    edges: Array = corners(pose, size)[np.array(pairs)]
+    return edges
 
 
 def rotation_to(direction: Array) -> Array:

@@ -1,7 +1,5 @@
 """The view of a run in progress."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable

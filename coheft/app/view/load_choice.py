@@ -1,7 +1,5 @@
 """The list of loads to choose from."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import viser

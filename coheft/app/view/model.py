@@ -1,7 +1,5 @@
 """The state of a run that the view shows, live or in replay, independent of a browser."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Iterable
 from typing import Literal
@@ -46,14 +44,12 @@ class ViewModel:
         self.status = status
         self.scene = status.scene
         order = {name: index for index, name in enumerate(self.scene.robots)}
-        self.edges: list[Edge] = sorted(
-            {
-                (name, other) if order[name] < order[other] else (other, name)
-                for name, others in self.scene.neighbours.items()
-                for other in others
-            },
-            key=lambda edge: (order[edge[0]], order[edge[1]]),
-        )
+        self.edges: list[Edge] = [
+            (name, other)
+            for name in order
+            for other in sorted(self.scene.neighbours[name], key=lambda neighbour: order[neighbour])
+            if order[name] < order[other]
+        ]
         self._pairing = Pairing(self.scene)
         self.truth: Truth | None = None
         self._latest: dict[str, Estimate] = {}

@@ -1,7 +1,5 @@
 """The page in the browser: scene, numbers and plots of a view model."""
 
-from __future__ import annotations
-
 import time
 
 import viser

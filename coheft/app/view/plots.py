@@ -1,7 +1,5 @@
 """Plots of a robot's errors over time, with the band of its own standard deviations."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from itertools import product
 from typing import Any

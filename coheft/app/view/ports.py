@@ -1,7 +1,5 @@
 """Host, port and URL of the view."""
 
-from __future__ import annotations
-
 import asyncio
 import secrets
 import socket

@@ -1,7 +1,5 @@
 """The view of a recording, with a time slider."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Callable

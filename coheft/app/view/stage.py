@@ -1,7 +1,5 @@
 """The scene in the browser: payload, robots, wrenches, one robot's estimate, and links."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A recording with random access: the view model at any time."""
 
-from __future__ import annotations
-
 from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 from itertools import accumulate

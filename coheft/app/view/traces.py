@@ -1,7 +1,5 @@
 """Errors of one robot over time, with its own standard deviations."""
 
-from __future__ import annotations
-
 from collections import deque
 from dataclasses import dataclass
 

@@ -1,17 +1,13 @@
 """Texts and tables of the panel; ``panel.html.jinja`` lays them out, and escapes texts from other processes."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from functools import cache
-from pathlib import Path
 from typing import Any
-
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from coheft.app.names import few
 from coheft.app.results.judge import RobotReport
 from coheft.app.results.states import MEANINGS, State
+from coheft.app.templates import templates_beside
 from coheft.app.terminal.digits import decimals_for, seconds_of, std_text, value_and_std
 from coheft.app.view import colours
 from coheft.app.view.model import ViewModel
@@ -33,13 +29,7 @@ NO_OPERATOR = "This view is read-only: it has no operator's keys."
 @cache
 def _template() -> Any:
     """Return the template's macros."""
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    environment = templates_beside(__file__)
     environment.filters["css"] = colours.css
     environment.globals["colours"] = colours
     return environment.get_template("panel.html.jinja").module

@@ -1,7 +1,5 @@
 """Motion of the load, and the total wrench on it, in a frame fixed to it: the body frame."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
@@ -40,8 +38,7 @@ def total_wrench(wrenches: Array, poses: Sequence[Pose]) -> Array:
 
 def regressor(motion: Array) -> Array:
     """``Y`` (n, 6, 10) with ``(F, T) = Y theta``, ``theta = (m, m h, I_o)``, of body motions (n, 12)."""
-    result: Array = np.tensordot(features(motion, np.zeros((len(motion), 6))), _COEFFICIENTS, axes=1)
-    return result
+    return np.tensordot(features(motion, np.zeros((len(motion), 6))), _COEFFICIENTS, axes=1)
 
 
 def centre_of(poses: Sequence[Pose]) -> Pose:

@@ -10,8 +10,6 @@ Robot i measures the force ``(1 + e_i) f_i + o_i``, with the offset in the axes 
 a common scale of all forces, or an offset along gravity, from a heavier load.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

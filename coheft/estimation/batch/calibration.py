@@ -85,14 +85,12 @@ def continuous_angles(rotations: Array) -> Array:
     An encoder's angle does not jump at half a turn, and its scale error multiplies the whole angle.
     """
     angles = np.unwrap(gimbal_angles(rotations), axis=-2)
-    result: Array = angles - whole_turns(angles.mean(axis=-2, keepdims=True))
-    return result
+    return angles - whole_turns(angles.mean(axis=-2, keepdims=True))
 
 
 def whole_turns(angles: Array) -> Array:
     """The multiples of a whole turn nearest to angles [rad]."""
-    result: Array = 2.0 * np.pi * np.rint(angles / (2.0 * np.pi))
-    return result
+    return 2.0 * np.pi * np.rint(angles / (2.0 * np.pi))
 
 
 def gimbal_rotations(angles: Array) -> Array:

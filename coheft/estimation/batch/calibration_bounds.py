@@ -4,8 +4,6 @@ A Gaussian prior of the same width as the bounds makes the fit linear. The bound
 explain the same motion: the scales of all robots, whose ratios are known well, must be within them.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Calibration errors of all robots, as an identification reports them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 
 import numpy as np

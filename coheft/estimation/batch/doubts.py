@@ -1,7 +1,5 @@
 """Results that no robots and no load can have: something is wrong with the recording."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

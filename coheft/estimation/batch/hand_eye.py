@@ -150,14 +150,12 @@ class _Shown:
     def step(self, score: Array, place: Array) -> Array:
         """Newton step (u,) for the data's score (u,), at this distance (u,) from the prior's mean."""
         behind = np.linalg.solve(self.directions, place)
-        result: Array = self.directions @ ((self.weights @ score - behind) / (1.0 + self.values))
-        return result
+        return self.directions @ ((self.weights @ score - behind) / (1.0 + self.values))
 
     def covariance(self, scatter: Array) -> Array:
         """Covariance (u, u) of the solution for this covariance (u, u) of the data's scores."""
         spread = self.directions / (1.0 + self.values)
-        result: Array = spread @ (self.weights @ scatter @ self.weights.T + np.eye(len(scatter))) @ spread.T
-        return result
+        return spread @ (self.weights @ scatter @ self.weights.T + np.eye(len(scatter))) @ spread.T
 
 
 def _prior(has_gimbal: npt.NDArray[np.bool_], tolerances: Tolerances | None) -> tuple[Array, npt.NDArray[np.intp]]:

@@ -4,8 +4,6 @@ What remains is the Schur complement of the loads' block, sample by sample, as i
 McLauchlan, Hartley and Fitzgibbon 2000).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,8 +56,7 @@ def unknowns_of(count: int, part: slice) -> npt.NDArray[np.intp]:
 
 def position_scale_rows(count: int) -> Array:
     """Selects each robot's position scale from the unknowns of N robots, shape (N, 19 N)."""
-    picked: Array = np.eye(count * UNKNOWNS)[unknowns_of(count, ERRORS).reshape(count, -1)[:, POSITION_SCALE].ravel()]
-    return picked
+    return np.eye(count * UNKNOWNS)[unknowns_of(count, ERRORS).reshape(count, -1)[:, POSITION_SCALE].ravel()]
 
 
 def residuals_and_derivatives(

@@ -1,7 +1,5 @@
 """Intervals in which the load is held still, and mass and centre of mass from them (Zhang et al., sec. III-C)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The result of identification by any method."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import msgspec

@@ -1,7 +1,5 @@
 """Identification from recorded twists: by least squares as in the paper, and with instrumental variables."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """Identification from recorded poses, with or without estimating the robots' calibration errors."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -216,8 +214,7 @@ def _given_errors(grasps: HandEye) -> Array:
 def _conditional(covariance: Array, kept: npt.NDArray[np.intp], known: Array) -> Array:
     """Covariance of the unknowns ``kept``, given linear combinations of all unknowns, the rows of ``known``."""
     cross = covariance[kept] @ known.T
-    result: Array = covariance[np.ix_(kept, kept)] - cross @ np.linalg.pinv(known @ covariance @ known.T) @ cross.T
-    return result
+    return covariance[np.ix_(kept, kept)] - cross @ np.linalg.pinv(known @ covariance @ known.T) @ cross.T
 
 
 def _in_true_lengths(grasps: HandEye, fit: CalibratedFit) -> TeamPoses:

@@ -1,7 +1,5 @@
 """Identification by maximum likelihood from gyros, velocities and accelerometers with known noise."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from coheft.errors import RecordingError

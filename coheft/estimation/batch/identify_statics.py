@@ -1,7 +1,5 @@
 """Identification of grasps, mass and centre of mass from a load that is held still in several orientations."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -22,6 +20,7 @@ from coheft.estimation.batch.statics import Statics
 from coheft.estimation.batch.team_poses import TeamPoses
 from coheft.estimation.batch.wrist_poses import WristPoses
 from coheft.estimation.geometry.spatial import Array, Pose
+from coheft.estimation.linear_algebra import positive_part
 
 _FEWEST = 3
 """Least number of holds that determine grasps."""
@@ -93,14 +92,14 @@ def with_statics(found: Identification, statics: Statics) -> Identification:
     still, spread = _estimate(holds, team.poses)
     shared = _by_poses(holds, team)
     numbers, covariance = found.payload.measured.central(), found.payload.covariance
-    own = _positive(covariance[:_KNOWN, :_KNOWN] - shared)
+    own = positive_part(covariance[:_KNOWN, :_KNOWN] - shared)
     difference = still - numbers[:_KNOWN]
     innovation = own + spread + _ROUNDING * np.diag(np.diag(covariance)[:_KNOWN])
     gain = covariance[:, :_KNOWN].copy()
     gain[:_KNOWN] = own
     gain = gain @ np.linalg.inv(innovation)
     numbers = numbers + gain @ difference
-    whole = _positive(covariance - gain @ innovation @ gain.T)
+    whole = positive_part(covariance - gain @ innovation @ gain.T)
     apart = float(np.sqrt(difference @ np.linalg.solve(innovation, difference)))
     suspicion = (
         f"Held still the load weighs {still[0]:.4g} kg with its centre at "
@@ -150,8 +149,7 @@ def _estimate(holds: Holds, poses: Sequence[Pose]) -> tuple[Array, Array]:
 def _by_poses(holds: Holds, team: TeamPoses) -> Array:
     """Covariance (4, 4) of ``(m, h)`` due to uncertain poses."""
     derivative = derivative_by_poses(lambda poses: _estimate(holds, poses)[0], team.poses)
-    result: Array = derivative @ team.covariance @ derivative.T
-    return result
+    return derivative @ team.covariance @ derivative.T
 
 
 def _residual(holds: Holds, poses: Sequence[Pose], numbers: Array) -> Array:
@@ -180,10 +178,3 @@ def _not_along(holds: Holds, poses: Sequence[Pose]) -> tuple[str, ...]:
 def _held(holds: Holds) -> str:
     down = holds.down[:, 0]
     return f"Holds apart from the motion: {len(down)}, in {orientations(down)} orientations."
-
-
-def _positive(matrix: Array) -> Array:
-    """The nearest positive semidefinite matrix."""
-    values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T))
-    result: Array = (vectors * np.maximum(values, 0.0)) @ vectors.T
-    return result

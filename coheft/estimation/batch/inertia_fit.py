@@ -6,8 +6,6 @@ noise, so that products of **different** robots' signals have no such bias, what
 variables: Durbin 1954; Söderström and Stoica 1983).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

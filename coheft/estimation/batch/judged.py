@@ -1,7 +1,5 @@
 """Identification with a verdict on the recording, and with the effects of faults that it would not show."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from operator import attrgetter

@@ -4,8 +4,6 @@ The sum of the squared errors of all pairs, weighted by their covariances, is mi
 closes all loops (a pose graph: Lu and Milios 1997; Zhang et al., sec. III-B).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from itertools import combinations
 

@@ -1,7 +1,5 @@
 """Grasp poses from twists, pair by pair (two linear problems each), then of the team (Zhang et al., sec. III-B)."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import combinations
 

@@ -1,7 +1,5 @@
 """Mass properties with their covariance, physically possible."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -57,8 +55,7 @@ class Payload:
     @property
     def std(self) -> Array:
         """Standard deviations of ``(m, h, J)``, shape (10,)."""
-        result: Array = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
-        return result
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
 
 
 def of_central_numbers(numbers: Array) -> Inertia:
@@ -85,8 +82,7 @@ def make_payload(measured: Inertia, covariance: Array, poses: Sequence[Pose]) ->
 
 def hidden_covariance(hidden: Array, mass: float) -> Array:
     """Covariance (u, u) of directions that a fit does not show, the columns of ``hidden`` (u, k)."""
-    result: Array = (_HIDDEN * mass) ** 2 * hidden @ hidden.T
-    return result
+    return (_HIDDEN * mass) ** 2 * hidden @ hidden.T
 
 
 def _inverse(derivative: Array, covariance: Array, units: Array) -> Array:

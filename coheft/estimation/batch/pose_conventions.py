@@ -5,8 +5,6 @@ rotations: the robots still turn together, but positions do not move accordingly
 or only its quaternions, are inverse. If all robots' poses are inverse, only forces tell (``judged``).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial

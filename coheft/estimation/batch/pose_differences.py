@@ -1,7 +1,5 @@
 """Effect of grasp poses on a result: its derivative, and the effect of rotations that are not observable."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import numpy as np

@@ -4,8 +4,6 @@ All signals go through the same filter, forwards and backwards, which causes no 
 are dropped (Zhang et al., sec. IV-B).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -81,8 +79,7 @@ def low_pass(samples: Array, rate: float, cutoff: float = PAPER_CUTOFF, axis: in
             f"choose a longer part with --from and --to"
         )
     sections = butter(ORDER, cutoff, fs=rate, output="sos")
-    result: Array = sosfiltfilt(sections, samples, axis=axis, padlen=shortest)
-    return result
+    return sosfiltfilt(sections, samples, axis=axis, padlen=shortest)
 
 
 def derivative(difference: Callable[[int], Array], rate: float) -> Array:
@@ -95,8 +92,7 @@ def derivative(difference: Callable[[int], Array], rate: float) -> Array:
         difference: Function of ``k``: differences between the samples ``k`` later and ``k`` earlier, (N, n - 2 k, ...).
         rate: Samples per second.
     """
-    result: Array = rate * (2.0 * difference(1)[:, 1:-1] / 3.0 - difference(2) / 12.0)
-    return result
+    return rate * (2.0 * difference(1)[:, 1:-1] / 3.0 - difference(2) / 12.0)
 
 
 def rates(samples: Array, rate: float) -> Array:
@@ -197,5 +193,4 @@ def signals_of(recording: Recording, cutoff: float = PAPER_CUTOFF) -> Signals:
 
 def _turned(vectors: Array, rotations: Array) -> Array:
     """``R^T x`` for vectors (N, n, 3) of the home frame and rotations (N, n, 3, 3) of the grasp frame in it."""
-    result: Array = (vectors[..., None, :] @ rotations)[..., 0, :]
-    return result
+    return (vectors[..., None, :] @ rotations)[..., 0, :]

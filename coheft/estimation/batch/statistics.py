@@ -1,7 +1,5 @@
 """Covariances of estimates whose residuals are correlated and of unknown size."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
@@ -31,8 +29,7 @@ def sandwich_information(derivative: Array, scores: Array, rate: float, least: A
     balance = 1.0 / np.sqrt(np.maximum(np.diag(scatter), np.finfo(np.float64).tiny))
     balanced = scatter * balance[:, None] * balance + _SINGULAR * np.eye(len(scatter))
     half = balance[:, None] * derivative
-    information: Array = half.T @ np.linalg.solve(balanced, half)
-    return information
+    return half.T @ np.linalg.solve(balanced, half)
 
 
 def span_length(count: int, rate: float, unknowns: int = 1) -> int:
@@ -63,8 +60,7 @@ def scatter_of_sum(scores: Array, rate: float, reported: int) -> Array:
     independent = _independent_sums(np.add.reduceat(scores, np.arange(0, count, length), axis=0))
     # The solution absorbs one of them.
     degrees = max(independent - reported - 2.0, 1.0)
-    scatter: Array = sums.T @ sums * (max(independent / degrees, 1.0) / squared_weights)
-    return scatter
+    return sums.T @ sums * (max(independent / degrees, 1.0) / squared_weights)
 
 
 def _independent_sums(sums: Array) -> float:

@@ -1,7 +1,5 @@
 """Grasp poses of a team with their joint covariance."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

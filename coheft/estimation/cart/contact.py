@@ -1,7 +1,5 @@
 """Hands on a cart's handle: their wrenches on the cart, their best contact points, and their shares of a wrench."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from coheft.estimation.geometry.spatial import Array
@@ -32,8 +30,7 @@ def leverage(contact: Array, arm: float) -> Array:
         arm: What torque costs a hand [m].
     """
     grasp = grasp_map(contact)
-    result: Array = grasp @ np.diag([1.0, 1.0, arm**2]) @ grasp.T
-    return result
+    return grasp @ np.diag([1.0, 1.0, arm**2]) @ grasp.T
 
 
 def share(wrench_b: Array, contact: Array, arm: float, all_leverage: Array) -> Array:
@@ -53,8 +50,7 @@ def share(wrench_b: Array, contact: Array, arm: float, all_leverage: Array) -> A
         This hand's wrench ``w_i`` about its contact point, shape (3,).
     """
     multipliers = np.linalg.solve(all_leverage[np.ix_(MOVING, MOVING)], wrench_b[MOVING])
-    result: Array = np.array([1.0, 1.0, arm**2]) * (grasp_map(contact)[MOVING].T @ multipliers)
-    return result
+    return np.array([1.0, 1.0, arm**2]) * (grasp_map(contact)[MOVING].T @ multipliers)
 
 
 def effort(wrench_b: Array, all_leverage: Array) -> float:

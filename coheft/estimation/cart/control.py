@@ -5,8 +5,6 @@ dynamics ``ed = r - alpha e``, ``rd = -K (e, r)`` independent of the cart. Forwa
 each: along the cart's heading, and of the heading. A lateral error turns the reference heading towards the path.
 """
 
-from __future__ import annotations
-
 from math import atan, cos, sin
 
 import msgspec

@@ -7,8 +7,6 @@ measurement; process noise enters through the wrench. Steps may be linearised ab
 they can be repeated about a better one.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

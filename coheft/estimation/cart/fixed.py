@@ -1,7 +1,5 @@
 """The comparison without an estimator: a pusher that keeps its first guess of the cart."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from coheft.estimation.cart.filter import MOTION_SIZE, Push, Sighting, move

@@ -1,7 +1,5 @@
 """A test for sudden changes of the cart, on the newest innovations of its filter."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

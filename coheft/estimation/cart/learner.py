@@ -6,8 +6,6 @@ the steps of the last seconds are kept; when the parameters have changed, these 
 linearised about the present parameters.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from dataclasses import replace
 from itertools import islice
@@ -119,8 +117,7 @@ class CartLearner:
         """Covariance of ``(m, d_x, d_y, I, sigma)``, shape (6, 6)."""
         inverse = np.eye(6)
         inverse[:4, :4] = np.linalg.inv(self.body.phi_derivative())
-        result: Array = inverse @ self.belief.covariance[PARAMETERS, PARAMETERS] @ inverse.T
-        return result
+        return inverse @ self.belief.covariance[PARAMETERS, PARAMETERS] @ inverse.T
 
     def doubts(self) -> list[str]:
         """What is measured worse than stated, as sentences; covariances allow for it already."""

@@ -4,8 +4,6 @@ The dynamics are an equation ``g(qdd, lambda; state, parameters, wrench) = 0`` t
 the derivative of its solution is ``-system^-1 dg``: no matrix inverse has to be differentiated.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -7,8 +7,6 @@ implementation using sigma points", 2015). Once the position of the load is know
 follows before a curve shows it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import product
 

@@ -80,14 +80,12 @@ def axes_derivative(theta: float) -> Array:
 
 def wheel_row(theta: float) -> Array:
     """``Lambda(q) = (-sin theta, cos theta, 0)``, shape (3,): the wheels do not slip, ``Lambda qd = 0`` (eq. 3)."""
-    result: Array = axes(theta)[:, 1]
-    return result
+    return axes(theta)[:, 1]
 
 
 def wheel_row_derivative(theta: float) -> Array:
     """``dLambda / dtheta``, shape (3,)."""
-    result: Array = axes_derivative(theta)[:, 1]
-    return result
+    return axes_derivative(theta)[:, 1]
 
 
 def mass_matrix(phi: Array, theta: float) -> Array:
@@ -177,5 +175,4 @@ def inverse_dynamics(
 
     Multiples of ``Lambda^T`` can be added to it: the wheels take them up.
     """
-    result: Array = regressor(theta, rates, accelerations) @ phi + resistance(friction, rates)
-    return result
+    return regressor(theta, rates, accelerations) @ phi + resistance(friction, rates)

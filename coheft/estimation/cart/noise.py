@@ -5,8 +5,6 @@ cart. Other errors of the model, such as correlated noise or a force that no han
 that are too large.
 """
 
-from __future__ import annotations
-
 from collections import deque
 
 import numpy as np

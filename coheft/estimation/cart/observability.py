@@ -1,7 +1,5 @@
 """Which quantities of a cart the motion has shown so far, and which motion would show the others."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from coheft.estimation.geometry.spatial import Array

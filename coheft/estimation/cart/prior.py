@@ -1,7 +1,5 @@
 """Prior of a cart before it is pushed, and of its changes."""
 
-from __future__ import annotations
-
 from math import hypot
 
 import msgspec

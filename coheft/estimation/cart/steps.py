@@ -1,7 +1,5 @@
 """The record of a step of the learner, and that of a change of the load."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 from coheft.estimation.cart.filter import Belief, Prediction, Push, Sighting, Update

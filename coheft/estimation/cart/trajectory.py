@@ -4,8 +4,6 @@ Speed and turn rate are linear between knots, so that all trajectories begin and
 (Aguilera et al., fig. 3).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Angular acceleration from the neighbours' accelerometers and the own gyro (Fan et al., eqs 16, 17)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -26,8 +24,7 @@ def gyro_derivative(previous: Array, gyro: Array, following: Array, rate: float)
         Shape (B, 3) [rad/s²]; the variance of its noise is ``sigma_w^2 rate^2 / 2``.
     """
     extended = np.vstack([previous, gyro, following])
-    result: Array = 0.5 * rate * (extended[2:] - extended[:-2])
-    return result
+    return 0.5 * rate * (extended[2:] - extended[:-2])
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,8 +71,7 @@ class AngularAcceleration:
         for arm, seen in zip(self._arms, [acceleration, *carried], strict=True):
             tangential = seen - centripetal @ arm
             moment += tangential @ skew(arm).T / self.noise.acceleration**2
-        result: Array = moment @ self.covariance
-        return result
+        return moment @ self.covariance
 
     def by_place(self, gyro: Array, alpha: Array, others: Sequence[Array]) -> Array:
         """How ``alpha_i`` follows when the own place is perturbed by ``(theta, p)``: to it, neighbours move instead.

@@ -5,8 +5,6 @@
 Quaternions have their scalar first.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 

@@ -5,8 +5,6 @@ measured: differences of high order leave nothing but noise. One of their seven 
 them as large for the derivative of a noisy gyro (eq. 16) as for white noise of the same variance.
 """
 
-from __future__ import annotations
-
 from functools import cache, reduce
 
 import numpy as np

@@ -14,8 +14,6 @@ The projection of the second on the complement of F (eq. 24) follows from it and
 their noise, so it is not stacked a second time.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -209,8 +207,7 @@ class JointRls:
     def noise_root(self) -> Array:
         """Cholesky factor of the part of the covariance that white noise causes, shape (10, 10)."""
         noise = self._of_all(self._residual_scale * self._all.inverse @ self._scatter @ self._all.inverse)
-        root: Array = np.asarray(np.linalg.cholesky(noise + np.diag(_SINGULAR * noise.diagonal() + _KNOWN_STD**2)))
-        return root
+        return np.asarray(np.linalg.cholesky(noise + np.diag(_SINGULAR * noise.diagonal() + _KNOWN_STD**2)))
 
     @property
     def by_place(self) -> Array:
@@ -308,8 +305,7 @@ def _split(matrix: Array, right_side: Array, theta: Array, known: Array, free: A
 def _over_samples(left: Array, right: Array) -> Array:
     """``sum left^T right`` over samples, shapes (B, 6, k) and (B, 6, l) to (k, l)."""
     rows = left.shape[0] * left.shape[1]
-    result: Array = left.reshape(rows, left.shape[2]).T @ right.reshape(rows, right.shape[2])
-    return result
+    return left.reshape(rows, left.shape[2]).T @ right.reshape(rows, right.shape[2])
 
 
 def _squares(both: Array, theta: Array, normal: Array) -> Array:

@@ -7,8 +7,6 @@ robot's estimate by the effect of its residuals, and consensus gives the mean of
 the squares of the mean's moves add up to its covariance (a sandwich estimator).
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from coheft.estimation.geometry.spatial import Array

@@ -1,7 +1,5 @@
 """Recursive least squares for the relative pose of two grasp frames, from their twists (Fan et al., section VI-C)."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from coheft.estimation.fan2017.dual_quaternion import (

@@ -10,8 +10,6 @@ A robot knows what its own place does to the estimate. All of these add up to wh
 by consensus, as that of their estimates.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
@@ -54,8 +52,7 @@ def place_covariance(poses: Sequence[UncertainPose], centre: Array) -> Array:
         carried = place_carried(centre - each.pose.translation)
         at_centre += 0.5 / len(poses) * carried @ each.covariance @ carried.T
     back = place_carried(-centre)
-    result: Array = back @ at_centre @ back.T
-    return result
+    return back @ at_centre @ back.T
 
 
 def place_carried(distance: Array) -> Array:
@@ -72,8 +69,7 @@ def covariance_of_place(by_place: Array, place: Array) -> Array:
         by_place: What ``theta = (J, h, 1/m)`` is off for each unit of what the own place is off, shape (10, 6).
         place: See ``place_covariance``.
     """
-    result: Array = by_place @ place @ by_place.T
-    return result
+    return by_place @ place @ by_place.T
 
 
 def covariance_of_poses(theta: Array, by_place: Array, place: Array, mean: Array, team: int) -> Array:

@@ -8,8 +8,6 @@ Perturbations of a pose are ``(rotation, translation)``, shape (6,), in the axes
 given: ``R <- exp(rotation) R`` and ``p <- p + translation``. Covariances of poses refer to them.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from coheft.estimation.geometry.spatial import Array, Pose, rotation_exp, rotation_log, skew
@@ -90,5 +88,4 @@ def grasp_derivatives(pose_i: Pose, motion: Array) -> tuple[Array, Array]:
 def centripetal_derivative(w: Array, p: Array) -> Array:
     """Return the derivative of ``w x (w x p)`` by ``w`` (n, 3), for one ``p`` (3,): shape (n, 3, 3)."""
     along = (w @ p)[:, None, None] * np.eye(3)
-    result: Array = along + w[:, :, None] * p - 2.0 * p[:, None] * w[:, None, :]
-    return result
+    return along + w[:, :, None] * p - 2.0 * p[:, None] * w[:, None, :]

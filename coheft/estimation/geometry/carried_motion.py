@@ -1,7 +1,5 @@
 """Motion of a grasp frame when the load moves as a rigid body."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

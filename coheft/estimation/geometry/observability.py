@@ -1,7 +1,5 @@
 """Observability of poses: which directions the data do not show, and their description."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Smooth steps from 0 to 1, from rest to rest, and their rates; results have the shape of the argument."""
 
-from __future__ import annotations
-
 from coheft.estimation.geometry.spatial import Array
 
 

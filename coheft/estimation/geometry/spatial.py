@@ -40,8 +40,7 @@ def skew(x: npt.ArrayLike) -> Array:
         Shape (..., 3, 3).
     """
     x = np.asarray(x, dtype=np.float64)
-    matrix: Array = (x @ _CROSS).reshape(*x.shape, 3)
-    return matrix
+    return (x @ _CROSS).reshape(*x.shape, 3)
 
 
 CROSS_OF_AXES: Array = skew(np.eye(3))
@@ -72,8 +71,7 @@ def rotation_exp(rotation_vectors: npt.ArrayLike) -> Array:
     vectors = np.asarray(rotation_vectors, dtype=np.float64)
     once, twice, _ = rotation_coefficients(vectors)
     cross = skew(vectors)
-    result: Array = _AXES + once[..., None] * cross + twice[..., None] * cross @ cross
-    return result
+    return _AXES + once[..., None] * cross + twice[..., None] * cross @ cross
 
 
 def rotation_log(rotation: Array) -> Array:
@@ -170,8 +168,7 @@ class Pose:
 
     def apply(self, points: npt.ArrayLike) -> Array:
         """Transform points (..., 3) from ``F_j`` to ``F_i``: ``x_i = R_ij x_j + p_ij``."""
-        result: Array = np.asarray(points) @ self.rotation.T + self.translation
-        return result
+        return np.asarray(points) @ self.rotation.T + self.translation
 
     @staticmethod
     def of_numbers(numbers: npt.ArrayLike) -> Pose:
@@ -217,5 +214,4 @@ def _left_jacobian(rotation_vector: Array) -> Array:
     """Return ``V`` (3, 3) with ``exp(w, v).translation == V(w) v``."""
     _, twice, thrice = rotation_coefficients(rotation_vector)
     cross = skew(rotation_vector)
-    result: Array = _AXES + twice * cross + thrice * cross @ cross
-    return result
+    return _AXES + twice * cross + thrice * cross @ cross

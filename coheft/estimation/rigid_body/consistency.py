@@ -8,8 +8,6 @@ linear in ``theta = (m, m h, I_o)``, so the best possible body is the solution o
 solved with a logarithmic barrier and Newton's method. All iterates lie strictly inside, whatever the data.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from coheft.estimation.geometry.spatial import Array
@@ -36,14 +34,17 @@ def parameters_of(pseudo: Array) -> Array:
     return np.concatenate([[pseudo[3, 3]], pseudo[:3, 3], pack_symmetric(about_origin)])
 
 
-def is_possible(parameters: Array) -> bool:
-    """Whether a body with ``theta``, shape (10,), can exist: mass and pseudo-inertia are safely positive."""
+def is_possible(parameters: Array, thinnest: float = _THINNEST) -> bool:
+    """Whether a body with ``theta``, shape (10,), can exist: mass and pseudo-inertia are safely positive.
+
+    ``thinnest`` is the largest eigenvalue of a pseudo-inertia, with ones on its diagonal, that does not count so.
+    """
     pseudo = pseudo_inertia(parameters)
     diagonal = pseudo.diagonal()
     if not diagonal.min() > 0.0:
         return False
     scale = np.sqrt(diagonal)
-    return bool(np.linalg.eigvalsh(pseudo / scale[:, None] / scale)[0] > _THINNEST)
+    return bool(np.linalg.eigvalsh(pseudo / scale[:, None] / scale)[0] > thinnest)
 
 
 def nearest_possible(parameters: Array, information: Array, length: float) -> Array:
@@ -72,8 +73,7 @@ def nearest_possible(parameters: Array, information: Array, length: float) -> Ar
         point = _centred(point, target, weight * metric, _ROUGHLY)
         cost = _cost(point, target, metric)
     point = _centred(point, target, weight * metric, _EXACTLY)
-    result: Array = to_theta @ (point + _INWARDS * (start - point))
-    return result
+    return to_theta @ (point + _INWARDS * (start - point))
 
 
 def _symmetric_basis() -> Array:

@@ -1,7 +1,5 @@
 """Derivatives of mass properties by their parameters and by the frame in which they are given."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Feed-forward for carrying a load: each robot's share of the wrench, and its uncertainty."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

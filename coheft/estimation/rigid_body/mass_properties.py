@@ -26,8 +26,7 @@ def pack_symmetric(matrix: Array) -> Array:
 
 def unpack_symmetric(packed: Array) -> Array:
     """Return the symmetric matrices of packed ones, shape (..., 6) to (..., 3, 3)."""
-    matrix: Array = packed.take(_PLACES, axis=-1)
-    return matrix
+    return packed.take(_PLACES, axis=-1)
 
 
 TIMES_IN_MATRIX: Array = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
@@ -46,8 +45,7 @@ def inertia_operator(x: npt.ArrayLike) -> Array:
     """
     x = np.asarray(x, dtype=np.float64)
     # J @ x is linear in x: one matrix (6, 3) for each of J's packed elements.
-    matrix: Array = (x @ _OF_ELEMENTS).reshape(*x.shape[:-1], 6, 3).swapaxes(-1, -2)
-    return matrix
+    return (x @ _OF_ELEMENTS).reshape(*x.shape[:-1], 6, 3).swapaxes(-1, -2)
 
 
 def euler_regressor(w: Array, alpha: Array) -> Array:

@@ -8,8 +8,6 @@ and optionally a constant offset ``(F_0, T_0)`` of the total wrench, the sum of 
 Residuals are linear in ``FEATURES`` = 19 numbers per sample: 1, ``a``, ``alpha``, six products of ``w``, ``F``, ``T``.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

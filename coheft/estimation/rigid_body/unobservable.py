@@ -1,7 +1,5 @@
 """Unobservable parts of mass, centre of mass and inertia in words, and an estimate of a load's size."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal

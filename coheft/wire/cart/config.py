@@ -1,7 +1,5 @@
 """Configurations of the processes of a run with a cart."""
 
-from __future__ import annotations
-
 import msgspec
 
 from coheft.wire.cart.scenario import CartScenario, CartTask

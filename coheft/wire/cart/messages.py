@@ -1,7 +1,5 @@
 """All messages of a run with a cart."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

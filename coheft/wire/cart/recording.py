@@ -1,13 +1,11 @@
 """Reading of recordings of a cart, ``.csv`` or ``.npz``; ``docs/cart.md`` describes them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from coheft.errors import RecordingError, one_line
+from coheft.errors import RecordingError, one_line, recording_errors
 from coheft.estimation.geometry.spatial import Array
 from coheft.wire.data.file import load_arrays
 from coheft.wire.data.table import read_table
@@ -52,13 +50,9 @@ def read_cart_recording(path: Path) -> CartRecording:
     Raises:
         RecordingError: It cannot be read or used; the message says where, and why.
     """
-    try:
+    with recording_errors(path, advice=f"; expected a {_EXPECTED}"):
         arrays = _read(path)
         _check(arrays)
-    except RecordingError as error:
-        raise RecordingError(f"{path}: {error}") from error
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be read: {error.strerror or error}; expected a {_EXPECTED}") from error
     poses = arrays["pose"].copy()
     poses[:, 2] = np.unwrap(poses[:, 2])
     return CartRecording(arrays["t"], poses, arrays["rates"], arrays["push"], arrays.get(_OPTIONAL))

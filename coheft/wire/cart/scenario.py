@@ -1,7 +1,5 @@
 """Scenarios of a cart that is pushed."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 import msgspec

@@ -1,7 +1,5 @@
 """Names of the parts of a recording in files, and checks of their contents. ``docs/data-format.md`` lists them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

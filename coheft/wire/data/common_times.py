@@ -1,7 +1,5 @@
 """Combination of sensors that were recorded separately to one recording; changes of times are logged."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 

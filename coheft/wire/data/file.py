@@ -1,7 +1,5 @@
 """Recordings as files: ``.npz``, or a folder of CSV files, one per robot. ``docs/data-format.md`` describes both."""
 
-from __future__ import annotations
-
 import os
 import struct
 import tokenize
@@ -14,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from coheft.errors import RecordingError, one_line
+from coheft.errors import RecordingError, one_line, recording_errors
 from coheft.estimation.batch.recording import GRAVITY, Recording, check_recording
 from coheft.estimation.geometry.spatial import Array
 from coheft.wire.data.checks import TIME, TRUTH, channels_of, gravity_of, holds_of, noise_of, robot_of, truth_of
@@ -42,13 +40,9 @@ def read_recording(path: Path) -> Recording:
     Raises:
         RecordingError: It cannot be read or used; the message says why.
     """
-    try:
+    with recording_errors(path):
         recording = read_folder(path) if path.is_dir() else recording_of(load_arrays(path))
         check_recording(recording)
-    except RecordingError as error:
-        raise RecordingError(f"{path}: {error}") from error
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from error
     return recording
 
 
@@ -62,17 +56,13 @@ def write_recording(recording: Recording, path: Path) -> None:
     """
     if path.suffix not in ("", ".npz"):
         raise RecordingError(f"{path}: expected a file that ends with .npz, or a folder, without suffix")
-    try:
+    with recording_errors(path, "cannot be written"):
         if path.suffix:
             arrays: dict[str, Any] = dict(_arrays(recording))
             target = Path(os.path.realpath(path))  # keeps a symbolic link
             replace_files({target: lambda file: np.savez_compressed(file, **arrays)})
         else:
             write_folder(recording, path)
-    except RecordingError as error:
-        raise RecordingError(f"{path}: {error}") from error
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be written: {error.strerror or error}") from error
 
 
 def _arrays(recording: Recording) -> dict[str, Array]:

@@ -3,8 +3,6 @@
 ``docs/data-format.md`` describes them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Atomic replacement of files: an incomplete file never appears, whatever happens."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Columns as named by ``rostopic echo -p``: one file per topic, stamps in nanoseconds, texts between numbers."""
 
-from __future__ import annotations
-
 import re
 from itertools import chain
 

@@ -1,7 +1,5 @@
 """Holds that are recorded separately: a line, or an interval of samples, for each orientation of the load."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Tables of numbers in CSV files from people and programs."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Units of times: seconds, unless samples would be too slow to be useful, or no sample is at those times."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The arrays of a message: their types, their shapes, and their offsets in the block that holds them all."""
 
-from __future__ import annotations
-
 import math
 import struct
 from collections.abc import Iterable

@@ -7,8 +7,6 @@ another topic, is refused even if it could be decoded. The checksum is not a sig
 that.
 """
 
-from __future__ import annotations
-
 import math
 import typing
 import zlib

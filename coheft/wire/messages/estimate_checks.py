@@ -1,7 +1,5 @@
 """Checks that an estimate can be used: shapes are right, numbers are finite, and rotations are valid."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -3,8 +3,6 @@
 A checksum, then MessagePack: a map of all fields including the version, with arrays as extension types.
 """
 
-from __future__ import annotations
-
 import struct
 import zlib
 from typing import Any, TypeVar

@@ -7,8 +7,6 @@
 Each array begins at a multiple of 16 bytes. ``docs/wire.md`` describes the format byte by byte.
 """
 
-from __future__ import annotations
-
 import struct
 import zlib
 from collections.abc import Iterable

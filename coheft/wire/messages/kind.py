@@ -4,8 +4,6 @@ In kinds that are sent in every block, the fields other than arrays and the arra
 encoded, decoded and validated once, and then looked up.
 """
 
-from __future__ import annotations
-
 import struct
 import typing
 from typing import Any, NamedTuple, cast

@@ -1,7 +1,5 @@
 """Requests of observers and of the operator to the server and the agents, with the answers, as msgspec structs."""
 
-from __future__ import annotations
-
 from msgspec.structs import force_setattr
 
 from coheft.wire.former_names import keep_present, present

@@ -1,7 +1,5 @@
 """What does not change during a run: the robots, their grasps, and the shape of the payload."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import msgspec

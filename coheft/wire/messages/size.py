@@ -4,8 +4,6 @@ Nearly all of a message are rows of all robots, or numbers in progress of the ne
 number of the robots' records, each with the names of the robot's neighbours.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from msgspec import structs

@@ -1,7 +1,5 @@
 """States that messages report: of an agent's estimate, and of a run."""
 
-from __future__ import annotations
-
 from enum import StrEnum
 
 

@@ -1,7 +1,5 @@
 """Messages that the processes of a run send, as msgspec structs; ``codec`` converts them to bytes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, ClassVar, Literal, TypeVar
 

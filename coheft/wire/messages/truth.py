@@ -1,7 +1,5 @@
 """What is true, as the server tells observers."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import msgspec

@@ -1,7 +1,5 @@
 """End of a process that may still be closing a network session."""
 
-from __future__ import annotations
-
 import os
 import sys
 import threading

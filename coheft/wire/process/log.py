@@ -1,7 +1,5 @@
 """The log of a process: one line per event on stderr, which the supervisor writes to a file."""
 
-from __future__ import annotations
-
 import logging
 import sys
 from typing import Literal

@@ -4,8 +4,6 @@ The C library's allocator on Linux keeps free memory between allocated objects: 
 also keeps a separate heap for every thread, so that memory freed by one of Zenoh's threads cannot be used by another.
 """
 
-from __future__ import annotations
-
 import ctypes
 import threading
 import time

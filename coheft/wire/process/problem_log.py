@@ -1,7 +1,5 @@
 """Rate-limited reports of a process's problems, to its log and to observers."""
 
-from __future__ import annotations
-
 import time
 
 from coheft.errors import one_line

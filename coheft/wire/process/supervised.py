@@ -1,7 +1,5 @@
 """Start and end of a process of a run: it reads its configuration from stdin, and ends when stdin is closed."""
 
-from __future__ import annotations
-
 import gc
 import os
 import signal

@@ -1,7 +1,5 @@
 """Rules for arms: they have to hold the payload and all loads that are added to it, and not throw it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Rules for changes during a run: of the load, and of grasps that slip."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 from coheft.wire.scenario.errors import did_you_mean

@@ -1,7 +1,5 @@
 """The rules of a scenario that concern several of its keys, and the list of all rules."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 

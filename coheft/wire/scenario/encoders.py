@@ -1,7 +1,5 @@
 """Errors of wrists with encoders for their pose and drives with springs for their force."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from msgspec import Meta

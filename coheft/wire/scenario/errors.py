@@ -1,7 +1,5 @@
 """Error messages about the keys and values of a scenario."""
 
-from __future__ import annotations
-
 import difflib
 import re
 

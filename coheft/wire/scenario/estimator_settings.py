@@ -1,7 +1,5 @@
 """Settings of the estimators that come with coheft, and of convergence."""
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 from msgspec import Meta

@@ -1,7 +1,5 @@
 """Descriptions of expected values: replaces the names of types and signs of msgspec and cyclopts."""
 
-from __future__ import annotations
-
 import re
 
 KINDS = {

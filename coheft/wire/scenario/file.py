@@ -4,8 +4,6 @@
 was found there and what is allowed.
 """
 
-from __future__ import annotations
-
 import os
 import tomllib
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Scenarios as version 345a219 wrote them into recordings and fault schedules."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from coheft.wire.former_names import rename_sections

@@ -1,7 +1,5 @@
 """The robots' grasps in a scenario."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from coheft.estimation.geometry.spatial import Array, Pose, rotation_from_quaternion

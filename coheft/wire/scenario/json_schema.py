@@ -1,7 +1,5 @@
 """Descriptions of a scenario's keys, and its JSON schema, with which editors complete, explain and check scenarios."""
 
-from __future__ import annotations
-
 import inspect
 import re
 from collections.abc import Iterator

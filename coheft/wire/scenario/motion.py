@@ -1,7 +1,5 @@
 """Settings of motions: of every robot alone, and of all along a common path."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import msgspec

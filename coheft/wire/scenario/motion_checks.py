@@ -4,8 +4,6 @@ Millimetres and degrees, where metres and radians are expected, are a common mis
 motions ask for, or the robots turn the payload over.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Simulated imperfections of the links between neighbours."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from msgspec import Meta

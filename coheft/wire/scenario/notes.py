@@ -1,7 +1,5 @@
 """Notes about valid settings that contradict each other, and may not be intended."""
 
-from __future__ import annotations
-
 import msgspec
 
 from coheft.estimation.tolerance import SensorTolerance

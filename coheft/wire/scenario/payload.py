@@ -1,7 +1,5 @@
 """The payload in a scenario."""
 
-from __future__ import annotations
-
 from typing import Annotated, Self
 
 import numpy as np

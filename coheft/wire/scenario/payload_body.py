@@ -281,8 +281,7 @@ def _triangles(model: mujoco.MjModel, geom: int) -> Array:
         case _:  # a box, or else the one around it
             middle, halves = np.array(model.geom_aabb[geom]).reshape(2, 3)
             shape = make.box(2.0 * halves).apply_translation(middle)
-    triangles: Array = np.array(shape.triangles, dtype=np.float64)
-    return triangles
+    return np.array(shape.triangles, dtype=np.float64)
 
 
 def _alike(one: Inertia, other: Inertia) -> bool:

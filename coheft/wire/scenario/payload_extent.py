@@ -4,8 +4,6 @@ Lengths in millimetres instead of metres are a common mistake in files, and a ru
 other ways.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import product
@@ -116,8 +114,7 @@ class Extent:
 def corners(pose: Pose, edges: Iterable[float]) -> Array:
     """Return the corners of a box, shape (8, 3), from the pose of its centre and its edge lengths [m]."""
     halves = np.array(list(product((-0.5, 0.5), repeat=3))) * np.array(tuple(edges), dtype=np.float64)
-    moved: Array = halves @ pose.rotation.T + pose.translation
-    return moved
+    return halves @ pose.rotation.T + pose.translation
 
 
 @np.errstate(all="ignore")

@@ -4,8 +4,6 @@ What comes after, on whatever host, knows mass properties, grasps and some trian
 Libraries for files are imported only if a scenario names one, and never by an agent.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import msgspec

@@ -5,8 +5,6 @@ which may touch. A point belongs to the payload if the surface winds around it o
 shells overlap; where it winds backwards, a shell is turned inside out.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import cast
 
@@ -263,5 +261,4 @@ def _winding(points: Array, triangles: Array) -> Array:
         total += np.arctan2(triple, length_a * length_b * length_c + ab * length_c + bc * length_a + ca * length_b).sum(
             axis=1
         )
-    wound: Array = total / (2.0 * np.pi)
-    return wound
+    return total / (2.0 * np.pi)

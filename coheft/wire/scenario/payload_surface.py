@@ -1,7 +1,5 @@
 """The surface of a payload from a file: some hundred triangles, for views only."""
 
-from __future__ import annotations
-
 import base64
 
 import numpy as np

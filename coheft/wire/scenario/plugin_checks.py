@@ -1,7 +1,5 @@
 """Rules for estimators and motions, and for the settings of your own ones."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 from coheft.errors import one_line

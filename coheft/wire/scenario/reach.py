@@ -4,8 +4,6 @@ They allow much more than any useful motion, but a robot that uses them fully ca
 held by N springs, the payload moves by an N-th of the displacement, and at most twice as far before it comes to rest.
 """
 
-from __future__ import annotations
-
 import operator
 
 import numpy as np

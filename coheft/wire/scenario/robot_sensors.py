@@ -1,7 +1,5 @@
 """The sensors of single robots that differ from those of the team."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any, Literal, NamedTuple

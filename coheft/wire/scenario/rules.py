@@ -3,8 +3,6 @@
 A rule is a function that returns complaints about a scenario: none if it is met.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator
 
 import msgspec

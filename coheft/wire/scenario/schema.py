@@ -1,7 +1,5 @@
 """Scenarios: payload, robots, links, sensors, motions and events; ``file`` reads them from TOML."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any, Literal, get_args
 
 from msgspec import Meta, field

@@ -1,7 +1,5 @@
 """Common parts of all sections of a scenario."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import msgspec

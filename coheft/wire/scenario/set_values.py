@@ -1,7 +1,5 @@
 """Values of a scenario that are given as texts, ``KEY=VALUE``: ``sensors.noise_scale=3``, ``load_changes[0].at=8``."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 from collections.abc import Sequence

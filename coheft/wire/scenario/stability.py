@@ -1,7 +1,5 @@
 """The rule that arms are not too stiff, or damped too strongly, for the time step of the physics."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 

@@ -5,8 +5,6 @@ Grams instead of kilograms are a common mistake, and a run with them is lost wit
 here would certainly be lost; others may still be lost, depending on the motion.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from typing import Self

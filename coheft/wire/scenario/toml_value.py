@@ -1,7 +1,5 @@
 """Formatting of values in TOML syntax."""
 
-from __future__ import annotations
-
 import json
 import re
 from datetime import date, time

@@ -6,8 +6,6 @@ is rejected, or treated as an additional connection of it and not informed about
 never works again. A new session has a new identity and avoids both.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import ExitStack
 from threading import Thread

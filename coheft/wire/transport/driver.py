@@ -10,8 +10,6 @@ It listens at the endpoint at which the agent dials its server, so that the agen
             driver.send(block, samples)
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Iterator

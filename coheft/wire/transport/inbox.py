@@ -1,7 +1,5 @@
 """All messages that a process receives, decoded and checked; no source can delay the others, or fill the memory."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from queue import Empty, SimpleQueue

@@ -5,8 +5,6 @@ credentials there is no guard: the open profile trusts every process that can co
 interface only.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 from coheft.wire.transport.security import Credentials, Guard, Party

@@ -5,8 +5,6 @@ control then allows each of them, by the name in its certificate, what its ``Par
 reach the session.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path

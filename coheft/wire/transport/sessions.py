@@ -4,8 +4,6 @@ A process opens at least one session per plane (see ``coheft.wire.messages.struc
 one plane to another. It sends through a ``Sender`` and receives through one ``Inbox``.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -5,8 +5,6 @@ others. So each record carries its robot's signature, which is valid for one run
 Besides ``coheft.app.run.keys``, this is the only module that needs the package ``cryptography``.
 """
 
-from __future__ import annotations
-
 from datetime import UTC, datetime
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 Noise is measured just above the band, where there is no motion: still higher, a sensor's own filter may suppress it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Self
 
@@ -72,15 +70,13 @@ class Band:
     def coefficients(self, signals: Array) -> Array:
         """Coefficients (K, ...) of signals (n, ...) as they were before the filter."""
         kept = dct(signals, axis=0, norm="ortho")[: len(self.frequency)]
-        result: Array = kept / self.gain.reshape(-1, *[1] * (signals.ndim - 1))
-        return result
+        return kept / self.gain.reshape(-1, *[1] * (signals.ndim - 1))
 
     def spectrum(self, residual: Array) -> Array:
         """Mean square of whitened residuals (K, g, c) by interval and group, at least that of noise, shape (B, g)."""
         sizes = np.diff([*self.starts, len(residual)])
         measured = np.add.reduceat(np.mean(residual**2, axis=-1), self.starts, axis=0) / sizes[:, None]
-        result: Array = np.maximum(1.0, measured)
-        return result
+        return np.maximum(1.0, measured)
 
     def spread(self, residual: Array) -> Array:
         """The spectrum of residuals (K, g, c) at every coefficient, shape (K, g)."""

@@ -4,8 +4,6 @@ A robot whose clock is late by ``tau`` measures ``w(t - tau)``, about ``w - tau 
 with a rotation by some ``phi``, which adds ``phi x w``. Both are fitted, with ``w`` and ``alpha`` from the others.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

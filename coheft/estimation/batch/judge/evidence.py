@@ -3,8 +3,6 @@
 Forces are not used for the grasp poses, because their faults would distort these until forces fit.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Self
 

@@ -1,7 +1,5 @@
 """Whether one rigid body explains the forces of a recording; if not, which single fault does."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Corrects a recording for the fault that the verdict names."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import partial
 
@@ -100,8 +98,7 @@ def mend(recording: Recording, verdict: Verdict, poses: Sequence[Pose]) -> Recor
 
 def _rotated(wrench: Array, rotations: Array) -> Array:
     """Rotate forces and moments (n, 6) by rotations (n, 3, 3) or one (1, 3, 3)."""
-    result: Array = (wrench.reshape(-1, 2, 3) @ rotations.swapaxes(-1, -2)).reshape(-1, 6)
-    return result
+    return (wrench.reshape(-1, 2, 3) @ rotations.swapaxes(-1, -2)).reshape(-1, 6)
 
 
 def _earlier(samples: Array, time: Array, delay: float) -> Array:

@@ -1,7 +1,5 @@
 """Noise of the load's motion by frequency, which depends on the channels from which the motion was derived."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from coheft.estimation.batch.judge.band import white_level
@@ -25,8 +23,7 @@ def level_of(recording: Recording, channel: str, robot: int, cutoff: float) -> A
     if channel != "pose":
         return level
     turn, shift = 2.0 * np.sqrt(np.sum(level[3:] ** 2) / 3.0), np.sqrt(np.mean(level[:3] ** 2))
-    result: Array = np.repeat([turn, shift], 3)
-    return result
+    return np.repeat([turn, shift], 3)
 
 
 def acceleration_noise(
@@ -69,7 +66,4 @@ def acceleration_noise(
     own = noise[..., None] * np.eye(6)
     if turned.any():
         own = own + level("pose")[0] ** 2 * turned[..., :3] @ turned[..., :3].swapaxes(-1, -2)
-    to_body = np.kron(np.eye(2), pose.rotation)
-    to_body[3:, :3] = skew(pose.translation) @ pose.rotation
-    result: Array = to_body @ own @ to_body.T
-    return result
+    return pose.adjoint() @ own @ pose.adjoint().T

@@ -4,8 +4,6 @@ Each robot's motion predicts that of the body frame. Its difference from the mea
 of small errors of the grasp poses, which are fitted; a larger difference is the fault of a sensor.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np
@@ -167,15 +165,13 @@ class _View:
 
     def _white(self, columns: Array) -> Array:
         """Whitened coefficients of columns (n, c, q), shape (K, c, q)."""
-        result: Array = self._whitening @ self._band.coefficients(columns)
-        return result
+        return self._whitening @ self._band.coefficients(columns)
 
 
 def _noise(evidence: Evidence, robot: int, up: Array, frequency: Array) -> Array:
     """Covariance of the noise of ``(w, v, a)`` of the body frame as one robot predicts them, shape (K, 9, 9)."""
     recording, pose, cutoff = evidence.recording, evidence.poses[robot], evidence.cutoff
-    to_body = np.kron(np.eye(2), pose.rotation)
-    to_body[3:, :3] = skew(pose.translation) @ pose.rotation
+    to_body = pose.adjoint()
     covariance = np.zeros((len(frequency), 9, 9))
     covariance[:, :6, :6] = to_body @ np.diag(level_of(recording, "twist", robot, cutoff) ** 2) @ to_body.T
     if recording.has("acceleration"):

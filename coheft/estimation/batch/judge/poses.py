@@ -1,7 +1,5 @@
 """Whether all robots' poses are those of one load at the same times; if not, which robot's are wrong."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from coheft.estimation.batch.judge.clocks import clock_delays

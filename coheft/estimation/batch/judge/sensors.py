@@ -1,7 +1,5 @@
 """Sensors that do not work: they repeat a reading, lose samples, or return nothing but noise."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A grasp that slips has another pose in the load from some time on: the robot's view of the load has a step."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from coheft.estimation.batch.judge.evidence import Evidence
@@ -50,5 +48,4 @@ def find_slip(evidence: Evidence, views: Views) -> Verdict | None:
 
 def _sums_to_the_end(samples: Array) -> Array:
     """Sums of samples (b, ...) from each to the last."""
-    result: Array = np.cumsum(samples[::-1], axis=0)[::-1]
-    return result
+    return np.cumsum(samples[::-1], axis=0)[::-1]

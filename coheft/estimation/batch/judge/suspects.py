@@ -4,8 +4,6 @@ A fault adds columns to the regressor, or changes the total wrench or the motion
 cost, which grows with the number of its unknowns, and with the number of robots that may have it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from itertools import combinations
@@ -185,37 +183,30 @@ class Suspects:
 
     def _time(self) -> Suspect:
         """Times in a wrong unit: forces of inertia grow with the square of the factor, the weight does not."""
-        at_rest = self._regressor_at_rest()
-        moving, factor = self._misfit.regressor - at_rest, 1.0
-        for _ in range(_TIME_TURNS):
-            scaled = at_rest + factor * moving
-            body = self._misfit.fit(regressor=scaled).solution
-            fit = self._misfit.fit((moving @ body)[..., None], regressor=scaled)
-            step = float(np.clip(fit.solution[BODY_NUMBERS], -0.5 * factor, factor))
-            factor += step
-            if abs(step) < _TURNED * factor:
-                break
+        factor, fit = self._rescaled(self._regressor_at_rest(), self._misfit.total)
         found = self._suspect(Cause.TIME, None, fit, 1, np.array([np.sqrt(factor)]))
         return found if 1.0 / _SLOWEST < found.value[0] < _SLOWEST else replace(found, gain=-np.inf)
 
     def _lengths(self) -> Suspect:
         """Lengths of all robots in a wrong unit: accelerations and lever arms have it, gravity and moments do not."""
         turning = [Pose(pose.rotation, np.zeros(3)) for pose in self._misfit.poses]
-        without_arms = total_wrench(self._misfit.wrenches, turning)
-        by_arms, share = self._misfit.total - without_arms, 1.0
         still = self._misfit.motion.copy()
         still[:, BODY_A] = -self._gravity_in_body
-        not_shifted = regressor(still)
-        shifted = self._misfit.regressor - not_shifted
+        factor, fit = self._rescaled(regressor(still), total_wrench(self._misfit.wrenches, turning))
+        return self._suspect(Cause.LENGTH_SCALE, None, fit, 1, np.array([1.0 / factor]))
+
+    def _rescaled(self, kept: Array, kept_total: Array) -> tuple[float, Fit]:
+        """The factor of all but these parts of the regressor (n, 6, 10) and the total wrench (n, 6), and the fit."""
+        scaled, scaled_total, factor = self._misfit.regressor - kept, self._misfit.total - kept_total, 1.0
         for _ in range(_TIME_TURNS):
-            scaled, total = not_shifted + share * shifted, without_arms + share * by_arms
-            body = self._misfit.fit(regressor=scaled, total=total).solution
-            fit = self._misfit.fit((shifted @ body - by_arms)[..., None], regressor=scaled, total=total)
-            step = float(np.clip(fit.solution[BODY_NUMBERS], -0.5 * share, share))
-            share += step
-            if abs(step) < _TURNED * share:
+            columns, total = kept + factor * scaled, kept_total + factor * scaled_total
+            body = self._misfit.fit(regressor=columns, total=total).solution
+            fit = self._misfit.fit((scaled @ body - scaled_total)[..., None], regressor=columns, total=total)
+            step = float(np.clip(fit.solution[BODY_NUMBERS], -0.5 * factor, factor))
+            factor += step
+            if abs(step) < _TURNED * factor:
                 break
-        return self._suspect(Cause.LENGTH_SCALE, None, fit, 1, np.array([1.0 / share]))
+        return factor, fit
 
     def _regressor_at_rest(self) -> Array:
         """The body's regressor (n, 6, 10) for its weight alone."""

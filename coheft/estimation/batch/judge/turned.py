@@ -5,8 +5,6 @@ robot's sensor, a matrix of nine unknowns is fitted linearly; Gauss-Newton start
 sensors alike, the linear fit would find that no wrench and no load are best, so the start is the best exchange of axes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import permutations, product
 
@@ -76,8 +74,7 @@ def _start_of_all(misfit: WrenchMisfit, robots: Sequence[int]) -> Array:
 
 def _both(matrix: Array) -> Array:
     """The same (3, 3) for forces and for moments, (6, 6)."""
-    result: Array = np.kron(np.eye(2), matrix).astype(np.float64)
-    return result
+    return np.kron(np.eye(2), matrix).astype(np.float64)
 
 
 def _named(axes: Array) -> str:

@@ -1,7 +1,5 @@
 """Effects of uncertain grasp poses and calibration errors on the wrench, which must not refute a recording."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -55,8 +53,7 @@ def _by_grasps(evidence: Evidence, theta: Array) -> Unsure:
 
     def left(poses: Sequence[Pose]) -> Array:
         motion = body_motions(signals, poses).mean(axis=0)
-        result: Array = (total_wrench(wrenches, poses) - regressor(motion) @ theta).ravel()
-        return result
+        return (total_wrench(wrenches, poses) - regressor(motion) @ theta).ravel()
 
     values, vectors = np.linalg.eigh(evidence.team.covariance)
     kept = values > _ROUNDING * values[-1]

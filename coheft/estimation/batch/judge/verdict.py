@@ -1,7 +1,5 @@
 """The verdict on a recording: whether one rigid body explains it, and if not, which fault does."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Literal

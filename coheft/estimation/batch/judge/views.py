@@ -4,8 +4,6 @@ According to robot i, the load's pose is ``B_i = H_i T_i X_i^-1``. Constant erro
 ``X_i`` are fitted; the remaining differences are noise, unless something is wrong.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Self
 

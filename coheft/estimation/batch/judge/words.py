@@ -1,7 +1,5 @@
 """Sentences about faults, and which robot has them."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from coheft.estimation.batch.judge.suspects import Suspect

@@ -4,8 +4,6 @@ The noise of forces, and that of poses through the body's dynamics, are measured
 are whitened with both.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -125,8 +123,7 @@ class WrenchMisfit:
         coefficients = self.band.coefficients(signals)
         if signals.ndim == 2:
             return (self._whitening @ coefficients[..., None]).ravel()
-        columns: Array = (self._whitening @ coefficients).reshape(-1, signals.shape[-1])
-        return columns
+        return (self._whitening @ coefficients).reshape(-1, signals.shape[-1])
 
     def total_with(self, robots: Sequence[int], wrenches: Array) -> Array:
         """The total wrench (n, 6) with other readings (N, n, 6) of these robots."""
