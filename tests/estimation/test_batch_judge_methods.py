@@ -232,7 +232,7 @@ def test_vibrations_are_not_taken_for_white_noise() -> None:
 
 IN_OTHER_TESTS = (
     *("tared", "lever of all", "moment unit", "moment unit of all", "base axes of all", "turned", "exchanged"),
-    *("tilted", "inverse of all"),
+    "tilted",
 )
 """Faults that other tests of recordings by poses name, and that take long."""
 
