@@ -11,25 +11,29 @@ from coheft.app.terminal.digits import decimals_for
 from tests.waiting import wait_until
 
 PATIENCE = 180.0
-"""Software draws the scene, and slowly [s]."""
+"""Software draws the page, and slowly [s]."""
 
 wait_for = partial(wait_until, limit=PATIENCE)
 
 
-SELDOM = "window.requestAnimationFrame = draw => setTimeout(() => draw(performance.now()), 1000)"
-"""Pages draw one picture a second: software takes long for each."""
+NO_PICTURES = """
+    for (const draw of ["drawArrays", "drawElements", "drawArraysInstanced", "drawElementsInstanced"])
+        WebGL2RenderingContext.prototype[draw] = () => {};
+    window.requestAnimationFrame = draw => setTimeout(() => draw(performance.now()), 1000);
+"""
+"""The scene, which these tests do not look at, takes software most of a second for each picture."""
 
 
-def little_to_draw(browser: Any) -> Any:
-    """A context of pages with little to draw, and room for all panels."""
+def without_pictures(browser: Any) -> Any:
+    """A context of pages that do not draw the scene, and have room for all panels."""
     context = browser.new_context(viewport={"width": 900, "height": 1100}, device_scale_factor=0.3)
-    context.add_init_script(SELDOM)
+    context.add_init_script(NO_PICTURES)
     return context
 
 
 @contextmanager
 def looking_at(browser: Any, url: str) -> Iterator[Any]:
-    context = little_to_draw(browser)
+    context = without_pictures(browser)
     page = context.new_page()
     page.set_default_timeout(1e3 * PATIENCE)
     failures: list[str] = []
