@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/installed
 RUNTIME := $(VENV)/runtime
-PYTEST := $(BIN)/python -m pytest -n auto --maxprocesses 4 --dist worksteal
+PYTEST := $(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
@@ -23,7 +23,7 @@ demo: $(RUNTIME) ## Six robots find out what they are holding
 test: setup ## Run the tests that a contributor runs, on all cores: some minutes
 	$(PYTEST) -m "not slow"
 
-test-all: setup ## Run all tests, also those that take long or start processes: about ten minutes
+test-all: setup ## Run all tests, also those that take long or start processes: about twelve minutes
 	$(PYTEST)
 
 test-required: setup ## Run the tests that need a browser or a foreign package, and fail where these are missing

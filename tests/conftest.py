@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+from collections import Counter
 from collections.abc import Generator, Iterator
 from pathlib import Path
 
@@ -43,22 +44,17 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Tests that start processes are slow, but for those that show that it works at all; what takes longest begins."""
+    """Tests that start processes are slow, but for those that show that it works at all.
+
+    Files with the most slow tests come first, so that no worker is left with them at the end, when others have nothing
+    to do any more; a worker takes all tests of a file, which share fixtures.
+    """
+    slow: Counter[Path] = Counter()
     for item in items:
         if "integration" in item.path.parts and item.get_closest_marker("smoke") is None:
             item.add_marker(pytest.mark.slow)
-    items.sort(key=_rank)
-
-
-def _rank(item: pytest.Item) -> int:
-    """Pages and browsers come first, which take up to a minute each, then processes, then other slow tests: so that no
-    worker is left with a long one at the end, when the others have nothing to do any more.
-    """
-    if item.path.name in ("test_docs.py", "test_view.py"):
-        return 0
-    if "integration" in item.path.parts:
-        return 1
-    return 2 if item.get_closest_marker("slow") is not None else 3
+        slow[item.path] += item.get_closest_marker("slow") is not None
+    items.sort(key=lambda item: -slow[item.path])
 
 
 @pytest.hookimpl(wrapper=True)

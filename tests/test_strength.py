@@ -65,10 +65,10 @@ def test_what_is_refused_is_lost_and_what_is_said_to_be_held_is_held(
 ) -> None:
     chosen = scenario(name, rate=100, block=20)
     arms, payload = strength(chosen), chosen.payload.inertia()
-    heavy = 1e4
-    while arms.complaint(load(heavy / 1.2, place), payload):
-        heavy /= 1.2
-    most = expected(arms.complaint(load(heavy, place), payload))
+    heavy = expected(arms.complaint(load(1e4, place), payload))
+    while not (complaint := arms.complaint(load(heavy, place), payload)):
+        heavy *= 1.2
+    most = expected(complaint)
     assert 0.1 * heavy < most < heavy
     monkeypatch.setattr(Strength, "of", lambda *_: None)
     assert not is_lost(chosen, most, place)

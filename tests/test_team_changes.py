@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
 import pytest
@@ -55,6 +56,7 @@ class Story:
         return {self.at(name, time).status for name in ROBOTS}
 
 
+@cache
 def started_again(robot: str) -> Story:
     return Story(FROM + 0.5 + SOON, [Crash(robot=robot, start=FROM, end=FROM + 0.5)])
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -97,6 +98,7 @@ def off(first: int, end: int, count: int, robot: int, column: int, size: float) 
     return rows
 
 
+@cache
 def changed(share: float, before: int = 200, after: int = 100) -> tuple[Array, list[Array]]:
     """Rows over a change of the load, and the true loads."""
     load = with_more(share)
@@ -104,6 +106,7 @@ def changed(share: float, before: int = 200, after: int = 100) -> tuple[Array, l
     return rows, [LOAD] * before + [load] * after
 
 
+@cache
 def leaking(rate: float, before: int = 150, after: int = 250) -> tuple[Array, list[Array]]:
     """Rows over a load that leaks [kg/s], and the true loads."""
     loads = [LOAD] * before + [with_more(-rate * PERIOD * number / LOAD[0]) for number in range(after)]

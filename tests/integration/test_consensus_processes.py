@@ -133,6 +133,7 @@ def test_sums_are_conserved_from_block_to_block(constant: Watched) -> None:
     np.testing.assert_allclose(sums[0], constant.wrenches(0).sum(axis=0), atol=1e-12)
 
 
+@pytest.mark.parametrize("team", ["line of 4, 3 rounds"], indirect=True)
 def test_no_frame_matters(team: str, constant: Watched, tmp_path: Path) -> None:
     """All frames are turned and moved: block for block, what agents have is the same in common coordinates."""
     turned = added_up(tmp_path / "turned", *TEAMS[team], frames=2)

@@ -48,6 +48,7 @@ class Way(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename={"is_"
     beside: str = ""
     until: str = ""
     background: bool = False
+    alike: bool = False
     patient: bool = False
 
 
@@ -154,7 +155,7 @@ class Reader:
                 self._wait_for(found.until, process, output, text)
             return
         printed = self._run(text, command.number, found)
-        if not found.run:
+        if not found.run or found.alike:
             for page, each in [(self.page, command), *same_on_other_pages(self.page, command.name)]:
                 lost = missing_line(each.output, printed)
                 place = f"{page.name}, line {each.number}"

@@ -60,8 +60,10 @@ def lying(team: Team, profile: Profile, lie: Lie) -> Iterator[list[int]]:
             yield done
 
 
-@pytest.mark.parametrize("lie", [far_too_new, newer, elsewhere, made_up])
-@pytest.mark.parametrize("profile", ["open", "secure"])
+@pytest.mark.parametrize(
+    ("profile", "lie"),
+    [*(("secure", lie) for lie in (far_too_new, newer, elsewhere, made_up)), ("open", newer), ("open", elsewhere)],
+)
 def test_lies_about_third_robots_end_with_the_liar(profile, lie, tmp_path):
     scenario = small_scenario(4, "line")
     keys = tmp_path / "keys" if profile == "secure" else None

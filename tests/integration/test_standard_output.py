@@ -71,7 +71,7 @@ def test_wrong_usage_stays_wrong_usage() -> None:
 def test_a_run_whose_output_is_lost_goes_on_and_saves_its_files(where: str, reason: str, tmp_path: Path) -> None:
     report, data, logs = tmp_path / "report.json", tmp_path / "data.npz", tmp_path / "logs"
     asked = ("--json", str(report), "--save-data", str(data), "--logs", str(logs))
-    assert redirected(where, "run", "ring3", "--duration", "6", *asked) == (
+    assert redirected(where, "run", "ring3", "--duration", "3", *asked) == (
         1,
         f"coheft: standard output: {reason}; {LOST}\n",
     )
@@ -85,13 +85,13 @@ def check_saved(report: Path, data: Path) -> None:
 
 def test_a_run_whose_reader_has_gone_ends_its_processes_and_saves_its_files(tmp_path: Path) -> None:
     report, data, logs = tmp_path / "report.json", tmp_path / "data.npz", tmp_path / "logs"
-    arguments = ["--duration", "20", "--json", str(report), "--save-data", str(data), "--logs", str(logs)]
+    arguments = ["--duration", "10", "--json", str(report), "--save-data", str(data), "--logs", str(logs)]
     process = subprocess.Popen(
         [*COHEFT, "run", "ring3", *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
     assert process.stdout is not None
     assert process.stderr is not None
-    assert any(" s of 20 s" in line for line in process.stdout), "notes come first"
+    assert any(" s of 10 s" in line for line in process.stdout), "notes come first"
     pids = msgspec.json.decode((logs / RUN_FILE).read_bytes(), type=RunFile).pids
     process.stdout.close()
     assert process.stderr.read() == ""

@@ -40,6 +40,7 @@ from .view_page import (
     text_of,
     unfold,
     wait_for,
+    without_pictures,
 )
 
 viser = pytest.importorskip("viser", reason="the view needs viser: install 'coheft[view]'")
@@ -295,7 +296,7 @@ def test_a_hostile_page_gets_nothing(tmp_path, browser):
     with viewed_run(folder, *arguments) as url, hostile_site() as site:
         token, port = url.split("/")[3], port_of(url)
         protocol = f"viser-v{viser.__version__}"
-        context = browser.new_context(viewport={"width": 900, "height": 1100}, device_scale_factor=0.3)
+        context = without_pictures(browser)
         friendly = context.new_page()  # which the user looks at meanwhile, in the same browser
         friendly.goto(url)
         wait_for(lambda: "true mass" in text_of(friendly), "the numbers")

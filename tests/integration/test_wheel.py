@@ -131,7 +131,7 @@ def test_it_runs_in_an_empty_environment_from_another_folder(wheel, tmp_path):
     venv.create(place, with_pip=True)
     python = place / ("Scripts" if os.name == "nt" else "bin") / "python"
     constraints = str(ROOT / "constraints.txt")
-    install = [str(python), "-m", "pip", "install", "--quiet", "--constraint", constraints, str(wheel)]
+    install = [str(python), "-m", "pip", "install", "--quiet", "--no-compile", "--constraint", constraints, str(wheel)]
     environment = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "VIRTUAL_ENV")}
     installed = subprocess.run(install, capture_output=True, text=True, env=environment, check=False)
     if installed.returncode != 0:

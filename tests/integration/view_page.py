@@ -11,15 +11,30 @@ from coheft.app.terminal.digits import decimals_for
 from tests.waiting import wait_until
 
 PATIENCE = 180.0
-"""Software draws the scene, and slowly [s]."""
+"""Software draws the page, and slowly [s]."""
 
 wait_for = partial(wait_until, limit=PATIENCE)
 
 
+NO_PICTURES = """
+    for (const draw of ["drawArrays", "drawElements", "drawArraysInstanced", "drawElementsInstanced"])
+        WebGL2RenderingContext.prototype[draw] = () => {};
+    window.requestAnimationFrame = draw => setTimeout(() => draw(performance.now()), 1000);
+"""
+"""The scene, which these tests do not look at, takes software most of a second for each picture."""
+
+
+def without_pictures(browser: Any) -> Any:
+    """A context of pages that do not draw the scene, and have room for all panels."""
+    context = browser.new_context(viewport={"width": 900, "height": 1100}, device_scale_factor=0.3)
+    context.add_init_script(NO_PICTURES)
+    return context
+
+
 @contextmanager
 def looking_at(browser: Any, url: str) -> Iterator[Any]:
-    """A page with little to draw, and room for all panels."""
-    page = browser.new_page(viewport={"width": 900, "height": 1100}, device_scale_factor=0.3)
+    context = without_pictures(browser)
+    page = context.new_page()
     page.set_default_timeout(1e3 * PATIENCE)
     failures: list[str] = []
     page.on("pageerror", lambda error: failures.append(str(error)))
@@ -28,7 +43,7 @@ def looking_at(browser: Any, url: str) -> Iterator[Any]:
         yield page
         assert not failures
     finally:  # or the browser draws it for all tests that follow
-        page.close()
+        context.close()
 
 
 def text_of(page: Any) -> str:
