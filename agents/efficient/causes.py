@@ -30,6 +30,7 @@ class Causes:
         self.changes: list[LoadChange] = []
         self.slips: list[Slip] = []
         self._suspicion: Suspicion | None = None
+        self._forgotten = 0  # number of changes before the robot last started over
 
     @property
     def changed_at(self) -> int:
@@ -53,16 +54,26 @@ class Causes:
         suspicion = self._suspicion
         return self.changes if suspicion is None or not suspicion.is_open else self.changes[: suspicion.changes]
 
-    def drift(self, known: Knowledge) -> LoadDrift | None:
-        """The drift of the present load, None if it does not drift; it may go on after an abrupt change."""
-        if known.theta is None:
+    def load_drift(self, known: Knowledge, newest: int) -> LoadDrift | None:
+        """The drift of the present load, None if it does not drift; it may go on after an abrupt change.
+
+        Args:
+            known: Everything that is known.
+            newest: Number of the newest row.
+        """
+        changes = self.changes[self._forgotten :]
+        if known.theta is None or self.news_at != self.changed_at:  # a grasp has slipped since
             return None
-        masses = [*(change.former[0] for change in self.changes), known.theta[0]]
-        for end in (len(self.changes), len(self.changes) - 1):
-            drift = LoadDrift.before(self.changes[: max(0, end)], self._rows.drifting)
-            if drift is not None and drift.goes_on(masses[end] - masses[end - 1], known.buffer.load_rows):
+        masses = [*(change.former[0] for change in changes), known.theta[0]]
+        for end in (len(changes), len(changes) - 1):
+            drift = LoadDrift.before(changes[: max(0, end)], self._rows.drifting)
+            if drift is not None and drift.goes_on(masses[end] - masses[end - 1], newest - self.changed_at):
                 return drift
         return None
+
+    def start_over(self) -> None:
+        """No load that was known before drifts any more."""
+        self._forgotten = len(self.changes)
 
     def suspect(self, known: Knowledge, index: int, newest: int, is_load: bool) -> None:
         """Begin to compare causes: from the row at this index on the load differs, or motions contradict each other.

@@ -134,7 +134,7 @@ class EfficientEstimator:
                 len(session.causes.certain_changes),
                 len(session.causes.slips),
                 session.unnoticed,
-                None if session.drift is None else team.newest,  # the estimate lags behind more and more
+                None if session.load_drift is None else team.newest,  # the estimate lags behind more and more
             )
             if now != self._believed:
                 self._belief, self._believed = self._belief_of(team, estimate), now

@@ -128,7 +128,7 @@ class Innovations:
 
         Args:
             buffer: Rows.
-            end: Index of the first row that was not fitted, which is the row in question; None for the newest row.
+            end: The row in question is the one before this index; None for the newest row.
         """
         rows = (buffer.count if end is None else end) - buffer.start
         return self._weights.lag(buffer.views[buffer.start :][: min(rows, self._fitted)], rows, self._older)

@@ -17,9 +17,10 @@ from coheft.agents.efficient.row_times import MANY
 from coheft.agents.efficient.settings import Guards
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.moments.body import BodyModel
-from coheft.estimation.moments.change import surprise
+from coheft.estimation.moments.change import likeliest_step, surprise
 from coheft.estimation.moments.chapter import Chapter, Prior
 from coheft.estimation.moments.derivatives import MotionDerivatives
+from coheft.estimation.moments.evidence import Evidence
 from coheft.estimation.moments.fit import Estimate, EvaluateMoments, fit_state
 from coheft.estimation.moments.fit_settings import FitSettings, Guess
 from coheft.estimation.moments.likelihood import wrench_evidence
@@ -110,12 +111,22 @@ class Knowledge:
         """Whether there are enough rows for another fit."""
         return self.buffer.load_rows >= self._next_fit
 
-    def posterior(self) -> Prior | None:
-        """Everything that is known, as a prior for another team; None if a pose or the load is unknown."""
+    def posterior(self, drift: LoadDrift | None = None, missing: float = 0.0) -> Prior | None:
+        """Everything that is known, as a prior for another team; None if a pose or the load is unknown.
+
+        Args:
+            drift: Drift of the load.
+            missing: Time without rows until that team's first one [s].
+        """
         estimate = self.estimate
         if estimate is None or estimate.misses_poses or estimate.state.load is None:
             return None
-        return self._chapter.posterior(estimate, self._guess)
+        lag = self.innovations.lag(self.buffer) + missing / self._settings.period * np.eye(10)
+        self.bridge(missing)
+        prior = self._chapter.posterior(estimate, self._guess)
+        if drift is None:
+            return prior
+        return prior.with_process_noise(estimate.body.unknowns.theta, drift.process_noise(estimate, lag))
 
     @property
     def rows_to_find_undeclared(self) -> int:
@@ -130,9 +141,9 @@ class Knowledge:
             self.estimate, self._guess, self._chapter, self._settings, self._anchor, self._guards.undeclared
         )
 
-    def covering(self, estimate: Estimate, drift: LoadDrift) -> Estimate:
-        """See ``LoadDrift.cover``."""
-        return drift.cover(estimate, self.innovations.lag(self.buffer))
+    def covering(self, estimate: Estimate, drift: LoadDrift | None) -> Estimate:
+        """Return an estimate whose covariance covers the drift of the load, see ``LoadDrift.cover``."""
+        return estimate if drift is None else drift.cover(estimate, self.innovations.lag(self.buffer))
 
     def judge(self, load_before: KnownLoad | None = None) -> Verdict:
         """Judge the estimate, see ``judge.judge``."""
@@ -193,19 +204,24 @@ class Knowledge:
             )
         self._next_fit, self._rows_before = least, 0  # a load that is known from few rows is fitted often
 
-    def follow_drift(self, now: Estimate, index: int, drift: LoadDrift) -> None:
-        """Keep the load, less certainly, although it has changed, and fit it to the rows from this index on.
+    def follow_drift(self, now: Estimate, index: int, drift: LoadDrift) -> bool:
+        """If the load has changed as it drifts, keep it, less certainly, and fit it to the rows from this index on.
 
         Args:
             now: The fit to the rows before.
             index: Of the first row after the change.
             drift: The drift before.
+
+        Returns:
+            Whether it has.
         """
         noise = drift.process_noise(now, self.innovations.lag(self.buffer, index))
+        if not drift.goes_on(float(self._step(index, now, noise)[0]), 0):
+            return False
         self._chapter.end_of_load(now, self._guess, index, True, noise)
-        self._set_estimate(now)
         self._rows_before = 0
         self.fit()
+        return True
 
     def known_before(self, index: int) -> tuple[Estimate, Prior]:
         """Return the estimate from the rows before an index, and the same as a prior; changes nothing here."""
@@ -260,11 +276,20 @@ class Knowledge:
             index: Of the first row of the other load.
             now: The fit to the rows before.
         """
+        return surprise(self._newest(index, now), self.covariance_now(now), now.body.unknowns.theta)
+
+    def _step(self, index: int, now: Estimate, noise: Array) -> Array:
+        """Return by how much theta has most likely changed at a row, shape (10,), if changes have this covariance."""
+        covariance, theta = self.covariance_now(now).copy(), now.body.unknowns.theta
+        covariance[theta, theta] += noise
+        return likeliest_step(self._newest(index, now), covariance, theta)
+
+    def _newest(self, index: int, now: Estimate) -> Evidence:
+        """Evidence of the wrenches of the rows from this index on, around a fit to the rows before."""
         load = now.state.load
         assert load is not None
         moments = wrench_moments(now.body, ProjectedMoments.of(self.buffer.window(index), now.body))
-        newest = wrench_evidence(now.body, MotionDerivatives.at(now.body), moments, load)
-        return surprise(newest, self.covariance_now(now), now.body.unknowns.theta)
+        return wrench_evidence(now.body, MotionDerivatives.at(now.body), moments, load)
 
     def first_change(self, index: int, now: Estimate) -> tuple[int, Estimate]:
         """Return where the load changed first, if it changed before this index as well, and the fit to the rows before.

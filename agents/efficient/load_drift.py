@@ -47,14 +47,16 @@ class LoadDrift(NamedTuple):
     Attributes:
         step: Change of the mass from one load to the next [kg].
         rows: Number of rows in which it has changed so.
+        first: Number of the first of these rows.
     """
 
     step: float
     rows: int
+    first: int
 
     @staticmethod
     def before(changes: Sequence[LoadChange], longest: int) -> LoadDrift | None:
-        """The drift from the second last change to the last one, None if no load may have drifted.
+        """The drift from the second last change to the last one, None if these are too few or too far apart.
 
         Args:
             changes: Load changes so far, oldest first.
@@ -64,7 +66,8 @@ class LoadDrift(NamedTuple):
             return None
         second_last, last = changes[-2:]
         rows = max(1, last.first - second_last.first)
-        return LoadDrift(float(last.former[0] - second_last.former[0]), rows) if rows <= longest else None
+        step = float(last.former[0] - second_last.former[0])
+        return LoadDrift(step, rows, second_last.first) if rows <= longest else None
 
     def goes_on(self, change: float, rows: int) -> bool:
         """Whether the mass has changed alike by ``change`` [kg] since, in so many rows."""

@@ -101,26 +101,26 @@ class Session:
         Args:
             missing: Time without rows until that team's first one [s].
         """
-        if self.stage is Stage.ESTIMATING and self._known.buffer.count and not self._test_for_change(self._newest):
-            self._fit_and_judge()  # the newest rows have to be judged as well
+        if self.stage is Stage.ESTIMATING and self._known.buffer.count:  # the newest rows have to be judged as well
+            if self._test_for_change(self._newest):
+                return None
+            self._fit_and_judge()
         if self.settings is not self._declared:
             return None  # another team starts with the declared tolerances
         is_suspected = self.undeclared is not None or self.suspected is not None
         is_doubtful = is_suspected or self.causes.is_open or self._confirmation.distrusts_wrenches
         if self.stage is not Stage.ESTIMATING or is_doubtful:
             return None
-        self._known.bridge(missing)
-        return self._known.posterior()
+        return self._known.posterior(self.load_drift, missing)
 
     def claimable(self, estimate: Estimate) -> Estimate:
         """Return the estimate to publish: its covariance covers changes of the load that are not noticed yet."""
-        covered, drift = self._steps.cover(estimate), self.drift
-        return covered if drift is None else self._known.covering(covered, drift)
+        return self._known.covering(self._steps.cover(estimate), self.load_drift)
 
     @property
-    def drift(self) -> LoadDrift | None:
+    def load_drift(self) -> LoadDrift | None:
         """The drift of a load that keeps becoming lighter or heavier, None if it does not."""
-        return self.causes.drift(self._known)
+        return self.causes.load_drift(self._known, self._newest)
 
     @property
     def unnoticed(self) -> float:
@@ -140,7 +140,8 @@ class Session:
     @property
     def suspected(self) -> UndeclaredError | None:
         """Such an error that is not certain yet, or None; a load that drifts looks like one."""
-        return self._undeclared.suspected if self.drift is None else None
+        drift = self.load_drift
+        return self._undeclared.suspected if drift is None or self._undeclared.since < drift.first else None
 
     @property
     def is_confirmed(self) -> bool:
@@ -275,20 +276,20 @@ class Session:
                     self.causes.forget_cause()
                 self._exceeded_with = buffer.load_rows
                 self._start_over()
-            case Outcome.NO_LOAD if not self._drifts_on():
-                self._forget_load(first, Event.MISFIT, estimate)
             case Outcome.NO_LOAD:
-                pass
+                if not self._drifts_on():
+                    self._forget_load(first, Event.MISFIT, estimate)
             case Outcome.UNDECIDED if self._newest - self.causes.changed_at <= self._rows.undecided:
                 self.stage = TRANSITIONS[self.stage, Event.UNDECIDED]
             case _:
                 self.stage, self._load_before = TRANSITIONS[self.stage, Event.FITTED], None
                 if buffer.load_rows > 2 * self._exceeded_with:
                     self._exceeded_with = 0
-                if self.drift is None and self._undeclared.test(self._known):
+                if self.load_drift is None and self._undeclared.test(self._known):
                     self._start_over()
 
     def _start_over(self) -> None:
+        self.causes.start_over()
         self.stage = TRANSITIONS[self.stage, Event.STARTED_OVER]
         self._begin(Knowledge(self._count, self._anchor, self.settings, self._guards))
 
@@ -339,32 +340,40 @@ class Session:
         change = LoadChange(int(buffer.numbers[index]), number, load[THETA])
         if self._is_step_of_drift(change, index, now):
             return True
-        self.causes.changes.append(change)
+        covered = known.covering(now, self.load_drift)
+        if change.first > self.causes.changed_at:
+            self.causes.changes.append(change)
         if self._load_before is None:
-            self._load_before = KnownLoad(load, now.covariance[theta, theta])
+            self._load_before = KnownLoad(load, covered.covariance[theta, theta])
         self._forget_load(index, Event.LOAD_CHANGED, now)
         return True
 
     def _drifts_on(self) -> bool:
         """Whether rows fit no load because it drifts; it stays known then."""
         known, buffer = self._known, self._known.buffer
-        index = buffer.start + known.innovations.look_for_change(buffer).first
-        if self.stage is not Stage.ESTIMATING or self.drift is None or index == buffer.start:
+        if self.stage is not Stage.ESTIMATING or self.load_drift is None:
+            return False
+        look = known.innovations.look_for_change(buffer)
+        index = buffer.start + look.first
+        if look.statistic < self._guards.fresh_change or index == buffer.start:
             return False
         now = self._fit(end=index)
         assert known.theta is not None
-        return self._is_step_of_drift(LoadChange(int(buffer.numbers[index]), self._newest, known.theta), index, now)
+        change = LoadChange(int(buffer.numbers[index]), self._newest, known.theta)
+        if not self._is_step_of_drift(change, index, now):
+            return False
+        self.verdict = Verdict(Outcome.FITS)
+        return True
 
     def _is_step_of_drift(self, change: LoadChange, index: int, now: Estimate) -> bool:
-        """Whether a load change at this index is one more step of a drift; the load stays known then."""
-        known, drift = self._known, LoadDrift.before([*self.causes.changes, change], self._rows.drifting)
-        if drift is None or not self.is_confirmed:
-            return False
-        self._contradictions.forget()
-        known.follow_drift(now, index, drift)
-        if known.theta is None or not drift.goes_on(known.theta[0] - change.former[0], 0):
+        """Whether a load change at this index is one more step of the load's drift; the load stays known then."""
+        drift = self.causes.load_drift(self._known, change.first)
+        is_known = self.stage is Stage.ESTIMATING and self.is_confirmed
+        if drift is None or not is_known or not self._known.follow_drift(now, index, drift):
             return False
         self.causes.changes.append(change)
+        self._undeclared.dismiss(drift.first)
+        self._contradictions.forget()
         self._surprises, self._look_until = 0, -1
         return True
 

@@ -21,11 +21,13 @@ class UndeclaredWatch:
     Attributes:
         found: The error, None if there is none.
         suspected: The most significant one in the last test, None if it may be chance.
+        since: Number of the row since which one is suspected.
     """
 
     def __init__(self, doubt: float, growth: float, lasts: int) -> None:
         self.found: UndeclaredError | None = None
         self.suspected: UndeclaredError | None = None
+        self.since = 0
         self._doubt, self._growth, self._lasts = doubt, growth, lasts
         self._found_with = self._over_with = 0  # rows with which it was found, and with which it is over
         self.begin(0)
@@ -35,12 +37,19 @@ class UndeclaredWatch:
         self._least, self._next, self._tested_with = least, 0, 0
         self._last_found: tuple[int, str] | None = None
 
+    def dismiss(self, since: int) -> None:
+        """An error that is only suspected since this row or later was no error."""
+        if self.since >= since:
+            self.suspected = None
+
     def test(self, known: Knowledge) -> bool:
         """Test if it is due; return whether an error has been found, after which estimation has to start over."""
         rows = known.buffer.load_rows
         if known.misses_poses or self._tested_with <= rows < self._next:
             return False
         largest, last, self._tested_with = known.undeclared_error(), self._last_found, rows
+        if self.suspected is None:
+            self.since = int(known.buffer.numbers[known.buffer.count - 1])
         self.suspected = largest if largest is not None and largest.size > self._doubt else None
         self._next = round(self._growth * rows) if self.suspected is None else 0
         found = self.suspected

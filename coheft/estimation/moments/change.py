@@ -89,16 +89,17 @@ class Weights:
 
         Args:
             views: Of the rows that were fitted, oldest first, shape (n, 19).
-            rows: Number of rows from the first of them up to now; what is known from before is older.
-            older: Gram matrix (19, 19) of rows before that were fitted as well.
+            rows: Number of rows from the first of them to the one in question.
+            older: Gram matrix (19, 19) of rows before that were fitted as well; what is known otherwise is older still.
         """
-        ages = rows - 1.0 - np.arange(len(views), dtype=np.float64)
-        grams = np.stack([older + views.T @ views, rows * older + views.T @ (ages[:, None] * views)])
+        ages, before = rows - 1.0 - np.arange(len(views), dtype=np.float64), older[0, 0]
+        of_age = (rows + 0.5 * before) * older + views.T @ (ages[:, None] * views)
+        grams = np.stack([older + views.T @ views, of_age])
         (information, aged), _ = self.sums(grams)
         of_noise = grams[:, 0, 0, None, None] * self.of_noise  # the first number of a view is 1
         basis, shares = seen_directions(information + self.known, of_noise[0])
-        known = (aged - of_noise[1] + rows * self.known)[:, THETA]
-        result: Array = (basis.T @ np.linalg.solve(shares, basis @ known))[THETA]
+        aged = (aged - of_noise[1] + (rows + before) * self.known)[:, THETA]
+        result: Array = (basis.T @ np.linalg.solve(shares, basis @ aged))[THETA]
         return result
 
 
@@ -168,13 +169,28 @@ def surprise(newest: Evidence, covariance: Array, theta: slice) -> float:
         covariance: Covariance of all unknowns in that fit, shape (u, u).
         theta: Slice of theta among the unknowns.
     """
+    _, score, spread = _score_of_theta(newest, covariance, theta)
+    if len(score) == 0:
+        return 0.0
+    return float(score @ np.linalg.solve(spread, score)) / chi_square_threshold(len(score), FALSE_ALARM)
+
+
+def likeliest_step(newest: Evidence, covariance: Array, theta: slice) -> Array:
+    """Return the likeliest difference (10,) of theta from that fit; arguments as for ``surprise``, but the covariance
+    includes that of the difference.
+    """
+    shown, score, spread = _score_of_theta(newest, covariance, theta)
+    step: Array = covariance[theta] @ shown.T @ np.linalg.solve(spread, score)
+    return step
+
+
+def _score_of_theta(newest: Evidence, covariance: Array, theta: slice) -> tuple[Array, Array, Array]:
+    """Return derivative (k, u), score (k,) and its covariance (k, k), in directions of theta with motion."""
     of_noise, of_all = newest.noise[theta, theta], newest.information[theta]
     tested, _ = seen_directions(of_all[:, theta] + of_noise, of_noise)
-    if len(tested) == 0:
-        return 0.0
-    score = tested @ newest.score[theta]
-    spread = tested @ (of_all[:, theta] + of_noise + of_all @ covariance @ of_all.T) @ tested.T
-    return float(score @ np.linalg.solve(spread, score)) / chi_square_threshold(len(tested), FALSE_ALARM)
+    shown = tested @ of_all
+    spread = tested @ (of_all[:, theta] + of_noise) @ tested.T + shown @ covariance @ shown.T
+    return shown, tested @ newest.score[theta], spread
 
 
 class _Scores(NamedTuple):

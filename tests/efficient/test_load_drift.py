@@ -1,0 +1,247 @@
+"""A load that leaks stays known, and what is published covers that fits lag behind."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from coheft.agents.efficient import load_drift
+from coheft.agents.efficient.causes import Causes
+from coheft.agents.efficient.load_drift import LoadChange, LoadDrift
+from coheft.agents.efficient.session import Session
+from coheft.agents.efficient.settings import Guards
+from coheft.agents.efficient.stages import Stage
+from coheft.agents.efficient.undeclared_watch import UndeclaredWatch
+from coheft.estimation.geometry.spatial import Array
+from coheft.estimation.measurement import SensorNoise
+from coheft.estimation.moments.body import FORCING_SIZE, load_operator
+from coheft.estimation.moments.change import Weights
+from coheft.estimation.moments.fit_settings import FitSettings
+from coheft.estimation.moments.rows import FORCE, ROW_SIZE, RowNoise
+from coheft.estimation.moments.undeclared import UndeclaredError
+from coheft.estimation.moments.unknowns import THETA, State
+from coheft.estimation.rigid_body.mass_properties import point_mass
+from coheft.estimation.tolerance import SensorDrift
+from tests.efficient.rows import LOAD, PERIOD, POSES, made_up_rows
+
+FROM, SETTLED = 150, 220
+"""Rows from which on the load leaks, and from which on that is known."""
+FIVE = 5.0
+
+
+@dataclass(frozen=True, eq=False)
+class Leak:
+    """Rows of a load that leaks at one point, and the true loads (n, 10)."""
+
+    rows: Array
+    loads: Array
+
+    @staticmethod
+    def of(rate: float, count: int = 400, dropped_at: int | None = None) -> Leak:
+        """A leak at this rate [kg/s]; another load of 1.6 kg may be dropped at a row."""
+        leaked, dropped = point_mass(np.array([-0.2, -0.1, 0.1])), 1.6 * point_mass(np.array([-0.5, -0.5, 0.1]))
+        ages = np.maximum(0, np.arange(count) - FROM) * PERIOD
+        loads = LOAD - rate * ages[:, None] * leaked
+        if dropped_at is not None:
+            loads[dropped_at:] += dropped
+        return Leak(np.concatenate([made_up_rows(1, load=load, first=row) for row, load in enumerate(loads)]), loads)
+
+
+@dataclass(frozen=True)
+class Followed:
+    """What one robot makes of a leak from ``SETTLED`` on: the share of rows after which it has a valid estimate, and
+    the share of these of which a number is off by more than five of its own standard deviations.
+    """
+
+    valid: float
+    off: float
+
+
+def session(torque_drift: float = 0.0) -> Session:
+    noise = RowNoise.of_samples(SensorNoise(), 20, 1000.0)
+    drift = SensorDrift(torque=torque_drift)
+    return Session(len(POSES), 0, FitSettings(noise, PERIOD, torque_offset=torque_drift, drift=drift), Guards())
+
+
+def after(rows: Array, torque_drift: float = 0.0) -> Session:
+    """A robot that has taken these rows."""
+    found = session(torque_drift)
+    for number, row in enumerate(rows):
+        found.take(number, row)
+    return found
+
+
+def in_deviations(found: Session, load: Array) -> float:
+    """The largest error of what is published of the load, in its own standard deviations."""
+    estimate = found.estimate
+    assert estimate is not None
+    assert estimate.state.load is not None
+    variances = found.claimable(estimate).covariance.diagonal()[estimate.body.unknowns.theta]
+    return float((np.abs(estimate.state.load[THETA] - load) / np.sqrt(variances)).max())
+
+
+def follow(leak: Leak) -> Followed:
+    found, worst = session(), list[float]()
+    for number, (row, load) in enumerate(zip(leak.rows, leak.loads, strict=True)):
+        found.take(number, row)
+        is_sure = found.is_confirmed and not found.causes.is_open and found.suspected is None
+        if number >= SETTLED and found.stage is Stage.ESTIMATING and is_sure:
+            worst.append(in_deviations(found, load))
+    return Followed(len(worst) / (len(leak.rows) - SETTLED), float(np.mean(np.array(worst) > FIVE)))
+
+
+SLOW, FAST, ABRUPT = Leak.of(0.05), Leak.of(0.1, count=500), Leak.of(0.1, dropped_at=300)
+
+
+@pytest.mark.parametrize("leak", [SLOW, FAST], ids=["slow", "fast"])
+def test_a_load_that_leaks_stays_known(leak: Leak) -> None:
+    found = follow(leak)
+    assert found.valid > 0.95
+    assert found.off == 0.0
+
+
+def test_what_is_published_covers_the_lag(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(load_drift, "_PUBLISHED", 0.0)
+    assert follow(FAST).off > 0.05
+
+
+@pytest.mark.parametrize(
+    ("what", "name", "instead"),
+    [
+        (UndeclaredWatch, "dismiss", lambda *_: None),
+        (Session, "suspected", property(lambda self: self._undeclared.suspected)),
+    ],
+    ids=["dismissed", "hidden"],
+)
+def test_a_load_that_drifts_is_no_sensor_error(
+    monkeypatch: pytest.MonkeyPatch, what: type, name: str, instead: object
+) -> None:
+    monkeypatch.setattr(what, name, instead)
+    assert follow(FAST).valid < 0.95
+
+
+def test_a_load_stays_known_if_it_drifts_faster_than_a_change_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Session, "_drifts_on", lambda _: False)
+    assert follow(FAST).valid < 0.95
+
+
+def test_a_drift_goes_on_after_another_load(monkeypatch: pytest.MonkeyPatch) -> None:
+    right, load_drift = follow(ABRUPT), Causes.load_drift
+    monkeypatch.setattr(Causes, "load_drift", lambda self, *args: load_drift(_Newest(self), *args))
+    assert right.off < 0.02 < follow(ABRUPT).off
+
+
+class _Newest(Causes):
+    """Causes that know only of the drift just before the newest change."""
+
+    def __init__(self, whole: Causes) -> None:
+        self._rows, self.changes, self.slips, self._forgotten = whole._rows, whole.changes[-2:], whole.slips, 0
+
+
+@pytest.mark.parametrize(("share", "axis", "size"), [(0.3, 0, 1.0), (0.05, 2, 3.0)])
+def test_a_faulty_sensor_after_a_load_change_is_no_drift(share: float, axis: int, size: float) -> None:
+    load = LOAD + share * LOAD[0] * point_mass(np.array([-0.2, -0.1, 0.1]))
+    rows = np.concatenate([made_up_rows(100), made_up_rows(60, load=load, first=100)])
+    rows[150:, 2 * ROW_SIZE + FORCE.start + axis] += size
+    assert after(rows).stage is not Stage.ESTIMATING
+
+
+def two_steps(count: int) -> Array:
+    """Rows of which the load becomes lighter at row 60 and again at row 110."""
+    lost = 0.4 * point_mass(np.array([-0.2, -0.1, 0.1]))
+    parts = [made_up_rows(60), made_up_rows(50, LOAD - lost, first=60), made_up_rows(count, LOAD - 2 * lost, first=110)]
+    return np.concatenate(parts)
+
+
+def test_an_offset_that_no_change_explains_is_no_step() -> None:
+    rows = two_steps(60)
+    rows[120:, 2 * ROW_SIZE + FORCE.start] += 0.25
+    assert len(after(rows).causes.changes) == 2
+
+
+def test_a_drift_that_does_not_go_on_is_over_although_sensors_drift() -> None:
+    rows = two_steps(170)
+    assert after(rows[:200], torque_drift=0.02).load_drift is not None
+    assert after(rows, torque_drift=0.02).load_drift is None
+
+
+def test_no_load_drifts_after_starting_over() -> None:
+    found = after(two_steps(20))
+    found._start_over()
+    for number, row in enumerate(made_up_rows(50, first=130)):
+        found.take(130 + number, row)
+    assert found.stage is Stage.ESTIMATING
+    assert found.load_drift is None
+
+
+def test_an_error_that_was_suspected_before_a_drift_still_is() -> None:
+    found = after(two_steps(60))
+    found._undeclared.suspected = error = UndeclaredError(1, "force_scale", 0.8)
+    found._undeclared.since = 80
+    assert found.load_drift is not None
+    assert found.suspected is None
+    found._undeclared.since = 50
+    assert found.suspected == error
+    found._undeclared.dismiss(60)
+    assert found.suspected == error
+
+
+def test_another_team_is_told_how_far_off_a_leaking_load_may_be() -> None:
+    leak = Leak.of(0.1, count=FROM + 100)
+    former = after(leak.rows)
+    assert former.load_drift is not None
+    prior = former.hand_over(0.0)
+    assert prior is not None
+    found = Session(len(POSES), 0, former.settings, Guards(), prior)
+    assert in_deviations(found, leak.loads[-1]) < FIVE
+
+
+def change(first: int, mass: float) -> LoadChange:
+    return LoadChange(first, first + 5, mass / LOAD[0] * LOAD)
+
+
+@pytest.mark.parametrize(
+    ("changes", "longest", "expected"),
+    [
+        ([], 100, None),
+        ([change(100, 8.0)], 100, None),
+        ([change(100, 8.0), change(140, 7.9)], 100, LoadDrift(-0.1, 40, 100)),
+        ([change(10, 9.0), change(100, 8.0), change(140, 7.9)], 100, LoadDrift(-0.1, 40, 100)),
+        ([change(100, 8.0), change(140, 7.9)], 39, None),
+    ],
+)
+def test_a_drift_takes_two_changes_in_a_short_time(
+    changes: list[LoadChange], longest: int, expected: LoadDrift | None
+) -> None:
+    found = LoadDrift.before(changes, longest)
+    assert found == (expected if expected is None else expected._replace(step=pytest.approx(expected.step)))
+
+
+@pytest.mark.parametrize(
+    ("mass", "rows", "goes_on"),
+    [(-0.1, 40, True), (-0.25, 40, True), (-0.35, 40, False), (0.1, 40, False), (-0.03, 40, False), (-0.1, 121, False)],
+)
+def test_a_drift_goes_on_alike_and_soon(mass: float, rows: int, goes_on: bool) -> None:
+    assert LoadDrift(-0.1, 40, 0).goes_on(mass, rows) is goes_on
+
+
+def test_a_fit_to_a_load_that_drifts_lags_as_computed() -> None:
+    made, rng, count, older = session(), np.random.default_rng(1), 40, 15
+    body = made.settings.body(State.first(list(POSES), made.settings.errors))
+    now, drift = np.concatenate([np.zeros(6), LOAD]), np.zeros(16)
+    drift[THETA] = -1e-3 * LOAD
+    motion = rng.normal(size=(count, FORCING_SIZE))
+    motion[:, 0], motion[:older] = 1.0, motion[0]  # older rows are alike, as only their moments are known
+    ages = np.arange(count, dtype=np.float64)[::-1].copy()
+    ages[:older] = count - older + 7.5  # all as old as their mean
+    root = rng.normal(size=(16, 16))
+    known = 100 * root @ root.T
+    wrench = [load_operator(now - age * drift) @ each for age, each in zip(ages, motion, strict=True)]
+    views = np.hstack([motion, wrench])
+    weights = replace(Weights.of(body, now), of_noise=np.zeros((16, 16)), known=known)
+    (information,), (vector,) = weights.sums((views.T @ views)[None])
+    fitted = np.linalg.solve(information + known, vector + known @ (now - count * drift))
+    lag = weights.lag(views[older:], count - older, views[:older].T @ views[:older])
+    np.testing.assert_allclose(fitted[THETA], now[THETA] - lag @ drift[THETA], atol=1e-12)
