@@ -21,9 +21,9 @@ _ALIKE = 3.0
 """Two changes of the mass belong to one drift if neither is more than so many times the other."""
 _GONE_ON = 3
 """After so many times the rows from one change to the next without another one, the drift has not gone on."""
-_PUBLISHED, _KEPT = 1.5, 3.0
-"""Standard deviations of the drift, as multiples of the last one, in what is published and in the next prior. Lags of
-successive loads add up, which a larger deviation allows for.
+_PUBLISHED, _KEPT, _STEP = 1.5, 6.0, 2.0
+"""Standard deviations of the drift in what is published, and in the next prior, and of a step, as multiples of the last
+one. What steps and lags leave wrong adds up, while their variances grow as if they were independent.
 """
 
 
@@ -82,7 +82,7 @@ class LoadDrift(NamedTuple):
             lag: Its ``R``, (10, 10).
         """
         noise = _spread(now)
-        result: Array = self.step**2 * (noise + (_KEPT / self.rows) ** 2 * lag @ noise @ lag.T)
+        result: Array = self.step**2 * (_STEP**2 * noise + (_KEPT / self.rows) ** 2 * lag @ noise @ lag.T)
         return result
 
     def cover(self, estimate: Estimate, lag: Array) -> Estimate:
