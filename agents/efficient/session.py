@@ -16,6 +16,8 @@ from coheft.agents.efficient.contradictions import Contradictions, Use
 from coheft.agents.efficient.judge import Outcome, Verdict
 from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.load_drift import LoadChange, LoadDrift
+from coheft.agents.efficient.looks import Looks
+from coheft.agents.efficient.restlessness import Restlessness
 from coheft.agents.efficient.settings import Guards, RowCounts
 from coheft.agents.efficient.small_steps import UnnoticedStep
 from coheft.agents.efficient.stages import TRANSITIONS, Event, Stage
@@ -73,7 +75,8 @@ class Session:
             guards.undeclared_doubt, guards.undeclared_growth, self._rows.undeclared_lasts
         )
         self._steps = UnnoticedStep(self._rows.shortest, guards)
-        self._known_news = self._newest = -1  # the newest change that another robot has told of; the newest row
+        self._looks = Looks(self._rows, own * self._rows.turn // count, guards.largest_surprise)
+        self._newest = -1  # number of the newest row
         self._begin(Knowledge(count, anchor, settings, guards, prior))
         if prior is not None:
             self.stage = TRANSITIONS[self.stage, Event.FITTED]
@@ -84,10 +87,10 @@ class Session:
         self._known = known
         self._contradictions = Contradictions(self._count, self._guards, known.drift, self._rows)
         self._load_before: KnownLoad | None = None  # before the oldest change that may still be a sensor's fault
-        self._surprises, self._look_until, self._pause = 0, -1, -1
+        self._looks.begin()
         self._steps.mass = 0.0
         self._confirmation = Confirmation(self._rows)
-        self._forgot_at = self._restless_since = -self._rows.calm
+        self._restlessness = Restlessness(self._rows)
         self._undeclared.begin(known.rows_to_find_undeclared)
 
     @property
@@ -150,8 +153,7 @@ class Session:
 
     def look_closely_after(self, first: int, number: int) -> None:
         """Test for a load change in every row for a while, as another robot has detected one at row ``first``."""
-        if first > max(self.causes.news_at + self._rows.turn, self._known_news):
-            self._known_news, self._look_until = first, number + self._rows.turn
+        self._looks.look_closely_after(first, self.causes.news_at, number)
 
     def take_back(self, number: int) -> None:
         """Remove the rows from this number on, as if they had never arrived; where that is not possible any more,
@@ -189,7 +191,7 @@ class Session:
             self.causes.expect(self._known, since)
 
     def _take(self, number: int, row: Array) -> None:
-        known, buffer, guards = self._known, self._known.buffer, self._guards
+        known, buffer = self._known, self._known.buffer
         if self._newest < 0:
             if self.stage is Stage.ESTIMATING:  # another team has known this before
                 self._expect_changes(since=number)
@@ -211,12 +213,8 @@ class Session:
                 if has_moved:
                     known.reevaluate()
                     self._contradictions.forget()
-                self._surprises = (
-                    self._surprises + 1 if evaluated.wrench @ evaluated.wrench > guards.largest_surprise else 0
-                )
-                is_own_turn = number % self._rows.turn == self._own * self._rows.turn // self._count
-                is_urgent = self._surprises >= 2 or number <= self._look_until or not self.is_confirmed
-                if (is_urgent or is_own_turn) and self._test_for_change(number):
+                is_due = self._looks.are_due(number, evaluated.wrench) or not self.is_confirmed
+                if is_due and self._test_for_change(number):
                     return
         if known.is_fit_due and not self._test_for_change(number):
             self._fit_and_judge()
@@ -303,7 +301,7 @@ class Session:
 
     def _test_for_change(self, number: int) -> bool:
         """Return whether the load has changed: a change must also show against a fit to the older rows only."""
-        if self.stage is Stage.GATHERING or number < self._pause:
+        if self.stage is Stage.GATHERING or self._looks.are_paused(number):
             return False
         known, buffer = self._known, self._known.buffer
         if known.misses_poses and not self.is_confirmed:
@@ -322,7 +320,7 @@ class Session:
             if confirmation.is_open:
                 confirmation.count()
                 self._fit_trusted()
-                self._pause = number + self._rows.confirming
+                self._looks.pause(until=number + self._rows.confirming)
             return False
         kept = min(index, buffer.index_of(confirmation.since)) if confirmation.is_open else index
         now = self._fit(end=kept, keeps_motion=confirmation.is_open)
@@ -330,7 +328,7 @@ class Session:
         if now.state.load is None or known.surprise(index, now) <= 1.0:
             if confirmation.is_open:
                 return self._wait_for_poses(number, now)
-            self._pause = number + buffer.count - index  # until there are twice as many rows
+            self._looks.pause(until=number + buffer.count - index)  # until there are twice as many rows
             self._fit()
             return False
         index, now = (kept, now) if confirmation.is_open else known.first_change(index, now)
@@ -374,7 +372,7 @@ class Session:
         self.causes.changes.append(change)
         self._undeclared.dismiss(drift.first)
         self._contradictions.forget()
-        self._surprises, self._look_until = 0, -1
+        self._looks.found()
         return True
 
     def _wait_for_poses(self, number: int, now: Estimate) -> bool:
@@ -383,21 +381,17 @@ class Session:
             self._forget_load(self._known.buffer.index_of(self._confirmation.since), Event.MISFIT, now)
             return True
         self._fit_trusted()
-        self._pause = number + self._rows.confirming
+        self._looks.pause(until=number + self._rows.confirming)
         return False
 
     def _forget_load(self, index: int, event: Event, now: Estimate) -> None:
         """Estimate the load anew from the row at this index on."""
-        is_troubled = self._newest - self._forgot_at < self._rows.calm
-        if not is_troubled:
-            self._restless_since = self._newest
-        elif self._newest - self._restless_since > self._rows.restless:
+        if self._restlessness.forget_load(self._newest):
             self._start_over()
             return
-        least = self._known.least * (1 + is_troubled)
+        least = self._known.least * (1 + self._restlessness.is_troubled)
         self._known.forget_load(now, index, event is Event.LOAD_CHANGED, least)
         self._contradictions.forget()
         self.stage = TRANSITIONS[self.stage, event]
-        self._surprises, self._look_until = 0, -1
-        self._forgot_at = self._newest
+        self._looks.found()
         self._confirmation.end()

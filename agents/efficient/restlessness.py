@@ -1,0 +1,26 @@
+"""How often loads are forgotten: if again and again, a sensor may be faulty now and then, or poses may be wrong."""
+
+from coheft.agents.efficient.settings import RowCounts
+
+
+class Restlessness:
+    """Remembers when loads were forgotten.
+
+    Args:
+        rows: How soon (``calm``) and for how long (``restless``) loads are forgotten again if something is wrong.
+
+    Attributes:
+        is_troubled: Whether the last load was forgotten soon after the one before.
+    """
+
+    def __init__(self, rows: RowCounts) -> None:
+        self._rows, self.is_troubled = rows, False
+        self._last = self._since = -rows.calm
+
+    def forget_load(self, number: int) -> bool:
+        """A load is forgotten at this row; return whether that has been so for too long."""
+        self.is_troubled = number - self._last < self._rows.calm
+        if not self.is_troubled:
+            self._since = number
+        self._last = number
+        return self.is_troubled and number - self._since > self._rows.restless
