@@ -1,10 +1,10 @@
 """The default estimator of one robot, from rows of the whole team.
 
-Read ``row_times`` (which samples form a row), ``exchange`` (rows are forwarded from neighbour to neighbour; ``seals``:
-robots sign them), ``knowledge`` (rows, prior and fit), ``innovations`` (residuals of rows at the fit), ``monitor``
-(which robot's sensors contradict the team), ``judge`` (do all rows fit?), ``slips``, ``load_drift``,
+Read ``row_times`` (which samples form a row), ``exchange`` (rows are forwarded from neighbour to neighbour;
+``seals``: robots sign them), ``knowledge`` (rows, prior and fit), ``innovations`` (residuals of rows at the fit),
+``monitor`` (which robot's sensors contradict the team), ``judge`` (do all rows fit?), ``slips``, ``load_drift``,
 ``small_steps`` and ``undeclared_watch`` (rarer changes), ``looks`` (when to test for a load change),
-``restlessness``, ``stages`` and ``session`` (decides what to do with each row),
-``settings`` (thresholds, times), ``team`` (all of this while the team stays the same, with ``handover`` for robots that
-join), ``estimator`` (the interface to the agent). The mathematics is in ``coheft.estimation.moments``.
+``restlessness``, ``stages`` and ``session`` (decides what to do with each row), ``settings`` (thresholds, times),
+``team`` (all of this while the team stays the same, with ``handover`` for robots that join), ``estimator`` (the
+interface to the agent). The mathematics is in ``coheft.estimation.moments``.
 """

@@ -138,6 +138,7 @@ class Causes:
             if slipped is not None:
                 self.slips.append(Slip(cause.robot, cause.first, suspicion.noticed, newest))
                 del self.changes[suspicion.changes :]
+                self._forgotten = min(self._forgotten, len(self.changes))
                 if cause.is_load:
                     self.changes.append(LoadChange(cause.first, newest, suspicion.former_load))
                 self._suspicion = None

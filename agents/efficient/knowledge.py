@@ -121,12 +121,13 @@ class Knowledge:
         estimate = self.estimate
         if estimate is None or estimate.misses_poses or estimate.state.load is None:
             return None
-        lag = self.innovations.lag(self.buffer) + missing / self._settings.period * np.eye(10)
+        noise = None
+        if drift is not None:
+            lag = self.innovations.lag(self.buffer) + missing / self._settings.period * np.eye(10)
+            noise = drift.process_noise(estimate, lag)
         self.bridge(missing)
         prior = self._chapter.posterior(estimate, self._guess)
-        if drift is None:
-            return prior
-        return prior.with_process_noise(estimate.body.unknowns.theta, drift.process_noise(estimate, lag))
+        return prior if noise is None else prior.with_process_noise(estimate.body.unknowns.theta, noise)
 
     @property
     def rows_to_find_undeclared(self) -> int:
@@ -141,9 +142,11 @@ class Knowledge:
             self.estimate, self._guess, self._chapter, self._settings, self._anchor, self._guards.undeclared
         )
 
-    def covering(self, estimate: Estimate, drift: LoadDrift | None) -> Estimate:
-        """Return an estimate whose covariance covers the drift of the load, see ``LoadDrift.cover``."""
-        return estimate if drift is None else drift.cover(estimate, self.innovations.lag(self.buffer))
+    def covering(self, estimate: Estimate, drift: LoadDrift | None, end: int | None = None) -> Estimate:
+        """Return an estimate whose covariance covers the drift of the load up to the row before an index, or up to now;
+        see ``LoadDrift.cover``.
+        """
+        return estimate if drift is None else drift.cover(estimate, self.innovations.lag(self.buffer, end))
 
     def judge(self, load_before: KnownLoad | None = None) -> Verdict:
         """Judge the estimate, see ``judge.judge``."""

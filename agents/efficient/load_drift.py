@@ -2,8 +2,9 @@
 
     theta = former theta + age d,    fitted theta = theta - R d + noise,    R = H^-1 sum_i age_i H_i
 
-The drift per row ``d`` is so many kilograms anywhere in the load, as many as from the last noticed change to the one
-before. ``H_i`` is the information of a row on theta, and ``H`` that of all rows that were fitted as if ``d`` were zero.
+The drift per row ``d`` is so many kilograms, anywhere in the load: the step between the last two noticed changes,
+divided by the rows between them. ``H_i`` is the information of a row on theta, and ``H`` that of all rows that were
+fitted as if ``d`` were zero.
 """
 
 from __future__ import annotations

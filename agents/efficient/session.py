@@ -2,6 +2,7 @@
 
 row -> does a robot's motion contradict the team?   drop the row, and those since the contradiction began
     -> is its wrench a surprise, or is it this robot's turn?   test for a change -> fit older rows -> test again
+                                                               -> one more step of a drift?   the load stays known
     -> after either: does a slipped grasp explain all rows best?   go back, with the pose of that grasp loosened
     -> 15 or 30 % more rows than at the last fit?   fit -> do all rows fit? would a faulty sensor explain them as well?
 """
@@ -105,7 +106,7 @@ class Session:
             missing: Time without rows until that team's first one [s].
         """
         if self.stage is Stage.ESTIMATING and self._known.buffer.count:  # the newest rows have to be judged as well
-            if self._test_for_change(self._newest):
+            if self._test_for_change(self._newest) and self.stage is not Stage.ESTIMATING:
                 return None
             self._fit_and_judge()
         if self.settings is not self._declared:
@@ -300,7 +301,9 @@ class Session:
             self.causes.suspect(self._known, index, self._newest, is_load)
 
     def _test_for_change(self, number: int) -> bool:
-        """Return whether the load has changed: a change must also show against a fit to the older rows only."""
+        """Return whether the load has changed, if only by one more step of a drift: a change must also show against a
+        fit to the older rows only.
+        """
         if self.stage is Stage.GATHERING or self._looks.are_paused(number):
             return False
         known, buffer = self._known, self._known.buffer
@@ -338,7 +341,7 @@ class Session:
         change = LoadChange(int(buffer.numbers[index]), number, load[THETA])
         if self._is_step_of_drift(change, index, now):
             return True
-        covered = known.covering(now, self.load_drift)
+        covered = known.covering(now, self.load_drift, index)
         if change.first > self.causes.changed_at:
             self.causes.changes.append(change)
         if self._load_before is None:
@@ -365,9 +368,11 @@ class Session:
 
     def _is_step_of_drift(self, change: LoadChange, index: int, now: Estimate) -> bool:
         """Whether a load change at this index is one more step of the load's drift; the load stays known then."""
-        drift = self.causes.load_drift(self._known, change.first)
-        is_known = self.stage is Stage.ESTIMATING and self.is_confirmed
-        if drift is None or not is_known or not self._known.follow_drift(now, index, drift):
+        known, drift = self._known, self.causes.load_drift(self._known, change.first)
+        is_known = self.stage is Stage.ESTIMATING and self.is_confirmed and not known.misses_poses
+        if drift is None or not is_known or change.first <= self.causes.changed_at:
+            return False
+        if not known.follow_drift(now, index, drift):
             return False
         self.causes.changes.append(change)
         self._undeclared.dismiss(drift.first)

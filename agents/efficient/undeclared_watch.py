@@ -40,7 +40,7 @@ class UndeclaredWatch:
     def dismiss(self, since: int) -> None:
         """An error that is only suspected since this row or later was no error."""
         if self.since >= since:
-            self.suspected = None
+            self.suspected = self._last_found = None
 
     def test(self, known: Knowledge) -> bool:
         """Test if it is due; return whether an error has been found, after which estimation has to start over."""

@@ -171,7 +171,7 @@ def test_a_drift_that_does_not_go_on_is_over_although_sensors_drift() -> None:
 def test_no_load_drifts_after_starting_over() -> None:
     found = after(two_steps(20))
     found._start_over()
-    for number, row in enumerate(made_up_rows(50, first=130)):
+    for number, row in enumerate(two_steps(70)[130:]):
         found.take(130 + number, row)
     assert found.stage is Stage.ESTIMATING
     assert found.load_drift is None
