@@ -341,11 +341,11 @@ class Session:
         change = LoadChange(int(buffer.numbers[index]), number, load[THETA])
         if self._is_step_of_drift(change, index, now):
             return True
-        covered = known.covering(now, self.load_drift, index)
+        if self._load_before is None:
+            covered = known.covering(now, self.load_drift, index)
+            self._load_before = KnownLoad(load, covered.covariance[theta, theta])
         if change.first > self.causes.changed_at:
             self.causes.changes.append(change)
-        if self._load_before is None:
-            self._load_before = KnownLoad(load, covered.covariance[theta, theta])
         self._forget_load(index, Event.LOAD_CHANGED, now)
         return True
 
