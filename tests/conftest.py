@@ -12,6 +12,7 @@ import pytest
 from hypothesis import settings
 
 from coheft.wire.process.log import LOG
+from tests.ports import PORTS_OF_PLANS
 
 # Matrices are small, and several tests may run at a time: more threads would only wait for each other.
 os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"), "1"))
@@ -25,10 +26,7 @@ settings.load_profile("coheft")
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-# Tests that run side by side start teams with many ports: each worker has its own ones.
-_WORKER = os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw")
-_FIRST_PORT = 20000 + 1500 * (int(_WORKER) % 8)
-os.environ["COHEFT_PORTS"] = f"{_FIRST_PORT}-{_FIRST_PORT + 1499}"
+os.environ["COHEFT_PORTS"] = PORTS_OF_PLANS
 
 _REQUIRED = "--require-everything"
 

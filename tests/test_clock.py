@@ -8,7 +8,6 @@ import msgspec
 import numpy as np
 import pytest
 
-from coheft.app.run.hosts import free_ports
 from coheft.app.run.plan import make_plan
 from coheft.physics_server.clock import Clock, Stopwatch
 from coheft.physics_server.robots import Robots
@@ -19,6 +18,7 @@ from coheft.wire.scenario.file import load_scenario
 from coheft.wire.transport.inbox import Inbox
 from coheft.wire.transport.robot_link import RobotLink
 from coheft.wire.transport.sessions import Keys, Sender, open_session
+from tests.ports import free_port
 from tests.wall_clock import WallClock, wall_clock_of
 
 DURATION = 0.02
@@ -106,7 +106,7 @@ def test_answers_that_are_not_there_when_their_block_begins_are_late(capfd: pyte
     log_to_stderr()
     log = ProblemLog("server", Sender(None, "clock/observe/server/problem", may_drop=True))
     names = ("r1", "r2")
-    with open_session(listen=[f"tcp/127.0.0.1:{free_ports(1)[0]}"]) as session:
+    with open_session(listen=[f"tcp/127.0.0.1:{free_port()}"]) as session:
         links = [RobotLink(name, session, Inbox(), Keys("clock"), world=1, lag=LAG, block=SAMPLES) for name in names]
         robots = Robots(links, log, return_limit=10.0)
         for link in links:

@@ -8,11 +8,11 @@ import time
 from contextlib import closing
 from pathlib import Path
 
-from coheft.app.run.hosts import free_ports
 from coheft.wire.messages.structs import Hello, Message
 from coheft.wire.transport.dialled import DialledLink
 from coheft.wire.transport.inbox import Inbox, Presence, Received
 from coheft.wire.transport.sessions import Keys, Sender, open_session
+from tests.ports import free_port
 from tests.waiting import next_event, wait_until
 
 
@@ -26,7 +26,7 @@ def heard(inbox: Inbox) -> list[Message]:
 
 
 def test_a_link_that_is_begun_anew_carries_both_ways_and_leaves_nothing_behind():
-    endpoint, keys = f"tcp/127.0.0.1:{free_ports(1)[0]}", Keys(f"test-{secrets.token_hex(4)}")
+    endpoint, keys = f"tcp/127.0.0.1:{free_port()}", Keys(f"test-{secrets.token_hex(4)}")
     near_inbox, far_inbox = Inbox(), Inbox()
     from_far = Sender(None, keys.agent("far", "hello"), may_drop=False)
 
@@ -75,7 +75,7 @@ def test_a_link_that_is_begun_anew_carries_both_ways_and_leaves_nothing_behind()
 
 
 def test_news_of_a_link_tell_of_which_session_they_are():
-    endpoint, keys = f"tcp/127.0.0.1:{free_ports(1)[0]}", Keys(f"test-{secrets.token_hex(4)}")
+    endpoint, keys = f"tcp/127.0.0.1:{free_port()}", Keys(f"test-{secrets.token_hex(4)}")
     inbox, ours = Inbox(), Inbox()
 
     def listen(session):

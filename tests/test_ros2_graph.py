@@ -12,7 +12,8 @@ from coheft.app.ros2.graph import Seen, reasons, seen_in, shared
 from coheft.app.ros2.names import Node, Topic, attachment, check_ros_names, namespace_of
 from coheft.app.ros2.node import open_node, typed_topic
 from coheft.errors import CoheftError, LinkError
-from tests.integration.ros2_network import free_port, router
+from tests.integration.ros2_network import router
+from tests.ports import free_port
 
 LOG = Topic(
     "/rosout",

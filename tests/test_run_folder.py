@@ -22,8 +22,8 @@ from coheft.app.run.folder import (
     runs_folder,
     split_endpoint,
 )
-from coheft.app.run.hosts import free_ports
 from coheft.errors import CoheftError
+from tests.ports import free_port
 
 pytestmark = pytest.mark.usefixtures("own_state_folder")
 
@@ -31,7 +31,7 @@ pytestmark = pytest.mark.usefixtures("own_state_folder")
 @pytest.fixture
 def endpoint() -> Iterator[str]:
     """Where somebody listens, as a run's server does."""
-    (port,) = free_ports(1)
+    port = free_port()
     with socket.create_server(("127.0.0.1", port)):
         yield f"tcp/127.0.0.1:{port}"
 

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 import zenoh
 
-from coheft.app.run.hosts import free_ports
 from coheft.errors import CoheftError, LinkError, MessageError
 from coheft.wire.messages.codec import encode
 from coheft.wire.messages.frame import PROTOCOL_VERSION
@@ -23,12 +22,13 @@ from coheft.wire.transport.backlog import keep_thread_state
 from coheft.wire.transport.inbox import Inbox, LinkChange, Question, Received, Refused
 from coheft.wire.transport.sessions import REFUSAL, Keys, Sender, ask, check_name, open_session
 from tests.fuzz.any_message import of_version
+from tests.ports import free_port
 from tests.waiting import next_event, wait_until
 
 
 @pytest.fixture
 def endpoint() -> str:
-    return f"tcp/127.0.0.1:{free_ports(1)[0]}"
+    return f"tcp/127.0.0.1:{free_port()}"
 
 
 @pytest.fixture

@@ -9,8 +9,6 @@ from collections.abc import Iterator
 
 import pytest
 
-from coheft.app.run.hosts import free_ports
-
 pytest.importorskip("viser", reason="the view needs viser: install 'coheft[view]'")
 
 import viser
@@ -23,6 +21,7 @@ from coheft.app.view import server as server_module
 from coheft.app.view.door import REFUSAL, Door
 from coheft.app.view.server import open_server
 from coheft.errors import CoheftError
+from tests.ports import free_port
 
 TOKEN = "the-secret"
 VISER = [Subprotocol(f"viser-v{viser.__version__}")]
@@ -30,7 +29,7 @@ VISER = [Subprotocol(f"viser-v{viser.__version__}")]
 
 @pytest.fixture(scope="module")
 def port() -> Iterator[int]:
-    with open_server(Door("127.0.0.1", TOKEN), free_ports(1)[0]) as server:
+    with open_server(Door("127.0.0.1", TOKEN), free_port()) as server:
         server.gui.add_markdown("a secret state")
         yield server.get_port()
 
@@ -140,7 +139,7 @@ def test_no_other_page_gets_address_or_content(port: int) -> None:
 
 
 def test_no_page_can_make_the_view_public() -> None:
-    with open_server(Door("127.0.0.1"), free_ports(1)[0]) as server:
+    with open_server(Door("127.0.0.1"), free_port()) as server:
         assert ShareUrlRequest not in server._websock_server._incoming_handlers
 
 
@@ -156,7 +155,7 @@ def test_each_view_has_a_secret_of_its_own(port: int) -> None:
 
 
 def test_all_addresses_of_this_machine_are_its_own_but_no_names_of_others() -> None:
-    with open_server(Door("0.0.0.0", TOKEN), free_ports(1)[0]) as server:
+    with open_server(Door("0.0.0.0", TOKEN), free_port()) as server:
         port = server.get_port()
         for host in ("127.0.0.1", "127.0.0.2", socket.gethostname()):
             dialled = host if host.startswith("127") else "127.0.0.1"
@@ -169,7 +168,7 @@ def test_a_release_of_viser_that_cannot_be_guarded_shows_nothing(monkeypatch: py
     class Elsewhere:
         """As if viser called the library by another name."""
 
-    port = free_ports(1)[0]
+    port = free_port()
     monkeypatch.setattr(server_module, "sockets", Elsewhere)
     Elsewhere.serve = None
     with pytest.raises(CoheftError, match="cannot be guarded"), open_server(Door("127.0.0.1"), port):

@@ -7,10 +7,10 @@ import socket
 
 import pytest
 
-from coheft.app.run.hosts import free_ports
 from coheft.app.view import ports
 from coheft.app.view.ports import PORT, choose_port, url
 from coheft.errors import LinkError
+from tests.ports import free_port
 
 
 def has_ipv6() -> bool:
@@ -37,7 +37,7 @@ def taken(request):
 
 @pytest.mark.parametrize("host", ["", "localhost", "0.0.0.0", *HOSTS, pytest.param("::", marks=needs_ipv6)])
 def test_a_free_port_is_taken_as_it_was_asked_for(host):
-    port = free_ports(1)[0]
+    port = free_port()
     assert choose_port(host, port) == port
     assert choose_port(host, None) >= PORT
 
@@ -95,7 +95,7 @@ def test_a_view_can_be_had_at_an_ipv6_address():
     from coheft.app.view.server import open_server
 
     door = Door("::1", "secret")
-    port = free_ports(1)[0]
+    port = free_port()
     with open_server(door, port):
         assert door.url(port) == f"http://[::1]:{port}/secret/"
         connection = http.client.HTTPConnection("::1", port, timeout=30.0)

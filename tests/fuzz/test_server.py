@@ -11,7 +11,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from coheft.app.run.hosts import free_ports
 from coheft.errors import LoadError, MessageError
 from coheft.physics_server.simulation import Simulation
 from coheft.wire.messages.requests import InjectRequest, RemoveRequest
@@ -22,6 +21,7 @@ from coheft.wire.transport.inbox import Inbox
 from coheft.wire.transport.robot_link import RobotLink
 from coheft.wire.transport.sessions import Keys, open_session
 from tests.fuzz.any_message import NUMBERS, altered, values
+from tests.ports import free_port
 
 SCENARIO = load_scenario("ring3")
 LAG, SAMPLES = SCENARIO.lookahead, SCENARIO.sensors.block
@@ -30,7 +30,7 @@ REACH = Reach(SCENARIO.robots)
 
 @pytest.fixture(scope="module")
 def link() -> Iterator[RobotLink]:
-    with open_session(listen=[f"tcp/127.0.0.1:{free_ports(1)[0]}"]) as session:
+    with open_session(listen=[f"tcp/127.0.0.1:{free_port()}"]) as session:
         yield RobotLink("r1", session, Inbox(), Keys("fuzz"), world=1, lag=LAG, block=SAMPLES, excess=REACH.excess)
 
 

@@ -7,8 +7,8 @@ from contextlib import ExitStack
 
 from msgspec import structs
 
-from coheft.app.run.hosts import free_ports
 from coheft.app.run.plan import Plan
+from tests.ports import free_port
 
 from .relay import Relay
 
@@ -21,7 +21,7 @@ def with_relays(plan: Plan, edges: Iterable[Edge], stack: ExitStack) -> tuple[Pl
     agents = dict(plan.agents)
     for edge in edges:
         dialling, listening = sorted(edge, reverse=True)  # who comes first listens
-        endpoint = f"tcp/127.0.0.1:{free_ports(1)[0]}"
+        endpoint = f"tcp/127.0.0.1:{free_port()}"
         relays[edge] = stack.enter_context(Relay(endpoint, agents[listening].listen))
         agents[dialling] = structs.replace(
             agents[dialling],

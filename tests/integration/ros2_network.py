@@ -14,8 +14,6 @@ from pathlib import Path
 
 import zenoh
 
-from coheft.app.run.hosts import free_ports
-
 from .team import LIMIT, ROOT
 
 INERTIA = (
@@ -42,11 +40,6 @@ def router(port: int) -> Iterator[zenoh.Session]:
     }
     with zenoh.open(zenoh.Config.from_json5(json.dumps(settings))) as session:
         yield session
-
-
-def free_port() -> int:
-    """Where no one listens."""
-    return free_ports(1)[0]
 
 
 def tokens(session: zenoh.Session) -> list[str]:

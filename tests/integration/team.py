@@ -176,6 +176,10 @@ def running_team(
             for name, config in plan.agents.items():
                 team.start(name, agent_command, config)
             yield team
+        except BaseException:
+            for name in team.processes:
+                print(f"{name} has said:\n{team.log(name)}")  # pytest shows it if the test fails
+            raise
         finally:
             for name in team.processes:
                 team.end(name)

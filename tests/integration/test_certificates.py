@@ -10,12 +10,12 @@ import pytest
 import zenoh
 from cryptography import x509
 
-from coheft.app.run.hosts import free_ports
 from coheft.app.run.keys import Authority, make_keys
 from coheft.errors import CoheftError
 from coheft.wire.transport.planes import guard_neighbours
 from coheft.wire.transport.security import Credentials, credentials_in
 from coheft.wire.transport.sessions import open_session
+from tests.ports import free_port
 from tests.waiting import wait_until
 
 from .attacker import raw_session, tls_settings
@@ -90,7 +90,7 @@ def test_no_one_dials_in_over_plain_tcp(secure):
 def test_without_a_valid_certificate_no_one_is_dialled(secure, tmp_path, certificate):
     """Whoever takes the port of a neighbour that is down needs more than the port."""
     good = secure.credentials("r2")
-    endpoint = secure.endpoint(free_ports(1)[0])
+    endpoint = secure.endpoint(free_port())
     guard = guard_neighbours(secure.credentials("r1"), KEYS, "r1", ["r2"])
     with open_session(connect=[endpoint], guard=guard) as session:
         bad = certificate(tmp_path / "bad", good) if certificate is not None else {}

@@ -19,8 +19,9 @@ from coheft.app.run.keys import make_keys
 from coheft.app.run.plan import make_plan
 from coheft.wire.messages.requests import StopRequest
 from coheft.wire.transport.sessions import open_session
+from tests.ports import free_port
 
-from .ros2_network import INERTIA, Command, free_port, router, started, tokens
+from .ros2_network import INERTIA, Command, router, started, tokens
 from .team import Team, running_team, small_scenario, wait_until
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals as on POSIX")

@@ -24,8 +24,9 @@ from coheft.app.study.samples import TeamSamples, simulate
 from coheft.wire.config import AgentConfig
 from coheft.wire.scenario.file import load_scenario
 from coheft.wire.transport.sessions import Keys
+from tests.ports import free_port
 
-from .ros2_network import ACCEL, INERTIA, TWIST, WRENCH, Command, free_port, router, started
+from .ros2_network import ACCEL, INERTIA, TWIST, WRENCH, Command, router, started
 from .team import AGENT, LIMIT, Team, wait_until
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals as on POSIX")

@@ -19,7 +19,7 @@ from cryptography import x509
 
 from coheft.app.cli.base import EXIT_CONVERGED, EXIT_ERROR
 from coheft.app.cli.main import run_command_line
-from coheft.app.run.hosts import Hosts, free_ports, load_hosts
+from coheft.app.run.hosts import Hosts, load_hosts
 from coheft.app.run.keys import check_keys, make_keys
 from coheft.app.run.plan import make_plan
 from coheft.errors import CoheftError, LinkError, ScenarioError
@@ -31,6 +31,7 @@ from coheft.wire.transport import backlog as backlog_module
 from coheft.wire.transport.inbox import Inbox, Received, Refused
 from coheft.wire.transport.planes import guard_observer
 from coheft.wire.transport.sessions import Keys, Role, Sender, ask, open_session
+from tests.ports import free_port
 
 from .attacker import Profile, raw_session, tls_settings
 from .certificates import authority_in
@@ -203,7 +204,7 @@ def test_messages_of_an_old_run_change_nothing_in_a_new_one(secure, tmp_path):
 def test_what_no_process_reads_is_bounded_and_does_not_keep_others_waiting(room, monkeypatch):
     """Without the bound all of it is kept: so this can fail."""
     monkeypatch.setattr(backlog_module, "ROOM", room)
-    keys, endpoint, size, count = Keys("run"), f"tcp/127.0.0.1:{free_ports(1)[0]}", 100_000, 400
+    keys, endpoint, size, count = Keys("run"), f"tcp/127.0.0.1:{free_port()}", 100_000, 400
     inbox = Inbox()
     with open_session([endpoint]) as near, open_session(connect=[endpoint]) as far:
         inbox.listen(near, "r2", {keys.agent("r2", "block"): Hello})

@@ -10,7 +10,6 @@ from contextlib import ExitStack, contextmanager
 import pytest
 import zenoh
 
-from coheft.app.run.hosts import free_ports
 from coheft.wire.transport.inbox import Inbox, LinkChange, Refused
 from coheft.wire.transport.planes import (
     guard_agent_for_observers,
@@ -21,6 +20,7 @@ from coheft.wire.transport.planes import (
 )
 from coheft.wire.transport.security import Credentials, Guard
 from coheft.wire.transport.sessions import Keys, open_session
+from tests.ports import free_port
 from tests.waiting import next_event, wait_until
 
 from .attacker import PUSHING, Busybody, Crossing, Profile, let_act, raw_session, tls_settings
@@ -61,7 +61,7 @@ OWNERS = {"server's link with r1": "server", "server's observers": "server"}
 def victim(profile: Profile, place: str) -> Iterator[tuple[str, zenoh.Session]]:
     """The session at one of the places, and where it can be dialled."""
     guard, _ = PLACES[place]
-    endpoint = profile.endpoint(free_ports(1)[0])
+    endpoint = profile.endpoint(free_port())
     credentials = profile.credentials(OWNERS.get(place, "r1"))
     with open_session(listen=[endpoint], guard=guard(credentials)) as session:
         yield endpoint, session
@@ -216,7 +216,7 @@ def test_acting_as_a_client_or_a_router_gains_nothing(secure, mode, settings):
 @pytest.mark.parametrize("name", ["r2", "r3"])
 def test_who_listens_at_a_neighbours_port_does_not_become_that_neighbour(secure, name):
     """r3's certificate is valid for the host, but its name is not r2: nothing of r2's is taken from it."""
-    endpoint = secure.endpoint(free_ports(1)[0])
+    endpoint = secure.endpoint(free_port())
     guard = guard_neighbours(secure.credentials("r1"), KEYS, "r1", ["r2"])
     with (
         open_session(connect=[endpoint], guard=guard) as session,
@@ -235,7 +235,7 @@ def test_who_listens_at_a_neighbours_port_does_not_become_that_neighbour(secure,
 
 
 def test_no_agent_passes_for_another_one_or_for_the_server_at_an_observer(secure):
-    endpoint = secure.endpoint(free_ports(1)[0])
+    endpoint = secure.endpoint(free_port())
     guard = guard_observer(secure.credentials("observer"), KEYS, "observer", ["r1", "r2"])
     said = (KEYS.observe_agent("r1", "estimate"), KEYS.observe_agent("r2", "estimate"), KEYS.observe_server("truth"))
     with (
@@ -266,7 +266,7 @@ def test_messages_of_an_old_run_do_not_arrive(secure):
 
 def test_links_of_those_who_have_no_business_here_are_told_but_not_counted(secure):
     keys, inbox = Keys("run"), Inbox()
-    endpoint = secure.endpoint(free_ports(1)[0])
+    endpoint = secure.endpoint(free_port())
     guard = guard_server_for_robot(secure.credentials("server"), keys, "r1")
     with open_session(listen=[endpoint], guard=guard) as session:
         inbox.watch_links(session, "r1", guard)

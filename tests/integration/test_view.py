@@ -20,12 +20,12 @@ import msgspec
 import pytest
 
 from coheft.app.run.folder import RUN_FILE, RunFile, find_run
-from coheft.app.run.hosts import free_ports
 from coheft.app.run.observer import ask_server
 from coheft.app.view import words
 from coheft.errors import CoheftError
 from coheft.wire.messages.requests import Status, StatusRequest, StopRequest
 from coheft.wire.scenario.schema import MAX_DURATION
+from tests.ports import free_port
 
 from .hostile_site import ATTACK, hostile_site
 from .view_page import (
@@ -144,7 +144,7 @@ def viewed_run(
         options: Of the view.
         before: What happens before the view begins.
     """
-    port = free_ports(1)[0]
+    port = free_port()
     with command(folder.with_suffix(".out"), "run", "ring3", "--realtime", "--logs", str(folder), *arguments):
         wait_for(lambda: goes_on(folder), "the run to begin")
         before()
@@ -227,7 +227,7 @@ def test_a_recording_plays_to_its_end_with_the_numbers_of_the_report(tmp_path, b
         assert run.wait(PATIENCE) in (0, 3), (tmp_path / "out").read_text()
     told = json.loads(report.read_text())
     output = tmp_path / "view"
-    with command(output, "view", str(recording), "--port", str(free_ports(1)[0])):
+    with command(output, "view", str(recording), "--port", str(free_port())):
         wait_for(lambda: "http" in output.read_text(), "the view to begin")
         with looking_at(browser, url_in(output)) as page:
             wait_for(lambda: "a recording: run.mcap" in text_of(page), "the recording")
