@@ -343,7 +343,8 @@ class Session:
             return True
         if self._load_before is None:
             covered = known.covering(now, self.load_drift, index)
-            self._load_before = KnownLoad(load, covered.covariance[theta, theta])
+            known_before = now.body.unknowns.load if self.settings.has_offset else theta
+            self._load_before = KnownLoad(load, covered.covariance[known_before, known_before])
         if change.first > self.causes.changed_at:
             self.causes.changes.append(change)
         self._forget_load(index, Event.LOAD_CHANGED, now)
