@@ -19,7 +19,7 @@ from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.linear_algebra import inverse as inverse_of
 from coheft.estimation.moments.body import BodyModel
 from coheft.estimation.moments.change import Weights
-from coheft.estimation.moments.unknowns import LOAD_SIZE, OFFSET, THETA
+from coheft.estimation.moments.unknowns import LOAD_SIZE, OFFSET
 
 WINDOWS = (1, 2, 4, 8, 16, 32)
 """Numbers of consecutive rows that are tested: longer windows would show the approximations of rows."""
