@@ -15,6 +15,7 @@ from coheft.agents.efficient.judge import Verdict, judge
 from coheft.agents.efficient.load_drift import LoadDrift
 from coheft.agents.efficient.row_times import MANY
 from coheft.agents.efficient.settings import Guards
+from coheft.agents.efficient.small_steps import UnnoticedStep
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.moments.change import likeliest_step, surprise
 from coheft.estimation.moments.chapter import Chapter, Prior
@@ -110,23 +111,29 @@ class Knowledge:
         """Whether there are enough rows for another fit."""
         return self.buffer.load_rows >= self._next_fit
 
-    def posterior(self, drift: LoadDrift | None = None, missing: float = 0.0) -> Prior | None:
+    def posterior(
+        self, unnoticed: UnnoticedStep, drift: LoadDrift | None = None, missing: float = 0.0
+    ) -> Prior | None:
         """Everything that is known, as a prior for another team; None if a pose or the load is unknown.
 
         Args:
+            unnoticed: The step of the mass that may not have been noticed yet; that team could not notice it.
             drift: Drift of the load.
             missing: Time without rows until that team's first one [s].
         """
         estimate = self.estimate
         if estimate is None or estimate.misses_poses or estimate.state.load is None:
             return None
-        noise = None
+        noises = [unnoticed.process_noise(estimate)]
         if drift is not None:
             lag = self.innovations.lag(self.buffer) + missing / self._settings.period * np.eye(10)
-            noise = drift.process_noise(estimate, lag)
+            noises.append(drift.process_noise(estimate, lag))
         self.bridge(missing)
         prior = self._chapter.posterior(estimate, self._guess)
-        return prior if noise is None else prior.with_process_noise(estimate.body.unknowns.theta, noise)
+        for noise in noises:
+            if noise is not None:
+                prior = prior.with_process_noise(estimate.body.unknowns.theta, noise)
+        return prior
 
     @property
     def rows_to_find_undeclared(self) -> int:

@@ -115,7 +115,7 @@ class Session:
         is_doubtful = is_suspected or self.causes.is_open or self._confirmation.distrusts_wrenches
         if self.stage is not Stage.ESTIMATING or is_doubtful:
             return None
-        return self._known.posterior(self.load_drift, missing)
+        return self._known.posterior(self._steps, self.load_drift, missing)
 
     def claimable(self, estimate: Estimate) -> Estimate:
         """Return the estimate to publish: its covariance covers changes of the load that are not noticed yet."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from coheft.agents.efficient.settings import Guards
+from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.change import SmallSteps, spread_mass
 from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.unknowns import THETA
@@ -41,11 +42,19 @@ class UnnoticedStep:
         if found is not None:
             self.mass = max(found, self._fades * self.mass)
 
+    def process_noise(self, estimate: Estimate) -> Array | None:
+        """Covariance (10, 10) by which theta may have changed, None if it has not."""
+        load = estimate.state.load
+        if load is None or self.mass == 0.0:
+            return None
+        result: Array = (_COVER * self.mass) ** 2 * spread_mass(load[THETA], estimate.size)
+        return result
+
     def cover(self, estimate: Estimate) -> Estimate:
         """Return an estimate whose covariance covers the step."""
-        load, theta = estimate.state.load, estimate.body.unknowns.theta
-        if load is None or self.mass == 0.0:
+        noise = self.process_noise(estimate)
+        if noise is None:
             return estimate
-        seen = estimate.seen.copy()
-        seen[theta, theta] += (_COVER * self.mass) ** 2 * spread_mass(load[THETA], estimate.size)
+        seen, theta = estimate.seen.copy(), estimate.body.unknowns.theta
+        seen[theta, theta] += noise
         return replace(estimate, seen=seen)

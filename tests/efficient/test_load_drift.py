@@ -199,6 +199,17 @@ def test_another_team_is_told_how_far_off_a_leaking_load_may_be() -> None:
     assert in_deviations(found, leak.loads[-1]) < FIVE
 
 
+def test_another_team_is_told_of_a_change_that_has_not_been_noticed() -> None:
+    leak = Leak.of(0.03, count=FROM + 60)
+    former = after(leak.rows)
+    assert not former.causes.changes
+    assert former.estimate is not None
+    prior = former.hand_over(0.0)
+    assert prior is not None
+    found = Session(len(POSES), 0, former.settings, Guards(), prior)
+    assert in_deviations(found, leak.loads[-1]) < FIVE < in_deviations_of(former.estimate, leak.loads[-1])
+
+
 def change(first: int, mass: float) -> LoadChange:
     return LoadChange(first, first + 5, mass / LOAD[0] * LOAD)
 
