@@ -58,6 +58,7 @@ class Knowledge:
         estimate: Estimate of poses and load, None at first.
         innovations: Evaluates rows at the estimate; not set before there is one.
         least: Smallest number of rows to fit.
+        revision: How often rows have been evaluated anew, after a fit or because some had moved in the buffer.
     """
 
     innovations: Innovations
@@ -76,6 +77,7 @@ class Knowledge:
         self.buffer = RowBuffer(size, not self.is_small)
         self._chapter = Chapter(self.buffer, settings, prior)
         self.estimate: Estimate | None = None
+        self.revision = 0
         self._past: Past | None = None  # when the last chapter ended
         self._next_fit, self._rows_before = 2 * self.least, 0
         if prior is not None:
@@ -159,6 +161,7 @@ class Knowledge:
         """Evaluate all rows of the buffer again, because some have moved in it."""
         if self.estimate is not None:
             self._set_estimate(self.estimate)
+            self.revision += 1
 
     def take_back(self, number: int) -> None:
         """Remove the rows of the present load from this number on."""
@@ -181,6 +184,7 @@ class Knowledge:
             state = first_load(state, evaluate(body).wrench, self._guess, settings)
         found = fit_state(state, evaluate, chapter.prior_evidence, self._guess, settings, self._anchor)
         self._set_estimate(found)
+        self.revision += 1
         number = self.buffer.load_rows
         self._next_fit = number + max(3, round((self._growth - 1.0) * (number + self._rows_before)))
         return found

@@ -263,7 +263,7 @@ def test_a_load_that_is_to_be_confirmed_is_not_followed(monkeypatch: pytest.Monk
     step = LoadChange(132, 140, known.theta)
     assert found.load_drift is not None
     monkeypatch.setattr(type(known), "follow_drift", lambda *_: True)
-    assert found._is_step_of_drift(step, known.buffer.index_of(132), estimate)
+    assert found._follow_drift(step, known.buffer.index_of(132), estimate)
     found.causes.changes.pop()
-    found._confirmation.begin(since=132)
-    assert not found._is_step_of_drift(step, known.buffer.index_of(132), estimate)
+    found._detector.confirm(since=132)
+    assert not found._follow_drift(step, known.buffer.index_of(132), estimate)
