@@ -29,12 +29,12 @@ class Detected(NamedTuple):
 
     Attributes:
         event: ``LOAD_CHANGED``; ``MISFIT`` if a load that was to be confirmed has not fitted for too long.
-        index: Index of the first row that does not belong to the load.
+        at: Index of the first row that does not belong to the load.
         before: Fit to the rows before.
     """
 
     event: Event
-    index: int
+    at: int
     before: Estimate
 
 

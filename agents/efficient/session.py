@@ -3,7 +3,7 @@
 row -> does a robot's motion contradict the team?   drop the row, and those since the contradiction began
     -> is it time to look for another load?         detect -> one more step of a drift? the load stays known
                                                            -> another load: estimate it anew from its first row on
-    -> 15 or 30 % more rows than at the last fit?   look, fit -> do all rows fit? would a faulty sensor explain them, too?
+    -> 15 or 30 % more rows than at the last fit?   look, fit -> do all rows fit? would a faulty sensor explain them?
     -> after either: does a slipped grasp explain all rows best?   go back, with the pose of that grasp loosened
 """
 
