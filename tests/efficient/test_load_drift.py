@@ -9,6 +9,7 @@ import pytest
 
 from coheft.agents.efficient import load_drift
 from coheft.agents.efficient.causes import Causes
+from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.load_drift import LoadChange, LoadDrift
 from coheft.agents.efficient.session import Session
 from coheft.agents.efficient.settings import Guards
@@ -26,6 +27,7 @@ from coheft.estimation.moments.unknowns import THETA, State
 from coheft.estimation.rigid_body.mass_properties import point_mass
 from coheft.estimation.tolerance import SensorDrift
 from tests.efficient.rows import LOAD, PERIOD, POSES, made_up_rows
+from tests.efficient.sessions import AFTER, BEFORE, slipped
 
 FROM, SETTLED = 150, 220
 """Rows from which on the load leaks, and from which on that is known."""
@@ -267,3 +269,26 @@ def test_a_load_that_is_to_be_confirmed_is_not_followed(monkeypatch: pytest.Monk
     found.causes.changes.pop()
     found._detector.confirm(since=132)
     assert not found._follow_drift(step, known.buffer.index_of(132), estimate)
+
+
+def test_an_error_that_was_dismissed_has_to_be_found_twice_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    known, watch = after(made_up_rows(100))._known, UndeclaredWatch(doubt=0.6, growth=1.3, lasts=100)
+    monkeypatch.setattr(Knowledge, "undeclared_error", lambda _: UndeclaredError(1, "force_scale", 1.5))
+    assert not watch.test(known)
+    watch.dismiss(watch.since)
+    assert not watch.test(known)
+    assert watch.test(known)
+
+
+def test_a_drift_is_noticed_after_a_slip_that_robots_have_started_over_for() -> None:
+    rows, poses = slipped(10.0, 0.0, 2, 2)
+    loads = [LOAD - lost * point_mass(np.array([-0.2, -0.1, 0.1])) for lost in (0.4, 0.8)]
+    parts = [made_up_rows(50, load, BEFORE + AFTER + 50 * step, poses=poses) for step, load in enumerate(loads)]
+    found = session()
+    for number, row in enumerate(np.concatenate([rows, *parts])):
+        found.take(number, row)
+        if len(found.causes.changes) == 1 and number < BEFORE + AFTER:
+            found._start_over()
+    assert [slip.robot for slip in found.causes.slips] == [2]
+    assert len(found.causes.changes) == 2
+    assert found.load_drift is not None
