@@ -158,6 +158,13 @@ def two_steps(count: int) -> Array:
     return np.concatenate(parts)
 
 
+def test_a_load_that_shifts_at_a_step_of_its_drift_has_changed_once() -> None:
+    shifted = LOAD - 1.2 * point_mass(np.array([-0.2, -0.1, 0.1]))
+    shifted[1] += 3.0  # eight kilograms by 0.4 m
+    rows = np.concatenate([two_steps(40), made_up_rows(30, shifted, first=150)])
+    assert [change.first for change in after(rows).causes.changes] == [60, 110, 150]
+
+
 def test_an_offset_that_no_change_explains_is_no_step() -> None:
     rows = two_steps(60)
     rows[120:, 2 * ROW_SIZE + FORCE.start] += 0.25
