@@ -138,8 +138,7 @@ class ChangeDetector:
             self._looks.pause(until=number + buffer.count - index)  # until there are twice as many rows
             known.fit()
             return None
-        index, before = (kept, before) if confirmation.is_open else known.first_change(index, before)
-        return Detected(Event.LOAD_CHANGED, index, before)
+        return Detected(Event.LOAD_CHANGED, kept if confirmation.is_open else index, before)
 
     def _wait_for_poses(self, known: Knowledge, number: int, before: Estimate) -> Detected | None:
         """Leave out unconfirmed wrenches for a while; after too long, the load fits no more."""

@@ -298,20 +298,6 @@ class Knowledge:
         moments = wrench_moments(now.body, ProjectedMoments.of(self.buffer.window(index), now.body))
         return wrench_evidence(now.body, MotionDerivatives.at(now.body), moments, load)
 
-    def first_change(self, index: int, now: Estimate) -> tuple[int, Estimate]:
-        """Return where the load changed first, if it changed before this index as well, and the fit to the rows before.
-
-        Args:
-            index: Of the first row after a change.
-            now: The fit to the rows before.
-        """
-        found = self.innovations.look_for_change(self.buffer, index)
-        while found.statistic > 1.0 and 0 < found.first < index - self.buffer.start:
-            index = self.buffer.start + found.first
-            now = self.fit(end=index)
-            found = self.innovations.look_for_change(self.buffer, index)
-        return index, now
-
     def fade(self) -> None:
         """End the chapter after a while and inflate its prior, for sensor drift and for a fading memory of the load."""
         if self._page and not self.misses_poses and self.buffer.load_rows >= self._page:
