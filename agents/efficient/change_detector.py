@@ -147,8 +147,3 @@ class ChangeDetector:
         self.fit(known)
         self._looks.pause(until=number + self._rows.confirming)
         return None
-
-    def change_within(self, known: Knowledge) -> int | None:
-        """Index of the first row after a change among the rows that a load was fitted to, None if they are alike."""
-        look = known.innovations.look_for_change(known.buffer)
-        return known.buffer.start + look.first if look.statistic > self._guards.fresh_change else None

@@ -239,6 +239,13 @@ class Knowledge:
         )
         return found, chapter.posterior(found, self._guess, evaluate)
 
+    def change_within(self) -> int | None:
+        """Return the index of the first row after a change among the rows that a load was fitted to, None if they are
+        alike.
+        """
+        look = self.innovations.look_for_change(self.buffer)
+        return self.buffer.start + look.first if look.statistic > self._guards.fresh_change else None
+
     def body(self, state: State) -> BodyModel:
         """Compute the matrices at a state."""
         return self._settings.body(state)

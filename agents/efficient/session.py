@@ -11,17 +11,16 @@ from __future__ import annotations
 
 import numpy as np
 
+from coheft.agents.efficient.acceptance import Acceptance
 from coheft.agents.efficient.causes import Causes
 from coheft.agents.efficient.change_detector import ChangeDetector
 from coheft.agents.efficient.contradictions import Contradictions, Use
-from coheft.agents.efficient.judge import Outcome, Verdict
+from coheft.agents.efficient.judge import Verdict
 from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.load_drift import LoadChange, LoadDrift
 from coheft.agents.efficient.restlessness import Restlessness
 from coheft.agents.efficient.settings import Guards, RowCounts
 from coheft.agents.efficient.stages import TRANSITIONS, Event, Stage
-from coheft.agents.efficient.tolerances import Tolerances
-from coheft.agents.efficient.undeclared_watch import UndeclaredWatch
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.body import FORCING_SIZE
 from coheft.estimation.moments.chapter import Prior
@@ -47,7 +46,6 @@ class Session:
     Attributes:
         stage: What is known of the load.
         causes: Load changes and slips of grasps.
-        verdict: Verdict on the last fit.
         total_wrench: Total wrench about the origin of the body frame [N, N·m], mean over the newest row, shape (6,);
             None before the first row.
     """
@@ -65,10 +63,8 @@ class Session:
         self._rows = rows = RowCounts.of(guards, settings.period)
         self.stage = Stage.GATHERING
         self.causes = Causes(guards, rows)
-        self.verdict = Verdict(Outcome.FITS)
         self.total_wrench: Array | None = None
-        self._tolerances = Tolerances(settings)
-        self._undeclared = UndeclaredWatch(guards.undeclared_doubt, guards.undeclared_growth, rows.undeclared_lasts)
+        self._acceptance = Acceptance(settings, guards, rows)
         self._detector = ChangeDetector(rows, guards, own * rows.turn // count)
         self._newest = -1  # number of the newest row
         self._begin(Knowledge(count, anchor, settings, guards, prior))
@@ -80,10 +76,9 @@ class Session:
         """Continue from ``known`` alone; load changes that were noticed before stay listed."""
         self._known = known
         self._contradictions = Contradictions(self._count, self._guards, known.drift, self._rows)
-        self._load_before: KnownLoad | None = None  # before the oldest change that may still be a sensor's fault
         self._detector.begin()
         self._restlessness = Restlessness(self._rows)
-        self._undeclared.begin(known.rows_to_find_undeclared)
+        self._acceptance.begin(known)
 
     # --- rows ---
 
@@ -162,7 +157,7 @@ class Session:
         if is_since_load and not known.misses_poses:
             known.take_back(number)
         if not is_since_load or known.misses_poses or buffer.load_rows < known.least:
-            self._tolerances.restore()
+            self._acceptance.tolerances.restore()
             self._start_over()
             return
         known.fit()
@@ -175,39 +170,26 @@ class Session:
     # --- fits ---
 
     def _fit_and_judge(self) -> None:
-        """Fit, then test whether all rows fit and whether a faulty sensor would explain them as well as a load."""
-        known, buffer = self._known, self._known.buffer
-        estimate = self._detector.fit(known)
+        """Fit, then judge the fit."""
+        estimate = self._detector.fit(self._known)
         if self._detector.distrusts_wrenches:
             return
-        self.verdict = known.judge(self._load_before)
-        first = buffer.count
-        is_body = self.verdict.outcome not in (Outcome.NO_BODY, Outcome.BEYOND_TOLERANCE)
-        if self.stage is Stage.GATHERING and is_body:
-            changed = self._detector.change_within(known)
-            if changed is not None:
-                self.verdict, first = Verdict(Outcome.NO_LOAD), changed
-        match self.verdict.outcome:
-            case Outcome.NO_BODY:
-                self._start_over()
-            case Outcome.BEYOND_TOLERANCE:
-                if self._tolerances.exceed(estimate, buffer.load_rows):
-                    self.causes.forget_cause()
-                self._start_over()
-            case Outcome.NO_LOAD:
+        is_new, age = self.stage is Stage.GATHERING, self._newest - self.causes.changed_at
+        event, index = self._acceptance.judge(self._known, estimate, is_new, age, self.load_drift is not None)
+        match event:
+            case Event.MISFIT:
                 if not self._drifts_on():
-                    self._forget_load(first, Event.MISFIT, estimate)
-            case Outcome.UNDECIDED if self._newest - self.causes.changed_at <= self._rows.undecided:
-                self.stage = TRANSITIONS[self.stage, Event.UNDECIDED]
+                    self._forget_load(index, event, estimate)
+            case Event.STARTED_OVER | Event.EXCEEDED:
+                self._start_over(event)
             case _:
-                self.stage, self._load_before = TRANSITIONS[self.stage, Event.FITTED], None
-                self._tolerances.hold(buffer.load_rows)
-                if self.load_drift is None and self._undeclared.test(known):
-                    self._start_over()
+                self.stage = TRANSITIONS[self.stage, event]
 
-    def _start_over(self) -> None:
+    def _start_over(self, event: Event = Event.STARTED_OVER) -> None:
+        if event is Event.EXCEEDED:
+            self.causes.forget_cause()
         self.causes.start_over()
-        self.stage = TRANSITIONS[self.stage, Event.STARTED_OVER]
+        self.stage = TRANSITIONS[self.stage, event]
         self._begin(Knowledge(self._count, self._anchor, self.settings, self._guards))
 
     # --- changes of the load ---
@@ -232,9 +214,8 @@ class Session:
         change = LoadChange(int(known.buffer.numbers[index]), number, load[THETA])
         if self._follow_drift(change, index, before):
             return
-        if self._load_before is None:
-            covered = known.covering(before, self.load_drift, index)
-            self._load_before = KnownLoad(load, covered.covariance[theta, theta])
+        covered = known.covering(before, self.load_drift, index)
+        self._acceptance.load_changes(KnownLoad(load, covered.covariance[theta, theta]))
         if change.first > self.causes.changed_at:
             self.causes.changes.append(change)
         self._forget_load(index, Event.LOAD_CHANGED, before)
@@ -244,7 +225,7 @@ class Session:
         known, buffer = self._known, self._known.buffer
         if self.stage is not Stage.ESTIMATING or self.load_drift is None:
             return False
-        index = self._detector.change_within(known)
+        index = known.change_within()
         if index is None or index == buffer.start:
             return False
         before = known.fit(end=index)
@@ -252,7 +233,7 @@ class Session:
         change = LoadChange(int(buffer.numbers[index]), self._newest, known.theta)
         if not self._follow_drift(change, index, before):
             return False
-        self.verdict = Verdict(Outcome.FITS)
+        self._acceptance.accept()
         return True
 
     def _follow_drift(self, change: LoadChange, index: int, before: Estimate) -> bool:
@@ -264,7 +245,7 @@ class Session:
         if not known.follow_drift(before, index, drift):
             return False
         self.causes.changes.append(change)
-        self._undeclared.dismiss(drift.first)
+        self._acceptance.undeclared.dismiss(drift.first)
         self._detector.settle()
         return True
 
@@ -296,7 +277,7 @@ class Session:
             if self._look_for_change(self._newest) and self.stage is not Stage.ESTIMATING:
                 return None
             self._fit_and_judge()
-        if not self._tolerances.are_declared:
+        if not self._acceptance.tolerances.are_declared:
             return None  # another team starts with the declared tolerances
         is_suspected = self.undeclared is not None or self.suspected is not None
         is_doubtful = is_suspected or self.causes.is_open or self._detector.distrusts_wrenches
@@ -307,7 +288,12 @@ class Session:
     @property
     def settings(self) -> FitSettings:
         """Settings of fits; tolerances of sensors grow where they prove too small."""
-        return self._tolerances.settings
+        return self._acceptance.tolerances.settings
+
+    @property
+    def verdict(self) -> Verdict:
+        """Verdict on the last fit."""
+        return self._acceptance.verdict
 
     @property
     def estimate(self) -> Estimate | None:
@@ -336,13 +322,13 @@ class Session:
     @property
     def undeclared(self) -> UndeclaredError | None:
         """A sensor error with tolerance zero that the rows show nevertheless, or None."""
-        return self._undeclared.found
+        return self._acceptance.undeclared.found
 
     @property
     def suspected(self) -> UndeclaredError | None:
         """Such an error that is not certain yet, or None; a load that drifts looks like one."""
-        drift = self.load_drift
-        return self._undeclared.suspected if drift is None or self._undeclared.since < drift.first else None
+        drift, undeclared = self.load_drift, self._acceptance.undeclared
+        return undeclared.suspected if drift is None or undeclared.since < drift.first else None
 
     @property
     def is_confirmed(self) -> bool:

@@ -114,7 +114,7 @@ def test_what_is_published_covers_the_lag(monkeypatch: pytest.MonkeyPatch) -> No
     ("what", "name", "instead"),
     [
         (UndeclaredWatch, "dismiss", lambda *_: None),
-        (Session, "suspected", property(lambda self: self._undeclared.suspected)),
+        (Session, "suspected", property(lambda self: self._acceptance.undeclared.suspected)),
     ],
     ids=["dismissed", "hidden"],
 )
@@ -188,13 +188,13 @@ def test_no_load_drifts_after_starting_over() -> None:
 
 def test_an_error_that_was_suspected_before_a_drift_still_is() -> None:
     found = after(two_steps(60))
-    found._undeclared.suspected = error = UndeclaredError(1, "force_scale", 0.8)
-    found._undeclared.since = 80
+    found._acceptance.undeclared.suspected = error = UndeclaredError(1, "force_scale", 0.8)
+    found._acceptance.undeclared.since = 80
     assert found.load_drift is not None
     assert found.suspected is None
-    found._undeclared.since = 50
+    found._acceptance.undeclared.since = 50
     assert found.suspected == error
-    found._undeclared.dismiss(60)
+    found._acceptance.undeclared.dismiss(60)
     assert found.suspected == error
 
 
