@@ -239,7 +239,7 @@ class Session:
     def _follow_drift(self, change: LoadChange, index: int, before: Estimate) -> bool:
         """Whether a load change at this index is one more step of the load's drift; the load stays known then."""
         known, drift = self._known, self.causes.load_drift(self._known, change.first)
-        is_known = self.stage is Stage.ESTIMATING and self.is_confirmed and not known.misses_poses
+        is_known = self.stage is Stage.ESTIMATING and self.is_confirmed
         if drift is None or not is_known or change.first <= self.causes.changed_at:
             return False
         if not known.follow_drift(before, index, drift):
