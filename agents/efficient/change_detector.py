@@ -121,8 +121,7 @@ class ChangeDetector:
         if known.surprise(index, now) < self._guards.worth_a_fit:  # uncertain poses may explain it
             if confirmation.is_open:
                 confirmation.count()
-                self.fit(known)
-                self._looks.pause(until=number + self._rows.confirming)
+                self._refine(known, number)
             return None
         return self._compare(known, index, number)
 
@@ -144,6 +143,10 @@ class ChangeDetector:
         """Leave out unconfirmed wrenches for a while; after too long, the load fits no more."""
         if self._confirmation.fits_badly(number):
             return Detected(Event.MISFIT, known.buffer.index_of(self._confirmation.since), before)
+        self._refine(known, number)
+        return None
+
+    def _refine(self, known: Knowledge, number: int) -> None:
+        """Fit, as poses that become better known may explain the wrenches, and look again a few rows later."""
         self.fit(known)
         self._looks.pause(until=number + self._rows.confirming)
-        return None
