@@ -102,7 +102,7 @@ def _has_another_mass(estimate: Estimate, load_before: KnownLoad, guards: Guards
     load, theta = estimate.state.load, estimate.body.unknowns.theta
     if load is None or load_before.covariance is None:
         return True
-    variance = estimate.covariance[theta, theta][0, 0] + load_before.covariance[0, 0]
+    variance = estimate.covariance[theta, theta][0, 0] + load_before.covariance[-10, -10]
     return bool((load[THETA] - load_before.load[THETA])[0] ** 2 > guards.least_mass_change * variance)
 
 

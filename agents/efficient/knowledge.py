@@ -16,7 +16,6 @@ from coheft.agents.efficient.load_drift import LoadDrift
 from coheft.agents.efficient.row_times import MANY
 from coheft.agents.efficient.settings import Guards
 from coheft.estimation.geometry.spatial import Array, Pose
-from coheft.estimation.moments.body import BodyModel
 from coheft.estimation.moments.change import likeliest_step, surprise
 from coheft.estimation.moments.chapter import Chapter, Prior
 from coheft.estimation.moments.derivatives import MotionDerivatives
@@ -246,9 +245,11 @@ class Knowledge:
         look = self.innovations.look_for_change(self.buffer)
         return self.buffer.start + look.first if look.statistic > self._guards.fresh_change else None
 
-    def body(self, state: State) -> BodyModel:
-        """Compute the matrices at a state."""
-        return self._settings.body(state)
+    def known_from(self, prior: Prior) -> Estimate:
+        """Return the estimate from a prior alone."""
+        found = Knowledge(self._count, self._anchor, self._settings, self._guards, prior).estimate
+        assert found is not None
+        return found
 
     def slipped(
         self, prior: Prior, robot: int, is_load: bool, rows: Iterable[tuple[int, Array]], past: Past

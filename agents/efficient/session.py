@@ -208,14 +208,15 @@ class Session:
 
     def _change_load(self, index: int, before: Estimate, number: int) -> None:
         """The load has changed at this index, as is noticed at this row; ``before`` is the fit to the rows before."""
-        known, load, theta = self._known, before.state.load, before.body.unknowns.theta
+        known, load, unknowns = self._known, before.state.load, before.body.unknowns
         assert load is not None
         self._suspect(index, is_load=True)
         change = LoadChange(int(known.buffer.numbers[index]), number, load[THETA])
         if self._follow_drift(change, index, before):
             return
         covered = known.covering(before, self.load_drift, index)
-        self._acceptance.load_changes(KnownLoad(load, covered.covariance[theta, theta]))
+        known_before = unknowns.load if self.settings.has_offset else unknowns.theta
+        self._acceptance.load_changes(KnownLoad(load, covered.covariance[known_before, known_before]))
         if change.first > self.causes.changed_at:
             self.causes.changes.append(change)
         self._forget_load(index, Event.LOAD_CHANGED, before)

@@ -25,7 +25,7 @@ from coheft.agents.efficient.judge import Outcome
 from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.settings import Guards
 from coheft.estimation.geometry.spatial import Array, Pose
-from coheft.estimation.moments.body import FORCING, REGRESSOR, BodyModel, load_operator, residual_covariance
+from coheft.estimation.moments.body import FORCING, REGRESSOR, load_operator, residual_covariance
 from coheft.estimation.moments.chapter import EvidenceAt, Prior
 from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.moments import RowMoments, evaluated_moments, robot_indices
@@ -89,19 +89,21 @@ class Before(NamedTuple):
         estimate, prior = known.known_before(index)
         return Before(estimate, prior, known.covariance_now(estimate), known.innovations.past_before_slip)
 
-    def body(self, known: Knowledge) -> BodyModel | None:
-        """Return the matrices at this estimate, with the poses of robots that have joined as they are known now; None
-        if one is unknown.
+    def with_poses_of(self, known: Knowledge) -> Before | None:
+        """Return the same with the poses of robots that have joined as they are known now, because the offset of the
+        total wrench depends on them; None if one is unknown.
         """
         is_new = self.estimate.hidden_poses()
         if not is_new.any():
-            return self.estimate.body
+            return self
         if known.estimate is None or known.misses_poses:
             return None
-        state, now, old = self.estimate.state, known.estimate.state.poses, int(np.argmin(is_new))
+        state, now, old = self.prior.state, known.estimate.state.poses, int(np.argmin(is_new))
         to_body = state.poses[old] @ now[old].inverse()
         poses = [to_body @ now[robot] if is_new[robot] else pose for robot, pose in enumerate(state.poses)]
-        return known.body(replace(state, poses=tuple(poses)))
+        prior = replace(self.prior, state=replace(state, poses=tuple(poses)))
+        estimate = known.known_from(prior)
+        return Before(estimate, prior, known.covariance_now(estimate), self.past)
 
 
 class Suspicion:
@@ -173,15 +175,16 @@ class Suspicion:
 
     def cause(self, known: Knowledge, guards: Guards) -> Cause | None:
         """Return the cause; None while it is not clear, or if few rows have come since the last comparison."""
-        body = self._before.body(known)
-        if body is None:  # nothing can be compared yet
+        before = self._before.with_poses_of(known)
+        if before is None:  # nothing can be compared yet
             return None
         numbers, self._tried = sorted(self._rows), {}
         index = bisect_left(numbers, self._first)
         if len(numbers) - index < self._next:
             return None
         self._next = math.ceil(_GROWTH * (len(numbers) - index))
-        ratios = partial(self._ratios, body, EvidenceAt(body), np.array([self._rows[number] for number in numbers]))
+        rows = np.array([self._rows[number] for number in numbers])
+        ratios = partial(self._ratios, before, EvidenceAt(before.estimate.body), rows)
         load, _ = _likeliest(len(numbers), index, lambda start: ratios(start).load)
         sensor, _ = _likeliest(len(numbers), index, lambda start: ratios(start).sensor)
         slip, first = _likeliest(len(numbers), index, lambda start: float(ratios(start).slips.max()))
@@ -195,10 +198,10 @@ class Suspicion:
             return Cause(int(each.argmax()), numbers[first], is_load)
         return Cause(None, self._first) if max(load, sensor) > slip + guards.lead else None
 
-    def _ratios(self, body: BodyModel, evidence: EvidenceAt, rows: Array, start: int) -> LogRatios:
+    def _ratios(self, before: Before, evidence: EvidenceAt, rows: Array, start: int) -> LogRatios:
         """Return the log ratios if the row at ``start`` is the first after the change."""
         if start not in self._tried:
-            moments, before = RowMoments.of(rows[start:]), self._before
+            moments, body = RowMoments.of(rows[start:]), before.estimate.body
             newest = evidence.of(evaluated_moments(body, moments, moments))
             self._tried[start] = log_ratios(body, newest, before.covariance, before.prior.guess, self.is_after_gap)
         return self._tried[start]

@@ -85,6 +85,7 @@ ONCE_BROKEN_AWAY = (
     1025733695,
     1026664645,
     1034123404,
+    1034123478,
 )
 """As they are drawn: the load changes while a robot is away, or rows are damaged."""
 ONCE_BROKEN_BY_UNSEEN_SLIPS = (1012287755, 1012287842, 1023698510, 1036598597)

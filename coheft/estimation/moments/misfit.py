@@ -19,7 +19,7 @@ from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.linear_algebra import inverse as inverse_of
 from coheft.estimation.moments.body import BodyModel
 from coheft.estimation.moments.change import Weights
-from coheft.estimation.moments.unknowns import LOAD_SIZE, OFFSET, THETA
+from coheft.estimation.moments.unknowns import LOAD_SIZE, OFFSET
 
 WINDOWS = (1, 2, 4, 8, 16, 32)
 """Numbers of consecutive rows that are tested: longer windows would show the approximations of rows."""
@@ -103,16 +103,22 @@ class KnownLoad:
 
     Attributes:
         load: Wrench offset and theta, shape (16,).
-        covariance: Covariance of theta, shape (10, 10); None: theta is arbitrary.
+        covariance: Covariance of theta, shape (10, 10), or of both, shape (16, 16), where sensors may have offsets
+            anyway; None: theta is arbitrary, and the offset known.
     """
 
     load: Array
     covariance: Array | None = None
 
     @property
-    def information(self) -> Array:
-        """Information on theta, shape (10, 10)."""
-        return np.zeros((10, 10)) if self.covariance is None else inverse_of(self.covariance)
+    def information(self) -> tuple[Array, Array]:
+        """Information on the last 10 or 16 numbers of the load, and the same without that on theta."""
+        if self.covariance is None:
+            return np.zeros((10, 10)), np.zeros((10, 10))
+        known = inverse_of(self.covariance)
+        without, offset = np.zeros_like(known), slice(0, len(known) - 10)
+        without[offset, offset] = inverse_of(self.covariance[offset, offset])
+        return known, without
 
 
 def explanations(body: BodyModel, gram: Array, assumed: KnownLoad) -> Explanations:
@@ -128,25 +134,29 @@ def explanations(body: BodyModel, gram: Array, assumed: KnownLoad) -> Explanatio
     score = vector - (spread - gram[0, 0] * weights.of_noise) @ assumed.load  # the first number of a view is 1
     scale = np.maximum(spread.diagonal(), 1e-300) ** -0.5
     score, spread = scale * score, scale[:, None] * spread * scale + _FAINT * np.eye(LOAD_SIZE)
-    known = scale[THETA, None] * assumed.information * scale[THETA]
 
     # A sensor's offset is one of the wrench offset: by force, then by torque, of each robot; shape (2 N, 6, 3).
     offsets = np.concatenate([body.adjoints[:, :, :3], body.adjoints[:, :, 3:]]) / scale[OFFSET, None]
     offsets /= np.linalg.norm(offsets, axis=1, keepdims=True)
-    by_load, beside = _beside_theta(score, spread, offsets, np.zeros_like(known))
-    by_known, beside_known = _beside_theta(score, spread, offsets, known)
+    known, without_theta = assumed.information
+    of_known = scale[-len(known) :]
+    by_load, beside = _beside(score, spread, offsets, of_known[:, None] * without_theta * of_known)
+    by_known, beside_known = _beside(score, spread, offsets, of_known[:, None] * known * of_known)
     best = int(beside_known.argmax())
     kind, robot = divmod(best, body.count)
     sensor, both = by_known + float(beside_known[best]) - 3.0, float(beside.max()) - 3.0
     return Explanations(by_load - 10.0, sensor, both, robot, ("force", "torque")[kind])
 
 
-def _beside_theta(score: Array, spread: Array, offsets: Array, known: Array) -> tuple[float, Array]:
-    """Return what theta explains, and what each offset (k, 6, 3) explains beside it, with information ``known``."""
-    inverse = inverse_of(spread[THETA, THETA] + known)
-    across = spread[OFFSET, THETA] @ inverse
-    left = score[OFFSET] - across @ score[THETA]
-    square = offsets.swapaxes(1, 2) @ (spread[OFFSET, OFFSET] - across @ spread[THETA, OFFSET]) @ offsets
+def _beside(score: Array, spread: Array, offsets: Array, known: Array) -> tuple[float, Array]:
+    """Return what the last k numbers of the load explain, with information ``known`` (k, k) on them, and what each
+    offset (n, 6, 3) explains beside them.
+    """
+    free = slice(LOAD_SIZE - len(known), LOAD_SIZE)
+    inverse = inverse_of(spread[free, free] + known)
+    across = spread[OFFSET, free] @ inverse
+    left = score[OFFSET] - across @ score[free]
+    square = offsets.swapaxes(1, 2) @ (spread[OFFSET, OFFSET] - across @ spread[free, OFFSET]) @ offsets
     of_offsets = left @ offsets
     explained = (of_offsets * np.linalg.solve(square, of_offsets[..., None])[..., 0]).sum(axis=1)
-    return float(score[THETA] @ inverse @ score[THETA]), explained
+    return float(score[free] @ inverse @ score[free]), explained

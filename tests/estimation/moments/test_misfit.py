@@ -134,6 +134,27 @@ def test_another_load_is_told_from_a_sensor() -> None:
     assert found.both < 25.0
 
 
+def test_another_load_is_told_from_a_sensor_where_the_offset_is_uncertain() -> None:
+    team = make_team(seed=5)
+    heavier = team.holding(team.load * np.repeat([1.0, 1.02], [6, 10]))
+    rows, assumed = heavier.noisy(np.random.default_rng(6)), team.load + np.repeat([1.0, 0.0], [3, 13])
+    uncertain = np.diag(np.repeat([1.0, 0.1**2, 1e-4], [3, 3, 10]))
+    found = explained(heavier, rows, assumed, uncertain)
+    assert found.load > found.sensor + 25.0
+    assert found.both < 25.0
+    as_if_known = explained(heavier, rows, assumed, KNOWN)
+    assert as_if_known.load < as_if_known.sensor
+
+
+def test_a_sensor_is_told_from_another_load_where_the_offset_is_uncertain() -> None:
+    team = make_team(seed=7)
+    rows = team.noisy(np.random.default_rng(8))
+    rows[:, :-1].reshape(len(rows), 3, 24)[:, 1, 12:15] += 3.0
+    found = explained(team, rows, team.load, np.diag(np.repeat([0.1**2, 0.02**2, 1e-4], [3, 3, 10])))
+    assert (found.robot, found.kind) == (1, "force")
+    assert found.sensor > found.load + 25.0
+
+
 @pytest.mark.parametrize("robot", [0, 2])
 @pytest.mark.parametrize(("kind", "first", "size"), [("force", 12, 3.0), ("torque", 15, 1.5)])
 def test_a_sensor_is_told_from_another_load(robot: int, kind: str, first: int, size: float) -> None:
