@@ -72,8 +72,10 @@ class Causes:
         return None
 
     def start_over(self) -> None:
-        """No load that was known before drifts any more."""
+        """What was known before is of no use any more: no load drifts, and what has changed in a gap does not matter."""
         self._forgotten = len(self.changes)
+        if self._suspicion is not None and self._suspicion.is_after_gap:
+            self._suspicion = None
 
     def suspect(self, known: Knowledge, index: int, newest: int, is_load: bool) -> None:
         """Begin to compare causes: from the row at this index on the load differs, or motions contradict each other.

@@ -43,23 +43,24 @@ class Contradictions:
         self._monitor = Monitor(count, guards, drift)
         self._confirming, self._lasting, self._calm = rows.confirming, rows.lasting, rows.calm
         self.robot: int | None = None
+        self._revision = 0
         self._last: int | None = None  # the last such robot, of more than one row in succession
         self._began, self._ended, self._newest = -1, -1, -rows.confirming  # numbers of rows
 
-    def forget(self) -> None:
-        """Discard earlier residuals, for instance because the estimate has changed."""
-        self._monitor.forget()
-
-    def add(self, number: int, residuals: Array) -> tuple[Use, int]:
+    def add(self, number: int, residuals: Array, revision: int = 0) -> tuple[Use, int]:
         """Test a row.
 
         Args:
             number: Number of the row.
             residuals: See ``Monitor.add``.
+            revision: Of the estimate; residuals at different ones are not summed.
 
         Returns:
             What to do with the row, and the number of the first row that contradicts.
         """
+        if revision != self._revision:
+            self._monitor.forget()
+        self._revision = revision
         found, is_calm = self._monitor.add(residuals), number > self._newest + self._confirming
         if found is None:
             if self.robot is None:
@@ -70,7 +71,7 @@ class Contradictions:
             return Use.RESUME, number
         is_new = self.robot is None
         self._newest = number
-        self.forget()
+        self._monitor.forget()
         if is_new and is_calm and found.rows == 1:  # one wrong sample, or a jump that a late sensor shows a row later
             return Use.LEAVE_OUT, number
         is_again = found.robot == self._last and number <= self._ended + self._calm

@@ -133,10 +133,10 @@ class Innovations:
         rows = (buffer.count if end is None else end) - buffer.start
         return self._weights.lag(buffer.views[buffer.start :][: min(rows, self._fitted)], rows, self._older)
 
-    def look_for_change(self, buffer: RowBuffer, end: int | None = None, small: SmallSteps | None = None) -> Look:
-        """Run the first test for a load change on all rows of the load, or on those before an index.
+    def look_for_change(self, buffer: RowBuffer, small: SmallSteps | None = None) -> Look:
+        """Run the first test for a load change on all rows of the load.
 
         See ``coheft.estimation.moments.change.look_for_change``.
         """
-        views = buffer.views[buffer.start : buffer.count if end is None else end]
+        views = buffer.views[buffer.start : buffer.count]
         return look_for_change(views, self._older, self._weights, self._knows_load, small)

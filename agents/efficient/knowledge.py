@@ -58,6 +58,7 @@ class Knowledge:
         estimate: Estimate of poses and load, None at first.
         innovations: Evaluates rows at the estimate; not set before there is one.
         least: Smallest number of rows to fit.
+        revision: How often rows have been evaluated anew, after a fit or because some had moved in the buffer.
     """
 
     innovations: Innovations
@@ -76,6 +77,7 @@ class Knowledge:
         self.buffer = RowBuffer(size, not self.is_small)
         self._chapter = Chapter(self.buffer, settings, prior)
         self.estimate: Estimate | None = None
+        self.revision = 0
         self._past: Past | None = None  # when the last chapter ended
         self._next_fit, self._rows_before = 2 * self.least, 0
         if prior is not None:
@@ -165,6 +167,7 @@ class Knowledge:
         """Evaluate all rows of the buffer again, because some have moved in it."""
         if self.estimate is not None:
             self._set_estimate(self.estimate)
+            self.revision += 1
 
     def take_back(self, number: int) -> None:
         """Remove the rows of the present load from this number on."""
@@ -187,6 +190,7 @@ class Knowledge:
             state = first_load(state, evaluate(body).wrench, self._guess, settings)
         found = fit_state(state, evaluate, chapter.prior_evidence, self._guess, settings, self._anchor)
         self._set_estimate(found)
+        self.revision += 1
         number = self.buffer.load_rows
         self._next_fit = number + max(3, round((self._growth - 1.0) * (number + self._rows_before)))
         return found
@@ -240,6 +244,13 @@ class Knowledge:
             self.estimate.state, evaluate, chapter.prior_evidence, self._guess, self._settings, self._anchor
         )
         return found, chapter.posterior(found, self._guess, evaluate)
+
+    def change_within(self) -> int | None:
+        """Return the index of the first row after a change among the rows that a load was fitted to, None if they are
+        alike.
+        """
+        look = self.innovations.look_for_change(self.buffer)
+        return self.buffer.start + look.first if look.statistic > self._guards.fresh_change else None
 
     def known_from(self, prior: Prior) -> Estimate:
         """Return the estimate from a prior alone."""
@@ -301,20 +312,6 @@ class Knowledge:
         assert load is not None
         moments = wrench_moments(now.body, ProjectedMoments.of(self.buffer.window(index), now.body))
         return wrench_evidence(now.body, MotionDerivatives.at(now.body), moments, load)
-
-    def first_change(self, index: int, now: Estimate) -> tuple[int, Estimate]:
-        """Return where the load changed first, if it changed before this index as well, and the fit to the rows before.
-
-        Args:
-            index: Of the first row after a change.
-            now: The fit to the rows before.
-        """
-        found = self.innovations.look_for_change(self.buffer, index)
-        while found.statistic > 1.0 and 0 < found.first < index - self.buffer.start:
-            index = self.buffer.start + found.first
-            now = self.fit(end=index)
-            found = self.innovations.look_for_change(self.buffer, index)
-        return index, now
 
     def fade(self) -> None:
         """End the chapter after a while and inflate its prior, for sensor drift and for a fading memory of the load."""

@@ -25,6 +25,7 @@ class Event(Enum):
         "all is forgotten: motions fit no poses, errors of sensors no tolerances, or for long rows fit no load,"
         " contradict each other, or leave in doubt what has changed"
     )
+    EXCEEDED = "the same, as errors of sensors exceed tolerances again: what was known before is not to be relied upon"
 
 
 TRANSITIONS = {
@@ -33,16 +34,19 @@ TRANSITIONS = {
     (Stage.GATHERING, Event.MISFIT): Stage.GATHERING,
     (Stage.GATHERING, Event.SLIPPED): Stage.ESTIMATING,
     (Stage.GATHERING, Event.STARTED_OVER): Stage.GATHERING,
+    (Stage.GATHERING, Event.EXCEEDED): Stage.GATHERING,
     (Stage.UNDECIDED, Event.FITTED): Stage.ESTIMATING,
     (Stage.UNDECIDED, Event.UNDECIDED): Stage.UNDECIDED,
     (Stage.UNDECIDED, Event.LOAD_CHANGED): Stage.GATHERING,
     (Stage.UNDECIDED, Event.MISFIT): Stage.GATHERING,
     (Stage.UNDECIDED, Event.SLIPPED): Stage.ESTIMATING,
     (Stage.UNDECIDED, Event.STARTED_OVER): Stage.GATHERING,
+    (Stage.UNDECIDED, Event.EXCEEDED): Stage.GATHERING,
     (Stage.ESTIMATING, Event.FITTED): Stage.ESTIMATING,
     (Stage.ESTIMATING, Event.LOAD_CHANGED): Stage.GATHERING,
     (Stage.ESTIMATING, Event.MISFIT): Stage.GATHERING,
     (Stage.ESTIMATING, Event.SLIPPED): Stage.ESTIMATING,
     (Stage.ESTIMATING, Event.STARTED_OVER): Stage.GATHERING,
+    (Stage.ESTIMATING, Event.EXCEEDED): Stage.GATHERING,
 }
 """All that can happen; anything else is an error in this file."""

@@ -27,13 +27,18 @@ LOAD: Array = Inertia(8.0, np.array([-0.35, -0.25, 0.02]), np.diag([0.6, 0.8, 1.
 
 
 def made_up_rows(
-    count: int, load: Array = LOAD, first: int = 0, seed: int = 1, poses: tuple[Pose, ...] = POSES
+    count: int,
+    load: Array = LOAD,
+    first: int = 0,
+    seed: int = 1,
+    poses: tuple[Pose, ...] = POSES,
+    axes: tuple[float, ...] = (1.0, 1.0, 1.0),
 ) -> Array:
-    """Rows (count, 24 N + 1) from number ``first`` on."""
+    """Rows (count, 24 N + 1) from number ``first`` on; the load turns about these axes."""
     rng = np.random.default_rng((seed, first))
     noise = SensorNoise()
     times = (np.arange(count * BLOCK) + first * BLOCK) / RATE
-    motion = _motion(times)
+    motion = _motion(times, np.array(axes))
     wrench = np.einsum("nk,kij,j->ni", features(motion, np.zeros((len(times), 6))), _regressor(), load)
     shares = np.random.default_rng(5).dirichlet(np.ones(len(POSES)))
     rows = np.ones((count, 24 * len(POSES) + 1))
@@ -49,12 +54,12 @@ def _regressor() -> Array:
     return regressor_coefficients(with_offset=False)[:, :, :10]
 
 
-def _motion(times: Array) -> Array:
+def _motion(times: Array, axes: Array) -> Array:
     """Body motion ``(w, v, a, alpha)`` of sums of sines, gravity in the acceleration, shape (n, 12)."""
     rng = np.random.default_rng(3)
     frequencies, phases = rng.uniform(0.3, 1.2, size=(2, 6, 3)) * [[[2 * np.pi]], [[3.0]]]
     angle = times[:, None, None] * frequencies + phases
-    turning, moving = 0.25 * np.ones(3), 0.4 * np.ones(3)
+    turning, moving = 0.25 * axes, 0.4 * np.ones(3)
     w = (turning * np.cos(angle[:, :3])).sum(axis=1)
     alpha = (-turning * frequencies[:3] * np.sin(angle[:, :3])).sum(axis=1)
     v = (moving * np.cos(angle[:, 3:])).sum(axis=1)

@@ -60,7 +60,7 @@ class Case:
             is_clear = session.contradicting is None and not session.causes.is_open
             if session.stage is Stage.ESTIMATING and is_clear and session.is_confirmed:
                 history.valid.append(number)
-                history.errors.append(_error(session, self.loads[number] if self.loads else LOAD))
+                history.errors.append(_error(session, self.own, self.loads[number] if self.loads else LOAD))
         return session, history
 
 
@@ -76,11 +76,11 @@ class History:
         return max(self.errors, default=0.0) < SURE
 
 
-def _error(session: Session, load: Array) -> float:
+def _error(session: Session, own: int, load: Array) -> float:
     assert session.estimate is not None
     assert session.estimate.state.load is not None
     estimate = session.claimable(session.estimate)
-    known, theta = claim_of(estimate, session._own).known, estimate.body.unknowns.theta
+    known, theta = claim_of(estimate, own).known, estimate.body.unknowns.theta
     errors = np.abs(session.estimate.state.load[6:] - load) / np.sqrt(estimate.covariance.diagonal()[theta])
     return float(errors[:known].max(initial=0.0))
 

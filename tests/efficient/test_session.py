@@ -63,8 +63,8 @@ def test_late_rows_make_no_difference() -> None:
     order = sorted(range(180), key=lambda number: number + 6.0 * rng.random()) + list(range(180, 200))
     in_order, late = fed(rows), fed(rows, order=order)
     for found in (in_order, late):
-        found._fit()
-        found._fit()
+        found._known.fit()
+        found._known.fit()
     np.testing.assert_allclose(state_of(late), state_of(in_order), atol=1e-9)
 
 
@@ -73,7 +73,7 @@ def test_all_robots_come_to_the_same_but_for_their_frames() -> None:
     one, other = fed(rows), fed(rows, own=2)
     for found in (one, other):
         for _ in range(3):
-            found._fit()
+            found._known.fit()
     assert one.estimate is not None
     assert other.estimate is not None
     to_one, to_other = one.estimate.state.poses[2], other.estimate.state.poses[2]
@@ -214,8 +214,8 @@ def test_rows_that_nothing_has_confirmed_stay_so_when_more_are_missing() -> None
 def test_what_may_be_of_another_load_is_not_handed_over() -> None:
     found = fed(made_up_rows(150))
     assert found.hand_over(0.0) is not None
-    found._confirmation.fits_badly(149)
-    found._looks.pause(until=1000)
+    found._detector._confirmation.fits_badly(149)
+    found._detector._looks.pause(until=1000)
     assert found.hand_over(0.0) is None
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from coheft.agents.efficient import knowledge, session
+from coheft.agents.efficient import knowledge, tolerances
 from coheft.agents.efficient.judge import Outcome, Verdict, judge
 from coheft.agents.efficient.session import Session
 from coheft.agents.efficient.settings import Guards
@@ -62,7 +62,7 @@ def told_too_little(
     declared = FitSettings(NOISE, PERIOD, SensorErrors({"acceleration_scale": 0.003}))
     wider = replace(declared, errors=declared.errors.scaled({"acceleration_scale": 2.0}))
     monkeypatch.setattr(knowledge, "judge", judged)
-    monkeypatch.setattr(session, "widened", lambda *_: wider)
+    monkeypatch.setattr(tolerances, "widened", lambda *_: wider)
     found = Session(len(POSES), 0, declared, Guards())
     for number, row in enumerate(made_up_rows(rows + gap)):
         if not 100 <= number < 100 + gap:
@@ -114,5 +114,5 @@ def test_an_offset_of_forces_that_no_tolerance_allows_for_is_no_load(offset: flo
 @pytest.mark.slow
 def test_tolerances_that_are_too_small_grow(monkeypatch: pytest.MonkeyPatch) -> None:
     assert share_valid(9109, 4.0) == 1.0
-    monkeypatch.setattr(session, "widened", lambda *_: None)
+    monkeypatch.setattr(tolerances, "widened", lambda *_: None)
     assert share_valid(9109, 4.0) == 0.0

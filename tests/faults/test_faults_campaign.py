@@ -118,6 +118,9 @@ _LATE = _replace(
     faults=(ClockSkew(start=0.0, end=4.0, seed=0, robot="r2", samples=1),),
 )
 """A clock is late, which scales and mountings of sensors explain, if they may be as large as they like."""
+_AWAY_ONCE = draw_schedule(1012287590)
+_AWAY_ONCE = _replace(_AWAY_ONCE, faults=_AWAY_ONCE.faults[:1])
+"""A robot lets go, and is back after a second: small changes of the load meanwhile."""
 SHOWN_BY = {
     "half-complete-row": _CALM,
     "wrong-row": _CALM,
@@ -125,6 +128,8 @@ SHOWN_BY = {
     "wrong-side": draw_schedule(1635, delayed=False, is_exact=True),
     "no-rival": draw_schedule(2254, delayed=False, is_exact=True),
     "no-confirmation": draw_schedule(883, is_exact=True),
+    "endless-confirmation": _AWAY_ONCE,
+    "rare-fits": draw_schedule(1062000043),
     "without-offset": draw_schedule(4645, is_exact=True),
     "without-fresh-change": draw_schedule(4220, delayed=False, is_exact=True),
     "without-calm": draw_schedule(20901),
@@ -136,8 +141,8 @@ SHOWN_BY = {
     "without-first-rows": draw_schedule(878, delayed=False, is_exact=True),
 }
 """A schedule for each mutant."""
-WITHIN = {"without-after-gap": 4.0, "without-restless": 7.5}
-"""How soon after the last fault robots are valid again without the mutant [s], if later than after 3 s."""
+WITHIN = {"without-after-gap": 4.0, "without-restless": 7.5, "rare-fits": 0.9}
+"""How soon after the last fault robots are valid again without the mutant [s], if not within 3 s."""
 
 
 def one_of_each_kind() -> dict[str, FaultSchedule]:

@@ -11,7 +11,10 @@ from typing import Any
 import numpy as np
 
 from coheft.agents.efficient import estimator, judge
+from coheft.agents.efficient.change_detector import ChangeDetector
+from coheft.agents.efficient.confirmation import Confirmation
 from coheft.agents.efficient.exchange import Exchange
+from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.session import Session
 from coheft.estimation.geometry.spatial import Array, skew
 from coheft.estimation.moments.body import BodyModel
@@ -91,6 +94,25 @@ def _no_confirmation(is_confirmed: property) -> property:
     return property(lambda self: True)
 
 
+def _endless_confirmation(fits_badly: Function) -> Function:
+    """Leave out wrenches that do not fit the load for as long as poses may explain them."""
+
+    def mutant(self: Confirmation, number: int) -> bool:
+        fits_badly(self, number)
+        return False
+
+    return mutant
+
+
+def _rare_fits(refine: Function) -> Function:
+    """Fit no more often than usual while new rows have to confirm what was known before."""
+
+    def mutant(self: ChangeDetector, known: Knowledge, number: int) -> None:
+        self._looks.pause(until=number + self._rows.confirming)
+
+    return mutant
+
+
 def _without(guard: str) -> Callable[[Function], Function]:
     """Disable a guard."""
     return lambda guards: partial(guards, **{guard: SWITCHED_OFF[guard]})
@@ -128,6 +150,8 @@ MUTANTS: dict[str, tuple[Any, str, Callable[[Any], Any]]] = {
     "wrong-side": (RowBuffer, "begin_load", _wrong_side),
     "no-rival": (judge, "explanations", _no_rival),
     "no-confirmation": (Session, "is_confirmed", _no_confirmation),
+    "endless-confirmation": (Confirmation, "fits_badly", _endless_confirmation),
+    "rare-fits": (ChangeDetector, "_refine", _rare_fits),
     **{f"without-{guard.replace('_', '-')}": (estimator, "Guards", _without(guard)) for guard in SWITCHED_OFF},
 }
 """By name: the object and attribute that is replaced, and its replacement."""

@@ -1,0 +1,89 @@
+"""What follows from a fit: whether it is accepted, and what has to begin anew if not.
+
+motions fit no body, or sensor errors exceed their tolerances   start over; tolerances grow if it happens twice in a row
+wrenches fit no load, or those of a new load change within      estimate the load anew
+a sensor's offset explains them as well as another load         undecided for a while
+all rows fit                                                    accepted, unless a sensor shows an undeclared error
+"""
+
+from __future__ import annotations
+
+from coheft.agents.efficient.judge import Outcome, Verdict
+from coheft.agents.efficient.knowledge import Knowledge
+from coheft.agents.efficient.settings import Guards, RowCounts
+from coheft.agents.efficient.stages import Event
+from coheft.agents.efficient.tolerances import Tolerances
+from coheft.agents.efficient.undeclared_watch import UndeclaredWatch
+from coheft.estimation.moments.fit import Estimate
+from coheft.estimation.moments.fit_settings import FitSettings
+from coheft.estimation.moments.misfit import KnownLoad
+
+
+class Acceptance:
+    """Accepts one team's fits or not.
+
+    Args:
+        settings: Settings of fits with the declared tolerances.
+        guards: Thresholds.
+        rows: For how many rows a cause may stay undecided, and undeclared errors last.
+
+    Attributes:
+        verdict: Verdict on the last fit.
+        tolerances: Tolerances that fits assume.
+        undeclared: Undeclared errors that fits show.
+    """
+
+    def __init__(self, settings: FitSettings, guards: Guards, rows: RowCounts) -> None:
+        self._undecided = rows.undecided
+        self.verdict = Verdict(Outcome.FITS)
+        self.tolerances = Tolerances(settings)
+        self.undeclared = UndeclaredWatch(guards.undeclared_doubt, guards.undeclared_growth, rows.undeclared_lasts)
+        self._load_before: KnownLoad | None = None  # before the oldest change that may still be a sensor's fault
+
+    def begin(self, known: Knowledge) -> None:
+        """Start again with other knowledge."""
+        self._load_before = None
+        self.undeclared.begin(known.rows_to_find_undeclared)
+
+    def load_changes(self, before: KnownLoad) -> None:
+        """The load seems to have changed from this one; fits to the next one may show that it was a sensor's fault."""
+        if self._load_before is None:
+            self._load_before = before
+
+    def judge(self, known: Knowledge, estimate: Estimate, is_new: bool, age: int, drifts: bool) -> tuple[Event, int]:
+        """Judge a fit to all rows.
+
+        Args:
+            known: Rows and knowledge.
+            estimate: The fit.
+            is_new: Whether the load is fitted for the first time.
+            age: Number of rows of the load.
+            drifts: Whether the load drifts, which looks like an undeclared error.
+
+        Returns:
+            What follows, and after ``MISFIT`` the index of the first row from which to estimate the load anew.
+        """
+        rows, end = known.buffer.load_rows, known.buffer.count
+        self.verdict = known.judge(self._load_before)
+        if is_new and self.verdict.outcome not in (Outcome.NO_BODY, Outcome.BEYOND_TOLERANCE):
+            changed = known.change_within()
+            if changed is not None:
+                self.verdict, end = Verdict(Outcome.NO_LOAD), changed
+        match self.verdict.outcome:
+            case Outcome.NO_BODY:
+                return Event.STARTED_OVER, end
+            case Outcome.BEYOND_TOLERANCE:
+                return Event.EXCEEDED if self.tolerances.exceed(estimate, rows) else Event.STARTED_OVER, end
+            case Outcome.NO_LOAD:
+                return Event.MISFIT, end
+            case Outcome.UNDECIDED if age <= self._undecided:
+                return Event.UNDECIDED, end
+            case _:
+                self._load_before = None
+                self.tolerances.hold(rows)
+                has_error = not drifts and self.undeclared.test(known)
+                return Event.STARTED_OVER if has_error else Event.FITTED, end
+
+    def accept(self) -> None:
+        """Accept the last fit after all."""
+        self.verdict = Verdict(Outcome.FITS)

@@ -1,0 +1,146 @@
+"""Detection of another load: when a robot looks for one, and whether what it sees is another load or uncertain poses.
+
+a look is due -> no window of rows is unlike the others      the load is confirmed a bit more
+              -> poses are so uncertain that they explain it   look again later
+              -> fit to the rows before only
+                 -> the other rows are unlike their load         another load
+                 -> not, but the load is still to be confirmed   leave new wrenches out; after a while, it fits no more
+                 -> not                                          look again when there are twice as many of them
+
+The detector changes fits, but neither the load nor what is known of it: the session does that with what is detected.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from coheft.agents.efficient.confirmation import Confirmation
+from coheft.agents.efficient.knowledge import Knowledge
+from coheft.agents.efficient.looks import Looks
+from coheft.agents.efficient.settings import Guards, RowCounts
+from coheft.agents.efficient.small_steps import UnnoticedStep
+from coheft.agents.efficient.stages import Event
+from coheft.estimation.geometry.spatial import Array
+from coheft.estimation.moments.fit import Estimate
+
+
+class Detected(NamedTuple):
+    """What a look has detected.
+
+    Attributes:
+        event: ``LOAD_CHANGED``; ``MISFIT`` if a load that was to be confirmed has not fitted for too long.
+        at: Index of the first row that does not belong to the load.
+        before: Fit to the rows before.
+    """
+
+    event: Event
+    at: int
+    before: Estimate
+
+
+class ChangeDetector:
+    """Looks for changes of one team's load.
+
+    Args:
+        rows: How often it looks, and for how many rows a load is confirmed.
+        guards: Thresholds.
+        turn: Number of the row of a turn after which this robot looks without a reason.
+
+    Attributes:
+        step: The step of the mass that may not have been noticed yet.
+    """
+
+    def __init__(self, rows: RowCounts, guards: Guards, turn: int) -> None:
+        self._rows, self._guards = rows, guards
+        self._looks = Looks(rows, turn, guards.largest_surprise)
+        self.step = UnnoticedStep(rows.shortest, guards)
+        self._confirmation = Confirmation(rows)
+
+    def begin(self) -> None:
+        """Start again with other knowledge."""
+        self._looks.begin()
+        self.step.mass = 0.0
+        self._confirmation = Confirmation(self._rows)
+
+    def confirm(self, since: int) -> None:
+        """From this row on, the load may be another one, until new rows confirm it."""
+        self._confirmation.begin(since)
+
+    def settle(self) -> None:
+        """What was detected has been dealt with: the present load is that of the newest rows."""
+        self._looks.found()
+        self._confirmation.end()
+
+    @property
+    def is_confirmed(self) -> bool:
+        """Whether new rows have confirmed the load."""
+        return not self._confirmation.is_open
+
+    @property
+    def distrusts_wrenches(self) -> bool:
+        """Whether new wrenches may be of another load, and are left out of fits."""
+        return self._confirmation.distrusts_wrenches
+
+    def look_closely_after(self, first: int, news_at: int, number: int) -> None:
+        """See ``Looks.look_closely_after``."""
+        self._looks.look_closely_after(first, news_at, number)
+
+    def is_due(self, number: int, wrench: Array) -> bool:
+        """Whether to look after a row with this residual of the wrench, (6,) in standard deviations."""
+        return self._looks.are_due(number, wrench) or self._confirmation.is_open
+
+    def fit(self, known: Knowledge) -> Estimate:
+        """Fit to all rows, but without wrenches that may be of another load."""
+        if not self._confirmation.distrusts_wrenches:
+            return known.fit()
+        return known.fit(end=known.buffer.index_of(self._confirmation.since), keeps_motion=True)
+
+    def look(self, known: Knowledge, number: int) -> Detected | None:
+        """Look for another load at this row, the newest one of a load that is known."""
+        if self._looks.are_paused(number):
+            return None
+        buffer, confirmation = known.buffer, self._confirmation
+        if known.misses_poses and confirmation.is_open:
+            if buffer.count < known.least:  # too few rows to find them
+                return None
+            known.fit(end=buffer.start, keeps_motion=True)  # wrenches may be of another load
+        now = known.estimate
+        assert now is not None
+        since, statistic, step = known.innovations.look_for_change(buffer, small=self.step.sought(now))
+        self.step.take(step)
+        if statistic <= 1.0:
+            confirmation.count()
+            return None
+        index = buffer.start + since
+        if known.surprise(index, now) < self._guards.worth_a_fit:  # uncertain poses may explain it
+            if confirmation.is_open:
+                confirmation.count()
+                self._refine(known, number)
+            return None
+        return self._compare(known, index, number)
+
+    def _compare(self, known: Knowledge, index: int, number: int) -> Detected | None:
+        """Compare the rows from this index on with a fit to the rows before only."""
+        buffer, confirmation = known.buffer, self._confirmation
+        kept = min(index, buffer.index_of(confirmation.since)) if confirmation.is_open else index
+        before = known.fit(end=kept, keeps_motion=confirmation.is_open)
+        index = buffer.start + known.innovations.look_for_change(buffer).first
+        if before.state.load is None or known.surprise(index, before) <= 1.0:
+            if confirmation.is_open:
+                return self._wait_for_poses(known, number, before)
+            self._looks.pause(until=number + buffer.count - index)  # until there are twice as many rows
+            known.fit()
+            return None
+        return Detected(Event.LOAD_CHANGED, kept if confirmation.is_open else index, before)
+
+    def _wait_for_poses(self, known: Knowledge, number: int, before: Estimate) -> Detected | None:
+        """Leave out unconfirmed wrenches for a while; after too long, the load fits no more."""
+        if self._confirmation.fits_badly(number):
+            return Detected(Event.MISFIT, known.buffer.index_of(self._confirmation.since), before)
+        self._refine(known, number)
+        return None
+
+    def _refine(self, known: Knowledge, number: int) -> None:
+        """Fit, as poses that become better known may explain the wrenches, and look again a few rows later."""
+        self.fit(known)
+        self._looks.pause(until=number + self._rows.confirming)
