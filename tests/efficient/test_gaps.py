@@ -116,6 +116,20 @@ def test_after_a_long_doubt_poses_are_found_anew() -> None:
     assert largest(history) < 5.0
 
 
+def test_once_all_is_estimated_anew_it_does_not_matter_what_has_changed_in_the_gap() -> None:
+    poses = slipped_poses(8.0, 0.0, 3, 10)
+    found, _ = over_a_gap(HEAVIER, poses, after=30)
+    assert found.causes.is_open
+    found._start_over()
+    first, history = BEFORE + GAP + 30, list[tuple[int, float]]()
+    for number, row in enumerate(made_up_rows(100, HEAVIER, first, poses=poses), first):
+        found.take(number, row)
+        if is_valid(found):
+            history.append((number, largest_error(found, poses, HEAVIER[0])))
+    assert history[0][0] < first + 0.8 / PERIOD
+    assert largest(history) < 5.0
+
+
 def test_a_second_gap_hides_no_slip_in_the_first() -> None:
     found, first = session(), BEFORE + GAP
     rows = np.concatenate([made_up_rows(BEFORE), made_up_rows(AFTER, HEAVIER, first, poses=SLIPPED)])
