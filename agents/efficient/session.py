@@ -211,41 +211,39 @@ class Session:
         known, load, unknowns = self._known, before.state.load, before.body.unknowns
         assert load is not None
         self._suspect(index, is_load=True)
-        change = LoadChange(int(known.buffer.numbers[index]), number, load[THETA])
-        if self._follow_drift(change, index, before):
+        if self._follow_drift(index, before, number):
             return
         covered = known.covering(before, self.load_drift, index)
         known_before = unknowns.load if self.settings.has_offset else unknowns.theta
         self._acceptance.load_changes(KnownLoad(load, covered.covariance[known_before, known_before]))
-        if change.first > self.causes.changed_at:
-            self.causes.changes.append(change)
+        first = int(known.buffer.numbers[index])
+        if first > self.causes.changed_at:
+            self.causes.changes.append(LoadChange(first, number, load[THETA]))
         self._forget_load(index, Event.LOAD_CHANGED, before)
 
     def _drifts_on(self) -> bool:
         """Whether rows fit no load because it drifts; it stays known then."""
-        known, buffer = self._known, self._known.buffer
+        known = self._known
         if self.stage is not Stage.ESTIMATING or self.load_drift is None:
             return False
         index = known.change_within()
-        if index is None or index == buffer.start:
+        if index is None or index == known.buffer.start:
             return False
-        before = known.fit(end=index)
-        assert known.theta is not None
-        change = LoadChange(int(buffer.numbers[index]), self._newest, known.theta)
-        if not self._follow_drift(change, index, before):
+        if not self._follow_drift(index, known.fit(end=index), self._newest):
             return False
         self._acceptance.accept()
         return True
 
-    def _follow_drift(self, change: LoadChange, index: int, before: Estimate) -> bool:
-        """Whether a load change at this index is one more step of the load's drift; the load stays known then."""
-        known, drift = self._known, self.causes.load_drift(self._known, change.first)
+    def _follow_drift(self, index: int, before: Estimate, number: int) -> bool:
+        """Whether a change as in ``_change_load`` is one more step of the load's drift; the load stays known then."""
+        known, first = self._known, int(self._known.buffer.numbers[index])
+        drift, load = self.causes.load_drift(known, first), before.state.load
         is_known = self.stage is Stage.ESTIMATING and self.is_confirmed
-        if drift is None or not is_known or change.first <= self.causes.changed_at:
+        if drift is None or load is None or not is_known or first <= self.causes.changed_at:
             return False
         if not known.follow_drift(before, index, drift):
             return False
-        self.causes.changes.append(change)
+        self.causes.changes.append(LoadChange(first, number, load[THETA]))
         self._acceptance.undeclared.dismiss(drift.first)
         self._detector.settle()
         return True

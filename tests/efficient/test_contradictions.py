@@ -48,3 +48,11 @@ def test_one_that_returns_after_a_calm_time_is_another_one() -> None:
 def test_single_wrong_rows_are_no_lasting_contradiction() -> None:
     found = uses([1] * 8, burst=1)
     assert {*found} == {Use.KEEP, Use.LEAVE_OUT}
+
+
+@pytest.mark.parametrize(("is_fitted", "contradicts"), [(False, True), (True, False)])
+def test_residuals_at_different_estimates_are_not_summed(is_fitted: bool, contradicts: bool) -> None:
+    contradictions, residuals = Contradictions(len(POSES), Guards(), np.zeros((1, 12)), ROWS), np.zeros(12 * len(POSES))
+    residuals[12] = 4.0  # too little for a single row
+    found = [contradictions.add(row, residuals, revision=row if is_fitted else 0)[0] for row in range(16)]
+    assert (Use.BACK_TO_FIRST in found) == contradicts

@@ -286,15 +286,14 @@ def test_no_drift_goes_on_after_a_slip() -> None:
 def test_a_load_that_is_to_be_confirmed_is_not_followed(monkeypatch: pytest.MonkeyPatch) -> None:
     found = after(two_steps(30))
     known, estimate = found._known, found.estimate
-    assert known.theta is not None
     assert estimate is not None
-    step = LoadChange(132, 140, known.theta)
+    index = known.buffer.index_of(132)
     assert found.load_drift is not None
     monkeypatch.setattr(type(known), "follow_drift", lambda *_: True)
-    assert found._follow_drift(step, known.buffer.index_of(132), estimate)
+    assert found._follow_drift(index, estimate, 140)
     found.causes.changes.pop()
     found._detector.confirm(since=132)
-    assert not found._follow_drift(step, known.buffer.index_of(132), estimate)
+    assert not found._follow_drift(index, estimate, 140)
 
 
 def test_an_error_that_was_dismissed_has_to_be_found_twice_again(monkeypatch: pytest.MonkeyPatch) -> None:
