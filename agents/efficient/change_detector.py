@@ -107,9 +107,9 @@ class ChangeDetector:
         now = known.estimate
         assert now is not None
         since, statistic, step = known.innovations.look_for_change(buffer, small=self.step.sought(now))
-        self.step.take(step)
         if statistic <= 1.0:
             confirmation.count()
+            self.step.take(step)
             return None
         index = buffer.start + since
         if known.surprise(index, now) < self._guards.worth_a_fit:  # uncertain poses may explain it
@@ -117,7 +117,10 @@ class ChangeDetector:
                 confirmation.count()
                 self._refine(known, number)
             return None
-        return self._compare(known, index, number)
+        found = self._compare(known, index, number)
+        if found is None:
+            self.step.take(step)
+        return found
 
     def _compare(self, known: Knowledge, index: int, number: int) -> Detected | None:
         """Compare the rows from this index on with a fit to the rows before only."""

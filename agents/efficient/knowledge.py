@@ -113,9 +113,7 @@ class Knowledge:
         """Whether there are enough rows for another fit."""
         return self.buffer.load_rows >= self._next_fit
 
-    def posterior(
-        self, unnoticed: UnnoticedStep, drift: LoadDrift | None = None, missing: float = 0.0
-    ) -> Prior | None:
+    def posterior(self, unnoticed: UnnoticedStep, drift: LoadDrift | None = None, missing: float = 0.0) -> Prior | None:
         """Everything that is known, as a prior for another team; None if a pose or the load is unknown.
 
         Args:

@@ -89,6 +89,8 @@ class Guards:
         shortest: Shortest time over which small steps of the mass are searched [s]: larger ones are noticed by then.
         small_step: Probability that one stretch of rows shows a small step of the mass by chance; a look tests some ten
             stretches that overlap.
+        recent_step: The same probability if the step is more recent than ``shortest``: over so few rows, chance alone
+            makes larger steps.
         small_step_fades: Share of a small step that is still covered after another look without a significant one: a
             step that is hardly visible is not significant in every look.
         drifting: A load that changes again so soon drifts [s].
@@ -136,6 +138,7 @@ class Guards:
     mass: float = 1e-6
     shortest: float = 0.3
     small_step: float = 0.012
+    recent_step: float = 1e-6
     small_step_fades: float = 0.5
     drifting: float = 12.0
     mistaken: float = 6e-6
@@ -179,6 +182,11 @@ class Guards:
     def least_small_step(self) -> float:
         """Chi-square of a small step of the mass."""
         return chi_square_threshold(1, self.small_step)
+
+    @property
+    def least_recent_step(self) -> float:
+        """Chi-square of a recent step of the mass."""
+        return chi_square_threshold(1, self.recent_step)
 
     @property
     def largest_constant_offset(self) -> float:

@@ -21,7 +21,7 @@ class UnnoticedStep:
     """The step of the mass that may have occurred without having been noticed yet.
 
     Args:
-        shortest: Least number of rows since the step.
+        shortest: Rows after which a step counts as long ago.
         guards: Thresholds.
 
     Attributes:
@@ -29,18 +29,22 @@ class UnnoticedStep:
     """
 
     def __init__(self, shortest: int, guards: Guards) -> None:
-        self._shortest, self._significant, self._fades = shortest, guards.least_small_step, guards.small_step_fades
+        self._shortest, self._guards = shortest, guards
         self.mass = 0.0
 
     def sought(self, estimate: Estimate) -> SmallSteps | None:
         """Which steps a test for a change has to look for; None without a load."""
         load = estimate.state.load
-        return None if load is None else SmallSteps(self._shortest, self._significant, load[THETA.start])
+        if load is None:
+            return None
+        return SmallSteps(
+            self._shortest, self._guards.least_small_step, self._guards.least_recent_step, load[THETA.start]
+        )
 
     def take(self, found: float | None) -> None:
         """Process what such a test has found, see ``Look.step``."""
         if found is not None:
-            self.mass = max(found, self._fades * self.mass)
+            self.mass = max(found, self._guards.small_step_fades * self.mass)
 
     def process_noise(self, estimate: Estimate) -> Array | None:
         """Covariance (10, 10) by which theta may have changed, None if it has not."""

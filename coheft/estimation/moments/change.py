@@ -107,13 +107,15 @@ class SmallSteps(NamedTuple):
     """Which small steps of the mass to look for.
 
     Attributes:
-        shortest: Least number of rows since the step.
-        significant: Least square of its significance.
+        shortest: Rows after which a step counts as long ago.
+        long_ago: Least square of the significance of a step that long ago.
+        recent: The same of a step since.
         mass: The estimate of the mass, of all rows or only of older ones [kg].
     """
 
     shortest: int
-    significant: float
+    long_ago: float
+    recent: float
     mass: float
 
 
@@ -157,7 +159,6 @@ def look_for_change(
         near = np.arange(max(1, int(newest / _RATIO)), min(count + is_known, int(newest * _RATIO) + 2))
         scores = _Scores.of(count - near, views, older, weights)
         index, statistic = scores.likeliest(count - near, weights)
-        return Look(index, statistic, None)
     return Look(index, statistic, None if small is None else scores.small_step(small, weights))
 
 
@@ -262,12 +263,14 @@ class _Scores(NamedTuple):
 
         The newest rows show the mass of all rows and the share ``1 - x^T H_k x / x^T H x`` of the step.
         """
-        is_long = self.counts[:-1] >= small.shortest
-        if not is_long.any() or not self.load[THETA.start] > 0.0:
+        if not self.load[THETA.start] > 0.0:
             return None
+        is_long_ago = self.counts[:-1] >= small.shortest
         kilogram = _kilogram(self.load)
         score, spread = (each.ravel() for each in self.along(kilogram[None], weights))
-        is_significant = is_long & (score**2 >= small.significant * spread)
+        is_significant = score**2 >= np.where(is_long_ago, small.long_ago, small.recent) * spread
+        if not is_long_ago.any() and not is_significant.any():
+            return None
         informations = kilogram @ self.matrices[:, THETA, THETA] @ kilogram
         steps = score / spread * (1.0 - informations[:-1] / informations[-1])
         off = np.abs(self.load[THETA.start] + steps - small.mass)

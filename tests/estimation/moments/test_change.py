@@ -53,7 +53,7 @@ class Watched:
         if mass is None:
             matrices, vectors = self.weights.sums((views.T @ views)[None])
             mass = np.linalg.solve(matrices[0] + self.weights.known, vectors[0] + self.weights.known_vector)[THETA][0]
-        small = SmallSteps(shortest, chi_square_threshold(1, 0.012), mass)
+        small = SmallSteps(shortest, chi_square_threshold(1, 0.012), chi_square_threshold(1, 1e-6), mass)
         return look_for_change(self.views[:until], NOTHING_OLDER, self.weights, small=small).step
 
     def gained(self, index: int, settings: FitSettings) -> float:
@@ -218,7 +218,15 @@ def test_without_a_change_few_looks_find_a_step_that_is_too_small_to_be_noticed(
     for seed in range(200):
         watched = Watched.of(team, team.noisy(np.random.default_rng(seed)), IDEAL)
         found.append((watched.step(100) or 0.0) > 0.0)
+        assert watched.step(100, shortest=100) is None
     assert 0.01 < np.mean(found) < 0.08
+
+
+def test_a_recent_step_is_found_if_chance_alone_does_not_make_it() -> None:
+    team = make_team(seed=6, number=120)
+    changed = team.holding(heavier(team, 0.01), slice(108, None))
+    watched = Watched.of(changed, changed.noisy(np.random.default_rng(1)), IDEAL)
+    assert watched.step(112, mass=team.load[6]) == pytest.approx(0.01 * team.load[6], rel=0.35)
 
 
 def test_a_step_that_is_too_small_to_be_noticed_is_found_as_large_as_it_is() -> None:
@@ -228,7 +236,6 @@ def test_a_step_that_is_too_small_to_be_noticed_is_found_as_large_as_it_is() -> 
     for seed in range(20):
         watched = Watched.of(changed, changed.noisy(np.random.default_rng(seed)), IDEAL)
         found.append((watched.look(112)[1], watched.step(112), watched.step(112, mass=team.load[6])))
-        assert watched.step(112, shortest=100) is None
     sizes, steps, from_older = np.transpose(found)
     assert np.median(sizes) < 1.0
     assert np.median(steps) == pytest.approx(0.8 * mass, rel=0.35), "the mean of all rows is off by less than the step"
