@@ -72,7 +72,7 @@ class Causes:
         return None
 
     def start_over(self) -> None:
-        """What was known before is of no use any more: no load drifts, and what has changed in a gap does not matter."""
+        """What was known before is of no use any more, nor is what has changed in a gap."""
         self._forgotten = len(self.changes)
         if self._suspicion is not None and self._suspicion.is_after_gap:
             self._suspicion = None

@@ -15,12 +15,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from coheft.agents.efficient.confirmation import Confirmation
+from coheft.agents.efficient.innovations import EvaluatedRow
 from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.looks import Looks
 from coheft.agents.efficient.settings import Guards, RowCounts
 from coheft.agents.efficient.small_steps import UnnoticedStep
 from coheft.agents.efficient.stages import Event
-from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.fit import Estimate
 
 
@@ -52,7 +52,7 @@ class ChangeDetector:
 
     def __init__(self, rows: RowCounts, guards: Guards, turn: int) -> None:
         self._rows, self._guards = rows, guards
-        self._looks = Looks(rows, turn, guards.largest_surprise)
+        self._looks = Looks(rows, guards, turn)
         self.step = UnnoticedStep(rows.shortest, guards)
         self._confirmation = Confirmation(rows)
 
@@ -85,9 +85,9 @@ class ChangeDetector:
         """See ``Looks.look_closely_after``."""
         self._looks.look_closely_after(first, news_at, number)
 
-    def is_due(self, number: int, wrench: Array) -> bool:
-        """Whether to look after a row with this residual of the wrench, (6,) in standard deviations."""
-        return self._looks.are_due(number, wrench) or self._confirmation.is_open
+    def is_due(self, number: int, row: EvaluatedRow) -> bool:
+        """Whether to look after a row."""
+        return self._looks.are_due(number, row) or self._confirmation.is_open
 
     def fit(self, known: Knowledge) -> Estimate:
         """Fit to all rows, but without wrenches that may be of another load."""

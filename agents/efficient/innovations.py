@@ -5,19 +5,27 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
 from coheft.estimation.geometry.spatial import Array
-from coheft.estimation.moments.body import FORCING, MOTION_SIZE, load_operator, residual_covariance
-from coheft.estimation.moments.change import Look, SmallSteps, Weights, look_for_change
+from coheft.estimation.moments.body import (
+    FORCING,
+    FORCING_SIZE,
+    MOTION_SIZE,
+    REGRESSOR,
+    load_operator,
+    residual_covariance,
+)
+from coheft.estimation.moments.change import Look, SmallSteps, Weights, look_for_change, one_kilogram
 from coheft.estimation.moments.chapter import Chapter
 from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.moments import view_moments
 from coheft.estimation.moments.row_buffer import VIEW_SIZE, RowBuffer
 from coheft.estimation.moments.rows import KINEMATICS_SIZE, ROW_SIZE, TWIST, WRENCH_SIZE
-from coheft.estimation.moments.unknowns import LOAD_SIZE
+from coheft.estimation.moments.unknowns import LOAD_SIZE, THETA
 
 _MOTION = VIEW_SIZE + WRENCH_SIZE
 ROWS_BEFORE = 100
@@ -42,11 +50,13 @@ class EvaluatedRow(NamedTuple):
     Attributes:
         view: ``(motion[FORCING], wrench)``, shape (19,).
         wrench: Residual of the total wrench in standard deviations, shape (6,).
+        mass: The part of it along what another mass would make it, a standard normal number.
         motion: Residuals of all robots' motion sensors in standard deviations, shape (12 N,).
     """
 
     view: Array
     wrench: Array
+    mass: float
     motion: Array
 
 
@@ -78,6 +88,7 @@ class Innovations:
         self._weights = Weights.of(body, load, chapter.prior_evidence(body))
         root = np.linalg.cholesky(residual_covariance(body, load))
         whitened = np.linalg.solve(root, body.wrench_map - load_operator(load) @ body.motion_map[FORCING])
+        self._by_mass = one_kilogram(load) @ np.linalg.solve(root, REGRESSOR[:, :, THETA]).swapaxes(1, 2)  # (13, 6)
         self._body, self._matrix = body, np.vstack([see, whitened, body.motion_map[:MOTION_SIZE]])
         one = ROW_SIZE * body.count
         sums, self.mean_residuals = of_all.sums(one), np.zeros(KINEMATICS_SIZE * body.count)
@@ -109,7 +120,10 @@ class Innovations:
         """Evaluate an extended row (X,)."""
         evaluated = self._matrix @ row
         motion = self._body.residuals(row[None], evaluated[None, _MOTION:])[0] - self.mean_residuals
-        return EvaluatedRow(evaluated[:VIEW_SIZE], evaluated[VIEW_SIZE:_MOTION], motion)
+        view, wrench = evaluated[:VIEW_SIZE], evaluated[VIEW_SIZE:_MOTION]
+        by_mass = view[:FORCING_SIZE] @ self._by_mass
+        mass = float(by_mass @ wrench) / max(math.sqrt(by_mass @ by_mass), 1e-300)
+        return EvaluatedRow(view, wrench, mass, motion)
 
     def residuals(self, rows: Array) -> tuple[Array, Array]:
         """Return residuals of extended rows (n, X): of the wrench (n, 1, 6), and of motion sensors (n, N, 12)."""

@@ -1,7 +1,11 @@
-"""When to look for a load change: at once if wrenches are a surprise or another robot has noticed one, else in turn."""
+"""When to look for a load change: at once if wrenches are a surprise, together show another mass, or another robot has
+noticed a change; else in turn.
+"""
 
-from coheft.agents.efficient.settings import RowCounts
-from coheft.estimation.geometry.spatial import Array
+from collections import deque
+
+from coheft.agents.efficient.innovations import EvaluatedRow
+from coheft.agents.efficient.settings import Guards, RowCounts
 
 _SURPRISES = 2
 """So many surprising rows in succession start a look."""
@@ -11,13 +15,14 @@ class Looks:
     """Says after each row whether to look for a load change.
 
     Args:
-        rows: How often each robot looks without a reason (``turn``).
+        rows: How often each robot looks without a reason (``turn``), and over how many rows another mass has to show.
+        guards: Thresholds.
         turn: Number of the row of a turn after which this robot looks.
-        largest_surprise: Chi-square from which on the wrench of a row is a surprise.
     """
 
-    def __init__(self, rows: RowCounts, turn: int, largest_surprise: float) -> None:
-        self._rows, self._turn, self._largest_surprise = rows, turn, largest_surprise
+    def __init__(self, rows: RowCounts, guards: Guards, turn: int) -> None:
+        self._rows, self._turn, self._largest_surprise = rows, turn, guards.largest_surprise
+        self._masses, self._least_sum = deque[float](maxlen=rows.shortest), guards.least_mass_surprise * rows.shortest
         self._news = -1  # first row of the newest change that another robot has told of
         self.begin()
 
@@ -29,6 +34,7 @@ class Looks:
     def found(self) -> None:
         """What was to be looked for has been found."""
         self._surprises, self._closely_until = 0, -1
+        self._masses.clear()
 
     def are_paused(self, number: int) -> bool:
         """Whether a look is of no use yet at this row."""
@@ -49,8 +55,17 @@ class Looks:
         if first > max(news_at + self._rows.turn, self._news):
             self._news, self._closely_until = first, number + self._rows.turn
 
-    def are_due(self, number: int, wrench: Array) -> bool:
-        """Whether to look after a row with this residual of the wrench, (6,) in standard deviations."""
-        self._surprises = self._surprises + 1 if wrench @ wrench > self._largest_surprise else 0
-        is_urgent = self._surprises >= _SURPRISES or number <= self._closely_until
+    def are_due(self, number: int, row: EvaluatedRow) -> bool:
+        """Whether to look after a row."""
+        self._surprises = self._surprises + 1 if row.wrench @ row.wrench > self._largest_surprise else 0
+        is_urgent = self._surprises >= _SURPRISES or number <= self._closely_until or self._shows_another_mass(row.mass)
         return is_urgent or number % self._rows.turn == self._turn
+
+    def _shows_another_mass(self, residual: float) -> bool:
+        """Whether the newest rows together show another mass; the next time, other rows have to."""
+        masses = self._masses
+        masses.append(residual)
+        shows = len(masses) == masses.maxlen and sum(masses) ** 2 > self._least_sum
+        if shows:
+            masses.clear()
+        return shows

@@ -116,7 +116,7 @@ class Session:
             if self.stage is not Stage.GATHERING:
                 if has_moved:
                     known.reevaluate()
-                if self._detector.is_due(number, evaluated.wrench) and self._look_for_change(number):
+                if self._detector.is_due(number, evaluated) and self._look_for_change(number):
                     return
         if known.is_fit_due and not self._look_for_change(number):
             self._fit_and_judge()

@@ -61,6 +61,8 @@ class Guards:
             known: enough rotation to show poses and faulty sensors.
         turn: Each robot tests for a load change once in this time, in turn with the others [s].
         surprise: Probability that the wrench of one row is a surprise without a change; two in a row start a test.
+        mass_surprise: Probability that the rows of the last ``shortest`` together show another mass without a change,
+            which starts a test, too.
         worth_a_fit: The second test for a change needs two fits. They are made if, with uncertain poses, the statistic
             is at least this share of its threshold: less than 1, because some rows may have been fitted already.
         contradiction: Probability that a robot's motion seems to contradict the team's over a window of rows without
@@ -86,7 +88,7 @@ class Guards:
             the same one.
         restless: If loads have been forgotten that soon for so long, poses may be wrong, and the robot starts over [s].
         mass: Probability that the mass seems to have changed by chance, where a faulty sensor may be the cause instead.
-        shortest: Shortest time over which small steps of the mass are searched [s]: larger ones are noticed by then.
+        shortest: After so long, a step of the mass counts as long ago [s]: larger ones are noticed by then.
         small_step: Probability that one stretch of rows shows a small step of the mass by chance; a look tests some ten
             stretches that overlap.
         recent_step: The same probability if the step is more recent than ``shortest``: over so few rows, chance alone
@@ -118,6 +120,7 @@ class Guards:
     first_rows: float = 0.3
     turn: float = 0.48
     surprise: float = 4e-5
+    mass_surprise: float = 0.003
     worth_a_fit: float = 0.5
     contradiction: float = 1e-11
     lasting: float = 1.5
@@ -157,6 +160,11 @@ class Guards:
     def largest_surprise(self) -> float:
         """Chi-square of a row's wrench."""
         return chi_square_threshold(WRENCH_SIZE, self.surprise)
+
+    @property
+    def least_mass_surprise(self) -> float:
+        """Chi-square of the mass over several rows."""
+        return chi_square_threshold(1, self.mass_surprise)
 
     @property
     def largest_motion_misfit(self) -> float:

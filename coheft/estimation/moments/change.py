@@ -266,7 +266,7 @@ class _Scores(NamedTuple):
         if not self.load[THETA.start] > 0.0:
             return None
         is_long_ago = self.counts[:-1] >= small.shortest
-        kilogram = _kilogram(self.load)
+        kilogram = one_kilogram(self.load)
         score, spread = (each.ravel() for each in self.along(kilogram[None], weights))
         is_significant = score**2 >= np.where(is_long_ago, small.long_ago, small.recent) * spread
         if not is_long_ago.any() and not is_significant.any():
@@ -285,10 +285,10 @@ def spread_mass(theta: Array, size: float) -> Array:
     return result
 
 
-def _kilogram(load: Array) -> Array:
-    """What theta is more with 1 kg more at the centre of mass of a load (16,), shape (10,)."""
+def one_kilogram(load: Array) -> Array:
+    """What theta (10,) is more with 1 kg more at the centre of mass of a load (16,); zeros if that has no mass."""
     mass, *moment = load[THETA][:4]
-    return point_mass(np.array(moment) / mass)
+    return point_mass(np.array(moment) / mass) if mass > 0.0 else np.zeros(10)
 
 
 def seen_directions(matrix: Array, noise: Array) -> tuple[Array, Array]:
