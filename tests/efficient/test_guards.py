@@ -107,6 +107,15 @@ def changed(share: float, before: int = 200, after: int = 100) -> tuple[Array, l
 
 
 @cache
+def shifted(by: float, after: int = 100) -> tuple[Array, list[Array]]:
+    """Rows over a part of the load of 2 kg that shifts so far [m], and the true loads."""
+    there = np.array([-0.35, -0.25, 0.02])
+    load = LOAD + 2.0 * (point_mass(there + np.array([by, 0.0, 0.0])) - point_mass(there))
+    rows = np.concatenate([made_up_rows(200), made_up_rows(after, load=load, first=200)])
+    return rows, [LOAD] * 200 + [load] * after
+
+
+@cache
 def leaking(rate: float, before: int = 150, after: int = 250) -> tuple[Array, list[Array]]:
     """Rows over a load that leaks [kg/s], and the true loads."""
     loads = [LOAD] * before + [with_more(-rate * PERIOD * number / LOAD[0]) for number in range(after)]
@@ -126,7 +135,7 @@ def is_sure_after(then: History, row: int) -> bool:
 
 
 CASES = {
-    "surprise": Case(changed(0.05)[0], lambda session, _: session.causes.changes[0].noticed < 203, own=3),
+    "surprise": Case(shifted(0.05)[0], lambda session, _: session.causes.changes[0].noticed < 203, own=3),
     "contradiction": Case(off(150, 170, 200, 1, A.start, 0.3), lambda _, then: not {*range(152, 170)} & {*then.valid}),
     "lasting": Case(slipped(), lambda session, then: then.valid[-1] > 390 and session.estimate is not None),
     "misfit": Case(off(8, 16, 200, 2, FORCE.start, 0.5), lambda _, then: then.is_sure and then.valid[0] > 40),
@@ -134,11 +143,13 @@ CASES = {
     "noise_tolerance": Case(made_up_rows(400), lambda _, then: len(then.valid) > 350, told=0.94),
     "constant_offset": Case(off(0, 400, 400, 2, FORCE.start, 0.25), lambda _, then: then.is_sure),
     "mass": Case(off(200, 400, 400, 2, TORQUE.start, 0.125), lambda _, then: then.is_sure),
+    "mass_surprise": Case(changed(0.0015)[0], lambda _, then: is_sure_after(then, 216), changed(0.0015)[1], own=3),
+    "recent_step": Case(changed(0.006)[0], lambda _, then: is_sure_after(then, 205), changed(0.006)[1], own=3),
     "small_step": Case(changed(0.002)[0], lambda _, then: is_sure_after(then, 216), changed(0.002)[1]),
     "shortest": Case(changed(0.002)[0], lambda _, then: is_sure_after(then, 216), changed(0.002)[1]),
     "small_step_fades": Case(leaking(0.004)[0], lambda _, then: max(then.errors) < 8.0, leaking(0.004)[1], drift=0.02),
     "waiting": Case(
-        changed(0.01, after=60)[0], lambda _, then: then.is_sure, changed(0.01)[1], missing=range(180, 210)
+        shifted(0.05, after=60)[0], lambda _, then: then.is_sure, shifted(0.05)[1], missing=range(180, 210)
     ),
 }
 
@@ -151,7 +162,7 @@ def test_a_guard_does_something(guard: str) -> None:
 
 
 def test_a_change_that_another_robot_has_noticed_is_looked_for_at_once() -> None:
-    rows, _ = changed(0.003)
+    rows, _ = shifted(0.005)
     settings = FitSettings(RowNoise.of_samples(SensorNoise(), 20, 1000.0), PERIOD)
     one, alone, told = (Session(len(POSES), own, settings, Guards()) for own in (2, 3, 3))
     for number, row in enumerate(rows):

@@ -135,6 +135,8 @@ SWITCHED_OFF = {
     "mass": 0.999,
     "small_step": 1e-300,
     "shortest": 1e9,
+    "mass_surprise": 1e-300,
+    "recent_step": 1e-300,
     "small_step_fades": 0.0,
     "waiting": 1e9,
     "outdated": 1e9,
