@@ -100,7 +100,7 @@ class Guards:
             equally likely a priori: one cause has to be likelier than all others by this factor.
         doubted: While rows are less likely by this factor without a change than with one, nothing is valid. Only after
             rows were missing: at any other time a change is noticed as soon as it begins. A slip with another load
-            has to be likelier than displaced motion sensors by as much.
+            has to be likelier than displaced motion sensors by as much, and the slip of one grasp than that of another.
         telling_apart: After so long without such a decision, a slip is no longer considered [s].
         undecided: After so long without a decision, the load counts as changed [s]: a fault is over by then.
         waiting: Rows are missing when no new row of the whole team has been complete for so long [s].

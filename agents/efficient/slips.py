@@ -195,7 +195,9 @@ class Suspicion:
         if lead > guards.lead:
             first = first_of_both if is_load else first
             each = ratios(first).slips_with_load if is_load else ratios(first).slips
-            return Cause(int(each.argmax()), numbers[first], is_load)
+            robot = int(each.argmax())
+            is_clear = each[robot] - np.delete(each, robot).max(initial=-np.inf) > guards.doubt
+            return Cause(robot, numbers[first], is_load) if is_clear else None
         return Cause(None, self._first) if max(load, sensor) > slip + guards.lead else None
 
     def _ratios(self, before: Before, evidence: EvidenceAt, rows: Array, start: int) -> LogRatios:
