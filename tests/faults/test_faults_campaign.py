@@ -134,7 +134,7 @@ SHOWN_BY = {
     "without-fresh-change": draw_schedule(4220, delayed=False, is_exact=True),
     "without-calm": draw_schedule(20901),
     "without-tolerance": _LATE,
-    "without-after-gap": draw_schedule(1012287590),
+    "without-after-gap": draw_schedule(1036598359),
     "without-restless": draw_schedule(1036598597),
     "without-outdated": draw_schedule(1012287755),
     "without-doubted": draw_schedule(1012287842),
