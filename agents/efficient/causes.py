@@ -9,6 +9,7 @@ from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.load_drift import LoadChange, LoadDrift
 from coheft.agents.efficient.settings import Guards, RowCounts
 from coheft.agents.efficient.slips import Slip, Suspicion
+from coheft.agents.efficient.small_steps import UnnoticedStep
 from coheft.agents.efficient.stages import Event
 from coheft.estimation.geometry.spatial import Array
 
@@ -77,7 +78,7 @@ class Causes:
         if self._suspicion is not None and self._suspicion.is_after_gap:
             self._suspicion = None
 
-    def suspect(self, known: Knowledge, index: int, newest: int, is_load: bool) -> None:
+    def suspect(self, known: Knowledge, index: int, newest: int, is_load: bool, unnoticed: UnnoticedStep) -> None:
         """Begin to compare causes: from the row at this index on the load differs, or motions contradict each other.
 
         Args:
@@ -85,6 +86,7 @@ class Causes:
             index: Index of the row in its buffer.
             newest: Number of the newest row.
             is_load: Whether it looks like a load change.
+            unnoticed: By how much the mass may have changed before.
         """
         buffer = known.buffer
         first = int(buffer.numbers[index]) if index < buffer.count else newest
@@ -92,14 +94,14 @@ class Causes:
             self._suspicion = None
         if self._suspicion is None:
             index = max(index, buffer.start)
-            self._suspicion = Suspicion.of_change(known, index, newest, len(self.changes), is_load)
+            self._suspicion = Suspicion.of_change(known, index, newest, len(self.changes), is_load, unnoticed)
         elif self._suspicion.is_after_gap and is_load:
             self._suspicion.notice_load()
 
-    def expect(self, known: Knowledge, since: int) -> None:
+    def expect(self, known: Knowledge, since: int, unnoticed: UnnoticedStep) -> None:
         """Rows before this one were missing, or not used: load and grasps may have changed meanwhile."""
         if self._suspicion is None or not self._suspicion.is_open:
-            self._suspicion = Suspicion.after_gap(known, since, len(self.changes))
+            self._suspicion = Suspicion.after_gap(known, since, len(self.changes), unnoticed)
 
     def add(self, number: int, row: Array) -> None:
         """Add a row to compare."""

@@ -1,7 +1,7 @@
 """Detection of another load: when a robot looks for one, and whether what it sees is another load or uncertain poses.
 
 a look is due -> no window of rows is unlike the others      the load is confirmed a bit more
-              -> poses are so uncertain that they explain it   look again later
+              -> poses are so uncertain that they explain it   fit again if the load is still to be confirmed
               -> fit to the rows before only
                  -> the other rows are unlike their load         another load
                  -> not, but the load is still to be confirmed   leave new wrenches out; after a while, it fits no more
@@ -29,7 +29,7 @@ class Detected(NamedTuple):
 
     Attributes:
         event: ``LOAD_CHANGED``; ``MISFIT`` if a load that was to be confirmed has not fitted for too long.
-        at: Index of the first row that does not belong to the load.
+        at: Index of the first row that does not belong to the load, or after ``MISFIT`` is not known to.
         before: Fit to the rows before.
     """
 
@@ -65,6 +65,12 @@ class ChangeDetector:
     def confirm(self, since: int) -> None:
         """From this row on, the load may be another one, until new rows confirm it."""
         self._confirmation.begin(since)
+        self._looks.resume()
+
+    def take_back(self) -> None:
+        """Rows have been removed: what they have shown does not count."""
+        self._looks.begin()
+        self.step.mass = 0.0
 
     def settle(self) -> None:
         """What was detected has been dealt with: the present load is that of the newest rows."""
@@ -96,7 +102,7 @@ class ChangeDetector:
         return known.fit(end=known.buffer.index_of(self._confirmation.since), keeps_motion=True)
 
     def look(self, known: Knowledge, number: int) -> Detected | None:
-        """Look for another load at this row, the newest one of a load that is known."""
+        """Look for another load after the newest row, of this number; the load is known."""
         if self._looks.are_paused(number):
             return None
         buffer, confirmation = known.buffer, self._confirmation
@@ -118,7 +124,7 @@ class ChangeDetector:
                 self._refine(known, number)
             return None
         found = self._compare(known, index, number)
-        if found is None:
+        if found is None and not confirmation.is_open:
             self.step.take(step)
         return found
 

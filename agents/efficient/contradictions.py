@@ -47,7 +47,7 @@ class Contradictions:
         self._last: int | None = None  # the last such robot, of more than one row in succession
         self._began, self._ended, self._newest = -1, -1, -rows.confirming  # numbers of rows
 
-    def add(self, number: int, residuals: Array, revision: int = 0) -> tuple[Use, int]:
+    def add(self, number: int, residuals: Array, revision: int) -> tuple[Use, int]:
         """Test a row.
 
         Args:

@@ -50,7 +50,8 @@ class EvaluatedRow(NamedTuple):
     Attributes:
         view: ``(motion[FORCING], wrench)``, shape (19,).
         wrench: Residual of the total wrench in standard deviations, shape (6,).
-        mass: The part of it along what another mass would make it, a standard normal number.
+        mass: The part of it along what another mass would make it, a standard normal number at the true load; 0
+            without a load.
         motion: Residuals of all robots' motion sensors in standard deviations, shape (12 N,).
     """
 

@@ -58,7 +58,7 @@ class Knowledge:
         estimate: Estimate of poses and load, None at first.
         innovations: Evaluates rows at the estimate; not set before there is one.
         least: Smallest number of rows to fit.
-        revision: How often rows have been evaluated anew, after a fit or because some had moved in the buffer.
+        revision: How often rows have been evaluated anew, for instance after a fit.
     """
 
     innovations: Innovations
@@ -165,7 +165,6 @@ class Knowledge:
         """Evaluate all rows of the buffer again, because some have moved in it."""
         if self.estimate is not None:
             self._set_estimate(self.estimate)
-            self.revision += 1
 
     def take_back(self, number: int) -> None:
         """Remove the rows of the present load from this number on."""
@@ -188,7 +187,6 @@ class Knowledge:
             state = first_load(state, evaluate(body).wrench, self._guess, settings)
         found = fit_state(state, evaluate, chapter.prior_evidence, self._guess, settings, self._anchor)
         self._set_estimate(found)
-        self.revision += 1
         number = self.buffer.load_rows
         self._next_fit = number + max(3, round((self._growth - 1.0) * (number + self._rows_before)))
         return found
@@ -257,7 +255,7 @@ class Knowledge:
         return found
 
     def slipped(
-        self, prior: Prior, robot: int, is_load: bool, rows: Iterable[tuple[int, Array]], past: Past
+        self, prior: Prior, robot: int, is_load: bool, rows: Iterable[tuple[int, Array]], past: Past, hidden: Flags
     ) -> Knowledge:
         """Return the knowledge from a prior and the rows since, if a grasp has slipped in between.
 
@@ -267,12 +265,14 @@ class Knowledge:
             is_load: Whether the load has changed as well; everything else stays the same.
             rows: Numbers and rows after the slip.
             past: Rows before the slip.
+            hidden: Which poses are unknown in the prior, shape (N,).
         """
         unknowns = Unknowns(self._count, self._settings.errors)
         loosened = prior.with_process_noise(unknowns.poses[robot], np.diag(np.square(SLIP)))
         if is_load:
             loosened = loosened.without_load(unknowns, prior.guess.limits)
-        anchor = (robot + 1) % self._count if robot == self._anchor else self._anchor
+        others = (np.arange(1, self._count) + robot) % self._count
+        anchor = int(others[np.argmin(hidden[others])]) if robot == self._anchor else self._anchor
         found = Knowledge(self._count, anchor, self._settings, self._guards, loosened)
         found._past = past
         for number, row in rows:
@@ -350,7 +350,7 @@ class Knowledge:
 
     def _set_estimate(self, estimate: Estimate) -> None:
         """Adopt an estimate and evaluate rows at it from now on."""
-        self.estimate = estimate
+        self.estimate, self.revision = estimate, self.revision + 1
         if not estimate.misses_poses:
             self.buffer.project_at(estimate.body)
         self.innovations = Innovations(estimate, self._chapter, self._past)

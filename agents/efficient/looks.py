@@ -44,6 +44,10 @@ class Looks:
         """Looks before this row are of no use."""
         self._paused_until = until
 
+    def resume(self) -> None:
+        """Looks are of use again."""
+        self._paused_until = -1
+
     def look_closely_after(self, first: int, news_at: int, number: int) -> None:
         """Look after every row for a while, if what another robot has noticed at row ``first`` is news.
 
@@ -58,7 +62,8 @@ class Looks:
     def are_due(self, number: int, row: EvaluatedRow) -> bool:
         """Whether to look after a row."""
         self._surprises = self._surprises + 1 if row.wrench @ row.wrench > self._largest_surprise else 0
-        is_urgent = self._surprises >= _SURPRISES or number <= self._closely_until or self._shows_another_mass(row.mass)
+        shows_another_mass = self._shows_another_mass(row.mass)
+        is_urgent = self._surprises >= _SURPRISES or number <= self._closely_until or shows_another_mass
         return is_urgent or number % self._rows.turn == self._turn
 
     def _shows_another_mass(self, residual: float) -> bool:

@@ -127,7 +127,7 @@ class Session:
         """Rows before this one were missing, or not used: load and grasps may have changed meanwhile."""
         self._detector.confirm(since)
         if self.stage is Stage.ESTIMATING and self._known.is_small:
-            self.causes.expect(self._known, since)
+            self.causes.expect(self._known, since, self._detector.step)
 
     def _check_motion(self, number: int, residuals: Array) -> bool:
         """Test a row's motion and return whether to use the row; remove the rows since a contradiction began."""
@@ -139,6 +139,7 @@ class Session:
                 numbers = self._known.buffer.numbers[: self._known.buffer.count]
                 self._suspect(int(np.searchsorted(numbers, first)), is_load=False)
                 self._known.take_back(first)
+                self._detector.take_back()
             case Use.START_OVER:
                 self._start_over()
             case Use.RESUME:
@@ -161,6 +162,7 @@ class Session:
             self._start_over()
             return
         known.fit()
+        self._detector.take_back()
         self._detector.confirm(since=number)
 
     def look_closely_after(self, first: int, number: int) -> None:
@@ -262,7 +264,7 @@ class Session:
         """See ``Causes.suspect``."""
         is_known = self.stage is Stage.ESTIMATING and not self._known.misses_poses
         if is_known and self._known.is_small:
-            self.causes.suspect(self._known, index, self._newest, is_load)
+            self.causes.suspect(self._known, index, self._newest, is_load, self._detector.step)
 
     # --- what is known ---
 

@@ -61,8 +61,8 @@ class Guards:
             known: enough rotation to show poses and faulty sensors.
         turn: Each robot tests for a load change once in this time, in turn with the others [s].
         surprise: Probability that the wrench of one row is a surprise without a change; two in a row start a test.
-        mass_surprise: Probability that the rows of the last ``shortest`` together show another mass without a change,
-            which starts a test, too.
+        mass_surprise: Probability that the rows of the last ``shortest`` together show another mass without a change;
+            this is tested after every row, and starts a test for changes, too.
         worth_a_fit: The second test for a change needs two fits. They are made if, with uncertain poses, the statistic
             is at least this share of its threshold: less than 1, because some rows may have been fitted already.
         contradiction: Probability that a robot's motion seems to contradict the team's over a window of rows without

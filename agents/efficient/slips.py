@@ -24,6 +24,7 @@ from coheft.agents.efficient.innovations import Past
 from coheft.agents.efficient.judge import Outcome
 from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.settings import Guards
+from coheft.agents.efficient.small_steps import UnnoticedStep
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.moments.body import FORCING, REGRESSOR, load_operator, residual_covariance
 from coheft.estimation.moments.chapter import EvidenceAt, Prior
@@ -76,18 +77,21 @@ class Before(NamedTuple):
         prior: The same, as a prior.
         covariance: Covariance of all unknowns, shape (u, u), with the drift of sensors.
         past: The rows until then.
+        unnoticed: Covariance (10, 10) by which theta may have changed before without having been noticed, or None.
     """
 
     estimate: Estimate
     prior: Prior
     covariance: Array
     past: Past
+    unnoticed: Array | None
 
     @staticmethod
-    def of(known: Knowledge, index: int) -> Before:
+    def of(known: Knowledge, index: int, unnoticed: UnnoticedStep) -> Before:
         """What the rows before an index have shown."""
         estimate, prior = known.known_before(index)
-        return Before(estimate, prior, known.covariance_now(estimate), known.innovations.past_before_slip)
+        past, noise = known.innovations.past_before_slip, unnoticed.process_noise(estimate)
+        return Before(estimate, prior, known.covariance_now(estimate), past, noise)
 
     def with_poses_of(self, known: Knowledge) -> Before | None:
         """Return the same with the poses of robots that have joined as they are known now, because the offset of the
@@ -101,9 +105,11 @@ class Before(NamedTuple):
         state, now, old = self.prior.state, known.estimate.state.poses, int(np.argmin(is_new))
         to_body = state.poses[old] @ now[old].inverse()
         poses = [to_body @ now[robot] if is_new[robot] else pose for robot, pose in enumerate(state.poses)]
-        prior = replace(self.prior, state=replace(state, poses=tuple(poses)))
+        there = replace(state, poses=tuple(poses))
+        shift = there.since(state, self.estimate.body.unknowns)
+        prior = replace(self.prior, state=there, evidence=self.prior.evidence.shifted(shift))
         estimate = known.known_from(prior)
-        return Before(estimate, prior, known.covariance_now(estimate), self.past)
+        return Before(estimate, prior, known.covariance_now(estimate), self.past, self.unnoticed)
 
 
 class Suspicion:
@@ -139,19 +145,22 @@ class Suspicion:
         self.is_after_gap, self.favours_change, self._is_load_known = is_after_gap, False, is_load
 
     @staticmethod
-    def of_change(known: Knowledge, index: int, noticed: int, changes: int, is_load: bool) -> Suspicion:
+    def of_change(
+        known: Knowledge, index: int, noticed: int, changes: int, is_load: bool, unnoticed: UnnoticedStep
+    ) -> Suspicion:
         """The suspicion when a change is noticed; the row at ``index`` is the first after it, as far as is known."""
         buffer = known.buffer
         begin = max(index - _BEFORE, (buffer.start + index) // 2)
         numbers = buffer.numbers[begin : buffer.count].tolist()
         rows = dict(zip(numbers, buffer.window(begin).copy(), strict=True))
         first = numbers[index - begin] if index < buffer.count else noticed
-        return Suspicion(Before.of(known, begin), rows, first, noticed, changes, is_load)
+        return Suspicion(Before.of(known, begin, unnoticed), rows, first, noticed, changes, is_load)
 
     @staticmethod
-    def after_gap(known: Knowledge, since: int, changes: int) -> Suspicion:
+    def after_gap(known: Knowledge, since: int, changes: int, unnoticed: UnnoticedStep) -> Suspicion:
         """The suspicion when rows have been missing; ``since`` is the number of the first row that is not."""
-        return Suspicion(Before.of(known, known.buffer.count), {}, since, since, changes, is_after_gap=True)
+        before = Before.of(known, known.buffer.count, unnoticed)
+        return Suspicion(before, {}, since, since, changes, is_after_gap=True)
 
     @property
     def is_open(self) -> bool:
@@ -175,12 +184,12 @@ class Suspicion:
 
     def cause(self, known: Knowledge, guards: Guards) -> Cause | None:
         """Return the cause; None while it is not clear, or if few rows have come since the last comparison."""
-        before = self._before.with_poses_of(known)
-        if before is None:  # nothing can be compared yet
-            return None
         numbers, self._tried = sorted(self._rows), {}
         index = bisect_left(numbers, self._first)
         if len(numbers) - index < self._next:
+            return None
+        before = self._before.with_poses_of(known)
+        if before is None:  # nothing can be compared yet
             return None
         self._next = math.ceil(_GROWTH * (len(numbers) - index))
         rows = np.array([self._rows[number] for number in numbers])
@@ -216,8 +225,12 @@ class Suspicion:
         """
         assert cause.robot is not None
         rows = [(number, self._rows[number]) for number in sorted(self._rows) if number >= cause.first]
-        before = self._before
-        found = known.slipped(before.prior, cause.robot, cause.is_load, rows, before.past)
+        before, hidden = self._before.with_poses_of(known), self._before.estimate.hidden_poses()
+        assert before is not None
+        prior = before.prior
+        if before.unnoticed is not None:
+            prior = prior.with_process_noise(before.estimate.body.unknowns.theta, before.unnoticed)
+        found = known.slipped(prior, cause.robot, cause.is_load, rows, before.past, hidden)
         estimate = found.estimate
         assert estimate is not None
         former_pose, all_rows = before.estimate.state.poses[cause.robot], np.array([row for _, row in rows])

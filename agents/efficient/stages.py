@@ -25,7 +25,7 @@ class Event(Enum):
         "all is forgotten: motions fit no poses, errors of sensors no tolerances, or for long rows fit no load,"
         " contradict each other, or leave in doubt what has changed"
     )
-    EXCEEDED = "the same, as errors of sensors exceed tolerances again: what was known before is not to be relied upon"
+    EXCEEDED = "all is forgotten, and what was known before, too: errors of sensors exceed tolerances again"
 
 
 TRANSITIONS = {

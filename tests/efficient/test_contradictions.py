@@ -23,7 +23,7 @@ def uses(robots: list[int], rows: RowCounts = ROWS, burst: int = BURST) -> list[
         for step in range(burst + PAUSE):
             residuals = np.zeros(12 * len(POSES))
             residuals[12 * robot] = 20.0 if step < burst else 0.0
-            found.append(contradictions.add(number, residuals)[0])
+            found.append(contradictions.add(number, residuals, revision=0)[0])
             number += 1
     return found
 

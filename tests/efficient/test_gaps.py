@@ -130,6 +130,23 @@ def test_once_all_is_estimated_anew_it_does_not_matter_what_has_changed_in_the_g
     assert largest(history) < 5.0
 
 
+@pytest.mark.parametrize("newcomer", [1, 3])
+def test_a_slip_of_the_anchor_is_named_also_if_another_robot_joins_in_the_same_gap(newcomer: int) -> None:
+    former, poses = session(), slipped_poses(20.0, 1.0, 0, 4)
+    for number, row in enumerate(made_up_rows(BEFORE)):
+        former.take(number, row)
+    prior = former.hand_over(0.0)
+    assert prior is not None
+    members = [None if robot == newcomer else robot for robot in range(len(POSES))]
+    settings = former.settings
+    found = Session(len(POSES), 0, settings, Guards(), prior.for_team(members, settings, settings))
+    for number, row in enumerate(made_up_rows(60, first=BEFORE, poses=poses)):
+        found.take(number, row)
+    assert [slip.robot for slip in found.causes.slips] == [0]
+    assert is_valid(found)
+    assert largest_error(found, poses) < 5.0
+
+
 def test_a_second_gap_hides_no_slip_in_the_first() -> None:
     found, first = session(), BEFORE + GAP
     rows = np.concatenate([made_up_rows(BEFORE), made_up_rows(AFTER, HEAVIER, first, poses=SLIPPED)])

@@ -14,7 +14,7 @@ from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.moments.claims import claim_of
 from coheft.estimation.moments.fit_settings import FitSettings
-from coheft.estimation.moments.rows import FORCE, ROW_SIZE, A, RowNoise
+from coheft.estimation.moments.rows import FORCE, ROW_SIZE, WRENCH, A, RowNoise
 from tests.efficient.rows import LOAD, PERIOD, POSES, made_up_rows
 
 COUNT = len(POSES)
@@ -115,6 +115,22 @@ def test_a_robot_whose_sensor_is_off_is_named_and_its_rows_are_not_learned_from(
     assert_right(found)
     clean = fed(np.delete(made_up_rows(200), range(150, 170), axis=0))
     np.testing.assert_allclose(state_of(found), state_of(clean), atol=2e-2)
+
+
+@pytest.mark.parametrize("pair", [(0, 1), (0, 2), (1, 3)])
+def test_two_robots_of_which_only_forces_may_be_off_estimate_the_load(pair: tuple[int, int]) -> None:
+    noise = RowNoise.of_samples(SensorNoise(), 20, 1000.0)
+    found = Session(2, 0, FitSettings(noise, PERIOD, force_offset=0.5), Guards())
+    rows = np.concatenate([made_up_rows(120), made_up_rows(80, 1.1 * LOAD, 120)])
+    whole = rows[:, :-1].reshape(len(rows), len(POSES), ROW_SIZE)
+    others = [robot for robot in range(len(POSES)) if robot not in pair]
+    for robot in others:  # the first of the pair carries for them
+        to_first = (POSES[pair[0]].inverse() @ POSES[robot]).adjoint()
+        whole[:, pair[0], WRENCH] += whole[:, robot, WRENCH] @ to_first.T
+    for number, row in enumerate(np.hstack([whole[:, pair].reshape(len(rows), -1), rows[:, -1:]])):
+        found.take(number, row)
+    assert found.stage is not Stage.GATHERING
+    assert [change.first for change in found.causes.changes] == [120]
 
 
 def test_a_single_row_that_contradicts_is_left_out_and_the_second_one_makes_a_suspect() -> None:

@@ -16,8 +16,9 @@ from coheft.estimation.moments.chapter import Chapter
 from coheft.estimation.moments.fit_settings import FitSettings
 from coheft.estimation.moments.row_buffer import RowBuffer
 from coheft.estimation.moments.rows import FORCE, ROW_SIZE, TORQUE, A, RowNoise, V, W
-from tests.efficient.rows import PERIOD, POSES, made_up_rows
-from tests.efficient.sessions import AFTER, BEFORE, fed, is_valid, largest_error, session, slipped
+from coheft.estimation.rigid_body.mass_properties import point_mass
+from tests.efficient.rows import LOAD, PERIOD, POSES, made_up_rows
+from tests.efficient.sessions import AFTER, BEFORE, fed, is_valid, largest_error, session, slipped, slipped_poses
 
 
 @pytest.mark.parametrize("seed", [1, 2, 4])  # of robots 1, 2, and 0, whose pose fixes the body frame
@@ -101,6 +102,23 @@ def test_of_two_slips_each_is_named() -> None:
     found = fed(rows)
     assert [slip.robot for slip in found.causes.slips] == [1, 3]
     assert largest_error(found, tuple(again)) < 5.0
+
+
+def test_after_a_slip_a_change_that_had_not_been_noticed_is_still_covered() -> None:
+    less, poses = LOAD - 0.012 * point_mass(np.array([-0.2, -0.1, 0.1])), slipped_poses(20.0, 1.0, 1, 3)
+    parts = [made_up_rows(300), made_up_rows(40, less, 300), made_up_rows(40, less, 340, poses=poses)]
+    found, worst = session(), 0.0
+    for number, row in enumerate(np.concatenate(parts)):
+        found.take(number, row)
+        if number > 345 and is_valid(found):
+            assert found.estimate is not None
+            assert found.estimate.state.load is not None
+            estimate = found.claimable(found.estimate)
+            deviation = np.sqrt(estimate.covariance.diagonal()[estimate.body.unknowns.theta.start])
+            worst = max(worst, abs(found.estimate.state.load[6] - less[0]) / deviation)
+    assert [slip.robot for slip in found.causes.slips] == [1]
+    assert not found.causes.changes
+    assert worst < 5.0
 
 
 def test_the_offsets_of_gyros_are_those_from_before_a_slip() -> None:

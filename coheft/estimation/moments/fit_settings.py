@@ -29,6 +29,8 @@ POSE_LIMITS: Array = np.repeat([np.radians(5.0), 0.1], 3)
 """A pose is hidden in directions in which its deviation is larger [rad, m]: up to this, steps are nearly linear."""
 _EXACT = 1e-9
 """Standard deviation of an error that is not declared."""
+_LEVER = 1e-5
+"""Least offset of torques per offset of forces [m]: about a line through all grasps, forces alone make none."""
 _WIDE = 2.0
 """A sensor error is hidden where its deviation is more than so many prior deviations; with the prior it never is."""
 _LIGHTEST = 1e-3
@@ -160,7 +162,8 @@ class FitSettings:
 
     def offset_covariance(self, body: BodyModel) -> Array:
         """Prior covariance (6, 6) of the total wrench's offset."""
-        return _of_total(body, np.maximum(self.force_offset, _EXACT), np.maximum(self.torque_offset, _EXACT))
+        least_torque = max(_EXACT, _LEVER * float(np.max(self.force_offset)))
+        return _of_total(body, np.maximum(self.force_offset, _EXACT), np.maximum(self.torque_offset, least_torque))
 
     def offset_variances(self, robots: Sequence[int], guess: Guess) -> Array:
         """Variances (6,) that the wrench offsets of these robots add to the total wrench's, anywhere on the load."""
