@@ -225,12 +225,10 @@ class Suspicion:
         """
         assert cause.robot is not None
         rows = [(number, self._rows[number]) for number in sorted(self._rows) if number >= cause.first]
-        before, hidden = self._before.with_poses_of(known), self._before.estimate.hidden_poses()
-        assert before is not None
-        prior = before.prior
+        before, prior = self._before, self._before.prior
         if before.unnoticed is not None:
             prior = prior.with_process_noise(before.estimate.body.unknowns.theta, before.unnoticed)
-        found = known.slipped(prior, cause.robot, cause.is_load, rows, before.past, hidden)
+        found = known.slipped(prior, cause.robot, cause.is_load, rows, before.past, before.estimate.hidden_poses())
         estimate = found.estimate
         assert estimate is not None
         former_pose, all_rows = before.estimate.state.poses[cause.robot], np.array([row for _, row in rows])
