@@ -3,7 +3,8 @@
 A small slip looks like another load at first, because torques are about another point; a large one contradicts the
 motion of the team. The session reacts to both as if no grasp could slip. Meanwhile a ``Suspicion`` compares all rows
 since then with what was known before, by the log ratios of ``coheft.estimation.moments.suspects``. Only a slip that is
-much likelier than all other causes, and with which all rows fit, replaces what the session has found meanwhile.
+much likelier than all other causes, and with which all rows fit, replaces what the session has found meanwhile. Rows
+that may be from before it are left out then: one of them would mislead more than several from after it tell.
 
 After missing rows, load and grasps may have changed unseen, even both. So there is a suspicion without any notice, and
 nothing is valid while its rows are likelier with a slip.
@@ -60,13 +61,15 @@ class Cause(NamedTuple):
 
     Attributes:
         robot: Index of the robot whose grasp has slipped, None if the cause is the load or a sensor.
-        first: Number of the first row after the change.
+        first: Number of the row that is most likely the first one after the change.
         is_load: Whether the load has changed as well as the grasp.
+        surely: Number of the first row that is after the slip for sure.
     """
 
     robot: int | None
     first: int
     is_load: bool = False
+    surely: int = -1
 
 
 class Before(NamedTuple):
@@ -201,13 +204,17 @@ class Suspicion:
         lead, is_load = max(slip, both) - max(load, sensor, 0.0), both > slip
         doubtful = lead if self._is_load_known else max(lead, load)
         self.favours_change = self.is_after_gap and doubtful > guards.doubt
-        if lead > guards.lead:
-            first = first_of_both if is_load else first
-            each = ratios(first).slips_with_load if is_load else ratios(first).slips
-            robot = int(each.argmax())
-            is_clear = each[robot] - np.delete(each, robot).max(initial=-np.inf) > guards.doubt
-            return Cause(robot, numbers[first], is_load) if is_clear else None
-        return Cause(None, self._first) if max(load, sensor) > slip + guards.lead else None
+        if lead <= guards.lead:
+            return Cause(None, self._first) if max(load, sensor) > slip + guards.lead else None
+        first = first_of_both if is_load else first
+        each = ratios(first).of_slips(is_load)
+        robot = int(each.argmax())
+        if each[robot] - np.delete(each, robot).max(initial=-np.inf) <= guards.doubt:
+            return None
+        surely, least = first, each[robot] - guards.lead
+        while surely < len(numbers) - _LEAST and ratios(surely + 1).of_slips(is_load)[robot] > least:
+            surely += 1
+        return Cause(robot, numbers[first], is_load, numbers[surely])
 
     def _ratios(self, before: Before, evidence: EvidenceAt, rows: Array, start: int) -> LogRatios:
         """Return the log ratios if the row at ``start`` is the first after the change."""
@@ -224,7 +231,7 @@ class Suspicion:
         been knocked out of place: that changes their readings in the same way, but not the wrench.
         """
         assert cause.robot is not None
-        rows = [(number, self._rows[number]) for number in sorted(self._rows) if number >= cause.first]
+        rows = [(number, self._rows[number]) for number in sorted(self._rows) if number >= cause.surely]
         before, prior = self._before, self._before.prior
         if before.unnoticed is not None:
             prior = prior.with_process_noise(before.estimate.body.unknowns.theta, before.unnoticed)

@@ -44,6 +44,10 @@ class LogRatios(NamedTuple):
     slips_with_load: Array
     sensor: float
 
+    def of_slips(self, with_load: bool) -> Array:
+        """Of the slip of each robot, with or without another load."""
+        return self.slips_with_load if with_load else self.slips
+
 
 class _White(NamedTuple):
     """The score, whitened by its covariance without a change.
