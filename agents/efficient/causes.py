@@ -109,8 +109,9 @@ class Causes:
             self._suspicion.add(number, row)
 
     def take_back(self, number: int) -> None:
-        """Forget changes since this row."""
+        """Forget changes and slips since this row."""
         self.changes = [change for change in self.changes if change.first < number]
+        self.slips = [slip for slip in self.slips if slip.first < number]
         self.forget_cause()
 
     def forget_cause(self) -> None:

@@ -29,7 +29,7 @@ class Detected(NamedTuple):
 
     Attributes:
         event: ``LOAD_CHANGED``; ``MISFIT`` if a load that was to be confirmed has not fitted for too long.
-        at: Index of the first row that does not belong to the load, or after ``MISFIT`` is not known to.
+        at: Index of the first row that does not belong to the load; after ``MISFIT``, of the first that may not.
         before: Fit to the rows before.
     """
 
@@ -63,14 +63,13 @@ class ChangeDetector:
         self._confirmation = Confirmation(self._rows)
 
     def confirm(self, since: int) -> None:
-        """From this row on, the load may be another one, until new rows confirm it."""
+        """From this row on, the load may be another one, until new rows confirm it; looks are of use again."""
         self._confirmation.begin(since)
         self._looks.resume()
 
     def take_back(self) -> None:
-        """Rows have been removed: what they have shown does not count."""
+        """Rows have been removed, and looks begin again; a step that they have shown may be in those that are left."""
         self._looks.begin()
-        self.step.mass = 0.0
 
     def settle(self) -> None:
         """What was detected has been dealt with: the present load is that of the newest rows."""

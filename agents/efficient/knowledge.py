@@ -102,6 +102,11 @@ class Knowledge:
         return self._count <= _EXACT_UP_TO
 
     @property
+    def may_show_slips(self) -> bool:
+        """Whether a slip can be told from another load: a robot that holds it alone cannot."""
+        return self.is_small and self._count > 1
+
+    @property
     def drift(self) -> Array:
         """Variance of the drift of motion sensors since their offsets, the mean innovations, were determined, in units
         of the noise of rows, shape (N, 12) or (1, 12).

@@ -67,6 +67,7 @@ class Session:
         self._acceptance = Acceptance(settings, guards, rows)
         self._detector = ChangeDetector(rows, guards, own * rows.turn // count)
         self._newest = -1  # number of the newest row
+        self._oldest = -1  # rows before this number are from before a slip
         self._begin(Knowledge(count, anchor, settings, guards, prior))
         if prior is not None:
             self.stage = TRANSITIONS[self.stage, Event.FITTED]
@@ -90,11 +91,14 @@ class Session:
             case Event.SLIPPED, Knowledge() as known:
                 self.stage = TRANSITIONS[self.stage, Event.SLIPPED]
                 self._begin(known)
+                self._oldest = known.buffer.numbers[0]
                 self._detector.confirm(since=self._newest + 1)
             case Event.STARTED_OVER, None:
                 self._start_over()
 
     def _take(self, number: int, row: Array) -> None:
+        if number < self._oldest:
+            return
         known, buffer = self._known, self._known.buffer
         if self._newest < 0:
             if self.stage is Stage.ESTIMATING:  # another team has known this before
@@ -126,7 +130,7 @@ class Session:
     def _expect_changes(self, since: int) -> None:
         """Rows before this one were missing, or not used: load and grasps may have changed meanwhile."""
         self._detector.confirm(since)
-        if self.stage is Stage.ESTIMATING and self._known.is_small:
+        if self.stage is Stage.ESTIMATING and self._known.may_show_slips:
             self.causes.expect(self._known, since, self._detector.step)
 
     def _check_motion(self, number: int, residuals: Array) -> bool:
@@ -191,6 +195,7 @@ class Session:
         if event is Event.EXCEEDED:
             self.causes.forget_cause()
         self.causes.start_over()
+        self._oldest = -1
         self.stage = TRANSITIONS[self.stage, event]
         self._begin(Knowledge(self._count, self._anchor, self.settings, self._guards))
 
@@ -263,7 +268,7 @@ class Session:
     def _suspect(self, index: int, is_load: bool) -> None:
         """See ``Causes.suspect``."""
         is_known = self.stage is Stage.ESTIMATING and not self._known.misses_poses
-        if is_known and self._known.is_small:
+        if is_known and self._known.may_show_slips:
             self.causes.suspect(self._known, index, self._newest, is_load, self._detector.step)
 
     # --- what is known ---

@@ -4,7 +4,7 @@ A small slip looks like another load at first, because torques are about another
 motion of the team. The session reacts to both as if no grasp could slip. Meanwhile a ``Suspicion`` compares all rows
 since then with what was known before, by the log ratios of ``coheft.estimation.moments.suspects``. Only a slip that is
 much likelier than all other causes, and with which all rows fit, replaces what the session has found meanwhile. Rows
-that may be from before it are left out then: one of them would mislead more than several from after it tell.
+that may be from before it are left out then: one of them would do more harm than several later rows do good.
 
 After missing rows, load and grasps may have changed unseen, even both. So there is a suspicion without any notice, and
 nothing is valid while its rows are likelier with a slip.
@@ -63,13 +63,13 @@ class Cause(NamedTuple):
         robot: Index of the robot whose grasp has slipped, None if the cause is the load or a sensor.
         first: Number of the row that is most likely the first one after the change.
         is_load: Whether the load has changed as well as the grasp.
-        surely: Number of the first row that is after the slip for sure.
+        certain: Number of the last row that may well be the first one after the slip.
     """
 
     robot: int | None
     first: int
     is_load: bool = False
-    surely: int = -1
+    certain: int = -1
 
 
 class Before(NamedTuple):
@@ -209,12 +209,14 @@ class Suspicion:
         first = first_of_both if is_load else first
         each = ratios(first).of_slips(is_load)
         robot = int(each.argmax())
-        if each[robot] - np.delete(each, robot).max(initial=-np.inf) <= guards.doubt:
+        if each[robot] - np.delete(each, robot).max() <= guards.doubt:
             return None
-        surely, least = first, each[robot] - guards.lead
-        while surely < len(numbers) - _LEAST and ratios(surely + 1).of_slips(is_load)[robot] > least:
-            surely += 1
-        return Cause(robot, numbers[first], is_load, numbers[surely])
+        certain, least = first, each[robot] - guards.lead
+        while certain + 1 < len(numbers) and ratios(certain + 1).of_slips(is_load)[robot] > least:
+            certain += 1
+        if certain > len(numbers) - _LEAST:  # too few rows are from after it
+            return None
+        return Cause(robot, numbers[first], is_load, numbers[certain])
 
     def _ratios(self, before: Before, evidence: EvidenceAt, rows: Array, start: int) -> LogRatios:
         """Return the log ratios if the row at ``start`` is the first after the change."""
@@ -231,7 +233,7 @@ class Suspicion:
         been knocked out of place: that changes their readings in the same way, but not the wrench.
         """
         assert cause.robot is not None
-        rows = [(number, self._rows[number]) for number in sorted(self._rows) if number >= cause.surely]
+        rows = [(number, self._rows[number]) for number in sorted(self._rows) if number >= cause.certain]
         before, prior = self._before, self._before.prior
         if before.unnoticed is not None:
             prior = prior.with_process_noise(before.estimate.body.unknowns.theta, before.unnoticed)

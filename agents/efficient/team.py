@@ -174,7 +174,7 @@ class Team:
         session = self.session
         if self._unclear_since is None:  # so that a slip that is named in the block in which it shows has a time
             self._unclear_since = index
-        del self.noticed[len(session.causes.changes) :]
+        del self.noticed[len(session.causes.changes) :], self.noticed_slips[len(session.causes.slips) :]
         self.noticed += [index] * (len(session.causes.changes) - len(self.noticed))
         self.noticed_slips += [(self._unclear_since, index)] * (len(session.causes.slips) - len(self.noticed_slips))
         if session.contradicting is None and not session.causes.is_open:

@@ -16,6 +16,7 @@ from coheft.estimation.moments.claims import claim_of
 from coheft.estimation.moments.fit_settings import FitSettings
 from coheft.estimation.moments.rows import FORCE, ROW_SIZE, WRENCH, A, RowNoise
 from tests.efficient.rows import LOAD, PERIOD, POSES, made_up_rows
+from tests.efficient.sessions import slipped_poses
 
 COUNT = len(POSES)
 SETTINGS = FitSettings(RowNoise.of_samples(SensorNoise(), 20, 1000.0), PERIOD)
@@ -115,6 +116,31 @@ def test_a_robot_whose_sensor_is_off_is_named_and_its_rows_are_not_learned_from(
     assert_right(found)
     clean = fed(np.delete(made_up_rows(200), range(150, 170), axis=0))
     np.testing.assert_allclose(state_of(found), state_of(clean), atol=2e-2)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_robot_that_holds_the_load_alone_tells_no_slip(seed: int) -> None:
+    former, slipped = session(), slipped_poses(20.0, 1.0, 0, seed)
+    for number, row in enumerate(made_up_rows(150)):
+        former.take(number, row)
+    prior = former.hand_over(0.0)
+    assert prior is not None
+    settings = former.settings
+    found = Session(1, 0, settings, Guards(), prior.for_team([0], settings, settings))
+    for number, row in enumerate(made_up_rows(150, 0.9 * LOAD, 150, poses=slipped)):
+        found.take(number, np.append(row[:ROW_SIZE], row[-1]))
+    assert not found.causes.slips
+
+
+@pytest.mark.parametrize(("force", "torque"), [((1.0, 0.5, 0.5, 0.5), 0.1), (0.5, (0.1, 0.1, 0.1, 0.2))])
+def test_offsets_of_forces_may_differ_between_robots_where_those_of_torques_do_not(
+    force: float | tuple[float, ...], torque: float | tuple[float, ...]
+) -> None:
+    noise, of_force, of_torque = RowNoise.of_samples(SensorNoise(), 20, 1000.0), np.array(force), np.array(torque)
+    found = Session(4, 0, FitSettings(noise, PERIOD, force_offset=of_force, torque_offset=of_torque), Guards())
+    for number, row in enumerate(made_up_rows(60)):
+        found.take(number, row)
+    assert found.stage is Stage.ESTIMATING
 
 
 @pytest.mark.parametrize("pair", [(0, 1), (0, 2), (1, 3)])

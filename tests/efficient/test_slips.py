@@ -104,6 +104,20 @@ def test_of_two_slips_each_is_named() -> None:
     assert largest_error(found, tuple(again)) < 5.0
 
 
+def test_rows_from_before_a_slip_that_come_late_are_not_used() -> None:
+    rows, poses = slipped(20.0, 1.0, 1, 3)
+    late, found, errors = range(BEFORE - 10, BEFORE - 4), session(), list[float]()
+    numbers = [number for number in range(BEFORE + 60) if number not in late]
+    named = numbers.index(BEFORE + 20)
+    for number in [*numbers[:named], *late, *numbers[named:]]:
+        found.take(number, rows[number])
+        if number >= BEFORE + 20 and is_valid(found):
+            errors.append(largest_error(found, poses))
+    assert [slip.robot for slip in found.causes.slips] == [1]
+    assert len(errors) > 30
+    assert max(errors) < 5.0
+
+
 def test_after_a_slip_a_change_that_had_not_been_noticed_is_still_covered() -> None:
     less, poses = LOAD - 0.012 * point_mass(np.array([-0.2, -0.1, 0.1])), slipped_poses(20.0, 1.0, 1, 3)
     parts = [made_up_rows(300), made_up_rows(40, less, 300), made_up_rows(40, less, 340, poses=poses)]

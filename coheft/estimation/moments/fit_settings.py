@@ -217,6 +217,7 @@ class FitSettings:
 
 def _of_total(body: BodyModel, force: float | Array, torque: float | Array) -> Array:
     """Covariance (6, 6) of the total wrench, about the body frame, for these deviations of each robot's wrench."""
+    force, torque = np.broadcast_arrays(force, torque)
     spread = np.repeat(np.stack([force**2, torque**2], axis=-1), 3, axis=-1)
     covariance: Array = (body.adjoints * spread[..., None, :] @ body.adjoints.swapaxes(1, 2)).sum(axis=0)
     return covariance
