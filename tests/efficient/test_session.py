@@ -10,7 +10,7 @@ from coheft.agents.efficient.judge import Outcome
 from coheft.agents.efficient.session import Session
 from coheft.agents.efficient.settings import Guards, RowCounts
 from coheft.agents.efficient.stages import TRANSITIONS, Event, Stage
-from coheft.estimation.geometry.spatial import Array
+from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.moments.claims import claim_of
 from coheft.estimation.moments.fit_settings import FitSettings
@@ -118,18 +118,25 @@ def test_a_robot_whose_sensor_is_off_is_named_and_its_rows_are_not_learned_from(
     np.testing.assert_allclose(state_of(found), state_of(clean), atol=2e-2)
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+def carried_by(robots: tuple[int, ...], rows: Array, poses: tuple[Pose, ...] = POSES) -> Array:
+    """Rows of only these robots, of which the first carries what the others have carried."""
+    whole = rows[:, :-1].copy().reshape(len(rows), len(POSES), ROW_SIZE)
+    for robot in {*range(len(POSES))} - {*robots}:
+        to_first = (poses[robots[0]].inverse() @ poses[robot]).adjoint()
+        whole[:, robots[0], WRENCH] += whole[:, robot, WRENCH] @ to_first.T
+    return np.hstack([whole[:, robots].reshape(len(rows), -1), rows[:, -1:]])
+
+
+@pytest.mark.parametrize("seed", range(3))
 def test_a_robot_that_holds_the_load_alone_tells_no_slip(seed: int) -> None:
-    former, slipped = session(), slipped_poses(20.0, 1.0, 0, seed)
-    for number, row in enumerate(made_up_rows(150)):
-        former.take(number, row)
-    prior = former.hand_over(0.0)
-    assert prior is not None
-    settings = former.settings
-    found = Session(1, 0, settings, Guards(), prior.for_team([0], settings, settings))
-    for number, row in enumerate(made_up_rows(150, 0.9 * LOAD, 150, poses=slipped)):
-        found.take(number, np.append(row[:ROW_SIZE], row[-1]))
+    poses, found = slipped_poses(20.0, 1.0, 0, seed), Session(1, 0, session().settings, Guards())
+    rows = [made_up_rows(150), made_up_rows(120, first=162, poses=poses)]
+    for number, row in enumerate(carried_by((0,), rows[0])):
+        found.take(number, row)
+    for number, row in enumerate(carried_by((0,), rows[1], poses), 162):
+        found.take(number, row)
     assert not found.causes.slips
+    assert [change.first for change in found.causes.changes] == [162]
 
 
 @pytest.mark.parametrize(("force", "torque"), [((1.0, 0.5, 0.5, 0.5), 0.1), (0.5, (0.1, 0.1, 0.1, 0.2))])
@@ -148,12 +155,7 @@ def test_two_robots_of_which_only_forces_may_be_off_estimate_the_load(pair: tupl
     noise = RowNoise.of_samples(SensorNoise(), 20, 1000.0)
     found = Session(2, 0, FitSettings(noise, PERIOD, force_offset=0.5), Guards())
     rows = np.concatenate([made_up_rows(120), made_up_rows(80, 1.1 * LOAD, 120)])
-    whole = rows[:, :-1].reshape(len(rows), len(POSES), ROW_SIZE)
-    others = [robot for robot in range(len(POSES)) if robot not in pair]
-    for robot in others:  # the first of the pair carries for them
-        to_first = (POSES[pair[0]].inverse() @ POSES[robot]).adjoint()
-        whole[:, pair[0], WRENCH] += whole[:, robot, WRENCH] @ to_first.T
-    for number, row in enumerate(np.hstack([whole[:, pair].reshape(len(rows), -1), rows[:, -1:]])):
+    for number, row in enumerate(carried_by(pair, rows)):
         found.take(number, row)
     assert found.stage is not Stage.GATHERING
     assert [change.first for change in found.causes.changes] == [120]

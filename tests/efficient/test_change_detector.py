@@ -1,0 +1,35 @@
+"""When another load is looked for."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from coheft.agents.efficient.change_detector import ChangeDetector
+from coheft.agents.efficient.innovations import EvaluatedRow
+from coheft.agents.efficient.looks import Looks
+from coheft.agents.efficient.settings import Guards, RowCounts
+from tests.efficient.rows import PERIOD
+
+GUARDS = Guards()
+ROWS = RowCounts.of(GUARDS, PERIOD)
+
+
+def due(residuals: list[float]) -> list[int]:
+    """The rows after which looks are due, for residuals along another mass in standard deviations."""
+    looks = Looks(ROWS, GUARDS, turn=ROWS.turn - 1)
+    rows = [EvaluatedRow(np.zeros(19), np.zeros(6), each, np.zeros(12)) for each in residuals]
+    return [number for number, row in enumerate(rows) if looks.are_due(number, row)]
+
+
+def test_a_look_is_due_when_the_newest_rows_together_show_another_mass() -> None:
+    one_look = [ROWS.turn - 1]  # in turn
+    assert due([0.5] * ROWS.turn) == one_look
+    assert due([1.0] * ROWS.turn) == [ROWS.shortest - 1, *one_look]
+    assert due([1.0, -1.0] * (ROWS.turn // 2)) == one_look
+
+
+def test_where_the_load_has_to_be_confirmed_looks_are_of_use_again() -> None:
+    detector = ChangeDetector(ROWS, GUARDS, 0)
+    detector._looks.pause(until=1000)
+    detector.confirm(since=60)
+    assert not detector._looks.are_paused(60)
