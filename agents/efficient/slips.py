@@ -27,7 +27,7 @@ from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.settings import Guards
 from coheft.agents.efficient.small_steps import UnnoticedStep
 from coheft.estimation.geometry.spatial import Array, Pose
-from coheft.estimation.moments.body import FORCING, REGRESSOR, load_operator, residual_covariance
+from coheft.estimation.moments.body import FORCING, MOTION_SIZE, REGRESSOR, load_operator, residual_covariance
 from coheft.estimation.moments.chapter import EvidenceAt, Prior
 from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.moments import RowMoments, evaluated_moments, robot_indices
@@ -233,18 +233,29 @@ class Suspicion:
         been knocked out of place: that changes their readings in the same way, but not the wrench.
         """
         assert cause.robot is not None
-        rows = [(number, self._rows[number]) for number in sorted(self._rows) if number >= cause.certain]
-        before, prior = self._before, self._before.prior
-        if before.unnoticed is not None:
-            prior = prior.with_process_noise(before.estimate.body.unknowns.theta, before.unnoticed)
-        found = known.slipped(prior, cause.robot, cause.is_load, rows, before.past, before.estimate.hidden_poses())
+        before, numbers = self._before, sorted(self._rows)
+        rows, start = np.array([self._rows[number] for number in numbers]), bisect_left(numbers, cause.certain)
+        found = self._slipped(known, cause, numbers[start:], rows[start:])
+        later = _latest_start(before.estimate, found, rows, guards.lead)
+        if len(numbers) - max(start, later) < _LEAST:
+            return None
+        if later > start:
+            start, found = later, self._slipped(known, cause, numbers[later:], rows[later:])
         estimate = found.estimate
         assert estimate is not None
-        former_pose, all_rows = before.estimate.state.poses[cause.robot], np.array([row for _, row in rows])
+        former_pose, all_rows = before.estimate.state.poses[cause.robot], rows[start:]
         least = guards.doubt if cause.is_load else guards.lead  # wrenches of an unknown load show less
         if _log_ratio_to_knock(estimate, cause.robot, former_pose, all_rows, cause.is_load) < least:
             return None
         return found if found.judge().outcome is Outcome.FITS else None
+
+    def _slipped(self, known: Knowledge, cause: Cause, numbers: list[int], rows: Array) -> Knowledge:
+        """Return the knowledge from what was known before and these rows, if the grasp slipped in between."""
+        assert cause.robot is not None
+        before, prior, named = self._before, self._before.prior, zip(numbers, rows, strict=True)
+        if before.unnoticed is not None:
+            prior = prior.with_process_noise(before.estimate.body.unknowns.theta, before.unnoticed)
+        return known.slipped(prior, cause.robot, cause.is_load, named, before.past, before.estimate.hidden_poses())
 
     @property
     def former_load(self) -> Array:
@@ -265,6 +276,29 @@ def _likeliest(count: int, index: int, ratio: Callable[[int], float]) -> tuple[f
         step = (step + 1) // 2
         best = max({best, max(best - step, 0), min(best + step, last)}, key=ratio)
     return ratio(best), best
+
+
+def _latest_start(before: Estimate, after: Knowledge, rows: Array, lead: float) -> int:
+    """Return the index of the last of rows (n, X) that may well be the first one after a slip, by residuals at the
+    estimates before and after it.
+    """
+    assert after.estimate is not None
+    mean = after.innovations.mean_residuals
+    of_before, of_after = (_squares(estimate, rows, mean) for estimate in (before, after.estimate))
+    ratios = np.cumsum(0.5 * (of_before - of_after)[::-1])[::-1]  # if each row is the first one
+    return int(np.flatnonzero(ratios >= ratios.max() - lead)[-1])
+
+
+def _squares(estimate: Estimate, rows: Array, mean: Array) -> Array:
+    """Squared residuals (n,) of rows (n, X) at an estimate, with these mean residuals of motion sensors."""
+    body, load = estimate.body, estimate.state.load
+    assert load is not None
+    motion = rows @ body.motion_map.T
+    of_motion = body.residuals(rows, motion[:, :MOTION_SIZE]).reshape(len(rows), -1) - mean
+    wrench = (rows @ body.wrench_map.T - motion[:, FORCING] @ load_operator(load).T).T
+    of_wrench = np.linalg.solve(np.linalg.cholesky(residual_covariance(body, load)), wrench)
+    result: Array = np.square(of_motion).sum(axis=1) + np.square(of_wrench).sum(axis=0)
+    return result
 
 
 def _log_ratio_to_knock(estimate: Estimate, robot: int, former_pose: Pose, rows: Array, is_load: bool) -> float:
