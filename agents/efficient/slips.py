@@ -63,13 +63,11 @@ class Cause(NamedTuple):
         robot: Index of the robot whose grasp has slipped, None if the cause is the load or a sensor.
         first: Number of the row that is most likely the first one after the change.
         is_load: Whether the load has changed as well as the grasp.
-        certain: Number of the last row that may well be the first one after the slip.
     """
 
     robot: int | None
     first: int
     is_load: bool = False
-    certain: int = -1
 
 
 class Before(NamedTuple):
@@ -211,12 +209,7 @@ class Suspicion:
         robot = int(each.argmax())
         if each[robot] - np.delete(each, robot).max() <= guards.doubt:
             return None
-        certain, least = first, each[robot] - guards.lead
-        while certain + 1 < len(numbers) and ratios(certain + 1).of_slips(is_load)[robot] > least:
-            certain += 1
-        if certain > len(numbers) - _LEAST:  # too few rows are from after it
-            return None
-        return Cause(robot, numbers[first], is_load, numbers[certain])
+        return Cause(robot, numbers[first], is_load)
 
     def _ratios(self, before: Before, evidence: EvidenceAt, rows: Array, start: int) -> LogRatios:
         """Return the log ratios if the row at ``start`` is the first after the change."""
@@ -234,7 +227,7 @@ class Suspicion:
         """
         assert cause.robot is not None
         before, numbers = self._before, sorted(self._rows)
-        rows, start = np.array([self._rows[number] for number in numbers]), bisect_left(numbers, cause.certain)
+        rows, start = np.array([self._rows[number] for number in numbers]), bisect_left(numbers, cause.first)
         found = self._slipped(known, cause, numbers[start:], rows[start:])
         later = _latest_start(before.estimate, found, rows, guards.lead)
         if len(numbers) - max(start, later) < _LEAST:

@@ -88,7 +88,7 @@ ONCE_BROKEN_AWAY = (
     1034123478,
 )
 """As they are drawn: the load changes while a robot is away, or rows are damaged."""
-ONCE_BROKEN_BY_UNSEEN_SLIPS = (1012287755, 1012287842, 1023698510, 1036598597, 1036599028, 1057616260)
+ONCE_BROKEN_BY_UNSEEN_SLIPS = (1012287755, 1012287842, 1023698510, 1036598597, 1036599028, 1057616260, 1059460205)
 """As they are drawn: a grasp slips while another robot is away, or its sensors are off; or contradicts repeatedly."""
 DRAWN = {
     **{seed: draw_schedule(seed, delayed=False, is_exact=True) for seed in ONCE_BROKEN},
