@@ -132,7 +132,7 @@ SHOWN_BY = {
     "rare-fits": draw_schedule(1062000043),
     "without-offset": draw_schedule(4645, is_exact=True),
     "without-fresh-change": draw_schedule(4220, delayed=False, is_exact=True),
-    "without-calm": draw_schedule(20901),
+    "without-calm": draw_schedule(1051552774),
     "without-tolerance": _LATE,
     "without-after-gap": draw_schedule(1036598359),
     "without-restless": draw_schedule(1036598597),
