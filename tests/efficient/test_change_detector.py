@@ -28,6 +28,16 @@ def test_a_look_is_due_when_the_newest_rows_together_show_another_mass() -> None
     assert due([1.0, -1.0] * (ROWS.turn // 2)) == one_look
 
 
+def test_rows_that_are_removed_start_no_look() -> None:
+    detector, row = (
+        ChangeDetector(ROWS, GUARDS, ROWS.turn - 1),
+        EvaluatedRow(np.zeros(19), np.zeros(6), 1.0, np.zeros(12)),
+    )
+    assert not any(detector.is_due(number, row) for number in range(ROWS.shortest - 1))
+    detector.take_back()
+    assert not detector.is_due(ROWS.shortest - 1, row)
+
+
 def test_where_the_load_has_to_be_confirmed_looks_are_of_use_again() -> None:
     detector = ChangeDetector(ROWS, GUARDS, 0)
     detector._looks.pause(until=1000)

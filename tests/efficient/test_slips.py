@@ -10,6 +10,8 @@ import pytest
 from coheft.agents.efficient.innovations import Innovations
 from coheft.agents.efficient.session import Session
 from coheft.agents.efficient.settings import Guards
+from coheft.agents.efficient.slips import Before
+from coheft.agents.efficient.small_steps import UnnoticedStep
 from coheft.estimation.geometry.spatial import Pose, rotation_exp
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.moments.chapter import Chapter
@@ -102,6 +104,34 @@ def test_of_two_slips_each_is_named() -> None:
     found = fed(rows)
     assert [slip.robot for slip in found.causes.slips] == [1, 3]
     assert largest_error(found, tuple(again)) < 5.0
+
+
+def test_a_slip_that_removed_rows_have_shown_is_forgotten() -> None:
+    rows, _ = slipped(20.0, 1.0, 1, 3)
+    found = fed(rows[: BEFORE + 40])
+    assert len(found.causes.slips) == 1
+    found.take_back(BEFORE - 20)
+    assert found.causes.slips == []
+
+
+def test_what_was_known_stays_the_same_where_a_pose_is_filled_in() -> None:
+    known = fed(made_up_rows(BEFORE))._known
+    assert known.estimate is not None
+    before = Before.of(known, BEFORE, UnnoticedStep(1, Guards()))
+    hidden, own = before.estimate.hidden.copy(), before.estimate.body.unknowns.poses[2]
+    hidden[own, own] += 1.0
+    poses = list(known.estimate.state.poses)
+    poses[2] = poses[2] @ Pose(rotation_exp(np.array([0.0, 0.0, 1e-3])), np.array([1e-3, 0.0, 0.0]))
+    former = replace(before.prior.state, poses=tuple(poses))
+    moved = before._replace(
+        estimate=replace(before.estimate, hidden=hidden), prior=replace(before.prior, state=former)
+    ).with_poses_of(known)
+    assert moved is not None
+    body = known.estimate.body
+    there, here = moved.prior.at(body).score, replace(before.prior, state=former).at(body).score
+    scale = np.sqrt(before.prior.evidence.information.diagonal())
+    seen = scale > 0.0
+    assert (there - here)[seen] / scale[seen] == pytest.approx(0.0, abs=0.1)
 
 
 def test_rows_from_before_a_slip_that_come_late_are_not_used() -> None:
