@@ -10,7 +10,6 @@ fitted as if ``d`` were zero.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 from coheft.estimation.geometry.spatial import Array
@@ -88,9 +87,8 @@ class LoadDrift(NamedTuple):
 
     def cover(self, estimate: Estimate, lag: Array) -> Estimate:
         """Return an estimate whose covariance covers the drift; ``lag`` is its ``R``, (10, 10)."""
-        theta, seen = estimate.body.unknowns.theta, estimate.seen.copy()
-        seen[theta, theta] += (_PUBLISHED * self.step / self.rows) ** 2 * lag @ _spread(estimate) @ lag.T
-        return replace(estimate, seen=seen)
+        noise = (_PUBLISHED * self.step / self.rows) ** 2 * lag @ _spread(estimate) @ lag.T
+        return estimate.with_process_noise(estimate.body.unknowns.theta, noise)
 
 
 def _spread(estimate: Estimate) -> Array:

@@ -5,8 +5,6 @@ covariance of theta + s^2 E[x x^T],    s = standard deviation of the change [kg]
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from coheft.agents.efficient.settings import Guards
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.change import SmallSteps, spread_mass
@@ -57,8 +55,4 @@ class UnnoticedStep:
     def cover(self, estimate: Estimate) -> Estimate:
         """Return an estimate whose covariance covers the step."""
         noise = self.process_noise(estimate)
-        if noise is None:
-            return estimate
-        seen, theta = estimate.seen.copy(), estimate.body.unknowns.theta
-        seen[theta, theta] += noise
-        return replace(estimate, seen=seen)
+        return estimate if noise is None else estimate.with_process_noise(estimate.body.unknowns.theta, noise)

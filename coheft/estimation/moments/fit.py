@@ -6,7 +6,7 @@ step = (sum of informations)^-1 (sum of scores),    sum over motion, wrench, pri
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -65,6 +65,12 @@ class Estimate:
     def misses_poses(self) -> bool:
         """Whether any robot's pose is hidden."""
         return bool(self.hidden_poses().any())
+
+    def with_process_noise(self, indices: slice, covariance: Array) -> Estimate:
+        """Return the same, less certain: these unknowns have changed since, by a step with this covariance (k, k)."""
+        seen = self.seen.copy()
+        seen[indices, indices] += covariance
+        return replace(self, seen=seen)
 
     def hidden_poses(self, limits: Array = POSE_LIMITS) -> Flags:
         """Whether a robot's pose is hidden or less certain than ``limits`` (6,) in any component, shape (N,)."""
