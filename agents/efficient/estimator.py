@@ -236,9 +236,12 @@ def _in_words(verdict: Verdict, names: list[str]) -> str:
 
 def _undeclared_in_words(found: UndeclaredError, names: list[str]) -> tuple[str, str]:
     """Say which sensor, and what is wrong with it."""
+    whose = "a robot" if found.robot is None else names[found.robot]
+    if found.kind == "clock":
+        return f"the clock of {whose}", "be off"
     sensor, _, what = found.kind.partition("_")
-    words = {"bias": "have an offset", "mounting": "be turned", "scale": "have another scale"}
-    return f"the {SENSOR_NAMES[sensor]} of {names[found.robot]}", words.get(what, "be elsewhere")
+    words = {"bias": "have an offset", "mounting": "be turned", "scale": "have another scale", "delay": "be late"}
+    return f"the {SENSOR_NAMES.get(sensor, sensor)} of {whose}", words.get(what, "be elsewhere")
 
 
 def _in_first(names: list[str], poses: tuple[Pose, ...]) -> dict[str, Pose]:

@@ -22,9 +22,11 @@ from coheft.estimation.moments.body import (
 from coheft.estimation.moments.change import Look, SmallSteps, Weights, look_for_change, one_kilogram
 from coheft.estimation.moments.chapter import Chapter
 from coheft.estimation.moments.fit import Estimate
+from coheft.estimation.moments.late_sensors import late_sensor
 from coheft.estimation.moments.moments import view_moments
 from coheft.estimation.moments.row_buffer import VIEW_SIZE, RowBuffer
 from coheft.estimation.moments.rows import KINEMATICS_SIZE, ROW_SIZE, TWIST, WRENCH_SIZE
+from coheft.estimation.moments.undeclared import UndeclaredError
 from coheft.estimation.moments.unknowns import LOAD_SIZE, THETA
 
 _MOTION = VIEW_SIZE + WRENCH_SIZE
@@ -131,6 +133,13 @@ class Innovations:
         evaluated = rows @ self._matrix[VIEW_SIZE:].T
         motion = self._body.residuals(rows, evaluated[:, WRENCH_SIZE:]) - self.mean_residuals
         return evaluated[:, None, :WRENCH_SIZE], motion.reshape(len(rows), -1, KINEMATICS_SIZE)
+
+    def late_sensor(self, buffer: RowBuffer, period: float, false_alarm: float) -> UndeclaredError | None:
+        """Run the test for delays with tolerance zero on the rows of the load, see ``late_sensors.late_sensor``."""
+        rows, numbers = buffer.window(buffer.start), buffer.numbers[buffer.start : buffer.count]
+        wrench, motion = self.residuals(rows)
+        by_wrench = self._matrix[VIEW_SIZE:_MOTION]
+        return late_sensor(self._body, rows, numbers, (wrench[:, 0], motion), by_wrench, period, false_alarm)
 
     def gram(self, buffer: RowBuffer) -> Array:
         """Return the Gram matrix of the views of all rows of the load, shape (19, 19)."""

@@ -87,8 +87,6 @@ def judge(
     if not _fits(wrench, wrench.size - _LOAD, guards.largest_wrench_misfit, guards):
         return Verdict(Outcome.NO_LOAD)
     found = explanations(body, innovations.gram(buffer), assumed)
-    if found.both > guards.largest_constant_offset and not settings.has_offset:
-        return Verdict(Outcome.NO_LOAD)
     is_load = found.load > found.sensor and _has_another_mass(estimate, assumed, guards)
     if load_before is None or found.sensor < guards.largest_offset or is_load:
         is_beyond = _has_offset_beyond_tolerance(estimate, settings, guards)

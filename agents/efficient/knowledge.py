@@ -147,11 +147,12 @@ class Knowledge:
 
     def undeclared_error(self) -> UndeclaredError | None:
         """Return the most significant sensor error with tolerance zero, or None; large teams do not test."""
-        if self.estimate is None or not self.is_small:
+        estimate, settings, false_alarm = self.estimate, self._settings, self._guards.undeclared
+        if estimate is None or not self.is_small:
             return None
-        return undeclared_error(
-            self.estimate, self._guess, self._chapter, self._settings, self._anchor, self._guards.undeclared
-        )
+        constant = undeclared_error(estimate, self._guess, self._chapter, settings, self._anchor, false_alarm)
+        late = self.innovations.late_sensor(self.buffer, settings.period, false_alarm)
+        return max(filter(None, (constant, late)), key=lambda error: error.size, default=None)
 
     def covering(self, estimate: Estimate, drift: LoadDrift | None, end: int | None = None) -> Estimate:
         """Return an estimate whose covariance covers the drift of the load up to the row before an index, or up to now;

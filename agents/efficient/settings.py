@@ -80,7 +80,6 @@ class Guards:
         energy: Standard deviations by which the sum of all squared residuals may exceed its expectation.
         noise_tolerance: Share by which the variance of the noise may exceed its nominal value.
         offset: Probability that a sensor offset seems to explain the wrenches of another load by chance.
-        constant_offset: Probability that a sensor seems to have had an offset all the time by chance, for any load.
         fresh_change: Largest statistic of a change within the rows of a load that is fitted for the first time, over
             its threshold: some 1e-7 by chance.
         calm: A load that is forgotten again sooner than this needs twice as many rows [s]: a sensor may be faulty from
@@ -134,7 +133,6 @@ class Guards:
     energy: float = 6.0
     noise_tolerance: float = 0.2
     offset: float = 1e-4
-    constant_offset: float = 1e-9
     fresh_change: float = 0.65
     calm: float = 1.0
     restless: float = 3.0
@@ -195,11 +193,6 @@ class Guards:
     def least_recent_step(self) -> float:
         """Chi-square of a recent step of the mass."""
         return chi_square_threshold(1, self.recent_step)
-
-    @property
-    def largest_constant_offset(self) -> float:
-        """Chi-square of a sensor's offset beside a load, minus the three that chance alone gives."""
-        return chi_square_threshold(3, self.constant_offset) - 3.0
 
     @property
     def lead(self) -> float:

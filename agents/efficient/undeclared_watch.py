@@ -35,7 +35,7 @@ class UndeclaredWatch:
     def begin(self, least: int) -> None:
         """Start again with other rows; to find an error takes so many."""
         self._least, self._next, self._tested_with = least, 0, 0
-        self._last_found: tuple[int, str] | None = None
+        self._last_found: tuple[int | None, str] | None = None
 
     def dismiss(self, since: int) -> None:
         """An error that is only suspected since this row or later was no error."""

@@ -58,6 +58,7 @@ class Case:
                 continue
             session.take(number, row)
             is_clear = session.contradicting is None and not session.causes.is_open
+            is_clear = is_clear and session.undeclared is None and session.suspected is None
             if session.stage is Stage.ESTIMATING and is_clear and session.is_confirmed:
                 history.valid.append(number)
                 history.errors.append(_error(session, self.own, self.loads[number] if self.loads else LOAD))
@@ -138,10 +139,10 @@ CASES = {
     "surprise": Case(shifted(0.05)[0], lambda session, _: session.causes.changes[0].noticed < 203, own=3),
     "contradiction": Case(off(150, 170, 200, 1, A.start, 0.3), lambda _, then: not {*range(152, 170)} & {*then.valid}),
     "lasting": Case(slipped(), lambda session, then: then.valid[-1] > 390 and session.estimate is not None),
-    "misfit": Case(off(8, 16, 200, 2, FORCE.start, 0.5), lambda _, then: then.is_sure and then.valid[0] > 40),
+    "misfit": Case(off(8, 16, 200, 2, FORCE.start, 0.5), lambda _, then: then.is_sure and 40 < then.valid[0] < 60),
     "energy": Case(made_up_rows(200), lambda _, then: then.valid[-1] < 199, told=0.8),
     "noise_tolerance": Case(made_up_rows(400), lambda _, then: len(then.valid) > 350, told=0.94),
-    "constant_offset": Case(off(0, 400, 400, 2, FORCE.start, 0.25), lambda _, then: then.is_sure),
+    "undeclared": Case(off(0, 400, 400, 2, FORCE.start, 0.25), lambda _, then: then.is_sure),
     "mass": Case(off(200, 400, 400, 2, TORQUE.start, 0.125), lambda _, then: then.is_sure),
     "mass_surprise": Case(changed(0.0015)[0], lambda _, then: is_sure_after(then, 216), changed(0.0015)[1], own=3),
     "recent_step": Case(changed(0.006)[0], lambda _, then: is_sure_after(then, 205), changed(0.006)[1], own=3),

@@ -175,7 +175,7 @@ def test_a_load_that_shifts_at_a_step_of_its_drift_has_changed_once() -> None:
 
 
 def test_an_offset_that_no_change_explains_is_no_step() -> None:
-    rows = two_steps(60)
+    rows = two_steps(70)
     rows[120:, 2 * ROW_SIZE + FORCE.start] += 0.25
     assert len(after(rows).causes.changes) == 2
 

@@ -84,7 +84,7 @@ def _no_rival(explanations: Function) -> Function:
     """Treat everything that looks like a load change as one."""
 
     def mutant(*arguments: Any) -> Explanations:
-        return Explanations(np.inf, 0.0, 0.0, 0, "force")
+        return Explanations(np.inf, 0.0, 0, "force")
 
     return mutant
 
@@ -129,7 +129,7 @@ SWITCHED_OFF = {
     "energy": 1e9,
     "noise_tolerance": 0.0,
     "offset": 1e-300,
-    "constant_offset": 1e-300,
+    "undeclared": 1e-300,
     "fresh_change": 1e9,
     "calm": 0.0,
     "mass": 0.999,

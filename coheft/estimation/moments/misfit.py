@@ -85,14 +85,12 @@ class Explanations:
     Attributes:
         load: By another load.
         sensor: By a constant offset of the force or torque sensor that explains most, with the load known before.
-        both: By another load and an offset of any one sensor, beyond ``load``.
         robot: Index of the robot with that sensor.
         kind: ``force`` or ``torque``.
     """
 
     load: float
     sensor: float
-    both: float
     robot: int
     kind: str
 
@@ -140,23 +138,22 @@ def explanations(body: BodyModel, gram: Array, assumed: KnownLoad) -> Explanatio
     offsets /= np.linalg.norm(offsets, axis=1, keepdims=True)
     known, without_theta = assumed.information
     of_known = scale[-len(known) :]
-    by_load, beside = _beside(score, spread, offsets, of_known[:, None] * without_theta * of_known)
-    by_known, beside_known = _beside(score, spread, offsets, of_known[:, None] * known * of_known)
-    best = int(beside_known.argmax())
+    by_load, _, _ = _beyond(score, spread, of_known[:, None] * without_theta * of_known)
+    by_known, left, rest = _beyond(score, spread, of_known[:, None] * known * of_known)
+    of_offsets, square = left @ offsets, offsets.swapaxes(1, 2) @ rest @ offsets
+    by_offsets = (of_offsets * np.linalg.solve(square, of_offsets[..., None])[..., 0]).sum(axis=1)
+    best = int(by_offsets.argmax())
     kind, robot = divmod(best, body.count)
-    sensor, both = by_known + float(beside_known[best]) - 3.0, float(beside.max()) - 3.0
-    return Explanations(by_load - 10.0, sensor, both, robot, ("force", "torque")[kind])
+    sensor = by_known + float(by_offsets[best]) - 3.0
+    return Explanations(by_load - 10.0, sensor, robot, ("force", "torque")[kind])
 
 
-def _beside(score: Array, spread: Array, offsets: Array, known: Array) -> tuple[float, Array]:
-    """Return what the last k numbers of the load explain, with information ``known`` (k, k) on them, and what each
-    offset (n, 6, 3) explains beside them.
+def _beyond(score: Array, spread: Array, known: Array) -> tuple[float, Array, Array]:
+    """Return what the last k numbers of the load explain, with information ``known`` (k, k) on them, and what they
+    leave of score (6,) and information (6, 6) of a wrench offset.
     """
     free = slice(LOAD_SIZE - len(known), LOAD_SIZE)
     inverse = inverse_of(spread[free, free] + known)
     across = spread[OFFSET, free] @ inverse
     left = score[OFFSET] - across @ score[free]
-    square = offsets.swapaxes(1, 2) @ (spread[OFFSET, OFFSET] - across @ spread[free, OFFSET]) @ offsets
-    of_offsets = left @ offsets
-    explained = (of_offsets * np.linalg.solve(square, of_offsets[..., None])[..., 0]).sum(axis=1)
-    return float(score[free] @ inverse @ score[free]), explained
+    return float(score[free] @ inverse @ score[free]), left, spread[OFFSET, OFFSET] - across @ spread[free, OFFSET]

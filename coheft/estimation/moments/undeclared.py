@@ -2,8 +2,9 @@
 
     s = S_k - I_ko H^-1 S_o,    V = its variance,    s^T V^-1 s ~ chi-square
 
-``o`` are the unknowns of the fit, ``k`` the parameters of one kind of error of one robot. The part that the fit's
-unknowns explain is projected out, so an error that looks like another pose or another load cannot be detected.
+``o`` are the unknowns of the fit, ``k`` the three parameters of one kind of error of one robot. The part that the fit's
+unknowns explain is projected out, so an error that looks like another pose or another load cannot be detected. Of gyros
+and of torques only the sum of all offsets shows; offsets of forces differ by their lever arms.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import numpy as np
 
 from coheft.estimation.chi_square import chi_square_threshold
 from coheft.estimation.geometry.spatial import Array
+from coheft.estimation.moments.body import BodyModel
 from coheft.estimation.moments.chapter import Chapter, evidence_of
 from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.fit_settings import FitSettings, Guess
@@ -37,12 +39,12 @@ class UndeclaredError(NamedTuple):
     """A sensor error with tolerance zero, and how much the rows show it.
 
     Attributes:
-        robot: Index of the robot.
-        kind: One of ``KINDS``.
+        robot: Index of the robot, None if it may be any.
+        kind: One of ``KINDS``, or ``gyro_bias``, ``force_bias`` or ``torque_bias``.
         size: Statistic over its threshold.
     """
 
-    robot: int
+    robot: int | None
     kind: str
     size: float
 
@@ -67,7 +69,7 @@ def undeclared_error(
     errors = SensorErrors(dict.fromkeys((*_TESTED, *declared.names), 1.0))
     body = replace(settings, errors=errors).body(_with_errors(estimate.state, errors))
     every, own = body.unknowns, np.flatnonzero([name in declared.names for name in errors.names])
-    is_tested = np.array([[name in _TESTED and name not in known for name in errors.names] for known in names_declared])
+    tests = _Tests.of(body, settings, names_declared)
     others = _places(every, own)
 
     rows = evidence_of(body, chapter.evaluation()(body))
@@ -78,7 +80,7 @@ def undeclared_error(
     if solution.hidden.any():
         return None
     inverse = solution.inverse
-    tested = every.eta[is_tested]
+    tested = tests.indices
     gain = rows.information[np.ix_(tested, others[free])] @ inverse
     score = rows.score[tested] - gain @ fitted.score[free]
 
@@ -88,26 +90,65 @@ def undeclared_error(
     of_fit = (spread[np.ix_(others, others)] + before.information + before.noise)[square]
     variance += gain @ of_fit @ gain.T
     alone = rows.information[np.ix_(tested, tested)]
-    sizes = _surprises(score, _blocks(variance), _blocks(alone), false_alarm)
+    sizes = _surprises(tests.vectors(score), tests.matrices(variance), tests.matrices(alone), false_alarm)
     if not len(sizes):
         return None
     largest = int(sizes.argmax())
-    robot, parameter = np.argwhere(is_tested)[3 * largest].tolist()
-    return UndeclaredError(robot, errors.names[parameter], float(sizes[largest]))
+    return UndeclaredError(*tests.errors[largest], float(sizes[largest]))
 
 
-def _blocks(matrix: Array) -> Array:
-    """Blocks (b, 3, 3) on the diagonal of a matrix (3 b, 3 b): each kind of error of a robot has three parameters."""
-    count = len(matrix) // 3
-    blocks: Array = matrix.reshape(count, 3, count, 3)[range(count), :, range(count)]
-    return blocks
+class _Tests(NamedTuple):
+    """The errors with tolerance zero that are tested, three parameters each.
+
+    Attributes:
+        errors: Robot and kind of each.
+        indices: Indices of all parameters, those of the offset of the total wrench last if it is tested.
+        directions: That offset per unit of the parameters of each of the last errors, shape (f, 6, 3), or (0, 0, 3).
+    """
+
+    errors: list[tuple[int | None, str]]
+    indices: Indices
+    directions: Array
+
+    @staticmethod
+    def of(body: BodyModel, settings: FitSettings, declared: list[set[str]]) -> _Tests:
+        """Choose those that are not declared by a robot's names of kinds; ``body`` has all of them as unknowns."""
+        unknowns, every = body.unknowns, np.arange(body.unknowns.size)
+        names = unknowns.errors.names
+        is_tested = np.array([[name in _TESTED and name not in known for name in names] for known in declared])
+        errors: list[tuple[int | None, str]] = [(robot, names[k]) for robot, k in np.argwhere(is_tested)[::3].tolist()]
+        indices, directions = [unknowns.eta[is_tested]], np.zeros((0, 0, 3))
+        if not settings.has_gyro_offset:
+            errors.append((None, "gyro_bias"))
+            indices.append(every[unknowns.gyros])
+        if not settings.has_offset:
+            errors += [*((robot, "force_bias") for robot in range(body.count)), (None, "torque_bias")]
+            indices.append(every[unknowns.offset])
+            directions = np.concatenate([body.adjoints[:, :, :3], np.eye(6)[None, :, 3:]])
+        return _Tests(errors, np.concatenate(indices), directions)
+
+    @property
+    def _own(self) -> int:
+        """Number of parameters that are unknowns themselves."""
+        return 3 * (len(self.errors) - len(self.directions))
+
+    def vectors(self, of_all: Array) -> Array:
+        """Return the part of a vector (k,) for each error, shape (b, 3)."""
+        return np.concatenate([of_all[: self._own].reshape(-1, 3), of_all[self._own :] @ self.directions])
+
+    def matrices(self, of_all: Array) -> Array:
+        """Return the part of a matrix (k, k) for each error, shape (b, 3, 3)."""
+        own, count = self._own, self._own // 3
+        blocks = of_all[:own, :own].reshape(count, 3, count, 3)[range(count), :, range(count)]
+        of_sums = self.directions.swapaxes(1, 2) @ of_all[own:, own:] @ self.directions
+        return np.concatenate([blocks, of_sums])
 
 
 def _surprises(score: Array, variance: Array, alone: Array, false_alarm: float) -> Array:
-    """Return chi-squares (b,) of scores (3 b,) over their thresholds, in directions with enough information left."""
+    """Return chi-squares (b,) of scores (b, 3) over their thresholds, in directions with enough information left."""
     root = np.sqrt(np.maximum(np.diagonal(alone, axis1=1, axis2=2), 1e-300))
     shares, directions = np.linalg.eigh(variance / (root[:, :, None] * root[:, None]))
-    along = np.square(((score.reshape(-1, 3) / root)[:, None] @ directions)[:, 0])
+    along = np.square(((score / root)[:, None] @ directions)[:, 0])
     is_seen = shares > _LEAST_SHARE
     squares = np.where(is_seen, along / np.where(is_seen, shares, 1.0), 0.0).sum(axis=1)
     thresholds = np.array([np.inf, *(chi_square_threshold(freedom, false_alarm) for freedom in (1, 2, 3))])
