@@ -63,7 +63,7 @@ class Acceptance:
         Returns:
             What follows, and after ``MISFIT`` the index of the first row from which to estimate the load anew.
         """
-        rows, end = known.buffer.load_rows, known.buffer.count
+        end = known.buffer.count
         self.verdict = known.judge(self._load_before)
         if is_new and self.verdict.outcome not in (Outcome.NO_BODY, Outcome.BEYOND_TOLERANCE):
             changed = known.change_within()
@@ -73,14 +73,14 @@ class Acceptance:
             case Outcome.NO_BODY:
                 return Event.STARTED_OVER, end
             case Outcome.BEYOND_TOLERANCE:
-                return Event.EXCEEDED if self.tolerances.exceed(estimate, rows) else Event.STARTED_OVER, end
+                return Event.EXCEEDED if self.tolerances.exceed(estimate, known.age) else Event.STARTED_OVER, end
             case Outcome.NO_LOAD:
                 return Event.MISFIT, end
             case Outcome.UNDECIDED if age <= self._undecided:
                 return Event.UNDECIDED, end
             case _:
                 self._load_before = None
-                self.tolerances.hold(rows)
+                self.tolerances.hold(known.age)
                 has_error = not drifts and self.undeclared.test(known)
                 return Event.STARTED_OVER if has_error else Event.FITTED, end
 

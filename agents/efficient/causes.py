@@ -63,7 +63,7 @@ class Causes:
             newest: Number of the newest row.
         """
         changes = self.changes[self._forgotten :]
-        if known.theta is None or self.news_at != self.changed_at:  # a grasp has slipped since
+        if known.theta is None:
             return None
         masses = [*(change.former[0] for change in changes), known.theta[0]]
         for end in (len(changes), len(changes) - 1):
@@ -93,15 +93,16 @@ class Causes:
         if self._suspicion is not None and not self._suspicion.may_begin_at(first):
             self._suspicion = None
         if self._suspicion is None:
-            index = max(index, buffer.start)
-            self._suspicion = Suspicion.of_change(known, index, newest, len(self.changes), is_load, unnoticed)
+            index, drift = max(index, buffer.start), self.load_drift(known, first)
+            self._suspicion = Suspicion.of_change(known, index, newest, len(self.changes), is_load, unnoticed, drift)
         elif self._suspicion.is_after_gap and is_load:
             self._suspicion.notice_load()
 
     def expect(self, known: Knowledge, since: int, unnoticed: UnnoticedStep) -> None:
         """Rows before this one were missing, or not used: load and grasps may have changed meanwhile."""
         if self._suspicion is None or not self._suspicion.is_open:
-            self._suspicion = Suspicion.after_gap(known, since, len(self.changes), unnoticed)
+            drift = self.load_drift(known, since)
+            self._suspicion = Suspicion.after_gap(known, since, len(self.changes), unnoticed, drift)
 
     def add(self, number: int, row: Array) -> None:
         """Add a row to compare."""

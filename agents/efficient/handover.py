@@ -22,8 +22,9 @@ CHANNEL = "known"
 _HEAD = 4  # number of the team, index of the anchor, size of the load, whether the prior of sensor errors is in it
 _MANY_ROWS = 1e6
 """The message does not say how many rows the evidence is from; its noise is known as well as that of so many."""
-_LEAST_SCALE, _ROUNDING = 1e-9, 1e-6
-"""Smaller scales are refused, except 0; matrices are positive semidefinite up to this share of their diagonal."""
+_LEAST_SCALE, _ROUNDING = 1e-10, 1e-6
+"""Smaller scales are refused, except 0; those of offsets that are exact are not. Matrices are positive semidefinite up
+to this share of their diagonal."""
 
 
 def encode(team: int, prior: Prior, anchor: int) -> Array:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 
@@ -80,6 +81,8 @@ class Knowledge:
         self.revision = 0
         self._past: Past | None = None  # when the last chapter ended
         self._next_fit, self._rows_before = 2 * self.least, 0
+        self._first: int | None = None  # number of the first row
+        self._page_begun = 0  # number of the row at which the present page has begun
         if prior is not None:
             self._guess = prior.guess
             evaluate, before = self._chapter.evaluation(), self._chapter.prior_evidence
@@ -118,6 +121,11 @@ class Knowledge:
         """Whether there are enough rows for another fit."""
         return self.buffer.load_rows >= self._next_fit
 
+    @property
+    def age(self) -> int:
+        """Number of rows since the first one, also those that were missing; 0 before the first fit."""
+        return 0 if self._first is None else self.buffer.number_at(self.buffer.count) - self._first
+
     def posterior(self, unnoticed: UnnoticedStep, drift: LoadDrift | None = None, missing: float = 0.0) -> Prior | None:
         """Everything that is known, as a prior for another team; None if a pose or the load is unknown.
 
@@ -129,16 +137,34 @@ class Knowledge:
         estimate = self.estimate
         if estimate is None or estimate.misses_poses or estimate.state.load is None:
             return None
-        noises = [unnoticed.process_noise(estimate)]
-        if drift is not None:
-            lag = self.innovations.lag(self.buffer) + missing / self._settings.period * np.eye(10)
-            noises.append(drift.process_noise(estimate, lag))
+        noise = self.unseen_change(estimate, unnoticed, drift, missing=missing)
         self.bridge(missing)
         prior = self._chapter.posterior(estimate, self._guess)
-        for noise in noises:
-            if noise is not None:
-                prior = prior.with_process_noise(estimate.body.unknowns.theta, noise)
-        return prior
+        return prior if noise is None else prior.with_process_noise(estimate.body.unknowns.theta, noise)
+
+    def unseen_change(
+        self,
+        estimate: Estimate,
+        unnoticed: UnnoticedStep,
+        drift: LoadDrift | None,
+        end: int | None = None,
+        missing: float = 0.0,
+    ) -> Array | None:
+        """Covariance (10, 10) by which theta may have changed without having been noticed, None if it has not.
+
+        Args:
+            estimate: The estimate.
+            unnoticed: The step of the mass that may have occurred.
+            drift: Drift of the load.
+            end: The estimate is from the rows before this index; None if from all of them.
+            missing: Time without rows since [s].
+        """
+        step = unnoticed.process_noise(estimate)
+        if drift is None:
+            return step
+        lag = self.innovations.lag(self.buffer, end) + missing / self._settings.period * np.eye(10)
+        drifted = drift.process_noise(estimate, lag)
+        return drifted if step is None else step + drifted
 
     @property
     def rows_to_find_undeclared(self) -> int:
@@ -174,13 +200,17 @@ class Knowledge:
 
     def take_back(self, number: int) -> None:
         """Remove the rows of the present load from this number on."""
-        self._next_fit -= self.buffer.take_back(number)
+        taken = self.buffer.take_back(number)
+        if self.theta is not None:  # otherwise the load still needs as many rows
+            self._next_fit -= taken
 
     def fit(self, end: int | None = None, keeps_motion: bool = False) -> Estimate:
         """Fit all unknowns to all rows, or to those before an index, and to the prior from earlier chapters; see
         ``Chapter.evaluation``.
         """
         chapter, settings, last = self._chapter, self._settings, self.estimate
+        if self._first is None:
+            self._first = self._page_begun = int(self.buffer.numbers[0])
         evaluate = chapter.evaluation(end, keeps_motion)
         identity = [Pose.identity()] * self._count
         state = State.first(identity, settings.errors) if last is None else last.state
@@ -210,7 +240,7 @@ class Knowledge:
         chapter.end_of_load(now, self._guess, index, has_changed and not now.misses_poses)
         if has_changed:
             body = self._settings.body(state)
-            self.estimate = Estimate(body, now.seen, now.hidden, now.step, now.size)
+            self.estimate = replace(now, body=body)
         else:
             self._set_estimate(
                 fit_state(
@@ -332,8 +362,10 @@ class Knowledge:
         """End the chapter; inflate its prior for the time of its rows, and for one without rows [s]."""
         estimate, settings, buffer, chapter = self.estimate, self._settings, self.buffer, self._chapter
         assert estimate is not None
-        index = max(0, buffer.count - _KEPT_ON_PAGE)
-        seconds, theta = index * settings.period + missing, estimate.body.unknowns.theta
+        index = max(buffer.start, buffer.count - _KEPT_ON_PAGE)
+        end, theta = buffer.number_at(index), estimate.body.unknowns.theta
+        begun = end if self._first is None else self._page_begun
+        seconds, self._page_begun = (end - begun) * settings.period + missing, end + round(missing / settings.period)
         self._past = self.innovations.past
         chapter.end(estimate, self._guess, index)
         assert chapter.prior is not None  # ``end`` has set it

@@ -47,7 +47,7 @@ class Session:
         stage: What is known of the load.
         causes: Load changes and slips of grasps.
         total_wrench: Total wrench about the origin of the body frame [N, N·m], mean over the newest row, shape (6,);
-            None before the first row.
+            None before the first row at the present poses.
     """
 
     def __init__(
@@ -63,7 +63,6 @@ class Session:
         self._rows = rows = RowCounts.of(guards, settings.period)
         self.stage = Stage.GATHERING
         self.causes = Causes(guards, rows)
-        self.total_wrench: Array | None = None
         self._acceptance = Acceptance(settings, guards, rows)
         self._detector = ChangeDetector(rows, guards, own * rows.turn // count)
         self._newest = -1  # number of the newest row
@@ -76,6 +75,7 @@ class Session:
     def _begin(self, known: Knowledge) -> None:
         """Continue from ``known`` alone; load changes that were noticed before stay listed."""
         self._known = known
+        self.total_wrench: Array | None = None
         self._contradictions = Contradictions(self._count, self._guards, known.drift, self._rows)
         self._detector.begin()
         self._restlessness = Restlessness(self._rows)

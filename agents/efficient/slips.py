@@ -24,6 +24,7 @@ import numpy as np
 from coheft.agents.efficient.innovations import Past
 from coheft.agents.efficient.judge import Outcome
 from coheft.agents.efficient.knowledge import Knowledge
+from coheft.agents.efficient.load_drift import LoadDrift
 from coheft.agents.efficient.settings import Guards
 from coheft.agents.efficient.small_steps import UnnoticedStep
 from coheft.estimation.geometry.spatial import Array, Pose
@@ -78,21 +79,21 @@ class Before(NamedTuple):
         prior: The same, as a prior.
         covariance: Covariance of all unknowns, shape (u, u), with the drift of sensors.
         past: The rows until then.
-        unnoticed: Covariance (10, 10) by which theta may have changed before without having been noticed, or None.
+        unseen: Covariance (10, 10) by which theta may have changed before without having been noticed, or None.
     """
 
     estimate: Estimate
     prior: Prior
     covariance: Array
     past: Past
-    unnoticed: Array | None
+    unseen: Array | None
 
     @staticmethod
-    def of(known: Knowledge, index: int, unnoticed: UnnoticedStep) -> Before:
+    def of(known: Knowledge, index: int, unnoticed: UnnoticedStep, drift: LoadDrift | None) -> Before:
         """What the rows before an index have shown."""
         estimate, prior = known.known_before(index)
-        past, noise = known.innovations.past_before_slip, unnoticed.process_noise(estimate)
-        return Before(estimate, prior, known.covariance_now(estimate), past, noise)
+        unseen = known.unseen_change(estimate, unnoticed, drift, index)
+        return Before(estimate, prior, known.covariance_now(estimate), known.innovations.past_before_slip, unseen)
 
     def with_poses_of(self, known: Knowledge) -> Before | None:
         """Return the same with the poses of robots that have joined as they are known now, because the offset of the
@@ -110,7 +111,7 @@ class Before(NamedTuple):
         shift = there.since(state, self.estimate.body.unknowns)
         prior = replace(self.prior, state=there, evidence=self.prior.evidence.shifted(shift))
         estimate = known.known_from(prior)
-        return Before(estimate, prior, known.covariance_now(estimate), self.past, self.unnoticed)
+        return Before(estimate, prior, known.covariance_now(estimate), self.past, self.unseen)
 
 
 class Suspicion:
@@ -147,7 +148,13 @@ class Suspicion:
 
     @staticmethod
     def of_change(
-        known: Knowledge, index: int, noticed: int, changes: int, is_load: bool, unnoticed: UnnoticedStep
+        known: Knowledge,
+        index: int,
+        noticed: int,
+        changes: int,
+        is_load: bool,
+        unnoticed: UnnoticedStep,
+        drift: LoadDrift | None,
     ) -> Suspicion:
         """The suspicion when a change is noticed; the row at ``index`` is the first after it, as far as is known."""
         buffer = known.buffer
@@ -155,12 +162,14 @@ class Suspicion:
         numbers = buffer.numbers[begin : buffer.count].tolist()
         rows = dict(zip(numbers, buffer.window(begin).copy(), strict=True))
         first = numbers[index - begin] if index < buffer.count else noticed
-        return Suspicion(Before.of(known, begin, unnoticed), rows, first, noticed, changes, is_load)
+        return Suspicion(Before.of(known, begin, unnoticed, drift), rows, first, noticed, changes, is_load)
 
     @staticmethod
-    def after_gap(known: Knowledge, since: int, changes: int, unnoticed: UnnoticedStep) -> Suspicion:
+    def after_gap(
+        known: Knowledge, since: int, changes: int, unnoticed: UnnoticedStep, drift: LoadDrift | None
+    ) -> Suspicion:
         """The suspicion when rows have been missing; ``since`` is the number of the first row that is not."""
-        before = Before.of(known, known.buffer.count, unnoticed)
+        before = Before.of(known, known.buffer.count, unnoticed, drift)
         return Suspicion(before, {}, since, since, changes, is_after_gap=True)
 
     @property
@@ -226,14 +235,16 @@ class Suspicion:
         been knocked out of place: that changes their readings in the same way, but not the wrench.
         """
         assert cause.robot is not None
-        before, numbers = self._before, sorted(self._rows)
+        before, numbers = self._before.with_poses_of(known), sorted(self._rows)
+        if before is None:
+            return None
         rows, start = np.array([self._rows[number] for number in numbers]), bisect_left(numbers, cause.first)
-        found = self._slipped(known, cause, numbers[start:], rows[start:])
+        found = _slipped(known, before, cause, numbers[start:], rows[start:])
         later = _latest_start(before.estimate, found, rows, guards.lead)
         if len(numbers) - max(start, later) < _LEAST:
             return None
         if later > start:
-            start, found = later, self._slipped(known, cause, numbers[later:], rows[later:])
+            start, found = later, _slipped(known, before, cause, numbers[later:], rows[later:])
         estimate = found.estimate
         assert estimate is not None
         former_pose, all_rows = before.estimate.state.poses[cause.robot], rows[start:]
@@ -242,20 +253,21 @@ class Suspicion:
             return None
         return found if found.judge().outcome is Outcome.FITS else None
 
-    def _slipped(self, known: Knowledge, cause: Cause, numbers: list[int], rows: Array) -> Knowledge:
-        """Return the knowledge from what was known before and these rows, if the grasp slipped in between."""
-        assert cause.robot is not None
-        before, prior, named = self._before, self._before.prior, zip(numbers, rows, strict=True)
-        if before.unnoticed is not None:
-            prior = prior.with_process_noise(before.estimate.body.unknowns.theta, before.unnoticed)
-        return known.slipped(prior, cause.robot, cause.is_load, named, before.past, before.estimate.hidden_poses())
-
     @property
     def former_load(self) -> Array:
         """``theta`` before the change, shape (10,)."""
         load = self._before.estimate.state.load
         assert load is not None
         return load[THETA]
+
+
+def _slipped(known: Knowledge, before: Before, cause: Cause, numbers: list[int], rows: Array) -> Knowledge:
+    """Return the knowledge from what was known before and these rows, if the grasp slipped in between."""
+    assert cause.robot is not None
+    prior, named = before.prior, zip(numbers, rows, strict=True)
+    if before.unseen is not None:
+        prior = prior.with_process_noise(before.estimate.body.unknowns.theta, before.unseen)
+    return known.slipped(prior, cause.robot, cause.is_load, named, before.past, before.estimate.hidden_poses())
 
 
 def _likeliest(count: int, index: int, ratio: Callable[[int], float]) -> tuple[float, int]:

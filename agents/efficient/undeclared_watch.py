@@ -29,7 +29,7 @@ class UndeclaredWatch:
         self.suspected: UndeclaredError | None = None
         self.since = 0
         self._doubt, self._growth, self._lasts = doubt, growth, lasts
-        self._found_with = self._over_with = 0  # rows with which it was found, and with which it is over
+        self._found_with = self._over_with = 0  # rows since the first one when it was found, and when it is over
         self.begin(0)
 
     def begin(self, least: int) -> None:
@@ -55,15 +55,15 @@ class UndeclaredWatch:
         found = self.suspected
         if found is None or found.size <= 1.0 or rows < self._least:
             self._last_found = None
-            if rows >= self._over_with:
+            if known.age >= self._over_with:
                 self.found = None
-                if rows > 2 * self._found_with:
+                if known.age > 2 * self._found_with:
                     self._found_with = 0
             return False
         self._last_found = found.robot, found.kind
         if self._last_found != last:  # a sensor may have been faulty for a while only
             return False
         is_again = self._found_with > 0
-        self.found, self._found_with = found, max(rows, self._found_with)
-        self._over_with = self._found_with if is_again else min(rows, self._lasts)
+        self.found, self._found_with = found, max(known.age, self._found_with)
+        self._over_with = self._found_with if is_again else min(known.age, self._lasts)
         return True

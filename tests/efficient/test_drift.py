@@ -5,12 +5,13 @@ from __future__ import annotations
 import msgspec
 import pytest
 
+from coheft.agents.efficient.load_drift import LoadDrift
 from coheft.agents.efficient.session import Session
 from coheft.agents.efficient.settings import Guards
 from coheft.app.run.inprocess import run_in_process
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.moments.fit_settings import FitSettings
-from coheft.estimation.moments.rows import RowNoise
+from coheft.estimation.moments.rows import ROW_SIZE, RowNoise
 from coheft.estimation.moments.sensor_errors import SensorErrors
 from coheft.estimation.moments.unknowns import Unknowns
 from coheft.estimation.tolerance import SensorDrift
@@ -92,3 +93,29 @@ def test_a_new_load_is_soon_fitted_to_more_rows_although_sensors_drift() -> None
             fits.add(float(session.estimate.state.load[6]))
     assert len(session.causes.changes) == 1
     assert len(fits) > 4
+
+
+def test_sensors_drift_while_rows_are_lost() -> None:
+    """Rows that are lost one by one are no gap, but time passes."""
+    pages = list[float]()
+    for lost in (1, 2):
+        session = drifting_session()
+        for number, row in enumerate(made_up_rows(400, first=100)[::lost]):
+            session.take(100 + lost * number, row)
+        assert session.estimate is not None
+        offset, prior = session.estimate.body.unknowns.offset, session._known._chapter.prior
+        assert prior is not None
+        pages.append(prior.evidence.information[offset, offset].diagonal()[3])
+    assert pages[1] < 0.8 * pages[0]
+
+
+def test_a_page_that_ends_just_after_a_step_of_a_leak_has_only_rows_of_the_present_load(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(LoadDrift, "goes_on", lambda *_: True)
+    known = drifting_session()._known
+    assert known.estimate is not None
+    buffer, one = known.buffer, ROW_SIZE * len(POSES)
+    assert known.follow_drift(known.estimate, buffer.count - 1, LoadDrift(-0.01, 20, 60))
+    known.bridge(1.0)
+    assert buffer.load_rows == buffer.moments()[1].sums(one)[one] == 1

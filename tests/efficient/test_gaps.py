@@ -173,3 +173,19 @@ def test_all_may_have_changed_while_a_sensor_was_off(gap: int) -> None:
             history.append(largest_error(found, poses, HEAVIER[0]))
     assert [slip.robot for slip in found.causes.slips] == [2]
     assert max(history) < 5.0
+
+
+def test_a_slip_soon_after_a_robot_has_joined_is_named() -> None:
+    """The rows before it are compared at the newcomer's present pose."""
+    former, poses = session(), slipped_poses(20.0, 0.5, 2, 7)
+    for number, row in enumerate(made_up_rows(BEFORE)):
+        former.take(number, row)
+    prior, settings = former.hand_over(0.0), former.settings
+    assert prior is not None
+    found = Session(len(POSES), 0, settings, Guards(), prior.for_team([0, 1, 2, None], settings, settings))
+    rows = [made_up_rows(5, first=BEFORE), made_up_rows(60, first=BEFORE + 5, poses=poses)]
+    for number, row in enumerate(np.concatenate(rows)):
+        found.take(number, row)
+    assert [slip.robot for slip in found.causes.slips] == [2]
+    assert is_valid(found)
+    assert largest_error(found, poses) < 5.0

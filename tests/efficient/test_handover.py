@@ -16,6 +16,9 @@ from coheft.estimation.moments.fit_settings import FitSettings, Guess
 from coheft.estimation.moments.rows import RowNoise
 from coheft.estimation.moments.sensor_errors import SensorErrors
 from coheft.estimation.moments.unknowns import State, Unknowns
+from tests.estimation.moments.fitting import IDEAL as MOVING
+from tests.estimation.moments.fitting import fit
+from tests.estimation.moments.moving_team import make_team
 
 TEAM, COUNT, ANCHOR = 9, 3, 1
 SETTINGS = FitSettings(RowNoise.of_samples(SensorNoise(), 10, 500.0), 0.02, SensorErrors({"force_gain": 0.01}))
@@ -77,3 +80,12 @@ def test_nonsense_is_not_heard() -> None:
     }
     for what, numbers in wrong.items():
         assert decode(numbers, TEAM, COUNT, SETTINGS) is None, what
+
+
+@pytest.mark.parametrize("gyro_offset", [0.0, 0.005])
+def test_what_is_known_after_a_chapter_has_ended_is_heard(gyro_offset: float) -> None:
+    settings = replace(MOVING, gyro_offset=gyro_offset)
+    found = fit(make_team(3, count=4, number=150).noisy(np.random.default_rng(4)), settings)
+    found.chapter.end(found.estimate, found.guess, 148)
+    assert found.chapter.prior is not None
+    assert decode(encode(TEAM, found.chapter.prior, 0), TEAM, 4, settings) is not None

@@ -13,7 +13,6 @@ from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.load_drift import LoadChange, LoadDrift
 from coheft.agents.efficient.session import Session
 from coheft.agents.efficient.settings import Guards
-from coheft.agents.efficient.slips import Slip
 from coheft.agents.efficient.stages import Stage
 from coheft.agents.efficient.undeclared_watch import UndeclaredWatch
 from coheft.estimation.geometry.spatial import Array
@@ -274,13 +273,6 @@ def test_a_fit_to_a_load_that_drifts_lags_as_computed() -> None:
     fitted = np.linalg.solve(information + known, vector + known @ (now - count * drift))
     lag = weights.lag(views[older:], count - older, views[:older].T @ views[:older])
     np.testing.assert_allclose(fitted[THETA], now[THETA] - lag @ drift[THETA], atol=1e-12)
-
-
-def test_no_drift_goes_on_after_a_slip() -> None:
-    found = after(two_steps(20))
-    assert found.load_drift is not None
-    found.causes.slips.append(Slip(1, 120, 121, 125))
-    assert found.load_drift is None
 
 
 def test_a_load_that_is_to_be_confirmed_is_not_followed(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -284,3 +284,21 @@ def test_the_total_wrench_of_the_newest_row_is_told() -> None:
     )
     np.testing.assert_allclose(found.total_wrench, total, atol=2.0)
     assert np.linalg.norm(total[:3]) > 50.0
+
+
+def test_a_contradiction_after_a_load_change_does_not_hasten_the_fit() -> None:
+    rows = np.concatenate([made_up_rows(100), made_up_rows(60, 1.3 * LOAD, first=100)])
+    rows[106:116, 2 * ROW_SIZE + A.start] += 0.1
+    found = session()
+    for number, row in enumerate(rows):
+        found.take(number, row)
+        if found.causes.changes and found.stage is Stage.ESTIMATING:
+            break
+    assert found._known.buffer.load_rows >= found._known.least
+
+
+def test_no_total_wrench_of_former_poses_is_told() -> None:
+    found = fed(made_up_rows(60))
+    assert found.total_wrench is not None
+    found._start_over()
+    assert found.total_wrench is None

@@ -117,7 +117,7 @@ def test_a_slip_that_removed_rows_have_shown_is_forgotten() -> None:
 def test_what_was_known_stays_the_same_where_a_pose_is_filled_in() -> None:
     known = fed(made_up_rows(BEFORE))._known
     assert known.estimate is not None
-    before = Before.of(known, BEFORE, UnnoticedStep(1, Guards()))
+    before = Before.of(known, BEFORE, UnnoticedStep(1, Guards()), None)
     hidden, own = before.estimate.hidden.copy(), before.estimate.body.unknowns.poses[2]
     hidden[own, own] += 1.0
     poses = list(known.estimate.state.poses)
@@ -182,3 +182,18 @@ def test_the_offsets_of_gyros_are_those_from_before_a_slip() -> None:
     kept, wrong = (Innovations(after, chapter, past).mean_residuals for past in (before.past_before_slip, before.past))
     assert np.abs(before.mean_residuals).max() > 1.0
     assert np.abs(kept - before.mean_residuals).max() < 0.2 * np.abs(wrong - before.mean_residuals).max()
+
+
+def test_after_a_slip_of_a_leaking_load_what_the_leak_leaves_unknown_is_covered() -> None:
+    poses, worst, found = slipped_poses(20.0, 1.0, 1, 3), 0.0, session()
+    for number in range(420):
+        load = LOAD - 0.05 * PERIOD * max(0, number - 150) * point_mass(np.array([-0.2, -0.1, 0.1]))
+        found.take(number, made_up_rows(1, load, number, poses=POSES if number < 360 else poses)[0])
+        if number > 365 and is_valid(found):
+            assert found.estimate is not None
+            assert found.estimate.state.load is not None
+            estimate = found.claimable(found.estimate)
+            deviation = np.sqrt(estimate.covariance.diagonal()[estimate.body.unknowns.theta.start])
+            worst = max(worst, abs(found.estimate.state.load[6] - load[0]) / deviation)
+    assert [slip.robot for slip in found.causes.slips] == [1]
+    assert 0.0 < worst < 5.0

@@ -11,6 +11,7 @@ import pytest
 from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.session import Session
 from coheft.agents.efficient.settings import Guards
+from coheft.agents.efficient.undeclared_watch import UndeclaredWatch
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.moments.fit_settings import FitSettings
 from coheft.estimation.moments.rows import RowNoise
@@ -104,3 +105,22 @@ def test_what_has_passed_is_over_before_there_are_as_many_rows_again(monkeypatch
     assert told
     assert told[0] == for_long[0]
     assert len(told) < 0.8 * len(for_long)
+
+
+def test_an_error_is_over_also_if_fits_are_to_fewer_rows_than_it_was_found_with(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Where sensors drift, rows become part of a prior again and again."""
+    session, watch = Session(len(POSES), 0, SETTINGS, Guards()), UndeclaredWatch(0.6, 1.3, lasts=1000)
+    for number, row in enumerate(ROWS[:100]):
+        session.take(number, row)
+    known = session._known
+    monkeypatch.setattr(Knowledge, "undeclared_error", lambda _: FOUND)
+    assert [watch.test(known) for _ in range(2)] == [False, True]
+    monkeypatch.setattr(Knowledge, "undeclared_error", lambda _: None)
+    known._end_page()
+    assert known.buffer.load_rows < 10
+    for number, row in enumerate(ROWS[100:150], 100):
+        known.buffer.add(number, row)
+    watch.test(known)
+    assert watch.found is None

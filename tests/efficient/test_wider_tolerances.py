@@ -19,7 +19,7 @@ from coheft.app.faults.schedule import FaultSchedule
 from coheft.estimation.moments.fit_settings import FitSettings
 from coheft.estimation.moments.rows import FORCE, ROW_SIZE
 from coheft.estimation.moments.sensor_errors import SensorErrors
-from coheft.estimation.tolerance import INDUSTRIAL, SensorTolerance
+from coheft.estimation.tolerance import INDUSTRIAL, SensorDrift, SensorTolerance
 from coheft.wire.scenario.file import load_scenario
 from tests.efficient.rows import PERIOD, POSES, made_up_rows
 from tests.estimation.moments.moving_team import NOISE
@@ -48,7 +48,7 @@ def share_valid(seed: int, after: float) -> float:
 
 
 def told_too_little(
-    monkeypatch: pytest.MonkeyPatch, fits: set[int], rows: int = 150, gap: int = 0
+    monkeypatch: pytest.MonkeyPatch, fits: set[int], rows: int = 150, gap: int = 0, drift: float = 0.0
 ) -> tuple[Session, FitSettings]:
     """A session whose sensor errors seem too large after these fits, and the declared settings; rows may be missing
     after the first 100.
@@ -59,7 +59,8 @@ def told_too_little(
         count[0] += 1
         return Verdict(Outcome.BEYOND_TOLERANCE) if count[0] in fits else judge(*args)
 
-    declared = FitSettings(NOISE, PERIOD, SensorErrors({"acceleration_scale": 0.003}))
+    errors = SensorErrors({"acceleration_scale": 0.003})
+    declared = FitSettings(NOISE, PERIOD, errors, torque_offset=drift, drift=SensorDrift(torque=drift))
     wider = replace(declared, errors=declared.errors.scaled({"acceleration_scale": 2.0}))
     monkeypatch.setattr(knowledge, "judge", judged)
     monkeypatch.setattr(tolerances, "widened", lambda *_: wider)
@@ -96,6 +97,9 @@ def test_what_was_known_with_the_declared_tolerances_is_not_compared_any_more(mo
 
 def test_causes_far_apart_have_nothing_in_common(monkeypatch: pytest.MonkeyPatch) -> None:
     found, declared = told_too_little(monkeypatch, {2, 9}, 400)
+    assert found.settings is declared
+    # Also where rows become part of a prior every 100 rows, so that no fit is to twice as many rows as the first.
+    found, declared = told_too_little(monkeypatch, {6, 17}, 600, drift=0.02)
     assert found.settings is declared
 
 

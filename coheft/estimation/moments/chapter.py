@@ -65,7 +65,7 @@ class Prior:
         """Convert to the prior of another team.
 
         Robots that have left are marginalized. Their offsets are no longer in the sums of the team, and those of robots
-        that have joined are.
+        that have joined are. Of these, only the prior of their sensor errors is known.
 
         Args:
             members: Index of each robot of the new team in the old one, None if it was not in it.
@@ -89,6 +89,10 @@ class Prior:
         kept = np.concatenate([*(old.of_robot(then) for _, then in stayed), old.common])
         indices = np.concatenate([*(new.of_robot(now) for now, _ in stayed), new.common])
         evidence = evidence.restricted(kept).embedded(new.size, indices)
+        if self.has_expectations:
+            is_declared = new.deviations[joined] > 0.0
+            expected = Evidence.prior(new.deviations[joined][is_declared])
+            evidence += expected.embedded(new.size, new.eta[joined][is_declared])
         others = len(left) + len(joined)
         if settings.has_offset and others:
             of_left, of_joined = (

@@ -150,7 +150,7 @@ class RowBuffer:
         self._former = last if self._former is None else self._former + last
         self._load = present
         self.start, self._dropped = index, 0
-        self._since = self._number_at(index)
+        self._since = self.number_at(index)
         return last
 
     def begin_chapter(self, index: int) -> tuple[Moments, Moments]:
@@ -162,7 +162,7 @@ class RowBuffer:
         everything, of_load = self.moments()
         newer = self.moments_since(index)
         self._former, self._load = None, newer
-        self._since = self._number_at(index)
+        self._since = self.number_at(index)
         self._drop(index)
         self.start, self._dropped = 0, 0
         return everything - newer, of_load - newer
@@ -171,7 +171,7 @@ class RowBuffer:
         """Index of the first row of the load with at least this number."""
         return max(self.start, int(np.searchsorted(self.numbers[: self.count], number)))
 
-    def _number_at(self, index: int) -> int:
+    def number_at(self, index: int) -> int:
         """Number of the row at this index, or of the next row to come there."""
         return int(self.numbers[index] if index < self.count else self.numbers[index - 1] + 1)
 

@@ -325,3 +325,15 @@ def test_a_prior_says_what_it_was_told() -> None:
     np.testing.assert_array_equal(chapter.prior_evidence(body).information, evidence.information)
     assert isinstance(team.poses[0], Pose)
     assert (IDEAL.noise, IDEAL.period) == (NOISE, PERIOD)
+
+
+def test_who_has_joined_has_the_tolerances_of_its_sensors_also_after_a_chapter_has_ended() -> None:
+    settings = SETTINGS["errors"]
+    _, rows = erring(make_team(seed=16, count=4, number=150), settings, np.random.default_rng(17))
+    found = fit(rows, settings)
+    found.chapter.end(found.estimate, found.guess, 148)
+    assert found.chapter.prior is not None
+    fewer = found.chapter.prior.for_team([0, 3, None, 1], settings, settings)
+    own = found.estimate.body.unknowns.eta[2]
+    expected = np.diag(settings.errors.deviations[0] ** -2.0)
+    np.testing.assert_allclose(fewer.evidence.information[np.ix_(own, own)], expected)
