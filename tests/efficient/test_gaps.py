@@ -183,7 +183,7 @@ def test_a_slip_soon_after_a_robot_has_joined_is_named() -> None:
     prior, settings = former.hand_over(0.0), former.settings
     assert prior is not None
     found = Session(len(POSES), 0, settings, Guards(), prior.for_team([0, 1, 2, None], settings, settings))
-    rows = [made_up_rows(5, first=BEFORE), made_up_rows(60, first=BEFORE + 5, poses=poses)]
+    rows = [made_up_rows(5, first=BEFORE), made_up_rows(145, first=BEFORE + 5, poses=poses)]
     for number, row in enumerate(np.concatenate(rows)):
         found.take(number, row)
     assert [slip.robot for slip in found.causes.slips] == [2]
