@@ -72,7 +72,7 @@ class EfficientEstimator:
         return arrays
 
     def receive_late(self, index: int, channels: Channels) -> None:
-        """See ``TakesLate.hear_late``: its rows count as those of any other message."""
+        """See ``TakesLate.receive_late``: its rows count as those of any other message."""
         message = RowMessage.of_channels(channels)
         if self._team is not None and message is not None:
             self._team.exchange.receive([message], index)

@@ -41,7 +41,7 @@ def found_errors(estimate: Estimate, robot: int, declared: SensorErrors) -> list
     The tolerances told are those of ``declared``, which has the same parameters as the estimate.
 
     Offsets of gyros, forces and torques are missing: only their sums over the team are known. Clocks are relative to
-    that of the robot that fixes the body frame.
+    that of the robot that fixed the body frame at first.
     """
     unknowns = estimate.body.unknowns
     indices, tolerances = unknowns.eta[robot], np.broadcast_to(declared.deviations, unknowns.eta.shape)

@@ -10,7 +10,8 @@ disappears.
 
 Where sensors may be late, a row is followed by its rates: how much it would change per second if it were made of
 samples a moment later. For means these are the changes from the beginning of the row to its end, so they are right even
-where something jumps in between. Their noise is independent of that of the row.
+where something jumps in between. Their noise is independent of that of the row, but for that of the rates of ``w`` and
+of the slope, which is neglected.
 
 The slope of the gyro, a least-squares line through the row, is the angular acceleration up to a share
 ``(2 pi f T)^2 / 60``. Its noise is independent of that of the mean.
