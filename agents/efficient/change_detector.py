@@ -5,7 +5,7 @@ a look is due -> no window of rows is unlike the others      the load is confirm
               -> fit to the rows before only
                  -> the other rows are unlike their load         another load
                  -> not, but the load is still to be confirmed   leave new wrenches out; after a while, it fits no more
-                 -> not                                          look again when there are twice as many of them
+                 -> not                                          look again when they are twice as many, or in a while
 
 The detector changes fits, but neither the load nor what is known of it: the session does that with what is detected.
 """
@@ -136,7 +136,7 @@ class ChangeDetector:
         if before.state.load is None or known.surprise(index, before) <= 1.0:
             if confirmation.is_open:
                 return self._wait_for_poses(known, number, before)
-            self._looks.pause(until=number + buffer.count - index)  # until there are twice as many rows
+            self._looks.pause(until=number + min(buffer.count - index, self._rows.turn))
             known.fit()
             return None
         return Detected(Event.LOAD_CHANGED, kept if confirmation.is_open else index, before)

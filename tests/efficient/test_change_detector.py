@@ -3,15 +3,24 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from coheft.agents.efficient.change_detector import ChangeDetector
-from coheft.agents.efficient.innovations import EvaluatedRow
+from coheft.agents.efficient.innovations import EvaluatedRow, Innovations
+from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.looks import Looks
+from coheft.agents.efficient.session import Session
 from coheft.agents.efficient.settings import Guards, RowCounts
-from tests.efficient.rows import PERIOD
+from coheft.estimation.measurement import SensorNoise
+from coheft.estimation.moments.change import Look, SmallSteps
+from coheft.estimation.moments.fit_settings import FitSettings
+from coheft.estimation.moments.row_buffer import RowBuffer
+from coheft.estimation.moments.rows import RowNoise
+from tests.efficient.rows import PERIOD, POSES, made_up_rows
 
 GUARDS = Guards()
 ROWS = RowCounts.of(GUARDS, PERIOD)
+SETTINGS = FitSettings(RowNoise.of_samples(SensorNoise(), 20, 1000.0), PERIOD)
 
 
 def due(residuals: list[float]) -> list[int]:
@@ -43,3 +52,19 @@ def test_where_the_load_has_to_be_confirmed_looks_are_of_use_again() -> None:
     detector._looks.pause(until=1000)
     detector.confirm(since=60)
     assert not detector._looks.are_paused(60)
+
+
+def test_looks_in_vain_pause_others_for_a_while_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A window of 140 rows seems to have another load, but a fit to the rows before it says no."""
+    found, look, surprise = Session(len(POSES), 0, SETTINGS, GUARDS), Innovations.look_for_change, Knowledge.surprise
+
+    def look_for_change(self: Innovations, buffer: RowBuffer, small: SmallSteps | None = None) -> Look:
+        return Look(10, 2.0, None) if buffer.count == 150 else look(self, buffer, small)
+
+    monkeypatch.setattr(Innovations, "look_for_change", look_for_change)
+    monkeypatch.setattr(Knowledge, "surprise", lambda self, *a: 0.9 if self.buffer.count == 150 else surprise(self, *a))
+    monkeypatch.setattr(Looks, "are_due", lambda _, number, __: number >= 149)
+    for number, row in enumerate(made_up_rows(150)):
+        found.take(number, row)
+    assert found._detector._looks.are_paused(150)
+    assert not found._detector._looks.are_paused(150 + ROWS.turn)
