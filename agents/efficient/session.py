@@ -65,6 +65,7 @@ class Session:
         self.causes = Causes(guards, rows)
         self._acceptance = Acceptance(settings, guards, rows)
         self._detector = ChangeDetector(rows, guards, own * rows.turn // count)
+        self._restlessness = Restlessness(rows)
         self._newest = -1  # number of the newest row
         self._oldest = -1  # rows before this number are from before a slip
         self._begin(Knowledge(count, anchor, settings, guards, prior))
@@ -78,7 +79,6 @@ class Session:
         self.total_wrench: Array | None = None
         self._contradictions = Contradictions(self._count, self._guards, known.drift, self._rows)
         self._detector.begin()
-        self._restlessness = Restlessness(self._rows)
         self._acceptance.begin(known)
 
     # --- rows ---
@@ -195,7 +195,7 @@ class Session:
         if event is Event.EXCEEDED:
             self.causes.forget_cause()
         self.causes.start_over()
-        self._oldest = -1
+        self._restlessness, self._oldest = Restlessness(self._rows), -1
         self.stage = TRANSITIONS[self.stage, event]
         self._begin(Knowledge(self._count, self._anchor, self.settings, self._guards))
 
