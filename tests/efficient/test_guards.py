@@ -142,6 +142,7 @@ CASES = {
     "misfit": Case(off(8, 16, 200, 2, FORCE.start, 0.5), lambda _, then: then.is_sure and 40 < then.valid[0] < 60),
     "energy": Case(made_up_rows(200), lambda _, then: then.valid[-1] < 199, told=0.8),
     "noise_tolerance": Case(made_up_rows(400), lambda _, then: len(then.valid) > 350, told=0.94),
+    "offset": Case(off(200, 400, 400, 2, FORCE.start + 2, 0.5), lambda _, then: then.is_sure),
     "undeclared": Case(off(0, 400, 400, 2, FORCE.start, 0.25), lambda _, then: then.is_sure),
     "mass": Case(off(200, 400, 400, 2, TORQUE.start, 0.125), lambda _, then: then.is_sure),
     "mass_surprise": Case(changed(0.0015)[0], lambda _, then: is_sure_after(then, 216), changed(0.0015)[1], own=3),

@@ -130,7 +130,6 @@ SHOWN_BY = {
     "no-confirmation": draw_schedule(883, is_exact=True),
     "endless-confirmation": _AWAY_ONCE,
     "rare-fits": draw_schedule(1062000043),
-    "without-offset": draw_schedule(4645, is_exact=True),
     "without-fresh-change": draw_schedule(4220, delayed=False, is_exact=True),
     "without-calm": draw_schedule(1051552774),
     "without-tolerance": _LATE,
