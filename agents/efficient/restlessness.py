@@ -10,16 +10,16 @@ class Restlessness:
         rows: How soon (``calm``) and for how long (``restless``) loads are forgotten again if something is wrong.
 
     Attributes:
-        is_troubled: Whether the last load was forgotten soon after the one before.
+        is_troubled: Whether the last load was forgotten soon after the one before, or before it was known.
     """
 
     def __init__(self, rows: RowCounts) -> None:
         self._rows, self.is_troubled = rows, False
         self._last = self._since = -rows.calm
 
-    def forget_load(self, number: int) -> bool:
+    def forget_load(self, number: int, was_known: bool) -> bool:
         """A load is forgotten at this row; return whether that has been so for too long."""
-        self.is_troubled = number - self._last < self._rows.calm
+        self.is_troubled = not was_known or number - self._last < self._rows.calm
         if not self.is_troubled:
             self._since = number
         self._last = number

@@ -257,7 +257,7 @@ class Session:
 
     def _forget_load(self, index: int, event: Event, before: Estimate) -> None:
         """Estimate the load anew from the row at this index on."""
-        if self._restlessness.forget_load(self._newest):
+        if self._restlessness.forget_load(self._newest, self.stage is Stage.ESTIMATING):
             self._start_over()
             return
         least = self._known.least * (1 + self._restlessness.is_troubled)

@@ -82,9 +82,9 @@ class Guards:
         offset: Probability that a sensor offset seems to explain the wrenches of another load by chance.
         fresh_change: Largest statistic of a change within the rows of a load that is fitted for the first time, over
             its threshold: some 1e-7 by chance.
-        calm: A load that is forgotten again sooner than this needs twice as many rows [s]: a sensor may be faulty from
-            time to time, and rows may be of both kinds. A contradiction of the same robot that returns sooner is still
-            the same one.
+        calm: A load that is forgotten again sooner than this, or before it was known, needs twice as many rows [s]: a
+            sensor may be faulty from time to time, and rows may be of both kinds. A contradiction of the same robot
+            that returns sooner is still the same one.
         restless: If loads have been forgotten that soon for so long, poses may be wrong, and the robot starts over [s].
         mass: Probability that the mass seems to have changed by chance, where a faulty sensor may be the cause instead.
         shortest: After so long, a step of the mass counts as long ago [s]: larger ones are noticed by then.

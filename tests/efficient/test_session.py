@@ -7,6 +7,7 @@ import pytest
 
 from coheft.agents.efficient.confirmation import Confirmation
 from coheft.agents.efficient.judge import Outcome
+from coheft.agents.efficient.restlessness import Restlessness
 from coheft.agents.efficient.session import Session
 from coheft.agents.efficient.settings import Guards, RowCounts
 from coheft.agents.efficient.stages import TRANSITIONS, Event, Stage
@@ -302,3 +303,11 @@ def test_no_total_wrench_of_former_poses_is_told() -> None:
     assert found.total_wrench is not None
     found._start_over()
     assert found.total_wrench is None
+
+
+@pytest.mark.parametrize("was_known", [True, False])
+def test_loads_that_are_forgotten_before_they_are_known_make_all_begin_again(was_known: bool) -> None:
+    rows = RowCounts.of(Guards(), PERIOD)
+    restlessness, apart = Restlessness(rows), 2 * rows.calm
+    found = [restlessness.forget_load(number, number == 0 or was_known) for number in range(0, 4 * apart, apart)]
+    assert any(found) != was_known
