@@ -31,7 +31,7 @@ from coheft.estimation.moments.projected import ProjectedMoments
 from coheft.estimation.moments.row_buffer import RowBuffer
 from coheft.estimation.moments.start import first_load, first_poses, poses_by_motion
 from coheft.estimation.moments.suspects import SLIP
-from coheft.estimation.moments.undeclared import UndeclaredError, undeclared_error
+from coheft.estimation.moments.undeclared import EACH_ROBOTS, UndeclaredError, undeclared_error
 from coheft.estimation.moments.unknowns import THETA, Flags, State, Unknowns
 
 _PAGES_IN_MEMORY, _KEPT_ON_PAGE = 8, 2
@@ -137,7 +137,7 @@ class Knowledge:
         estimate = self.estimate
         if estimate is None or estimate.misses_poses or estimate.state.load is None:
             return None
-        noise = self.unseen_change(estimate, unnoticed, drift, missing=missing)
+        noise = self.unseen_change(estimate, unnoticed, drift, missing=missing / self._settings.period)
         self.bridge(missing)
         prior = self._chapter.posterior(estimate, self._guess)
         return prior if noise is None else prior.with_process_noise(estimate.body.unknowns.theta, noise)
@@ -157,12 +157,12 @@ class Knowledge:
             unnoticed: The step of the mass that may have occurred.
             drift: Drift of the load.
             end: The estimate is from the rows before this index; None if from all of them.
-            missing: Time without rows since [s].
+            missing: Number of rows that are missing since.
         """
         step = unnoticed.process_noise(estimate)
         if drift is None:
             return step
-        lag = self.innovations.lag(self.buffer, end) + missing / self._settings.period * np.eye(10)
+        lag = self.innovations.lag(self.buffer, end) + missing * np.eye(10)
         drifted = drift.process_noise(estimate, lag)
         return drifted if step is None else step + drifted
 
@@ -172,11 +172,12 @@ class Knowledge:
         return 3 * self.least
 
     def undeclared_error(self) -> UndeclaredError | None:
-        """Return the most significant sensor error with tolerance zero, or None; large teams do not test."""
+        """Return the most significant sensor error with tolerance zero, or None; large teams look for fewer kinds."""
         estimate, settings, false_alarm = self.estimate, self._settings, self._guards.undeclared
-        if estimate is None or not self.is_small:
+        if estimate is None:
             return None
-        constant = undeclared_error(estimate, self._guess, self._chapter, settings, self._anchor, false_alarm)
+        kinds = EACH_ROBOTS if self.is_small else ()
+        constant = undeclared_error(estimate, self._guess, self._chapter, settings, self._anchor, kinds, false_alarm)
         late = self.innovations.late_sensor(self.buffer, settings.period, false_alarm)
         return max(filter(None, (constant, late)), key=lambda error: error.size, default=None)
 
@@ -365,6 +366,7 @@ class Knowledge:
         index = max(buffer.start, buffer.count - _KEPT_ON_PAGE)
         end, theta = buffer.number_at(index), estimate.body.unknowns.theta
         begun = end if self._first is None else self._page_begun
+        end = max(end, begun)  # rows from before a gap are still kept
         seconds, self._page_begun = (end - begun) * settings.period + missing, end + round(missing / settings.period)
         self._past = self.innovations.past
         chapter.end(estimate, self._guess, index)

@@ -89,10 +89,10 @@ class Before(NamedTuple):
     unseen: Array | None
 
     @staticmethod
-    def of(known: Knowledge, index: int, unnoticed: UnnoticedStep, drift: LoadDrift | None) -> Before:
-        """What the rows before an index have shown."""
+    def of(known: Knowledge, index: int, unnoticed: UnnoticedStep, drift: LoadDrift | None, missing: int = 0) -> Before:
+        """What the rows before an index have shown; so many rows are missing after them."""
         estimate, prior = known.known_before(index)
-        unseen = known.unseen_change(estimate, unnoticed, drift, index)
+        unseen = known.unseen_change(estimate, unnoticed, drift, index, missing)
         return Before(estimate, prior, known.covariance_now(estimate), known.innovations.past_before_slip, unseen)
 
     def with_poses_of(self, known: Knowledge) -> Before | None:
@@ -169,7 +169,8 @@ class Suspicion:
         known: Knowledge, since: int, changes: int, unnoticed: UnnoticedStep, drift: LoadDrift | None
     ) -> Suspicion:
         """The suspicion when rows have been missing; ``since`` is the number of the first row that is not."""
-        before = Before.of(known, known.buffer.count, unnoticed, drift)
+        missing = max(0, since - known.buffer.number_at(known.buffer.count))
+        before = Before.of(known, known.buffer.count, unnoticed, drift, missing)
         return Suspicion(before, {}, since, since, changes, is_after_gap=True)
 
     @property

@@ -119,3 +119,16 @@ def test_a_page_that_ends_just_after_a_step_of_a_leak_has_only_rows_of_the_prese
     assert known.follow_drift(known.estimate, buffer.count - 1, LoadDrift(-0.01, 20, 60))
     known.bridge(1.0)
     assert buffer.load_rows == buffer.moments()[1].sums(one)[one] == 1
+
+
+def test_two_gaps_in_quick_succession_count_once_each() -> None:
+    session, rows = drifting_session(), made_up_rows(10, first=200)
+    known, begun = session._known, [session._known._page_begun]
+    for number, row in ((150, rows[0]), (169, rows[1])):
+        session.take(number, row)
+        begun.append(known._page_begun)
+    assert begun == sorted(begun)
+    known.buffer.take_back(0)
+    assert known.buffer.count == 0
+    known.bridge(2.0)
+    assert known._page_begun == begun[-1] + round(2.0 / PERIOD)

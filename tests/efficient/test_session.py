@@ -17,7 +17,7 @@ from coheft.estimation.moments.claims import claim_of
 from coheft.estimation.moments.fit_settings import FitSettings
 from coheft.estimation.moments.rows import FORCE, ROW_SIZE, WRENCH, A, RowNoise
 from tests.efficient.rows import LOAD, PERIOD, POSES, made_up_rows
-from tests.efficient.sessions import slipped_poses
+from tests.efficient.sessions import BEFORE, slipped, slipped_poses
 
 COUNT = len(POSES)
 SETTINGS = FitSettings(RowNoise.of_samples(SensorNoise(), 20, 1000.0), PERIOD)
@@ -130,14 +130,15 @@ def carried_by(robots: tuple[int, ...], rows: Array, poses: tuple[Pose, ...] = P
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_robot_that_holds_the_load_alone_tells_no_slip(seed: int) -> None:
-    poses, found = slipped_poses(20.0, 1.0, 0, seed), Session(1, 0, session().settings, Guards())
+    noise = RowNoise.of_samples(SensorNoise().scaled(3.0), 20, 1000.0)  # that of all robots' wrenches together
+    poses, found = slipped_poses(20.0, 1.0, 0, seed), Session(1, 0, FitSettings(noise, PERIOD), Guards())
     rows = [made_up_rows(150), made_up_rows(120, first=162, poses=poses)]
     for number, row in enumerate(carried_by((0,), rows[0])):
         found.take(number, row)
     for number, row in enumerate(carried_by((0,), rows[1], poses), 162):
         found.take(number, row)
     assert not found.causes.slips
-    assert [change.first for change in found.causes.changes] == [162]
+    assert [140 < change.first <= 162 for change in found.causes.changes] == [True]
 
 
 @pytest.mark.parametrize(("force", "torque"), [((1.0, 0.5, 0.5, 0.5), 0.1), (0.5, (0.1, 0.1, 0.1, 0.2))])
@@ -305,9 +306,26 @@ def test_no_total_wrench_of_former_poses_is_told() -> None:
     assert found.total_wrench is None
 
 
-@pytest.mark.parametrize("was_known", [True, False])
-def test_loads_that_are_forgotten_before_they_are_known_make_all_begin_again(was_known: bool) -> None:
+@pytest.mark.parametrize(("calms", "was_known", "begins"), [(0.5, True, True), (2.0, True, False), (2.0, False, True)])
+def test_loads_that_are_forgotten_soon_or_before_they_are_known_make_all_begin_again(
+    calms: float, was_known: bool, begins: bool
+) -> None:
     rows = RowCounts.of(Guards(), PERIOD)
-    restlessness, apart = Restlessness(rows), 2 * rows.calm
-    found = [restlessness.forget_load(number, number == 0 or was_known) for number in range(0, 4 * apart, apart)]
-    assert any(found) != was_known
+    restlessness, apart = Restlessness(rows), round(calms * rows.calm)
+    numbers = range(10 * rows.restless, 10 * rows.restless + 10 * apart, apart)
+    found = [restlessness.forget_load(number, was_known) for number in numbers]
+    assert not found[0]
+    assert any(found) == begins
+
+
+def test_a_slip_does_not_end_the_trouble_with_loads() -> None:
+    rows, _ = slipped(20.0, 1.0, 1, 3)
+    found = fed(rows[:BEFORE])
+    found._restlessness.forget_load(BEFORE - 1, True)
+    before = found._restlessness
+    for number in range(BEFORE, BEFORE + 60):
+        found.take(number, rows[number])
+    assert found.causes.slips
+    assert found._restlessness is before
+    found._start_over()
+    assert found._restlessness is not before

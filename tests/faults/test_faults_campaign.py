@@ -131,7 +131,6 @@ SHOWN_BY = {
     "endless-confirmation": _AWAY_ONCE,
     "rare-fits": draw_schedule(1062000043),
     "without-fresh-change": draw_schedule(4220, delayed=False, is_exact=True),
-    "without-calm": draw_schedule(1051552774),
     "without-tolerance": _LATE,
     "without-after-gap": draw_schedule(1036598359),
     "without-restless": draw_schedule(1036598597),

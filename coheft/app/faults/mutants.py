@@ -131,7 +131,6 @@ SWITCHED_OFF = {
     "offset": 1e-300,
     "undeclared": 1e-300,
     "fresh_change": 1e9,
-    "calm": 0.0,
     "mass": 0.999,
     "small_step": 1e-300,
     "shortest": 1e9,

@@ -50,6 +50,8 @@ def found_errors(estimate: Estimate, robot: int, declared: SensorErrors) -> list
     for name, eta, std, told in zip(
         declared.names, estimate.state.eta[robot], deviations, tolerances[robot], strict=True
     ):
+        if name == "clock":
+            told = declared.tolerances[robot % len(declared.tolerances)].get(name, 0.0)
         if told == 0.0:
             continue
         number, axes[name] = axes[name], axes[name] + 1
@@ -59,8 +61,6 @@ def found_errors(estimate: Estimate, robot: int, declared: SensorErrors) -> list
             axis = ""
         if name in _DELAYS:
             scale = 1.0
-        if name == "clock":
-            told = told / 2.0**0.5
         if name.endswith("_mounting"):
             key, scale = f"{name}_deg", float(np.degrees(-1.0))
         found.append(FoundError(key, axis, scale * float(eta), abs(scale) * float(std), abs(scale) * float(told)))

@@ -3,8 +3,9 @@
     s = sum_n d_n . r_n,    s^2 / sum_n |d_n|^2 ~ chi-square at most
 
 ``r_n`` are the residuals of a row, ``d_n`` their derivative by the delay of one robot's sensors. A reading changes per
-second as between the rows before and after, so the noise of ``d_n`` is independent of that of ``r_n``. What the fit's
-unknowns explain of a delay is not projected out: rarely much, and the test only becomes less sensitive.
+second as between the rows before and after, so the noise of ``d_n`` is independent of that of ``r_n``; where residuals
+are corrected by rates, from samples of these two rows, the rows beside them are taken. What the fit's unknowns explain
+of a delay is not projected out: rarely much, and the test only becomes less sensitive.
 """
 
 from __future__ import annotations
@@ -42,13 +43,14 @@ def late_sensor(
         period: Duration of a row [s].
         false_alarm: False-alarm probability for one delay.
     """
-    is_tested = ~_declared(body)
-    between = numbers[2:] - numbers[:-2] == 2
+    is_tested, far = ~_declared(body), 2 if body.has_rates else 1
+    between = numbers[2 * far :] - numbers[: -2 * far] == 2 * far
     if not is_tested.any() or not between.any():
         return None
     count, size = body.count, ROW_SIZE * body.count
-    change = (rows[2:, :size] - rows[:-2, :size])[between].reshape(-1, count, ROW_SIZE) / (2.0 * period)
-    wrench, motion = (each[1:-1][between] for each in residuals)
+    change = (rows[2 * far :, :size] - rows[: -2 * far, :size])[between]
+    change = change.reshape(-1, count, ROW_SIZE) / (2.0 * far * period)
+    wrench, motion = (each[far:-far][between] for each in residuals)
 
     own = change[:, :, KINEMATICS]
     if body.state.calibration is not None:
@@ -65,7 +67,8 @@ def late_sensor(
     variance += [np.square(each).sum(axis=(0, 2)) for each in (of_clock, of_delay)]
     sizes = np.where(is_tested, score**2 / np.maximum(variance, 1e-300), 0.0) / chi_square_threshold(1, false_alarm)
     kind, robot = np.unravel_index(int(sizes.argmax()), sizes.shape)
-    return UndeclaredError(int(robot), DELAYS[kind], float(sizes[kind, robot]))
+    is_clear = count > 2 or DELAYS[kind] != "clock"  # two clocks differ, but which of them is off?
+    return UndeclaredError(int(robot) if is_clear else None, DELAYS[kind], float(sizes[kind, robot]))
 
 
 def _declared(body: BodyModel) -> Flags:

@@ -173,6 +173,8 @@ class RowBuffer:
 
     def number_at(self, index: int) -> int:
         """Number of the row at this index, or of the next row to come there."""
+        if self.count == 0:
+            return self._since
         return int(self.numbers[index] if index < self.count else self.numbers[index - 1] + 1)
 
     def _drop(self, dropped: int) -> None:

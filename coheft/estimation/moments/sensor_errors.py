@@ -83,13 +83,10 @@ class SensorErrors:
         self.flexing = slice(self.width - FLEXING_SIZE * self.is_flexing, self.width)
         generators = [(kind, entries) for kind in kinds for entries in self._generators(kind)]
         self.names = tuple(kind for kind, _ in generators)
-        # Clocks count from the anchor's, so the difference of two of them is what is unknown.
-        self.deviations = np.array(
-            [
-                [each.get(kind, 0.0) * (2.0**0.5 if kind == "clock" else 1.0) for kind in self.names]
-                for each in tolerances
-            ]
-        )
+        self.deviations = np.array([[each.get(kind, 0.0) for kind in self.names] for each in tolerances])
+        if "clock" in kinds:  # clocks count from the anchor's, so the difference of two of them is what is unknown
+            clock = self.names.index("clock")
+            self.deviations[:, clock] = np.hypot(self.deviations[:, clock], self.deviations[:, clock].max(initial=0.0))
         self.generators = np.zeros((len(generators), self.width, self.width))
         for matrix, (_, entries) in zip(self.generators, generators, strict=True):
             for to, source, factor in entries:

@@ -9,6 +9,7 @@ and of torques only the sum of all offsets shows; offsets of forces differ by th
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -24,13 +25,14 @@ from coheft.estimation.moments.sensor_errors import SensorErrors
 from coheft.estimation.moments.unknowns import Indices, State, Unknowns
 from coheft.estimation.tolerance import SENSORS
 
-_TESTED = (
+EACH_ROBOTS = (
     "acceleration_bias",
     *(f"{sensor}_mounting" for sensor in ("gyro", "velocity", "acceleration")),
     *(f"{sensor}_scale" for sensor in SENSORS),
     "velocity_place",
     "acceleration_place",
 )
+"""Kinds of errors of one robot that can be tested, beside offsets of gyros, forces and torques."""
 _LEAST_SHARE = 1e-3
 """Least share of an error's information that has to remain beside all unknowns; less may be linearisation error."""
 
@@ -50,7 +52,13 @@ class UndeclaredError(NamedTuple):
 
 
 def undeclared_error(
-    estimate: Estimate, guess: Guess, chapter: Chapter, settings: FitSettings, anchor: int, false_alarm: float
+    estimate: Estimate,
+    guess: Guess,
+    chapter: Chapter,
+    settings: FitSettings,
+    anchor: int,
+    kinds: Sequence[str],
+    false_alarm: float,
 ) -> UndeclaredError | None:
     """Return the most significant sensor error with tolerance zero, None if no tolerance is zero, or if poses, load
     or declared errors are not all seen.
@@ -61,15 +69,16 @@ def undeclared_error(
         chapter: Rows and prior.
         settings: Settings of the fit.
         anchor: Index of the robot whose pose stays fixed.
+        kinds: Kinds of errors to test beside offsets, some of ``EACH_ROBOTS``.
         false_alarm: False-alarm probability for one robot and one kind of error.
     """
     declared, unknowns = settings.errors, estimate.body.unknowns
     is_declared = unknowns.deviations > 0.0
     names_declared = [{name for name, has_it in zip(declared.names, own, strict=True) if has_it} for own in is_declared]
-    errors = SensorErrors(dict.fromkeys((*_TESTED, *declared.names), 1.0))
+    errors = SensorErrors(dict.fromkeys((*kinds, *declared.names), 1.0))
     body = replace(settings, errors=errors).body(_with_errors(estimate.state, errors))
     every, own = body.unknowns, np.flatnonzero([name in declared.names for name in errors.names])
-    tests = _Tests.of(body, settings, names_declared)
+    tests = _Tests.of(body, settings, kinds, names_declared)
     others = _places(every, own)
 
     rows = evidence_of(body, chapter.evaluation()(body))
@@ -111,11 +120,13 @@ class _Tests(NamedTuple):
     directions: Array
 
     @staticmethod
-    def of(body: BodyModel, settings: FitSettings, declared: list[set[str]]) -> _Tests:
-        """Choose those that are not declared by a robot's names of kinds; ``body`` has all of them as unknowns."""
+    def of(body: BodyModel, settings: FitSettings, kinds: Sequence[str], declared: list[set[str]]) -> _Tests:
+        """Choose those of some kinds that a robot has not declared; ``body`` has all of them as unknowns."""
         unknowns, every = body.unknowns, np.arange(body.unknowns.size)
         names = unknowns.errors.names
-        is_tested = np.array([[name in _TESTED and name not in known for name in names] for known in declared])
+        is_tested = np.zeros((len(declared), len(names)), dtype=bool)
+        for robot, known in enumerate(declared):
+            is_tested[robot] = [name in kinds and name not in known for name in names]
         errors: list[tuple[int | None, str]] = [(robot, names[k]) for robot, k in np.argwhere(is_tested)[::3].tolist()]
         indices, directions = [unknowns.eta[is_tested]], np.zeros((0, 0, 3))
         if not settings.has_gyro_offset:
@@ -159,7 +170,7 @@ def _surprises(score: Array, variance: Array, alone: Array, false_alarm: float) 
 def _with_errors(state: State, errors: SensorErrors) -> State:
     """Return the state with more sensor errors among its unknowns, all of them zero."""
     eta = np.zeros((len(state.poses), errors.count))
-    calibration = errors.step(eta) if state.calibration is None else state.calibration
+    calibration = errors.step(eta) if state.calibration is None and errors.count else state.calibration
     return State(state.poses, eta, calibration, state.gyros, state.load)
 
 

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from coheft.estimation.moments.fit_settings import FitSettings
+from coheft.estimation.moments.rows import FORCE, ROW_SIZE
 from coheft.estimation.moments.sensor_errors import SensorErrors
-from coheft.estimation.moments.undeclared import UndeclaredError, undeclared_error
+from coheft.estimation.moments.undeclared import EACH_ROBOTS, UndeclaredError, undeclared_error
 from coheft.estimation.moments.unknowns import Unknowns
 from tests.estimation.moments.fitting import IDEAL, fit
 from tests.estimation.moments.moving_team import NOISE, PERIOD, make_team, misread, noisy_for
@@ -44,7 +45,7 @@ def asked_for(
         step[unknowns.eta[1, is_kind]] = SIZES[kind] * np.array([1.0, -1.0, 1.0])
         rows = misread(rows, state.moved(step, unknowns, 6.0))
     found = fit(rows, settings)
-    return undeclared_error(found.estimate, found.guess, found.chapter, settings, 0, false_alarm)
+    return undeclared_error(found.estimate, found.guess, found.chapter, settings, 0, EACH_ROBOTS, false_alarm)
 
 
 @pytest.mark.parametrize("kind", SIZES)
@@ -82,4 +83,15 @@ def test_while_much_is_in_doubt_nothing_is_asked_for() -> None:
     team = team.expressed_in(team.poses[0])
     found = fit(noisy_for(errors, team, np.random.default_rng(1), noise), settings)
     assert not found.estimate.misses_poses
-    assert undeclared_error(found.estimate, found.guess, found.chapter, settings, 0, 1e-9) is None
+    assert undeclared_error(found.estimate, found.guess, found.chapter, settings, 0, EACH_ROBOTS, 1e-9) is None
+
+
+def test_offsets_of_forces_are_found_where_nothing_else_is_tested() -> None:
+    team = make_team(4, count=4, number=400)
+    rows = noisy_for(IDEAL.errors, team.expressed_in(team.poses[0]), np.random.default_rng(4))
+    rows[:, ROW_SIZE + FORCE.start] += 2.0
+    found = fit(rows, IDEAL)
+    error = undeclared_error(found.estimate, found.guess, found.chapter, IDEAL, 0, (), 1e-9)
+    assert error is not None
+    assert (error.robot, error.kind) == (1, "force_bias")
+    assert error.size > 1.0
