@@ -69,6 +69,7 @@ def test_bodies_without_names_can_be_named(tmp_path: Path) -> None:
         '<texture name="t" type="2d" file="wood.png"/>',
         '<texture name="t" type="cube" file="wood.png" gridsize="3 4" gridlayout=".U..LFRB.D.."/>',
         '<texture name="t" type="skybox" fileright="a.png" fileleft="b.png"/>',
+        '<texture type="skybox" builtin="gradient" width="8" height="48"/><texture name="t" type="2d" file="wood.png"/>',
     ],
 )
 def test_pictures_may_be_missing(texture: str, tmp_path: Path) -> None:
@@ -200,7 +201,8 @@ def test_other_units_are_refused(size: float, tmp_path: Path) -> None:
         ('density="250"', "", ""),
         ('mass="6"', "", ""),
         ("", "", "24 kg of 24 kg are of shapes that MuJoCo fills with 1000 kg/m³, as it does if a file gives neither"),
-        ('mass="6"', '<compiler boundmass="7"/>', "boundmass, boundinertia or balanceinertia of its compiler change"),
+        ('mass="6"', '<compiler boundmass="7"/>', "boundmass, boundinertia, balanceinertia or settotalmass of its"),
+        ('mass="6"', '<compiler settotalmass="9"/>', "balanceinertia or settotalmass of its compiler change"),
         ('mass="6"', '<compiler boundmass="5" balanceinertia="true"/>', ""),
     ],
 )
@@ -213,7 +215,32 @@ def test_mass_that_a_file_does_not_say_is_remarked(
     assert bool(words) == bool(caplog.text)
 
 
+@pytest.mark.parametrize(
+    ("file", "advice"),
+    [
+        ("part.dae", "MuJoCo reads meshes in binary .stl, and .obj: convert them"),
+        ("ascii.stl", "MuJoCo reads meshes in binary .stl, and .obj: convert them"),
+        ("package://robots/part.stl", "packages of ROS are not known here: give the path relative to this file"),
+        ("file:///part.stl", "give the path of the mesh without file://"),
+    ],
+)
+def test_meshes_that_mujoco_does_not_read_are_named(file: str, advice: str, tmp_path: Path) -> None:
+    (tmp_path / "part.dae").write_text("<COLLADA/>")
+    (tmp_path / "ascii.stl").write_text(trimesh.exchange.stl.export_stl_ascii(trimesh.creation.box()))
+    shape = f'<collision><geometry><mesh filename="{file}"/></geometry></collision>'
+    with pytest.raises(ScenarioError, match=f"; {advice}$"):
+        load(tmp_path, f'<robot name="r"><link name="l">{shape}</link></robot>', "part.urdf")
+
+
 def test_expressions_in_a_urdf_are_named(tmp_path: Path) -> None:
     text = '<robot name="r"><link name="l"><inertial><mass value="${m}"/></inertial></link></robot>'
     with pytest.raises(ScenarioError, match="expected numbers: if there are expressions, run xacro first"):
+        load(tmp_path, text, "part.urdf")
+
+
+def test_macros_in_a_urdf_are_not_ignored(tmp_path: Path) -> None:
+    text = f'<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">{LINK}</robot>'
+    assert load(tmp_path, text, "part.urdf").payload.inertia().mass == pytest.approx(6.0)
+    text = text.replace("<collision>", '<xacro:mass_of_box mass="6"/><collision>')
+    with pytest.raises(ScenarioError, match="elements of xacro, which MuJoCo would ignore: run xacro first"):
         load(tmp_path, text, "part.urdf")

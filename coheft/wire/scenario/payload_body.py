@@ -179,8 +179,8 @@ class HeldBody:
         written = self._inertia(self.model.as_written)
         if written is None or not _alike(whole, written):
             LOG.warning(
-                f"coheft: {place}: boundmass, boundinertia or balanceinertia of its compiler change its mass "
-                f"properties: they are not those in the file"
+                f"coheft: {place}: boundmass, boundinertia, balanceinertia or settotalmass of its compiler change its "
+                f"mass properties: they are not those in the file"
             )
 
     def _remark_shapes(self, place: str) -> None:

@@ -18,12 +18,16 @@ from coheft.wire.scenario.payload_surface import to_text
 from coheft.wire.scenario.rules import check
 from coheft.wire.scenario.schema import Scenario
 
+_MESHES = "MuJoCo reads meshes in binary .stl, and .obj: convert them"
 _ADVICE = {
+    "stl_decoder": _MESHES,
+    "no decoder found for mesh": _MESHES,
     "decoder": "expected MJCF, .xml, or URDF, .urdf: run xacro first, and convert other formats",
     "bad format in attribute": "expected numbers: if there are expressions, run xacro first",
+    "file:/": "give the path of the mesh without file://",
     "package:/": "packages of ROS are not known here: give the path relative to this file",
 }
-"""What to do about MuJoCo's errors, by a part of their texts."""
+"""What to do about MuJoCo's errors, by a part of their texts; the first that fits counts."""
 
 
 def read_files(scenario: Scenario, origin: str, folder: Path) -> Scenario:
@@ -38,6 +42,8 @@ def read_files(scenario: Scenario, origin: str, folder: Path) -> Scenario:
     if payload.mjcf is not None:
         place = f"{origin}: key 'payload.mjcf'"
         path = _existing(folder, payload.mjcf, place)
+        if b"<xacro:" in path.read_bytes():
+            refuse_scenario(place, f"{path} has elements of xacro, which MuJoCo would ignore: run xacro first")
         try:
             model = read_model(path)
         except ValueError as error:

@@ -37,7 +37,7 @@ class PayloadModel:
             convex ones only; None if their surfaces have no inside.
         without_defaults: The model without shapes that have neither a mass nor a density of their own, which MuJoCo
             fills with ``DEFAULT_DENSITY``; None if nothing is left.
-        as_written: The model as if its compiler did not enlarge masses and moments of inertia; None if it is
+        as_written: The model as if its compiler did not change masses and moments of inertia; None if it is
             impossible then.
     """
 
@@ -79,7 +79,7 @@ def read_model(path: Path) -> PayloadModel:
         without_looks=_variant(spec, _leave_out_looks),
         with_exact_meshes=_variant(spec, _fill_meshes_exactly),
         without_defaults=_variant(spec, _leave_out_defaults),
-        as_written=_variant(spec, _enlarge_nothing),
+        as_written=_variant(spec, _change_nothing),
     )
 
 
@@ -110,13 +110,14 @@ def _variant(spec: mujoco.MjSpec, change: Callable[[mujoco.MjSpec], None]) -> mu
 
 
 def _leave_out_pictures(spec: mujoco.MjSpec) -> None:
-    """Give every texture one colour, so that no image is read, and take off skins."""
+    """Give every texture one colour and, as only a sky needs none, a name, so that no image is read; take off skins."""
     import mujoco
 
     for skin in spec.skins:
         spec.delete(skin)
 
-    for texture in spec.textures:
+    for number, texture in enumerate(spec.textures):
+        texture.name = texture.name or f"texture {number}"
         texture.file, texture.cubefiles = "", [""] * 6
         texture.type, texture.builtin = mujoco.mjtTexture.mjTEXTURE_2D, mujoco.mjtBuiltin.mjBUILTIN_FLAT
         texture.width = texture.height = 1
@@ -153,9 +154,10 @@ def _leave_out_defaults(spec: mujoco.MjSpec) -> None:
                     geom.mass = 0.0
 
 
-def _enlarge_nothing(spec: mujoco.MjSpec) -> None:
+def _change_nothing(spec: mujoco.MjSpec) -> None:
     compiler = spec.compiler
     compiler.boundmass, compiler.boundinertia, compiler.balanceinertia = 0.0, 0.0, False
+    compiler.settotalmass = -1.0
 
 
 def _fill_meshes_exactly(spec: mujoco.MjSpec) -> None:
