@@ -118,7 +118,12 @@ HELD_NOISE = (1e-4, 2e-4, 0.2, 0.02)
 
 
 def held_recording(
-    seed: int, count: int = 3, seconds: float = 25.0, change: tuple[float, Inertia] | None = None
+    seed: int,
+    count: int = 3,
+    seconds: float = 25.0,
+    change: tuple[float, Inertia] | None = None,
+    *,
+    speed: float = 1.0,
 ) -> Recording:
     """Poses and wrenches, with noise, of robots that swing a load and push against each other.
 
@@ -127,10 +132,11 @@ def held_recording(
         count: Of robots.
         seconds: How long.
         change: From when on another body is there, and which [s].
+        speed: Of the motion, in multiples of the usual.
     """
     rng = np.random.default_rng(seed)
     time = np.arange(int(seconds * RATE)) / RATE
-    rates, phases = rng.uniform(1.2, 3.0, (4, 3)), rng.uniform(0.0, 6.0, (4, 3))
+    rates, phases = speed * rng.uniform(1.2, 3.0, (4, 3)), rng.uniform(0.0, 6.0, (4, 3))
 
     def pose_at(t: Array) -> tuple[Rotation, Array]:
         turn, shift, small = (np.sin(rates[k] * t[:, None] + phases[k]) for k in range(3))

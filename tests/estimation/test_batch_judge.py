@@ -122,6 +122,12 @@ def test_of_two_robots_either_clock_may_be_wrong() -> None:
     assert "(or those of the other robot, the other way round)" in verdict.words
 
 
+@pytest.mark.parametrize("seed", [0, 4])
+def test_noise_of_a_slow_motion_is_no_late_clock(seed: int) -> None:
+    _, verdict = judged(held_recording(seed, speed=0.03))
+    assert not verdict.is_refuted, verdict.words
+
+
 @pytest.mark.parametrize("columns", [slice(0, 6), slice(3, 6)])
 def test_a_sensor_that_repeats_itself_is_named(columns: slice) -> None:
     def stuck(wrench: Array) -> Array:

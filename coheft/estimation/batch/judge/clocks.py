@@ -1,7 +1,8 @@
 """Delays of the robots' clocks, from the body's angular velocity according to each robot.
 
 A robot whose clock is late by ``tau`` measures ``w(t - tau)``, about ``w - tau alpha``. Its grasp is then estimated
-with a rotation by some ``phi``, which adds ``phi x w``. Both are fitted, with ``w`` and ``alpha`` from the others.
+with a rotation by some ``phi``, which adds ``phi x w``. Both are fitted, with ``w`` and ``alpha`` from the others. Only
+the part of ``alpha`` on which the robot and the others agree shows a delay: the rest is noise.
 """
 
 from collections.abc import Sequence
@@ -11,7 +12,7 @@ from scipy.interpolate import CubicSpline
 
 from coheft.estimation.batch.body import body_motions
 from coheft.estimation.batch.inertia_fit import others
-from coheft.estimation.batch.signals import OVERSAMPLING, Signals
+from coheft.estimation.batch.signals import Signals
 from coheft.estimation.geometry.body_motion import BODY_ALPHA, BODY_W
 from coheft.estimation.geometry.spatial import Array, Pose
 
@@ -27,7 +28,7 @@ def clock_delays(signals: Signals, poses: Sequence[Pose]) -> tuple[Array, Array]
         poses: Poses of their grasp frames in the body frame.
 
     Returns:
-        Delays and their standard deviations, shape (N,) each [s].
+        Delays and their standard deviations, shape (N,) each [s]; infinite if there is nothing but noise.
     """
     motions = body_motions(signals, poses)
     mean = others(motions)
@@ -45,7 +46,23 @@ def clock_delays(signals: Signals, poses: Sequence[Pose]) -> tuple[Array, Array]
             if abs(solution[0]) < _FOUND:
                 break
         left = difference - columns @ solution
-        # Filtered samples are independent at every half period of the cutoff.
-        variance = 0.5 * OVERSAMPLING * float(np.mean(left**2)) * np.linalg.pinv(columns.T @ columns)[0, 0]
-        delays[robot], deviations[robot] = delay, np.sqrt(variance)
+        delays[robot], deviations[robot] = delay, _deviation(left, columns, own[:, BODY_ALPHA].ravel())
     return delays, deviations
+
+
+def _deviation(left: Array, columns: Array, acceleration: Array) -> float:
+    """Standard deviation of a delay [s].
+
+    Args:
+        left: Residuals of the angular velocity, of all axes in turn, shape (3 n,).
+        columns: Their derivatives by the delay, which are noisy, and by a rotation, shape (3 n, 4).
+        acceleration: The robot's own angular acceleration, shape (3 n,).
+    """
+    turns = columns[:, 1:]
+    shown = columns[:, 0] - turns @ np.linalg.lstsq(turns, columns[:, 0])[0]
+    agreed = -float(shown @ acceleration)
+    if agreed <= 0.0:
+        return np.inf
+    # The deviation of their scalar product if residuals of the same spectrum had random phases.
+    powers = [np.abs(np.fft.fft(signal.reshape(-1, 3), axis=0)) ** 2 for signal in (left, shown)]
+    return float(np.sqrt(np.sum(powers[0] * powers[1])) / (len(left) / 3) / agreed)
