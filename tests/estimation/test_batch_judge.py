@@ -17,7 +17,7 @@ from coheft.estimation.batch.judge.sensors import spiking_sensor
 from coheft.estimation.batch.judge.verdict import Verdict
 from coheft.estimation.batch.pose_conventions import inverse_poses
 from coheft.estimation.batch.recording import Recording
-from coheft.estimation.batch.signals import low_pass
+from coheft.estimation.batch.signals import CUTOFF, low_pass
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.rigid_body.mass_properties import Inertia, combined
 from tests.estimation.batch_team import HELD, held_recording
@@ -126,6 +126,19 @@ def test_of_two_robots_either_clock_may_be_wrong() -> None:
 def test_noise_of_a_slow_motion_is_no_late_clock(seed: int) -> None:
     _, verdict = judged(held_recording(seed, speed=0.03))
     assert not verdict.is_refuted, verdict.words
+
+
+@pytest.mark.parametrize("speed", [3.0, 4.0])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_fast_motions_are_filtered_less(seed: int, speed: float) -> None:
+    recording = held_recording(seed, speed=speed)
+    found, verdict = judged(recording)
+    assert not verdict.is_refuted, verdict.words
+    assert deviations(recording, found).max() < 5.0
+    assert "The motion is fast: signals were filtered with a cutoff of" in found.remarks[-1]
+    by_user = identify(recording, Options(cutoff=CUTOFF))
+    assert by_user.doubts != ()
+    assert "The motion is fast" not in " ".join(by_user.remarks)
 
 
 @pytest.mark.parametrize("columns", [slice(0, 6), slice(3, 6)])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -15,6 +16,7 @@ from coheft.app.identify.methods import identify
 from coheft.errors import RecordingError
 from coheft.estimation.batch.recording import Recording
 from coheft.estimation.geometry.spatial import Array
+from coheft.estimation.measurement import SensorNoise
 from tests.estimation.batch_team import held_recording
 
 SEED = 3
@@ -134,6 +136,22 @@ def test_noise_that_is_not_what_the_recording_says_is_not_believed(seed: int) ->
     found = identify(recording, Options())
     assert found.method == "instruments"
     assert found.doubts == ()
+    assert deviations(recording, found) < 5.0
+
+
+@pytest.mark.parametrize("sensor", SensorNoise.__struct_fields__)
+@pytest.mark.parametrize("factor", [0.4, 2.5])
+def test_noise_that_samples_do_not_show_is_not_believed(sensor: str, factor: float, of_twists: Recording) -> None:
+    """Likelihood would be up to twelve of its standard deviations off."""
+    assert of_twists.noise is not None
+    named = msgspec.structs.replace(of_twists.noise, **{sensor: factor * getattr(of_twists.noise, sensor)})
+    recording = replace(of_twists, noise=named)
+    words = f"Samples of {sensor} show {1.0 / factor:.2g} times the noise that 'noise' of the recording names"
+    assert words in identify(recording, Options(method="likelihood")).doubts[0]
+    found = identify(recording, Options())
+    assert found.method == "instruments"
+    assert found.doubts == ()
+    assert f"{words}, so that --method likelihood does not suit it." in found.remarks
     assert deviations(recording, found) < 5.0
 
 

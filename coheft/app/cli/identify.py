@@ -42,7 +42,8 @@ def identify(
         calibrate: Estimate calibration errors of the robots as well (method pose).
         from_: Ignore everything before this time [s].
         to: Ignore everything after this time [s].
-        cutoff: Cutoff of the low-pass filter [Hz]: by default 5 for batch, otherwise 3; likelihood has none.
+        cutoff: Cutoff of the low-pass filter [Hz]: by default 5 for batch, otherwise 3, or 6 or 12 if the motion is
+            fast; likelihood has none.
         assume: Correct the recording for this fault before identifying the load; the fault is named as in the report's
             verdict, for instance 'offset' or 'sensor turned'.
         topics: Topics of each robot in an MCAP file or a bag, for instance left=/left/wrench left=/left/pose

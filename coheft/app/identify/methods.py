@@ -7,10 +7,11 @@ import numpy as np
 from coheft.app.identify.choices import Bounds, Method, Options
 from coheft.errors import RecordingError, UsageError
 from coheft.estimation.batch.calibration import Tolerances
+from coheft.estimation.batch.fast_motion import cutoff_for
 from coheft.estimation.batch.identification import Identification
 from coheft.estimation.batch.identify import identify_batch, identify_with_instruments
 from coheft.estimation.batch.identify_poses import identify_poses
-from coheft.estimation.batch.identify_sensors import identify_sensors
+from coheft.estimation.batch.identify_sensors import SUITABLE_NOISE, identify_sensors
 from coheft.estimation.batch.identify_statics import identify_statics, with_statics
 from coheft.estimation.batch.judged import judged
 from coheft.estimation.batch.recording import Recording
@@ -18,9 +19,6 @@ from coheft.estimation.batch.signals import CUTOFF, PAPER_CUTOFF
 from coheft.estimation.batch.statics import Statics
 
 _BEST = Options()
-_SUITABLE = 1.12
-"""Largest residuals, in multiples of what noise explains, with which maximum likelihood is chosen: if they are larger,
-noise is not white, and its standard deviations are too small."""
 
 
 def suitable(recording: Recording) -> Method:
@@ -63,6 +61,7 @@ def identify(recording: Recording, options: Options = _BEST, statics: Statics | 
     """
     method = options.method or suitable(recording)
     _check(method, options, statics)
+    given = options.cutoff
 
     def fit(recorded: Recording) -> Identification:
         return fitted(recorded, method, options, statics)
@@ -70,13 +69,20 @@ def identify(recording: Recording, options: Options = _BEST, statics: Statics | 
     try:
         if method == "static":
             return fit(recording)
-        return judged(recording, fit, options.cutoff or CUTOFF, options.assume)
+        cutoff = given or cutoff_for(recording)
+        if method != "batch":  # the cutoff of the paper
+            options = replace(options, cutoff=cutoff)
+        found = judged(recording, fit, cutoff, options.assume)
     except (np.linalg.LinAlgError, OverflowError) as error:
         raise RecordingError(
             f"--method {method} cannot compute with these numbers ({error}): are some of them huge, or constant "
             f"all the time, or is 'noise' far from what the sensors have? Choose a part in which the load moves with "
             f"--from and --to, or another method"
         ) from error
+    if given is not None or cutoff == CUTOFF:
+        return found
+    remark = f"The motion is fast: signals were filtered with a cutoff of {cutoff:g} Hz instead of {CUTOFF:g} Hz."
+    return replace(found, remarks=(*found.remarks, remark))
 
 
 def _check(method: Method, options: Options, statics: Statics | None) -> None:
@@ -107,7 +113,7 @@ def fitted(
             found = identify_poses(recording, tolerances, options.cutoff or CUTOFF)
         case "likelihood":
             found = identify_sensors(recording)
-            if options.method is None and found.noise_ratio > _SUITABLE:
+            if options.method is None and found.noise_ratio > SUITABLE_NOISE:
                 found = _without_noise(recording, options, found)
     return found if statics is None else with_statics(found, statics)
 
@@ -118,8 +124,5 @@ def _without_noise(recording: Recording, options: Options, refuted: Identificati
         found = identify_with_instruments(recording, options.cutoff or CUTOFF)
     except RecordingError:
         return refuted
-    remark = (
-        f"Residuals are {refuted.noise_ratio:.2f} times as large as 'noise' of the recording explains, so that "
-        f"--method likelihood does not suit it."
-    )
+    remark = f"{refuted.noise_words}, so that --method likelihood does not suit it."
     return replace(found, remarks=(*found.remarks, remark))

@@ -66,7 +66,9 @@ class Identification:
         time: Times of the residuals, shape (n,) [s].
         residual: Residuals of the total wrench (force, torque), or of the torque only, shape (n, 6) or (n, 3).
         evidence: Input of the judge, if the method has computed it already.
-        noise_ratio: Size of the residuals, in multiples of the noise that the recording names; 1 if it names none.
+        noise_ratio: Factor by which residuals, or the noise of samples, differ from the noise that the recording
+            names; 1 if it names none.
+        noise_words: What differs by this factor.
     """
 
     method: str
@@ -85,6 +87,7 @@ class Identification:
     residual: Array = field(default_factory=lambda: np.zeros((0, 3)))
     evidence: Evidence | None = None
     noise_ratio: float = 1.0
+    noise_words: str = ""
 
     @property
     def doubts(self) -> tuple[str, ...]:

@@ -5,6 +5,7 @@ import numpy as np
 from coheft.errors import RecordingError
 from coheft.estimation.batch.doubts import unsettled
 from coheft.estimation.batch.identification import Identification
+from coheft.estimation.batch.named_noise import noise_shown
 from coheft.estimation.batch.payload import Payload
 from coheft.estimation.batch.plausibility import check_units, check_weight
 from coheft.estimation.batch.recording import Recording, check_recording
@@ -17,7 +18,9 @@ from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.estimation.rigid_body.unobservable import unobservable_quantities
 
 MOST_NOISE = 1.3
-"""Ratio of residuals to the noise above which they are not white noise of the named level."""
+"""Largest factor between residuals, or the noise of samples, and the noise that a recording names."""
+SUITABLE_NOISE = 1.12
+"""Largest one with which no other method suits better."""
 _HIDDEN = 1e6
 """Stands for an infinite variance of directions of poses that are not observable."""
 _SUSPECTS = (
@@ -55,9 +58,13 @@ def identify_sensors(recording: Recording) -> Identification:
     covariance = to_central @ estimate.covariance[places.theta, places.theta] @ to_central.T
     size = float(np.sqrt(np.mean(np.square(found.residual) / np.diag(found.expected))))
     covariance *= max(1.0, size) ** 2
-    remark = f"Residuals of the total wrench are {size:.2f} times as large as the sensors' noise explains"
-    is_refuted = size > MOST_NOISE
-    remark += _SUSPECTS if is_refuted else "."
+    ratio, words = size, f"Residuals of the total wrench are {size:.2f} times as large as the sensors' noise explains"
+    for sensor, shown in noise_shown(recording):
+        if max(shown, 1.0 / shown) > max(ratio, SUITABLE_NOISE):
+            ratio = max(shown, 1.0 / shown)
+            words = f"Samples of {sensor} show {shown:.2g} times the noise that 'noise' of the recording names"
+    is_refuted = ratio > MOST_NOISE
+    remark = words + (_SUSPECTS if is_refuted else ".")
     return Identification(
         method="likelihood",
         names=recording.names,
@@ -72,5 +79,6 @@ def identify_sensors(recording: Recording) -> Identification:
         suspicions=((remark,) if is_refuted else ()) + unsettled(team),
         time=recording.time[: len(found.residual) * found.row_samples].reshape(-1, found.row_samples).mean(axis=1),
         residual=found.residual,
-        noise_ratio=size,
+        noise_ratio=ratio,
+        noise_words=words,
     )

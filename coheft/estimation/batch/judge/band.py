@@ -17,6 +17,8 @@ _USED = 5.0 / 6.0
 """Share of the filter's band that is used: above, its gain is too small to divide by."""
 _NOISE = (4.0 / 3.0, 8.0 / 3.0)
 """Band in which noise is measured, in multiples of the filter's cutoff."""
+HIGHEST = 0.16
+"""Largest cutoff of the filter, relative to the rate: noise is measured above it."""
 _MOTION_POWER = 0.98
 _WIDER = 1.3
 _FEWEST, _MOST_BANDS, _PER_BAND = 3, 12, 8

@@ -11,6 +11,7 @@ import numpy as np
 from coheft.estimation.batch.body import centre_of
 from coheft.estimation.batch.calibration import Tolerances
 from coheft.estimation.batch.hand_eye import HandEye, fit_hand_eye
+from coheft.estimation.batch.judge.band import HIGHEST
 from coheft.estimation.batch.pairs import grasps_from_twists
 from coheft.estimation.batch.plausibility import plausible_signals
 from coheft.estimation.batch.recording import Recording
@@ -22,8 +23,6 @@ from coheft.estimation.geometry.spatial import Pose
 POSES_PER_SECOND = 25.0
 _LARGEST_TURN, _LARGEST_SHIFT = 1.0, 0.01
 """Largest residuals of poses of one load, averaged over a 25th of a second [degrees, m]."""
-_PER_SAMPLE = 0.16
-"""Largest cutoff of the filter, relative to the rate: noise is measured above it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +56,7 @@ class Evidence:
         Raises:
             RecordingError: Too little was recorded, or samples are impossible for robots that hold one load.
         """
-        cutoff = min(cutoff, _PER_SAMPLE * recording.rate)
+        cutoff = min(cutoff, HIGHEST * recording.rate)
         signals = plausible_signals(recording, cutoff)
         start, _ = grasps_from_twists(signals, with_instruments=True)
         if not recording.has("pose"):
@@ -68,7 +67,7 @@ class Evidence:
     @classmethod
     def of_poses(cls, recording: Recording, signals: Signals, cutoff: float, grasps: HandEye) -> Self:
         """Use grasps that were fitted to poses."""
-        highest = _PER_SAMPLE * recording.rate
+        highest = HIGHEST * recording.rate
         if cutoff > highest:
             signals, cutoff = signals_of(recording, highest), highest
         return cls(recording, signals, cutoff, grasps.team, grasps.homes, suspicions_about(grasps))

@@ -1,0 +1,58 @@
+"""The cutoff of the filter that the motion of a load needs.
+
+Filters reduce fast parts of a motion, and of the forces that go with it, but not in proportion: forces depend on
+products of velocities. So a motion has to be slower than the filter.
+"""
+
+import numpy as np
+
+from coheft.estimation.batch.judge.band import HIGHEST, white_level
+from coheft.estimation.batch.recording import Recording, check_recording
+from coheft.estimation.batch.signals import CUTOFF, without_jumps
+from coheft.estimation.geometry.spatial import Array
+
+_HIGHEST_CUTOFF = 12.0
+"""No robot moves a load so fast that it needs a higher one [Hz]."""
+_FAST = 0.01
+"""Share of the power of velocities above half the cutoff with which a motion is too fast for it."""
+_SURE = 6.0
+"""Standard deviations by which noise may exceed its mean."""
+
+
+def cutoff_for(recording: Recording) -> float:
+    """Return the lowest of 3, 6 and 12 Hz that suits the motion of all robots, as far as the rate allows.
+
+    Raises:
+        RecordingError: The recording cannot be used.
+    """
+    check_recording(recording)
+    channel = "pose" if recording.has("pose") else "twist"
+    if not recording.has(channel):
+        return CUTOFF
+    samples = recording.stacked(channel)
+    if channel == "pose":
+        samples = np.concatenate([samples[..., :3], without_jumps(samples[..., 3:])], axis=-1)
+    # Places and orientations, or velocities along and about the axes, have units of their own.
+    halves = [own[:, part] for own in samples for part in (slice(0, 3), slice(3, None))]
+    cutoff = CUTOFF
+    while 2.0 * cutoff <= min(_HIGHEST_CUTOFF, HIGHEST * recording.rate) and any(
+        _is_fast(half, recording.rate, cutoff, order=2 if channel == "pose" else 0) for half in halves
+    ):
+        cutoff *= 2.0
+    return cutoff
+
+
+def _is_fast(samples: Array, rate: float, cutoff: float, order: int) -> bool:
+    """Whether the power of samples (n, c), times the frequency to this order, is too large above half the cutoff."""
+    level = white_level(samples, rate, HIGHEST * rate)
+    if level is None:
+        return False
+    frequency = np.fft.rfftfreq(len(samples), 1.0 / rate)
+    window = np.hanning(len(samples))[:, None]
+    spectrum = np.abs(np.fft.rfft((samples - samples.mean(axis=0)) * window, axis=0)) ** 2 / np.sum(window**2)
+    used = frequency < 2.0 * cutoff
+    fast = frequency[used] > 0.5 * cutoff
+    weights = frequency[used] ** order
+    power, noise = weights * (spectrum[used] - level**2).sum(axis=1), weights * (level**2).sum()
+    unsure = _SURE * float(np.sqrt(np.sum(noise[fast] ** 2)))
+    return float(power[fast].sum()) > _FAST * float(power.sum()) + unsure
