@@ -69,7 +69,7 @@ def test_bodies_without_names_can_be_named(tmp_path: Path) -> None:
         '<texture name="t" type="2d" file="wood.png"/>',
         '<texture name="t" type="cube" file="wood.png" gridsize="3 4" gridlayout=".U..LFRB.D.."/>',
         '<texture name="t" type="skybox" fileright="a.png" fileleft="b.png"/>',
-        '<texture type="skybox" builtin="gradient" width="8" height="48"/><texture name="t" type="2d" file="wood.png"/>',
+        '<texture type="skybox" builtin="gradient" width="8" height="48"/><texture name="t" type="2d" file="w.png"/>',
     ],
 )
 def test_pictures_may_be_missing(texture: str, tmp_path: Path) -> None:

@@ -40,6 +40,20 @@ def in_home_axes(pose: Array, wrench: Array) -> tuple[Array, Array]:
     return pose, np.hstack([turn.apply(wrench[:, :3]), turn.apply(wrench[:, 3:])])
 
 
+def half_in_home_axes(half: int) -> Fault:
+    """Only the forces (0) or the moments (1) are in the axes of the home frame."""
+
+    def fault(pose: Array, wrench: Array) -> tuple[Array, Array]:
+        _, turned = in_home_axes(pose, wrench)
+        return pose, np.where(np.arange(6) // 3 == half, turned, wrench)
+
+    return fault
+
+
+def one_axis(axis: int, factor: float) -> Fault:
+    return to_wrench(lambda wrench: wrench * np.where(np.arange(6) == axis, factor, 1.0))
+
+
 def home_turned(axis: Array) -> Fault:
     turn = Rotation.from_rotvec(axis)
 

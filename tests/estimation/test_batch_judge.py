@@ -25,10 +25,12 @@ from tests.estimation.recorded_faults import (
     Fault,
     drifting,
     exchanged,
+    half_in_home_axes,
     home_turned,
     in_home_axes,
     late,
     lever,
+    one_axis,
     to_wrench,
     turned,
     weight,
@@ -76,6 +78,14 @@ def test_good_recordings_are_accepted(seed: int, count: int) -> None:
         (to_wrench(lambda wrench: wrench * [1, 1, 1, 1e3, 1e3, 1e3]), (), "moment scale", "r2"),
         (in_home_axes, (), "base axes", "r2"),
         (in_home_axes, ("r1", "r2", "r3"), "base axes", None),
+        (half_in_home_axes(0), (), "base axes", "r2"),
+        (half_in_home_axes(1), (), "base axes", "r2"),
+        (half_in_home_axes(0), ("r1", "r2", "r3"), "base axes", None),
+        (half_in_home_axes(1), ("r1", "r2", "r3"), "base axes", None),
+        (one_axis(2, -1.0), (), "axis scale", "r2"),
+        (one_axis(4, -1.0), (), "axis scale", "r2"),
+        (one_axis(2, 1.05), (), "axis scale", "r2"),
+        (one_axis(1, 0.7), (), "axis scale", "r2"),
         (to_wrench(turned), (), "sensor turned", "r2"),
         (to_wrench(turned), ("r1", "r2", "r3"), "sensor turned", None),
         (to_wrench(exchanged), (), "sensor turned", "r2"),
@@ -157,6 +167,16 @@ def test_axes_that_were_not_measured_are_named(columns: list[int], words: str) -
     _, verdict = judged(wrong)
     assert (verdict.cause, verdict.robot) == ("sensor dead", "r2")
     assert words in verdict.words
+
+
+@pytest.mark.parametrize("axis", [0, 2])
+def test_an_axis_that_has_nothing_but_noise_is_named(axis: int) -> None:
+    recording = held_recording(SEED)
+    noise = 0.2 * np.random.default_rng(0).normal(size=(len(recording.time), 6))
+    silent = to_wrench(lambda wrench: np.where(np.arange(6) == axis, noise, wrench))
+    _, verdict = judged(with_fault(recording, silent))
+    assert (verdict.cause, verdict.robot) == ("sensor dead", "r2")
+    assert f"f{'xyz'[axis]} of r2 is nothing but noise" in verdict.words
 
 
 @pytest.mark.parametrize("factor", [1.25, 0.98])
@@ -273,6 +293,14 @@ def test_hands_in_gimbals_have_no_moments() -> None:
     assert verdict.cause != "sensor dead"
 
 
+def test_homes_on_their_sides_are_not_taken_for_exchanged_columns() -> None:
+    on_its_side = home_turned(np.array([0.0, -np.pi / 2.0, 0.0]))
+    _, verdict = judged(with_fault(held_recording(2), on_its_side, "r1", "r2", "r3"))
+    assert verdict.cause == "homes not level"
+    assert verdict.mass is not None
+    assert verdict.mass[0] == pytest.approx(HELD.mass, abs=0.01)
+
+
 def test_a_tilted_cell_is_named() -> None:
     """Home frames that are level with each other, but not with the floor."""
     recording = held_recording(SEED)
@@ -299,6 +327,13 @@ def test_two_robots_do_not_tell_whose_scale_is_wrong() -> None:
     assert verdict.robot is None
     assert verdict.mass is None
     assert "which two robots cannot tell" in verdict.words
+
+
+def test_readings_that_do_not_belong_to_the_load_have_no_scale() -> None:
+    shifted = to_wrench(lambda wrench: wrench[:, [1, 2, 3, 4, 5, 0]])
+    _, verdict = judged(with_fault(held_recording(5), shifted))
+    assert verdict.cause == "unknown"
+    assert "forces and moments of r2 have nothing to do with the load" in verdict.words
 
 
 def test_several_faults_are_no_single_cause() -> None:

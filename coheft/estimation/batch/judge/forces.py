@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from coheft.estimation.batch.judge.evidence import Evidence
 from coheft.estimation.batch.judge.mend import MENDABLE, mend
 from coheft.estimation.batch.judge.motions import gravity_factors
-from coheft.estimation.batch.judge.sensors import FORCES, MOMENTS, missing_axis, silent_sensor
+from coheft.estimation.batch.judge.sensors import FORCES, MOMENTS, missing_axis, silent_axis, silent_sensor
 from coheft.estimation.batch.judge.suspects import Suspect, Suspects, forces_instead
 from coheft.estimation.batch.judge.verdict import ALL, Cause, Verdict
 from coheft.estimation.batch.judge.words import angle_deg, is_ambiguous, is_unit_of_all, words_of
@@ -86,6 +86,9 @@ def judge_forces(evidence: Evidence, assumed: str | None) -> Verdict:
         missing = missing_axis(recording, MOMENTS)  # hands that turn freely exert none
         if missing is not None:
             return missing
+    silent = silent_axis(recording, evidence.cutoff) if best not in mending else None
+    if silent is not None:
+        return silent
     if best not in mending:
         second = next(one for one in found[1:] if one.cause is not found[0].cause)
         return Verdict(
@@ -166,7 +169,7 @@ def _confirmed(suspects: Sequence[Suspect], evidence: Evidence, homes: Array) ->
 
 def _is_odd(suspect: Suspect) -> bool:
     """Whether readings would have the opposite sign and also another unit."""
-    is_scale = suspect.cause in (Cause.SCALE, Cause.FORCE_SCALE, Cause.MOMENT_SCALE)
+    is_scale = suspect.cause in (Cause.SCALE, Cause.FORCE_SCALE, Cause.MOMENT_SCALE, Cause.AXIS_SCALE)
     return is_scale and suspect.value[0] < 0.0 and abs(suspect.value[0] + 1.0) > _ALMOST
 
 
@@ -197,7 +200,8 @@ def _mass_of(fit: Fit) -> tuple[float, float]:
 
 def _mends(suspect: Suspect, excess: float) -> bool:
     """Whether a fault explains the whole excess."""
-    return suspect.gain > -np.inf and suspect.fit.excess < max(_EXCESS + _SLACK, _MENDED * excess)
+    left = max(_EXCESS + _SLACK, _MENDED * excess) if suspect.belongs else _EXCESS + _SLACK
+    return suspect.gain > -np.inf and suspect.fit.excess < left
 
 
 def _worst(misfit: WrenchMisfit) -> float:

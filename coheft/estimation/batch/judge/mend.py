@@ -19,6 +19,7 @@ MENDABLE = (
     Cause.SCALE,
     Cause.FORCE_SCALE,
     Cause.MOMENT_SCALE,
+    Cause.AXIS_SCALE,
     Cause.BASE_AXES,
     Cause.TURNED,
     Cause.EXCHANGED,
@@ -62,11 +63,14 @@ def mend(recording: Recording, verdict: Verdict, poses: Sequence[Pose]) -> Recor
             if verdict.cause == Cause.MOMENT_SCALE:
                 factors = factors[::-1]
             return recording.changed("wrench", lambda wrench: wrench * factors, name)
+        case Cause.AXIS_SCALE:
+            factors = np.where(np.arange(6) == value[1], 1.0 / value[0], 1.0)
+            return recording.changed("wrench", lambda wrench: wrench * factors, name)
         case Cause.BASE_AXES:
             for own_name, pose in zip(recording.names, recording.stacked("pose"), strict=True):
                 if name in (None, own_name):
                     turns = Rotation.from_quat(pose[:, 3:]).inv().as_matrix()
-                    recording = recording.changed("wrench", partial(_rotated, rotations=turns), own_name)
+                    recording = recording.changed("wrench", partial(_rotated, rotations=turns, halves=value), own_name)
             return recording
         case Cause.TURNED:
             return recording.changed("wrench", partial(_rotated, rotations=value.reshape(1, 3, 3)), name)
@@ -96,9 +100,10 @@ def mend(recording: Recording, verdict: Verdict, poses: Sequence[Pose]) -> Recor
             raise RecordingError(f"nothing says what sensors would have read without '{cause}': {verdict.words}")
 
 
-def _rotated(wrench: Array, rotations: Array) -> Array:
-    """Rotate forces and moments (n, 6) by rotations (n, 3, 3) or one (1, 3, 3)."""
-    return (wrench.reshape(-1, 2, 3) @ rotations.swapaxes(-1, -2)).reshape(-1, 6)
+def _rotated(wrench: Array, rotations: Array, halves: Sequence[float] | Array = (1.0, 1.0)) -> Array:
+    """Rotate forces and moments (n, 6), where ``halves`` is 1, by rotations (n, 3, 3) or one (1, 3, 3)."""
+    turned = (wrench.reshape(-1, 2, 3) @ rotations.swapaxes(-1, -2)).reshape(-1, 6)
+    return np.where(np.repeat(halves, 3) == 1.0, turned, wrench)
 
 
 def _earlier(samples: Array, time: Array, delay: float) -> Array:

@@ -16,7 +16,7 @@ _SPIKE, _USUAL = 8.0, 0.1
 _MATTERS = 0.001
 """Share of all forces that jumps have to make up."""
 FORCES, MOMENTS = ("fx", "fy", "fz"), ("mx", "my", "mz")
-_AXES = FORCES + MOMENTS
+AXES = FORCES + MOMENTS
 _MOTIONS = (
     ("pose", slice(0, 7), "poses", 0.005),
     ("twist", slice(0, 3), "angular velocities", 0.05),
@@ -88,10 +88,23 @@ def silent_sensor(recording: Recording, cutoff: float) -> Verdict | None:
     return None
 
 
+def silent_axis(recording: Recording, cutoff: float) -> Verdict | None:
+    """Find an axis of the forces that is nothing but noise, unlike the others of its sensor; arguments as before."""
+    for name, wrench in zip(recording.names, recording.stacked("wrench"), strict=True):
+        noise = white_level(wrench[:, :3], recording.rate, cutoff)
+        if noise is None:
+            continue
+        silent = np.mean(wrench[:, :3] ** 2, axis=0) < _NOISE_ALONE * noise**2
+        if silent.any():
+            axes = ", ".join(AXES[axis] for axis in np.flatnonzero(silent))
+            return Verdict(Cause.DEAD, name, (0.0,), f"{axes} of {name} is nothing but noise: does its sensor work?")
+    return None
+
+
 def missing_axis(recording: Recording, axes: Sequence[str]) -> Verdict | None:
     """Find a sensor whose readings along some of these axes (``fx``, …) are the same all the time."""
     for name, wrench in zip(recording.names, recording.stacked("wrench"), strict=True):
-        missing = [axis for axis in axes if np.ptp(wrench[:, _AXES.index(axis)]) == 0.0]
+        missing = [axis for axis in axes if np.ptp(wrench[:, AXES.index(axis)]) == 0.0]
         if missing:
             words = f"{', '.join(missing)} of {name} are exactly the same all the time: were they measured?"
             return Verdict(Cause.DEAD, name, (0.0,), words)

@@ -22,7 +22,7 @@ from coheft.estimation.geometry.body_motion import BODY_A
 from coheft.estimation.geometry.spatial import Array, Pose, skew
 
 _HEAVY = 3.0
-"""A load has a mass of at least so many of its standard deviations."""
+"""A load has a mass, and readings belong to it, by at least so many standard deviations."""
 _STEP = 0.06
 """Duration of a change of the load [s]."""
 _LONGEST_DELAY, _DELAY_STEP, _DELAY_FOUND = 0.5, 0.05, 2e-4
@@ -40,9 +40,11 @@ class Suspect:
         robot: Index of the robot that has it; None if all have it, or no robot in particular.
         fit: The fit of the load with this fault.
         gain: Twice the log likelihood ratio to the fit without a fault, minus the cost of the fault's unknowns.
-        value: Its parameters: an offset (6,) in the body frame, a lever (3,) [m], a factor, a delay [s], gravity (3,),
-            a sensor's axes (9,), an offset and its drift per minute (12,), or the indices of two robots.
+        value: Its parameters: an offset (6,) in the body frame, a lever (3,) [m], a factor, and of which of six axes, a
+            delay [s], gravity (3,), a sensor's axes (9,), an offset and its drift per minute (12,), the indices of two
+            robots, or whether forces and moments have it, 0 or 1 each.
         time: Time from which on the recording has it [s]; None if all the time.
+        belongs: Whether readings of which the scale is wrong belong to the load: it fits no better without them.
     """
 
     cause: Cause
@@ -51,6 +53,7 @@ class Suspect:
     gain: float
     value: Array = field(default_factory=lambda: np.zeros(0))
     time: float | None = None
+    belongs: bool = True
 
 
 class Suspects:
@@ -79,7 +82,7 @@ class Suspects:
 
     def all(self) -> list[Suspect]:
         """All faults, the likeliest first."""
-        found = [*self._offset(), *self._levers(), *self._scales(), *self._clocks()]
+        found = [*self._offset(), *self._levers(), *self._scales(), *self._axis_scales(), *self._clocks()]
         found += [*self._turned(), *self._exchanged(), *self._swapped(), *self._changes()]
         if self._misfit.signals.rotation is not None:
             found += [*self._axes(), self._weight(), self.direction_of_gravity()]
@@ -117,10 +120,22 @@ class Suspects:
             for robot, robots in self._one_or_all:
                 if robot is None and cause is not Cause.MOMENT_SCALE:
                     continue  # a common scale of forces looks like another mass
-                fit = self._misfit.fit_readings(robots, [scaled])
-                right = 1.0 - float(fit.solution[BODY_NUMBERS])  # share of a reading that belongs to the load
-                value = np.array([1.0 / right if abs(right) > 1e-6 else np.inf])
-                yield self._suspect(cause, robot, fit, 1, value)
+                yield self._scaled(cause, robot, robots, scaled)
+
+    def _axis_scales(self) -> Iterator[Suspect]:
+        """A wrong scale, or sign, of one axis of a sensor."""
+        for robot in range(self._count):
+            for axis, unit in enumerate(np.eye(6)):
+                found = self._scaled(Cause.AXIS_SCALE, robot, [robot], np.diag(unit))
+                value = np.array([found.value[0], axis])
+                yield replace(found, gain=found.gain - 2.0 * float(np.log(6.0)), value=value)
+
+    def _scaled(self, cause: Cause, robot: int | None, robots: list[int], scaled: Array) -> Suspect:
+        fit = self._misfit.fit_readings(robots, [scaled])
+        right = 1.0 - float(fit.solution[BODY_NUMBERS])  # share of a reading that belongs to the load
+        std = float(np.sqrt(fit.covariance[BODY_NUMBERS, BODY_NUMBERS]))
+        value = np.array([1.0 / right if abs(right) > 1e-6 else np.inf])
+        return replace(self._suspect(cause, robot, fit, 1, value), belongs=abs(right) > _HEAVY * std)
 
     def _clocks(self) -> Iterator[Suspect]:
         """Late wrenches of one robot or of all."""
@@ -147,14 +162,16 @@ class Suspects:
         return delay, fit
 
     def _axes(self) -> Iterator[Suspect]:
-        """Wrenches in the axes of the home frame instead of the grasp frame's."""
+        """Wrenches, or only their forces or moments, in the axes of the home frame instead of the grasp frame's."""
         rotation = self._misfit.signals.rotation
         assert rotation is not None
         halves = self._misfit.wrenches.reshape(*self._misfit.wrenches.shape[:2], 2, 3)
         turned = np.einsum("knji,knhj->knhi", rotation, halves).reshape(self._misfit.wrenches.shape)
-        for robot, robots in self._one_or_all:
-            fit = self._misfit.fit(total=self._misfit.total_with(robots, turned))
-            yield self._suspect(Cause.BASE_AXES, robot, fit, 1)
+        for halves_turned in ((1.0, 1.0), (1.0, 0.0), (0.0, 1.0)):
+            mixed = np.where(np.repeat(halves_turned, 3) == 1.0, turned, self._misfit.wrenches)
+            for robot, robots in self._one_or_all:
+                fit = self._misfit.fit(total=self._misfit.total_with(robots, mixed))
+                yield self._suspect(Cause.BASE_AXES, robot, fit, 1, np.array(halves_turned))
 
     def _exchanged(self) -> Iterator[Suspect]:
         """One robot's moments given as forces and forces as moments; if all have it, it is found before."""

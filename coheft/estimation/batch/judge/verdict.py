@@ -15,6 +15,7 @@ class Cause(StrEnum):
     SCALE = "scale"
     FORCE_SCALE = "force scale"
     MOMENT_SCALE = "moment scale"
+    AXIS_SCALE = "axis scale"
     BASE_AXES = "base axes"
     TURNED = "sensor turned"
     EXCHANGED = "forces for moments"

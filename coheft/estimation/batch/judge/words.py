@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from coheft.estimation.batch.judge.sensors import AXES
 from coheft.estimation.batch.judge.suspects import Suspect
 from coheft.estimation.batch.judge.turned import turned_words
 from coheft.estimation.batch.judge.verdict import Cause
@@ -30,6 +31,8 @@ def words_of(suspect: Suspect, recording: Recording, misfit: WrenchMisfit) -> tu
             )
         case Cause.SCALE | Cause.FORCE_SCALE | Cause.MOMENT_SCALE:
             what = {Cause.SCALE: "forces and moments", Cause.FORCE_SCALE: "forces"}.get(suspect.cause, "moments")
+            if not suspect.belongs:
+                return name, f"{what} of {whose} have nothing to do with the load"
             if value[0] < 0.0:
                 return name, f"{what} of {whose} have the opposite sign (a factor of {value[0]:.3g})"
             factor = f"{what} of {whose} are {value[0]:.4g} times what they should be"
@@ -43,8 +46,16 @@ def words_of(suspect: Suspect, recording: Recording, misfit: WrenchMisfit) -> tu
                 other = names[1 - (suspect.robot or 0)]
                 return None, f"{factor}, or those of {other} {1.0 / value[0]:.4g} times, which two robots cannot tell"
             return name, f"{factor}: another unit, or calibration"
+        case Cause.AXIS_SCALE:
+            axis = AXES[int(value[1])]
+            if not suspect.belongs:
+                return name, f"{axis} of {name} has nothing to do with the load"
+            if value[0] < 0.0:
+                return name, f"{axis} of {name} has the opposite sign (a factor of {value[0]:.3g})"
+            return name, f"{axis} of {name} is {value[0]:.4g} times what it should be"
         case Cause.BASE_AXES:
-            return name, f"the wrench of {whose} is in the axes of the home frame, not of the grasp frame"
+            what = "the wrench" if value.all() else "only the force" if value[0] else "only the moment"
+            return name, f"{what} of {whose} is in the axes of the home frame, not of the grasp frame"
         case Cause.TURNED:
             return name, turned_words(value.reshape(3, 3), whose)
         case Cause.EXCHANGED:
