@@ -17,7 +17,15 @@ from coheft.errors import RecordingError
 from coheft.estimation.batch.recording import Recording
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import SensorNoise
-from tests.estimation.batch_team import held_recording
+from tests.estimation.batch_team import (
+    RATE,
+    exact_signals,
+    grasps,
+    held_recording,
+    sensors_recording,
+    sliding,
+)
+from tests.estimation.team import body_motion
 
 SEED = 3
 OFFSET = np.array([4.0, -3.0, 2.0, 0.0, 0.0, 0.0])
@@ -83,6 +91,44 @@ def test_a_gyro_that_does_not_work_is_named(of_twists: Recording) -> None:
     assert verdict.words.startswith("angular velocities of r2")
 
 
+@pytest.mark.parametrize(("channel", "axis", "words"), [("twist", 1, "wy of r2"), ("acceleration", 2, "az of r2")])
+def test_an_axis_of_the_motion_that_was_not_measured_is_named(
+    channel: str, axis: int, words: str, of_twists: Recording
+) -> None:
+    wrong = of_twists.changed(channel, lambda samples: samples * (np.arange(samples.shape[1]) != axis), "r2")
+    verdict = identify(wrong, Options(method="instruments")).verdict
+    assert verdict is not None
+    assert (verdict.cause, verdict.robot) == ("sensor dead", "r2")
+    assert verdict.words == f"{words} are exactly the same all the time: were they measured?"
+
+
+@pytest.mark.parametrize("method", OF_TWISTS)
+@pytest.mark.parametrize("is_all", [False, True])
+def test_twists_with_the_velocity_first_are_refused(method: Method, is_all: bool, of_twists: Recording) -> None:
+    wrong, names = of_twists, of_twists.names if is_all else ("r2",)
+    for name in names:
+        wrong = wrong.changed("twist", lambda twist: twist[:, [3, 4, 5, 0, 1, 2]], name)
+    with pytest.raises(RecordingError, match=f"'twist' of {', '.join(names)}: .* Give the angular velocity first"):
+        identify(wrong, Options(method=method))
+
+
+def test_what_does_not_turn_shows_no_order_of_twists() -> None:
+    """Velocities of hands are the same then, and angular velocities nothing but noise."""
+    rng = np.random.default_rng(0)
+    poses = grasps(rng)
+    recording = sensors_recording(rng, exact_signals(rng, poses, motion=sliding()), SensorNoise())
+    assert identify(recording, Options()).not_judged.startswith("motion and gravity do not show")
+
+
+def test_what_is_not_observable_is_not_called_impossible() -> None:
+    rng = np.random.default_rng(8)
+    motion = body_motion(rng, np.arange(3000) / RATE, single_axis=True)
+    recording = sensors_recording(rng, exact_signals(rng, grasps(rng), motion=motion), SensorNoise())
+    found = identify(recording, Options(method="instruments"))
+    assert not found.team.is_observable
+    assert found.doubts == ()
+
+
 @pytest.mark.parametrize("method", OF_TWISTS)
 def test_accelerations_of_all_have_to_be_those_of_gravity(method: Method, of_twists: Recording) -> None:
     """Nothing else shows their common scale, and masses are wrong by it."""
@@ -139,8 +185,10 @@ def test_noise_that_is_not_what_the_recording_says_is_not_believed(seed: int) ->
     assert deviations(recording, found) < 5.0
 
 
-@pytest.mark.parametrize("sensor", SensorNoise.__struct_fields__)
-@pytest.mark.parametrize("factor", [0.4, 2.5])
+@pytest.mark.parametrize(
+    ("sensor", "factor"),
+    [*((sensor, 2.5) for sensor in SensorNoise.__struct_fields__), ("gyro", 0.4), ("velocity", 0.4)],
+)
 def test_noise_that_samples_do_not_show_is_not_believed(sensor: str, factor: float, of_twists: Recording) -> None:
     """Likelihood would be up to twelve of its standard deviations off."""
     assert of_twists.noise is not None
@@ -153,6 +201,13 @@ def test_noise_that_samples_do_not_show_is_not_believed(sensor: str, factor: flo
     assert found.doubts == ()
     assert f"{words}, so that --method likelihood does not suit it." in found.remarks
     assert deviations(recording, found) < 5.0
+
+
+def test_robots_may_shake_against_each_other() -> None:
+    rng = np.random.default_rng(0)
+    recording = sensors_recording(rng, exact_signals(rng, grasps(rng)), SensorNoise())  # random pushes at each sample
+    found = identify(recording, Options())
+    assert (found.method, found.doubts) == ("likelihood", ())
 
 
 def test_forces_in_another_unit_than_moments_are_not_weighed_unasked() -> None:

@@ -68,7 +68,7 @@ def doubts_about(names: Sequence[str], team: TeamPoses, payload: Payload) -> tup
             f"Mass and moments of inertia would be those of something of at least {density:.3g} kg/m³, denser than any "
             f"material: are forces in newtons?"
         )
-    if payload.deviations_off > _FAR:
+    if payload.deviations_off > _FAR and payload.is_seen("inertia") and team.is_observable:
         doubts.append(
             f"The mass properties are physically impossible, by {payload.deviations_off:.0f} of their standard "
             f"deviations. Are forces and moments those on the load, in the axes of the grasp frame, and do all clocks "

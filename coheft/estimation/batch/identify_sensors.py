@@ -10,6 +10,7 @@ from coheft.estimation.batch.payload import Payload
 from coheft.estimation.batch.plausibility import check_units, check_weight
 from coheft.estimation.batch.recording import Recording, check_recording
 from coheft.estimation.batch.team_poses import TeamPoses
+from coheft.estimation.batch.twist_order import check_twists
 from coheft.estimation.moments.claims import possible_load
 from coheft.estimation.moments.recorded import fit_recorded
 from coheft.estimation.moments.unknowns import THETA
@@ -46,6 +47,7 @@ def identify_sensors(recording: Recording) -> Identification:
         )
     channels = [recording.stacked(channel) for channel in ("twist", "acceleration", "wrench")]
     check_units(recording)
+    check_twists(recording)
     check_weight(recording, channels[2], channels[1])
     samples = np.concatenate(channels, axis=-1).swapaxes(0, 1)
     found = fit_recorded(samples, recording.noise, recording.rate)

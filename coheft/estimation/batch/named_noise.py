@@ -20,7 +20,8 @@ _SENSORS = (
 def noise_shown(recording: Recording) -> Iterator[tuple[str, float]]:
     """Yield each kind of sensor and its noise, geometric mean over axes and robots, in multiples of what is named.
 
-    There is nothing if there are too few samples to tell, or if the recording names no noise.
+    There is nothing if there are too few samples to tell, or if the recording names no noise. Forces and moments are
+    never called noisier: robots may shake against each other, which cancels in their sum.
     """
     if recording.noise is None:
         return
@@ -28,4 +29,5 @@ def noise_shown(recording: Recording) -> Iterator[tuple[str, float]]:
         samples = np.hstack(list(recording.stacked(channel)[..., columns]))
         level = white_level(samples, recording.rate, HIGHEST * recording.rate)
         if level is not None and level.all():
-            yield sensor, float(np.exp(np.mean(np.log(level)))) / getattr(recording.noise, sensor)
+            shown = float(np.exp(np.mean(np.log(level)))) / getattr(recording.noise, sensor)
+            yield sensor, min(shown, 1.0) if channel == "wrench" else shown

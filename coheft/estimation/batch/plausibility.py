@@ -11,6 +11,7 @@ from coheft.errors import RecordingError
 from coheft.estimation.batch.pose_conventions import check_conventions
 from coheft.estimation.batch.recording import CHANNELS, Recording, check_recording
 from coheft.estimation.batch.signals import Signals, signals_of
+from coheft.estimation.batch.twist_order import check_twists
 from coheft.estimation.geometry.spatial import Array
 
 _FASTEST = 5.0
@@ -41,6 +42,7 @@ def plausible_signals(recording: Recording, cutoff: float) -> Signals:
     check_recording(recording)
     check_robots(recording)
     check_units(recording)
+    check_twists(recording)
     check_jumps(recording)
     signals = signals_of(recording, cutoff)
     if recording.has("pose"):

@@ -17,6 +17,7 @@ _MATTERS = 0.001
 """Share of all forces that jumps have to make up."""
 FORCES, MOMENTS = ("fx", "fy", "fz"), ("mx", "my", "mz")
 AXES = FORCES + MOMENTS
+_MOTION_AXES = {"twist": ("wx", "wy", "wz", "vx", "vy", "vz"), "acceleration": ("ax", "ay", "az")}
 _MOTIONS = (
     ("pose", slice(0, 7), "poses", 0.005),
     ("twist", slice(0, 3), "angular velocities", 0.05),
@@ -50,6 +51,19 @@ def stuck_motion(recording: Recording) -> Verdict | None:
             meanwhile = np.linalg.norm(np.ptp(samples[:, first : first + count, :3], axis=1), axis=1)
             if count > recording.rate and meanwhile.max() > least:
                 return _stuck(recording, name, what, first, count)
+    return _missing_motion(recording)
+
+
+def _missing_motion(recording: Recording) -> Verdict | None:
+    """Find a robot whose motion along some axes is exactly the same all the time; of robots in a plane, all are so."""
+    for channel, axes in _MOTION_AXES.items():
+        if not recording.has(channel):
+            continue
+        constant = np.ptp(recording.stacked(channel), axis=1) == 0.0
+        if np.count_nonzero(constant.any(axis=1)) == 1:
+            robot = int(np.argmax(constant.any(axis=1)))
+            missing = [axis for axis, is_missing in zip(axes, constant[robot], strict=True) if is_missing]
+            return _missing(recording.names[robot], missing)
     return None
 
 
@@ -106,9 +120,13 @@ def missing_axis(recording: Recording, axes: Sequence[str]) -> Verdict | None:
     for name, wrench in zip(recording.names, recording.stacked("wrench"), strict=True):
         missing = [axis for axis in axes if np.ptp(wrench[:, AXES.index(axis)]) == 0.0]
         if missing:
-            words = f"{', '.join(missing)} of {name} are exactly the same all the time: were they measured?"
-            return Verdict(Cause.DEAD, name, (0.0,), words)
+            return _missing(name, missing)
     return None
+
+
+def _missing(name: str, axes: Sequence[str]) -> Verdict:
+    words = f"{', '.join(axes)} of {name} are exactly the same all the time: were they measured?"
+    return Verdict(Cause.DEAD, name, (0.0,), words)
 
 
 def _longest_repeat(samples: Array) -> tuple[int, int]:
