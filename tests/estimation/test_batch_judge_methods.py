@@ -12,7 +12,7 @@ from benchmarks.drawn_recordings import KINDS, Team, draw_team, recorded
 from benchmarks.recording_faults import LISTED, faulty
 from benchmarks.recordings import deviations, try_recording
 from coheft.app.identify.choices import Method, Options
-from coheft.app.identify.methods import identify
+from coheft.app.identify.methods import fitted, identify
 from coheft.errors import RecordingError
 from coheft.estimation.batch.recording import Recording
 from coheft.estimation.geometry.spatial import Array
@@ -206,8 +206,8 @@ def test_noise_that_samples_do_not_show_is_not_believed(sensor: str, factor: flo
 def test_robots_may_shake_against_each_other() -> None:
     rng = np.random.default_rng(0)
     recording = sensors_recording(rng, exact_signals(rng, grasps(rng)), SensorNoise())  # random pushes at each sample
-    found = identify(recording, Options())
-    assert (found.method, found.doubts) == ("likelihood", ())
+    found = fitted(recording, "likelihood")
+    assert (found.method, found.suspicions) == ("likelihood", ())
 
 
 def test_forces_in_another_unit_than_moments_are_not_weighed_unasked() -> None:
