@@ -10,12 +10,16 @@ import pytest
 from coheft.app.ros2.contents import Contents
 from coheft.app.ros2.pace import Pace, words_of
 from coheft.estimation.geometry.spatial import Array
+from coheft.estimation.measurement import SensorNoise
+from coheft.estimation.tolerance import SensorTolerance
+from coheft.wire.scenario.robot_sensors import RobotSensors
 
 RATE = 100.0
 START = 1_790_000_000_000_000_000
 COUNT = 400
 REGULAR = START + np.arange(COUNT) * 10**7
 ARRIVAL = 5 * 10**12 + np.arange(COUNT) * 10**7
+ALL_SENSORS = RobotSensors(SensorNoise(), SensorTolerance())
 RNG = np.random.default_rng(1)
 
 
@@ -119,13 +123,14 @@ def scaled(columns: slice, factor: float) -> Callable[[Array], Array]:
             "wrenches add up to -5.99 kg: they must be what the robots",
         ),
         (np.copy, scaled(slice(9, 12), 0.0), "forces of r2 are exactly the same for 2.0 s from 0.0 s on: its sensor"),
+        (np.copy, scaled(slice(0, 6), 0.0), "angular velocities of r2 are exactly the same for 2.0 s from 0.0 s on"),
         (np.copy, scaled(slice(0, 3), 0.5), "angular velocities of r1, r2 are 33 % off the others' in size"),
     ],
 )
 def test_what_no_load_can_do_is_told(
     of_r1: Callable[[Array], Array], of_r2: Callable[[Array], Array], words: str
 ) -> None:
-    contents = Contents({"r1": 10.0, "r2": 10.0})
+    contents = Contents({"r1": 10.0, "r2": 10.0}, {"r1": ALL_SENSORS, "r2": ALL_SENSORS})
     for robot, change in (("r1", of_r1), ("r2", of_r2)):
         for number, block in enumerate(np.split(swinging(change), 20)):
             contents.note(robot, number, block)
@@ -133,7 +138,21 @@ def test_what_no_load_can_do_is_told(
     assert bool(contents.complaint(RATE)) == bool(words)
 
 
+def test_a_sensor_that_a_robot_does_not_have_is_not_missed() -> None:
+    def complaint(columns: slice, *missing: str) -> str:
+        sensors = {"r1": ALL_SENSORS, "r2": ALL_SENSORS._replace(missing=missing)}
+        contents = Contents({"r1": 10.0, "r2": 10.0}, sensors)
+        for robot, change in (("r1", np.copy), ("r2", scaled(columns, 0.0))):
+            for number, block in enumerate(np.split(swinging(change), 20)):
+                contents.note(robot, number, block)
+        return contents.complaint(RATE)
+
+    assert complaint(slice(0, 6), "gyro", "velocity") == complaint(slice(0, 3), "gyro") == ""
+    assert complaint(slice(12, 15), "torque") == ""
+    assert complaint(slice(9, 12), "torque").startswith("forces of r2 are exactly the same")
+
+
 def test_too_few_blocks_tell_nothing() -> None:
-    contents = Contents({"r1": 10.0})
+    contents = Contents({"r1": 10.0}, {"r1": ALL_SENSORS})
     contents.note("r1", 0, np.zeros((10, 15)))
     assert contents.complaint(RATE) == ""

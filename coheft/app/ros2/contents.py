@@ -1,7 +1,8 @@
 """Whether measurements can be those of robots that hold one load: units, gravity, and the sign of forces."""
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from coheft.estimation.batch.plausibility import check_units, check_weight
 from coheft.estimation.batch.recording import Recording, RobotRecord
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import ACCELERATION, TWIST, WRENCH
+from coheft.wire.scenario.robot_sensors import RobotSensors
 
 _KEPT = 2.0
 """Time for which blocks are kept [s]."""
@@ -19,9 +21,15 @@ _TURNING, _UNLIKE = 0.1, 0.3
 
 
 class Contents:
-    """The newest blocks of all robots; ``rates`` are blocks per second."""
+    """The newest blocks of all robots.
 
-    def __init__(self, rates: dict[str, float]) -> None:
+    Args:
+        rates: Blocks per second, by robot.
+        sensors: Their sensors.
+    """
+
+    def __init__(self, rates: Mapping[str, float], sensors: Mapping[str, RobotSensors]) -> None:
+        self._sensors = sensors
         self._blocks: dict[str, deque[tuple[int, Array]]] = {
             robot: deque(maxlen=max(1, round(_KEPT * rate))) for robot, rate in rates.items()
         }
@@ -37,12 +45,16 @@ class Contents:
             if len(blocks) == blocks.maxlen:
                 samples = np.concatenate([own for _, own in blocks])
                 time = np.arange(len(samples)) / sample_rate
-                robots[robot] = RobotRecord(
+                record = RobotRecord(
                     time,
-                    twist=_measured(samples[:, TWIST]),
-                    acceleration=_measured(samples[:, ACCELERATION]),
-                    wrench=_measured(samples[:, WRENCH]),
+                    twist=samples[:, TWIST],
+                    acceleration=samples[:, ACCELERATION],
+                    wrench=samples[:, WRENCH],
                 )
+                own = self._sensors[robot].recorded(record)
+                if not self._sensors[robot].is_missing()[WRENCH].all():  # forces may be measured without moments
+                    own = replace(own, wrench=record.wrench)
+                robots[robot] = own
         if not robots:
             return ""
         try:
@@ -60,11 +72,6 @@ class Contents:
         except RecordingError as error:
             return str(error)
         return ""
-
-
-def _measured(samples: Array) -> Array | None:
-    """Samples (n, c); None if all are zero, as those of sensors that a robot does not have."""
-    return samples if samples.any() else None
 
 
 def _unlike(names: Sequence[str], speeds: Array) -> str:

@@ -135,7 +135,10 @@ class Team:
             name: BlockBuilder(name, agent.rate, agent.block, self._epoch, stamps, agent.sensors_of(name))
             for name, agent in self._configs.items()
         }
-        contents = Contents({name: agent.rate / agent.block for name, agent in self._configs.items()})
+        contents = Contents(
+            {name: agent.rate / agent.block for name, agent in self._configs.items()},
+            {name: agent.sensors_of(name) for name, agent in self._configs.items()},
+        )
         fed_at = dict.fromkeys(builders, time.monotonic())
         refused_at = dict.fromkeys(self._streams, -math.inf)
         next_look = time.monotonic() + _SILENCE

@@ -17,6 +17,8 @@ CHANNELS = {"pose": 7, "twist": 6, "dtwist": 6, "acceleration": 3, "wrench": 6}
 """Attributes of ``RobotRecord`` that robots may record, and their numbers of columns."""
 _TIME_TOLERANCE = 1e-3
 """Largest deviation of times from a regular grid, as a share of the sampling period."""
+_UNIT = 1e-3
+"""Largest difference of a unit quaternion's norm from one."""
 _COARSE = 1e5
 """Times above this have steps of 8 ms and more as numbers of 32 bits [s]."""
 
@@ -214,5 +216,12 @@ def check_samples(name: str, robot: RobotRecord) -> None:
         if not np.isfinite(samples).all():
             bad = float(robot.time[~np.isfinite(samples).all(axis=1)][0])
             raise RecordingError(f"'{channel}' of {name}: not a finite number at {bad:g} s")
-    if robot.pose is not None and np.abs(np.linalg.norm(robot.pose[:, 3:], axis=1) - 1.0).max() > 1e-3:
-        raise RecordingError(f"'pose' of {name}: expected unit quaternions qx qy qz qw in the last four columns")
+    if robot.pose is None:
+        return
+    norms = np.linalg.norm(robot.pose[:, 3:], axis=1)
+    off = np.flatnonzero(np.abs(norms - 1.0) > _UNIT)
+    if len(off):
+        raise RecordingError(
+            f"'pose' of {name}: expected unit quaternions qx qy qz qw in the last four columns; {len(off)} of "
+            f"{len(norms)} have another norm, the first at {robot.time[off[0]]:g} s, {norms[off[0]]:.4g}"
+        )
