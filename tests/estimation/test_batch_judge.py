@@ -145,7 +145,7 @@ def test_fast_motions_are_filtered_less(seed: int, speed: float) -> None:
     found, verdict = judged(recording)
     assert not verdict.is_refuted, verdict.words
     assert deviations(recording, found).max() < 5.0
-    assert "The motion is fast: signals were filtered with a cutoff of" in found.remarks[-1]
+    assert "The motion is fast: filters have a cutoff of" in found.remarks[-1]
     by_user = identify(recording, Options(cutoff=CUTOFF))
     assert by_user.doubts != ()
     assert "The motion is fast" not in " ".join(by_user.remarks)

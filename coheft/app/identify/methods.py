@@ -81,7 +81,7 @@ def identify(recording: Recording, options: Options = _BEST, statics: Statics | 
         ) from error
     if given is not None or cutoff == CUTOFF:
         return found
-    remark = f"The motion is fast: signals were filtered with a cutoff of {cutoff:g} Hz instead of {CUTOFF:g} Hz."
+    remark = f"The motion is fast: filters have a cutoff of {cutoff:g} Hz instead of {CUTOFF:g} Hz."
     return replace(found, remarks=(*found.remarks, remark))
 
 
