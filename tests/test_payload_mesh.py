@@ -70,6 +70,7 @@ def test_shells_that_overlap_are_remarked(caplog: pytest.LogCaptureFixture) -> N
     assert filled(surface, None, 500.0, "key 'payload.mesh'").mass == pytest.approx(8.0)
     assert "key 'payload.mesh': shells of its surface overlap, around (0.15" in caplog.text
     assert "about 12.5% of its volume is counted twice" in caplog.text
+    assert "turn the inner one inside out if it is a cavity" in caplog.text
 
 
 @pytest.mark.parametrize("far", [0.0, 0.5], ids=["alone", "beside another shell"])

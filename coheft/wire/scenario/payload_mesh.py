@@ -202,7 +202,8 @@ def _check_shells(triangles: Array, shell_of: IntArray, place: str) -> None:
     if where is not None:
         LOG.warning(
             f"coheft: {place}: shells of its surface overlap, {where}: about {twice / volumes.sum():.1%} of its volume "
-            f"is counted twice, as MuJoCo does; join them into one shell if they are one body"
+            f"is counted twice, as MuJoCo does; join them into one shell if they are one body, and turn the inner one "
+            f"inside out if it is a cavity"
         )
 
 
