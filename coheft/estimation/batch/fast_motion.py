@@ -8,13 +8,13 @@ import numpy as np
 
 from coheft.estimation.batch.judge.band import HIGHEST, white_level
 from coheft.estimation.batch.recording import Recording, check_recording
-from coheft.estimation.batch.signals import CUTOFF, without_jumps
+from coheft.estimation.batch.signals import CUTOFF, ORDER, without_jumps
 from coheft.estimation.geometry.spatial import Array
 
 _HIGHEST_CUTOFF = 12.0
 """No robot moves a load so fast that it needs a higher one [Hz]."""
-_FAST = 0.01
-"""Share of the power of velocities above half the cutoff with which a motion is too fast for it."""
+_FAST = 1e-4
+"""Share of the power of velocities that a filter may take away."""
 _SURE = 6.0
 """Standard deviations by which noise may exceed its mean."""
 
@@ -43,7 +43,7 @@ def cutoff_for(recording: Recording) -> float:
 
 
 def _is_fast(samples: Array, rate: float, cutoff: float, order: int) -> bool:
-    """Whether the power of samples (n, c), times the frequency to this order, is too large above half the cutoff."""
+    """Whether a filter takes too much of the power of samples (n, c), times the frequency to this order."""
     level = white_level(samples, rate, HIGHEST * rate)
     if level is None:
         return False
@@ -51,8 +51,8 @@ def _is_fast(samples: Array, rate: float, cutoff: float, order: int) -> bool:
     window = np.hanning(len(samples))[:, None]
     spectrum = np.abs(np.fft.rfft((samples - samples.mean(axis=0)) * window, axis=0)) ** 2 / np.sum(window**2)
     used = frequency < 2.0 * cutoff
-    fast = frequency[used] > 0.5 * cutoff
-    weights = frequency[used] ** order
+    weights, ratio = frequency[used] ** order, (frequency[used] / cutoff) ** (2 * ORDER)
     power, noise = weights * (spectrum[used] - level**2).sum(axis=1), weights * (level**2).sum()
-    unsure = _SURE * float(np.sqrt(np.sum(noise[fast] ** 2)))
-    return float(power[fast].sum()) > _FAST * float(power.sum()) + unsure
+    taken = (ratio / (1.0 + ratio)) ** 2  # its gain is 1 / (1 + ratio)
+    unsure = _SURE * float(np.sqrt(np.sum((taken * noise) ** 2)))
+    return float(taken @ power) > _FAST * float(power.sum()) + unsure
