@@ -14,9 +14,11 @@ from coheft.agents.efficient.settings import Guards
 from coheft.agents.efficient.undeclared_watch import UndeclaredWatch
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.moments.fit_settings import FitSettings
-from coheft.estimation.moments.rows import RowNoise
+from coheft.estimation.moments.rows import FORCE, ROW_SIZE, RowNoise
 from coheft.estimation.moments.undeclared import UndeclaredError
 from tests.efficient.rows import LOAD, PERIOD, POSES, made_up_rows
+from tests.estimation.moments.fitting import IDEAL
+from tests.estimation.moments.moving_team import make_team
 
 ROWS = made_up_rows(700)
 SETTINGS = FitSettings(RowNoise.of_samples(SensorNoise(), 20, 1000.0), PERIOD)
@@ -124,3 +126,14 @@ def test_an_error_is_over_also_if_fits_are_to_fewer_rows_than_it_was_found_with(
         known.buffer.add(number, row)
     watch.test(known)
     assert watch.found is None
+
+
+def test_in_a_large_team_an_offset_of_forces_is_found() -> None:
+    team = make_team(4, count=13, number=60)
+    rows = team.noisy(np.random.default_rng(4))
+    rows[:, 2 * ROW_SIZE + FORCE.start] += 0.5
+    session = Session(13, 0, IDEAL, Guards())
+    for number, row in enumerate(rows):
+        session.take(number, row)
+    assert session.suspected is not None
+    assert (session.suspected.robot, session.suspected.kind) == (2, "force_bias")

@@ -134,3 +134,9 @@ def test_offsets_of_each_robot_add_up() -> None:
     np.testing.assert_allclose(of_two[:3], 10.0)
     np.testing.assert_allclose(each[1].offset_variances([0, 2], guess)[:3], 8.0)
     assert not unequal.offset_variances([], guess).any()
+
+
+def test_a_clock_that_is_exact_differs_from_one_that_is_not() -> None:
+    """Clocks count from the anchor's, which may be any robot's."""
+    errors = SensorErrors({"clock": 3e-3}, {}, {"clock": 4e-3})
+    np.testing.assert_allclose(errors.deviations[:, 0], [5e-3, 4e-3, 4e-3 * 2**0.5])
