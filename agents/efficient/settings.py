@@ -75,7 +75,8 @@ class Guards:
         undeclared: False-alarm probability for one kind of error of one robot whose tolerance is zero.
         undeclared_doubt: Share of its threshold from which on an undeclared error is suspected, and nothing is valid:
             some 5e-6 by chance for each kind and robot, one in 2200 for a test of six robots.
-        undeclared_growth: The next test for undeclared errors is due when the number of rows has grown by this factor.
+        undeclared_growth: The next test for undeclared errors is due when the number of rows has grown by this factor,
+            in large teams by its square.
         undeclared_lasts: An undeclared error is over when rows do not show it for so long [s], or for as many rows.
         energy: Standard deviations by which the sum of all squared residuals may exceed its expectation.
         noise_tolerance: Share by which the variance of the noise may exceed its nominal value.

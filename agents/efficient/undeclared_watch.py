@@ -15,7 +15,7 @@ class UndeclaredWatch:
 
     Args:
         doubt: Size from which on an error is suspected.
-        growth: The next test is due when the number of rows has grown by this factor.
+        growth: The next test is due when the number of rows has grown by this factor, in large teams by its square.
         lasts: Number of rows after which an error that was found for the first time may be over.
 
     Attributes:
@@ -51,7 +51,8 @@ class UndeclaredWatch:
         if self.suspected is None:
             self.since = int(known.buffer.numbers[known.buffer.count - 1])
         self.suspected = largest if largest is not None and largest.size > self._doubt else None
-        self._next = round(self._growth * rows) if self.suspected is None else 0
+        growth = self._growth if known.is_small else self._growth**2
+        self._next = round(growth * rows) if self.suspected is None else 0
         found = self.suspected
         if found is None or found.size <= 1.0 or rows < self._least:
             self._last_found = None

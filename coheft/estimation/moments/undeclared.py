@@ -75,8 +75,10 @@ def undeclared_error(
     declared, unknowns = settings.errors, estimate.body.unknowns
     is_declared = unknowns.deviations > 0.0
     names_declared = [{name for name, has_it in zip(declared.names, own, strict=True) if has_it} for own in is_declared]
-    errors = SensorErrors(dict.fromkeys((*kinds, *declared.names), 1.0))
-    body = replace(settings, errors=errors).body(_with_errors(estimate.state, errors))
+    errors, body = declared, estimate.body
+    if kinds:
+        errors = SensorErrors(dict.fromkeys((*kinds, *declared.names), 1.0))
+        body = replace(settings, errors=errors).body(_with_errors(estimate.state, errors))
     every, own = body.unknowns, np.flatnonzero([name in declared.names for name in errors.names])
     tests = _Tests.of(body, settings, kinds, names_declared)
     others = _places(every, own)
@@ -170,7 +172,7 @@ def _surprises(score: Array, variance: Array, alone: Array, false_alarm: float) 
 def _with_errors(state: State, errors: SensorErrors) -> State:
     """Return the state with more sensor errors among its unknowns, all of them zero."""
     eta = np.zeros((len(state.poses), errors.count))
-    calibration = errors.step(eta) if state.calibration is None and errors.count else state.calibration
+    calibration = errors.step(eta) if state.calibration is None else state.calibration
     return State(state.poses, eta, calibration, state.gyros, state.load)
 
 
