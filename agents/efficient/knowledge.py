@@ -81,7 +81,7 @@ class Knowledge:
         self.revision = 0
         self._past: Past | None = None  # when the last chapter ended
         self._next_fit, self._rows_before = 2 * self.least, 0
-        self._first: int | None = None  # number of the first row
+        self._first: int | None = None  # number of the first row with the present load
         self._page_begun = 0  # number of the row at which the present page has begun
         if prior is not None:
             self._guess = prior.guess
@@ -123,7 +123,9 @@ class Knowledge:
 
     @property
     def age(self) -> int:
-        """Number of rows since the first one, also those that were missing; 0 before the first fit."""
+        """Number of rows since the first one with the present load, also those that were missing or that have become part
+        of a prior; 0 before the first fit.
+        """
         return 0 if self._first is None else self.buffer.number_at(self.buffer.count) - self._first
 
     def posterior(self, unnoticed: UnnoticedStep, drift: LoadDrift | None = None, missing: float = 0.0) -> Prior | None:
@@ -237,7 +239,7 @@ class Knowledge:
             has_changed: Whether wrenches before fitted their load; else they have misled the poses, too.
             least: Rows of the next fit.
         """
-        chapter, state = self._chapter, now.state.with_load(None)
+        chapter, state, self._first = self._chapter, now.state.with_load(None), self.buffer.number_at(index)
         chapter.end_of_load(now, self._guess, index, has_changed and not now.misses_poses)
         if has_changed:
             body = self._settings.body(state)

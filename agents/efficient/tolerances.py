@@ -19,7 +19,7 @@ class Tolerances:
 
     def __init__(self, declared: FitSettings) -> None:
         self._declared = self.settings = declared
-        self._exceeded_with = 0  # rows since the first one when errors exceeded them; 0 if they do not
+        self._exceeded_with = 0  # rows of the load when errors exceeded them; 0 if they do not
 
     @property
     def are_declared(self) -> bool:
@@ -27,7 +27,7 @@ class Tolerances:
         return self.settings is self._declared
 
     def exceed(self, estimate: Estimate, rows: int) -> bool:
-        """Process a fit so many rows after the first one whose errors exceed them; return whether that was so before.
+        """Process a fit after so many rows of the load whose errors exceed them; return whether that was so before.
 
         They grow then, as it is no passing cause.
         """
@@ -38,7 +38,7 @@ class Tolerances:
         return is_again
 
     def hold(self, rows: int) -> None:
-        """Process a fit so many rows after the first one whose errors are within them."""
+        """Process a fit after so many rows of the load whose errors are within them."""
         if rows > 2 * self._exceeded_with:
             self._exceeded_with = 0
 

@@ -29,7 +29,7 @@ class UndeclaredWatch:
         self.suspected: UndeclaredError | None = None
         self.since = 0
         self._doubt, self._growth, self._lasts = doubt, growth, lasts
-        self._found_with = self._over_with = 0  # rows since the first one when it was found, and when it is over
+        self._found_with = self._over_with = 0  # rows of the load when it was found, and when it is over
         self.begin(0)
 
     def begin(self, least: int) -> None:
