@@ -123,8 +123,8 @@ class Knowledge:
 
     @property
     def age(self) -> int:
-        """Number of rows since the first one with the present load, also those that were missing or that have become part
-        of a prior; 0 before the first fit.
+        """Number of rows since the first one with the present load, including those that were missing, and those that
+        have become part of a prior; 0 before the first fit.
         """
         return 0 if self._first is None else self.buffer.number_at(self.buffer.count) - self._first
 
