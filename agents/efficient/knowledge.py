@@ -5,7 +5,6 @@ fit = likeliest state given the moments of all rows and the prior from earlier c
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from dataclasses import replace
 
@@ -14,6 +13,7 @@ import numpy as np
 from coheft.agents.efficient.innovations import ROWS_BEFORE, Innovations, Past
 from coheft.agents.efficient.judge import Verdict, judge
 from coheft.agents.efficient.load_drift import LoadDrift
+from coheft.agents.efficient.pages import KEPT_ON_PAGE, Pages
 from coheft.agents.efficient.row_times import MANY
 from coheft.agents.efficient.settings import Guards
 from coheft.agents.efficient.small_steps import UnnoticedStep
@@ -34,12 +34,6 @@ from coheft.estimation.moments.suspects import SLIP
 from coheft.estimation.moments.undeclared import EACH_ROBOTS, UndeclaredError, undeclared_error
 from coheft.estimation.moments.unknowns import THETA, Flags, State, Unknowns
 
-_PAGES_IN_MEMORY, _KEPT_ON_PAGE = 8, 2
-"""A fading memory forgets in so many steps per time constant; each step keeps so many of the newest rows."""
-_LONGEST_FADING = 20.0
-"""After so many time constants without rows nothing is left of a load."""
-_LONGEST_PAGE_OF_DRIFT, _LONGEST_OF_DRIFT = 2.0, 10.0
-"""Longest step of sensor drift, and time of rows by which the interval between fits is chosen then [s]."""
 _EXACT_UP_TO = 12
 """Largest team whose moments are kept exactly; for larger ones moments projected at one state are faster."""
 
@@ -71,18 +65,14 @@ class Knowledge:
         self._count, self._anchor, self._settings, self._guards = count, anchor, settings, guards
         self._growth = guards.growth_of_many if settings.errors.count or count > MANY else guards.growth
         self.least = max(4, round(guards.first_rows / settings.period))
-        memory, size = settings.memory, settings.errors.row_size * count + 1
-        pages = [memory / _PAGES_IN_MEMORY] if memory is not None else []
-        pages += [min(_LONGEST_PAGE_OF_DRIFT, settings.steady)] if settings.drift.is_any else []
-        self._page = max(4, round(min(pages) / settings.period)) if pages else 0
+        size = settings.errors.row_size * count + 1
         self.buffer = RowBuffer(size, not self.is_small)
         self._chapter = Chapter(self.buffer, settings, prior)
         self.estimate: Estimate | None = None
         self.revision = 0
         self._past: Past | None = None  # when the last chapter ended
-        self._next_fit, self._rows_before = 2 * self.least, 0
+        self._next_fit, self._pages = 2 * self.least, Pages(settings)
         self._first: int | None = None  # number of the first row with the present load
-        self._page_begun = 0  # number of the row at which the present page has begun
         if prior is not None:
             self._guess = prior.guess
             evaluate, before = self._chapter.evaluation(), self._chapter.prior_evidence
@@ -114,7 +104,7 @@ class Knowledge:
         """Variance of the drift of motion sensors since their offsets, the mean innovations, were determined, in units
         of the noise of rows, shape (N, 12) or (1, 12).
         """
-        return self._settings.drifted_kinematics((ROWS_BEFORE + self._page) * self._settings.period)
+        return self._settings.drifted_kinematics((ROWS_BEFORE + self._pages.length) * self._settings.period)
 
     @property
     def is_fit_due(self) -> bool:
@@ -213,7 +203,8 @@ class Knowledge:
         """
         chapter, settings, last = self._chapter, self._settings, self.estimate
         if self._first is None:
-            self._first = self._page_begun = int(self.buffer.numbers[0])
+            self._first = int(self.buffer.numbers[0])
+            self._pages.begin(self._first)
         evaluate = chapter.evaluation(end, keeps_motion)
         identity = [Pose.identity()] * self._count
         state = State.first(identity, settings.errors) if last is None else last.state
@@ -227,7 +218,7 @@ class Knowledge:
         found = fit_state(state, evaluate, chapter.prior_evidence, self._guess, settings, self._anchor)
         self._set_estimate(found)
         number = self.buffer.load_rows
-        self._next_fit = number + max(3, round((self._growth - 1.0) * (number + self._rows_before)))
+        self._next_fit = number + max(3, round((self._growth - 1.0) * (number + self._pages.rows_before)))
         return found
 
     def forget_load(self, now: Estimate, index: int, has_changed: bool, least: int) -> None:
@@ -250,7 +241,7 @@ class Knowledge:
                     state, chapter.evaluation(), chapter.prior_evidence, self._guess, self._settings, self._anchor
                 )
             )
-        self._next_fit, self._rows_before = least, 0  # a load that is known from few rows is fitted often
+        self._next_fit, self._pages.rows_before = least, 0  # a load that is known from few rows is fitted often
 
     def follow_drift(self, now: Estimate, index: int, drift: LoadDrift) -> bool:
         """If the load has changed as it drifts, keep it, less certainly, and fit it to the rows from this index on.
@@ -267,7 +258,7 @@ class Knowledge:
         if not drift.goes_on(float(self._step(index, now, noise)[0]), 0):
             return False
         self._chapter.end_of_load(now, self._guess, index, True, noise)
-        self._rows_before = 0
+        self._pages.rows_before = 0
         self.fit()
         return True
 
@@ -351,37 +342,33 @@ class Knowledge:
         return wrench_evidence(now.body, MotionDerivatives.at(now.body), moments, load)
 
     def fade(self) -> None:
-        """End the chapter after a while and inflate its prior, for sensor drift and for a fading memory of the load."""
-        if self._page and not self.misses_poses and self.buffer.load_rows >= self._page:
+        """End the page after a while, see ``Pages``."""
+        if self._pages.length and not self.misses_poses and self.buffer.load_rows >= self._pages.length:
             self._end_page()
 
     def bridge(self, seconds: float) -> None:
-        """End the chapter and inflate its prior for a time [s] without rows."""
+        """End the page and inflate its prior for a time [s] without rows."""
         estimate = self.estimate
-        if self._page and estimate is not None and not estimate.misses_poses and estimate.state.load is not None:
+        if (
+            self._pages.length
+            and estimate is not None
+            and not estimate.misses_poses
+            and estimate.state.load is not None
+        ):
             self._end_page(seconds)
 
     def _end_page(self, missing: float = 0.0) -> None:
-        """End the chapter; inflate its prior for the time of its rows, and for one without rows [s]."""
-        estimate, settings, buffer, chapter = self.estimate, self._settings, self.buffer, self._chapter
+        """End the page, and inflate its prior for its time and for one without rows [s]."""
+        estimate, buffer, chapter, pages = self.estimate, self.buffer, self._chapter, self._pages
         assert estimate is not None
-        index = max(buffer.start, buffer.count - _KEPT_ON_PAGE)
-        end, theta = buffer.number_at(index), estimate.body.unknowns.theta
-        begun = end if self._first is None else self._page_begun
-        end = max(end, begun)  # rows from before a gap are still kept
-        seconds, self._page_begun = (end - begun) * settings.period + missing, end + round(missing / settings.period)
+        index = max(buffer.start, buffer.count - KEPT_ON_PAGE)
+        seconds = pages.turn(index, buffer.number_at(index), missing)
         self._past = self.innovations.past
         chapter.end(estimate, self._guess, index)
         assert chapter.prior is not None  # ``end`` has set it
-        if settings.memory is not None:
-            faded = math.expm1(min(seconds / settings.memory, _LONGEST_FADING))
-            chapter.prior = chapter.prior.with_process_noise(theta, faded * estimate.covariance[theta, theta])
-        if settings.drift.is_any:
-            chapter.prior = chapter.prior.with_process_noise(*settings.drifted(estimate.body, seconds))
-        longest = _LONGEST_OF_DRIFT if settings.memory is None else settings.memory
-        self._rows_before = min(self._rows_before + index, round(longest / settings.period))
+        chapter.prior = pages.inflated(chapter.prior, estimate, seconds)
         self._set_estimate(estimate)
-        self._next_fit = buffer.load_rows + max(3, round((self._growth - 1.0) * self._rows_before))
+        self._next_fit = buffer.load_rows + max(3, round((self._growth - 1.0) * pages.rows_before))
 
     def _from_scratch(self, state: State, is_unknown: Flags, evaluate: EvaluateMoments) -> State:
         """Find unknown poses by the motion alone, without any guess."""

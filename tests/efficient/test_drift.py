@@ -123,12 +123,13 @@ def test_a_page_that_ends_just_after_a_step_of_a_leak_has_only_rows_of_the_prese
 
 def test_two_gaps_in_quick_succession_count_once_each() -> None:
     session, rows = drifting_session(), made_up_rows(10, first=200)
-    known, begun = session._known, [session._known._page_begun]
+    known, begun = session._known, [session._known._pages._begun]
     for number, row in ((150, rows[0]), (169, rows[1])):
         session.take(number, row)
-        begun.append(known._page_begun)
+        begun.append(known._pages._begun)
     assert begun == sorted(begun)
+    assert begun[-1] is not None
     known.buffer.take_back(0)
     assert known.buffer.count == 0
     known.bridge(2.0)
-    assert known._page_begun == begun[-1] + round(2.0 / PERIOD)
+    assert known._pages._begun == begun[-1] + round(2.0 / PERIOD)
