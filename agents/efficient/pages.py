@@ -57,11 +57,8 @@ class Pages:
         Returns:
             The time of the page [s].
         """
-        period, memory, begun = (
-            self._settings.period,
-            self._settings.memory,
-            end if self._begun is None else self._begun,
-        )
+        period, memory = self._settings.period, self._settings.memory
+        begun = end if self._begun is None else self._begun
         end = max(end, begun)
         self._begun = end + round(missing / period)
         longest = _MATTERS_WITH_DRIFT if memory is None else memory
