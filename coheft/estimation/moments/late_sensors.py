@@ -16,11 +16,8 @@ from coheft.estimation.chi_square import chi_square_threshold
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.body import BodyModel
 from coheft.estimation.moments.rows import KINEMATICS, ROW_SIZE, TWIST, WRENCH
-from coheft.estimation.moments.undeclared import UndeclaredError
+from coheft.estimation.moments.undeclared import DELAYS, UndeclaredError
 from coheft.estimation.moments.unknowns import Flags, Indices
-
-DELAYS = ("clock", "wrench_delay")
-"""Kinds of delays: of all sensors of a robot, or of its force and torque alone."""
 
 
 def late_sensor(

@@ -35,6 +35,12 @@ EACH_ROBOTS = (
 """Kinds of errors of one robot that can be tested, beside offsets of gyros, forces and torques."""
 _LEAST_SHARE = 1e-3
 """Least share of an error's information that has to remain beside all unknowns; less may be linearisation error."""
+_LATE = 0.002
+"""Sensors that are later than others by more seem to have other errors as well, by the square of the delay [s]."""
+
+
+DELAYS = ("clock", "wrench_delay")
+"""Kinds of delays: of all sensors of a robot, or of its force and torque alone."""
 
 
 class UndeclaredError(NamedTuple):
@@ -75,6 +81,8 @@ def undeclared_error(
     declared, unknowns = settings.errors, estimate.body.unknowns
     is_declared = unknowns.deviations > 0.0
     names_declared = [{name for name, has_it in zip(declared.names, own, strict=True) if has_it} for own in is_declared]
+    if (np.abs(estimate.state.eta[:, [name in DELAYS for name in declared.names]]) > _LATE).any():
+        kinds = ()
     errors, body = declared, estimate.body
     if kinds:
         errors = SensorErrors(dict.fromkeys((*kinds, *declared.names), 1.0))

@@ -31,9 +31,9 @@ SIZES = {
 
 
 def asked_for(
-    seed: int, kind: str | None, settings: FitSettings = IDEAL, false_alarm: float = 1e-9
+    seed: int, kind: str | None, settings: FitSettings = IDEAL, false_alarm: float = 1e-9, delay: float = 0.0
 ) -> UndeclaredError | None:
-    """Of a team of which the second robot has an error of a kind."""
+    """Of a team of which the second robot has an error of a kind, and of which the clock of the third is off [s]."""
     rng, team = np.random.default_rng(seed), make_team(seed, count=4, number=400)
     team = team.expressed_in(team.poses[0])
     rows = noisy_for(settings.errors, team, rng)
@@ -43,6 +43,7 @@ def asked_for(
         step = np.zeros(unknowns.size)
         is_kind = [name == kind for name in errors.names]
         step[unknowns.eta[1, is_kind]] = SIZES[kind] * np.array([1.0, -1.0, 1.0])
+        step[unknowns.eta[2, [name == "clock" for name in errors.names]]] = delay
         rows = misread(rows, state.moved(step, unknowns, 6.0))
     found = fit(rows, settings)
     return undeclared_error(found.estimate, found.guess, found.chapter, settings, 0, EACH_ROBOTS, false_alarm)
@@ -95,3 +96,12 @@ def test_offsets_of_forces_are_found_where_nothing_else_is_tested() -> None:
     assert error is not None
     assert (error.robot, error.kind) == (1, "force_bias")
     assert error.size > 1.0
+
+
+@pytest.mark.parametrize(("delay", "is_tested"), [(0.001, True), (0.004, False)])
+def test_sensors_that_are_late_may_seem_to_have_other_errors(delay: float, is_tested: bool) -> None:
+    """What the square of the delay does to readings is not in the rows."""
+    clocks = FitSettings(NOISE, PERIOD, SensorErrors({"clock": 0.004}))
+    found = asked_for(5, "gyro_scale", clocks, delay=delay)
+    assert found is not None
+    assert (found.kind == "gyro_scale") == is_tested
