@@ -78,10 +78,10 @@ class Seen(Display):
     """Counts what a display is told."""
 
     def __init__(self) -> None:
-        self.updates = self.unanswered = 0
+        self.time, self.unanswered = 0.0, 0
 
     def update(self, record: Record) -> None:
-        self.updates += 1
+        self.time = record.time
 
     def note(self, text: str) -> None:
         self.unanswered += text == "the server does not answer"
@@ -96,14 +96,14 @@ def test_who_watches_is_patient_with_a_server_that_hangs_for_a_while(
     with ThreadPoolExecutor(1) as threads:
         watcher = threads.submit(launch.watch, run.folder, find_run(run.folder), seen)
         try:
-            wait_until(lambda: seen.updates, "the run to be seen")
+            wait_until(lambda: seen.time, "the run to be seen")
             for _ in range(3):  # in all, it asks more often in vain than it would in a row
                 unanswered = seen.unanswered
                 os.kill(run.pids["server"], signal.SIGSTOP)
                 wait_until(lambda wanted=unanswered + 2: seen.unanswered >= wanted, "two questions in vain")
-                updates = seen.updates
+                heard = seen.time
                 os.kill(run.pids["server"], signal.SIGCONT)
-                wait_until(lambda before=updates: seen.updates > before, "the run to go on")
+                wait_until(lambda before=heard: seen.time > before, "the server to be heard again")
             os.kill(run.pids["server"], signal.SIGSTOP)
             with pytest.raises(LinkError, match="requests in a row: it has ended, or hangs"):
                 watcher.result(LIMIT)
