@@ -137,9 +137,8 @@ class Innovations:
     def late_sensor(self, buffer: RowBuffer, period: float, false_alarm: float) -> UndeclaredError | None:
         """Run the test for delays with tolerance zero on the rows of the load, see ``late_sensors.late_sensor``."""
         rows, numbers = buffer.window(buffer.start), buffer.numbers[buffer.start : buffer.count]
-        wrench, motion = self.residuals(rows)
         by_wrench = self._matrix[VIEW_SIZE:_MOTION]
-        return late_sensor(self._body, rows, numbers, (wrench[:, 0], motion), by_wrench, period, false_alarm)
+        return late_sensor(self._body, rows, numbers, self.residuals, by_wrench, period, false_alarm)
 
     def gram(self, buffer: RowBuffer) -> Array:
         """Return the Gram matrix of the views of all rows of the load, shape (19, 19)."""

@@ -13,6 +13,8 @@ from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.load_drift import LoadChange, LoadDrift
 from coheft.agents.efficient.session import Session
 from coheft.agents.efficient.settings import Guards
+from coheft.agents.efficient.slips import Suspicion
+from coheft.agents.efficient.small_steps import UnnoticedStep
 from coheft.agents.efficient.stages import Stage
 from coheft.agents.efficient.undeclared_watch import UndeclaredWatch
 from coheft.estimation.geometry.spatial import Array
@@ -309,3 +311,15 @@ def test_a_drift_is_noticed_after_a_slip_that_robots_have_started_over_for() -> 
     assert [slip.robot for slip in found.causes.slips] == [2]
     assert len(found.causes.changes) == 2
     assert found.load_drift is not None
+
+
+def test_a_leak_goes_on_while_rows_are_missing() -> None:
+    found, none = after(two_steps(20)), UnnoticedStep(1, Guards())
+    known, drift = found._known, found.load_drift
+    assert drift is not None
+    covered = []
+    for gap in (0, 50):
+        before = Suspicion.after_gap(known, known.buffer.number_at(known.buffer.count) + gap, 2, none, drift)._before
+        assert before.unseen is not None
+        covered.append(before.unseen[0, 0])
+    assert covered[1] > 2.0 * covered[0]

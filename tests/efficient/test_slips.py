@@ -148,6 +148,15 @@ def test_rows_from_before_a_slip_that_come_late_are_not_used() -> None:
     assert max(errors) < 5.0
 
 
+def mass_error(found: Session, mass: float) -> float:
+    """Error of the published mass, in its own standard deviations."""
+    assert found.estimate is not None
+    assert found.estimate.state.load is not None
+    estimate = found.claimable(found.estimate)
+    deviation = np.sqrt(estimate.covariance.diagonal()[estimate.body.unknowns.theta.start])
+    return float(abs(found.estimate.state.load[6] - mass) / deviation)
+
+
 def test_after_a_slip_a_change_that_had_not_been_noticed_is_still_covered() -> None:
     less, poses = LOAD - 0.012 * point_mass(np.array([-0.2, -0.1, 0.1])), slipped_poses(20.0, 1.0, 1, 3)
     parts = [made_up_rows(300), made_up_rows(40, less, 300), made_up_rows(40, less, 340, poses=poses)]
@@ -155,11 +164,7 @@ def test_after_a_slip_a_change_that_had_not_been_noticed_is_still_covered() -> N
     for number, row in enumerate(np.concatenate(parts)):
         found.take(number, row)
         if number > 345 and is_valid(found):
-            assert found.estimate is not None
-            assert found.estimate.state.load is not None
-            estimate = found.claimable(found.estimate)
-            deviation = np.sqrt(estimate.covariance.diagonal()[estimate.body.unknowns.theta.start])
-            worst = max(worst, abs(found.estimate.state.load[6] - less[0]) / deviation)
+            worst = max(worst, mass_error(found, less[0]))
     assert [slip.robot for slip in found.causes.slips] == [1]
     assert not found.causes.changes
     assert worst < 5.0
@@ -190,10 +195,6 @@ def test_after_a_slip_of_a_leaking_load_what_the_leak_leaves_unknown_is_covered(
         load = LOAD - 0.05 * PERIOD * max(0, number - 150) * point_mass(np.array([-0.2, -0.1, 0.1]))
         found.take(number, made_up_rows(1, load, number, poses=POSES if number < 360 else poses)[0])
         if number > 365 and is_valid(found):
-            assert found.estimate is not None
-            assert found.estimate.state.load is not None
-            estimate = found.claimable(found.estimate)
-            deviation = np.sqrt(estimate.covariance.diagonal()[estimate.body.unknowns.theta.start])
-            worst = max(worst, abs(found.estimate.state.load[6] - load[0]) / deviation)
+            worst = max(worst, mass_error(found, load[0]))
     assert [slip.robot for slip in found.causes.slips] == [1]
     assert 0.0 < worst < 5.0

@@ -10,6 +10,8 @@ of a delay is not projected out: rarely much, and the test only becomes less sen
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from coheft.estimation.chi_square import chi_square_threshold
@@ -24,7 +26,7 @@ def late_sensor(
     body: BodyModel,
     rows: Array,
     numbers: Indices,
-    residuals: tuple[Array, Array],
+    residuals: Callable[[Array], tuple[Array, Array]],
     by_wrench: Array,
     period: float,
     false_alarm: float,
@@ -35,7 +37,7 @@ def late_sensor(
         body: Matrices at the fit.
         rows: Extended rows of the present load, shape (n, X).
         numbers: Their numbers, shape (n,).
-        residuals: Of these rows, whitened: of the total wrench (n, 6), and of motion sensors (n, N, 12).
+        residuals: Gives those of rows, whitened: of the total wrench (n, 1, 6), and of motion sensors (n, N, 12).
         by_wrench: Takes extended rows to the whitened residual of the total wrench, shape (6, X).
         period: Duration of a row [s].
         false_alarm: False-alarm probability for one delay.
@@ -47,7 +49,7 @@ def late_sensor(
     count, size = body.count, ROW_SIZE * body.count
     change = (rows[2 * far :, :size] - rows[: -2 * far, :size])[between]
     change = change.reshape(-1, count, ROW_SIZE) / (2.0 * far * period)
-    wrench, motion = (each[far:-far][between] for each in residuals)
+    wrench, motion = residuals(rows[far:-far][between])
 
     own = change[:, :, KINEMATICS]
     if body.state.calibration is not None:
@@ -59,7 +61,7 @@ def late_sensor(
     of_delay = (change[:, :, WRENCH].transpose(1, 0, 2) @ by_robot[:, WRENCH]).transpose(1, 0, 2)
 
     by_motion = np.array([(of_motion * motion).sum(axis=(0, 2)), np.zeros(count)])
-    score = by_motion + [(each * wrench[:, None]).sum(axis=(0, 2)) for each in (of_clock, of_delay)]
+    score = by_motion + [(each * wrench).sum(axis=(0, 2)) for each in (of_clock, of_delay)]
     variance = np.array([np.square(of_motion).sum(axis=(0, 2)), np.zeros(count)])
     variance += [np.square(each).sum(axis=(0, 2)) for each in (of_clock, of_delay)]
     sizes = np.where(is_tested, score**2 / np.maximum(variance, 1e-300), 0.0) / chi_square_threshold(1, false_alarm)
