@@ -15,6 +15,7 @@ from coheft.app.identify.choices import Method, Options
 from coheft.app.identify.methods import fitted, identify
 from coheft.errors import RecordingError
 from coheft.estimation.batch.recording import Recording
+from coheft.estimation.batch.twist_order import check_twists
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import SensorNoise
 from tests.estimation.batch_team import (
@@ -324,3 +325,13 @@ def test_faults_do_what_they_say() -> None:
     case = faulty("dead", 5, by_twists=False)
     assert case.robot is not None
     assert np.abs(wrench_of(case.recording, case.robot)).max() < 0.1
+
+
+def test_hands_that_turn_exactly_alike_are_no_error(of_twists: Recording) -> None:
+    """As in a recording without noise."""
+    same = of_twists.robots[of_twists.names[0]].twist
+    assert same is not None
+    exact = of_twists
+    for name in of_twists.names:
+        exact = exact.changed("twist", lambda twist: np.hstack([same[:, :3], twist[:, 3:]]), name)
+    check_twists(exact)

@@ -36,7 +36,7 @@ def check_twists(recording: Recording) -> None:
     angular = [speeds[robots, :, halves] for halves in orders]
     apart = [np.sqrt(np.mean((sizes - sizes.mean(axis=0)) ** 2) / np.mean(sizes**2)) for sizes in angular]
     best = int(np.argmin(apart))
-    if apart[best] > _BETTER * apart[0]:
+    if best == 0 or apart[best] > _BETTER * apart[0]:
         return
     wrong = ", ".join(name for name, half in zip(recording.names, orders[best], strict=True) if half)
     raise RecordingError(
