@@ -260,6 +260,8 @@ class Session:
         if self._restlessness.forget_load(self._newest, self.stage is Stage.ESTIMATING):
             self._start_over()
             return
+        if index < self._known.buffer.count:
+            self.causes.load_begins(int(self._known.buffer.numbers[index]))
         least = self._known.least * (1 + self._restlessness.is_troubled)
         self._known.forget_load(before, index, event is Event.LOAD_CHANGED, least)
         self.stage = TRANSITIONS[self.stage, event]

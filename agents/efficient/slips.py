@@ -182,6 +182,11 @@ class Suspicion:
         """Process that it looks like a load change now."""
         self.is_load = self._is_load_known = True
 
+    def begin_at(self, number: int) -> None:
+        """Leave out the rows before this one: after a gap, the load has changed once more, possibly to what it was."""
+        self._rows = {each: row for each, row in self._rows.items() if each >= number}
+        self._first, self._next, self.is_load = number, _LEAST, False
+
     def may_begin_at(self, number: int) -> bool:
         """Whether a change that begins at this row may be this one: not after rows that have shown no change in a gap,
         nor before the gap.

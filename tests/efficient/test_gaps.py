@@ -189,3 +189,16 @@ def test_a_slip_soon_after_a_robot_has_joined_is_named() -> None:
     assert [slip.robot for slip in found.causes.slips] == [2]
     assert is_valid(found)
     assert largest_error(found, poses) < 5.0
+
+
+@pytest.mark.parametrize("rows", [5, 8])
+def test_a_load_that_is_put_on_in_a_gap_and_soon_taken_off_again_leaves_no_doubt(rows: int) -> None:
+    found, first, history = session(), BEFORE + GAP, list[tuple[int, float]]()
+    heavier, after = made_up_rows(rows, HEAVIER, first), made_up_rows(AFTER, LOAD, first + rows)
+    for number, row in enumerate(np.concatenate([made_up_rows(BEFORE), heavier, after])):
+        number += GAP * (number >= BEFORE)
+        found.take(number, row)
+        if is_valid(found) and number >= first:
+            history.append((number, largest_error(found, POSES)))
+    assert history[0][0] < first + rows + 1.0 / PERIOD
+    assert largest(history) < 5.0
