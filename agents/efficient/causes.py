@@ -105,11 +105,12 @@ class Causes:
             self._suspicion = Suspicion.after_gap(known, since, len(self.changes), unnoticed, drift)
 
     def load_begins(self, number: int) -> None:
-        """The present load begins at this row; if it is the second one since a gap, only the rows since are compared."""
+        """The present load begins at this row; if it is not the first one since a gap, only its rows are compared."""
         suspicion = self._suspicion
-        if suspicion is not None and suspicion.is_after_gap:
-            if any(change.first < number for change in self.changes[suspicion.changes :]):
-                suspicion.begin_at(number)
+        if suspicion is None or not suspicion.is_after_gap:
+            return
+        if any(change.first < number for change in self.changes[suspicion.changes :]):
+            suspicion.begin_at(number)
 
     def add(self, number: int, row: Array) -> None:
         """Add a row to compare."""

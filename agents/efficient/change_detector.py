@@ -21,7 +21,9 @@ from coheft.agents.efficient.looks import Looks
 from coheft.agents.efficient.settings import Guards, RowCounts
 from coheft.agents.efficient.small_steps import UnnoticedStep
 from coheft.agents.efficient.stages import Event
+from coheft.estimation.moments.change import SmallStep
 from coheft.estimation.moments.fit import Estimate
+from coheft.estimation.moments.row_buffer import RowBuffer
 
 
 class Detected(NamedTuple):
@@ -114,7 +116,7 @@ class ChangeDetector:
         since, statistic, step = known.innovations.look_for_change(buffer, small=self.step.sought(now))
         if statistic <= 1.0:
             confirmation.count()
-            self.step.take(step)
+            self._take(step, buffer)
             return None
         index = buffer.start + since
         if known.surprise(index, now) < self._guards.worth_a_fit:  # uncertain poses may explain it
@@ -124,12 +126,17 @@ class ChangeDetector:
             return None
         found = self._compare(known, index, number)
         if found is None and not confirmation.is_open:
-            self.step.take(step)
+            self._take(step, buffer)
         return found
+
+    def _take(self, step: SmallStep | None, buffer: RowBuffer) -> None:
+        self.step.take(step, 0 if step is None else buffer.number_at(buffer.start + step.first))
 
     def _compare(self, known: Knowledge, index: int, number: int) -> Detected | None:
         """Compare the rows from this index on with a fit to the rows before only."""
         buffer, confirmation = known.buffer, self._confirmation
+        if known.is_small and not confirmation.is_open:
+            index = known.likeliest_change(known.fit())
         kept = min(index, buffer.index_of(confirmation.since)) if confirmation.is_open else index
         before = known.fit(end=kept, keeps_motion=confirmation.is_open)
         index = buffer.start + known.innovations.look_for_change(buffer).first

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from coheft.agents.efficient.row_times import MANY
 from coheft.agents.efficient.settings import Guards
 from coheft.agents.efficient.small_steps import UnnoticedStep
 from coheft.estimation.geometry.spatial import Array, Pose
-from coheft.estimation.moments.change import likeliest_step, surprise
+from coheft.estimation.moments.change import change_within_fit, error_by_step, likeliest_step, surprise, windows
 from coheft.estimation.moments.chapter import Chapter, Prior
 from coheft.estimation.moments.derivatives import MotionDerivatives
 from coheft.estimation.moments.evidence import Evidence
@@ -132,7 +133,7 @@ class Knowledge:
         noise = self.unseen_change(estimate, unnoticed, drift, missing=missing / self._settings.period)
         self.bridge(missing)
         prior = self._chapter.posterior(estimate, self._guess)
-        return prior if noise is None else prior.with_process_noise(estimate.body.unknowns.theta, noise)
+        return prior if noise is None else prior.with_process_noise(slice(None), noise)
 
     def unseen_change(
         self,
@@ -142,7 +143,7 @@ class Knowledge:
         end: int | None = None,
         missing: float = 0.0,
     ) -> Array | None:
-        """Covariance (10, 10) by which theta may have changed without having been noticed, None if it has not.
+        """Covariance (u, u) of the error if theta has changed without having been noticed, None if it has not.
 
         Args:
             estimate: The estimate.
@@ -151,7 +152,7 @@ class Knowledge:
             end: The estimate is from the rows before this index; None if from all of them.
             missing: Number of rows that are missing since.
         """
-        step = unnoticed.process_noise(estimate)
+        step = self._unnoticed_step(estimate, unnoticed, end)
         if drift is None:
             return step
         lag = self.innovations.lag(self.buffer, end) + missing * np.eye(10)
@@ -172,6 +173,20 @@ class Knowledge:
         constant = undeclared_error(estimate, self._guess, self._chapter, settings, self._anchor, kinds, false_alarm)
         late = self.innovations.late_sensor(self.buffer, settings.period, false_alarm)
         return max(filter(None, (constant, late)), key=lambda error: error.size, default=None)
+
+    def _unnoticed_step(self, estimate: Estimate, unnoticed: UnnoticedStep, end: int | None = None) -> Array | None:
+        """See ``UnnoticedStep.process_noise``; None if there is no step. The fit is to the rows before an index."""
+        if unnoticed.mass == 0.0 or estimate.state.load is None:
+            return None
+        newest = self._wrenches(
+            self.buffer.index_of(unnoticed.first), self.innovations.fitted(self.buffer, end), estimate
+        )
+        return unnoticed.process_noise(estimate, error_by_step(newest, estimate.seen, estimate.body.unknowns.theta))
+
+    def covering_step(self, estimate: Estimate, unnoticed: UnnoticedStep) -> Estimate:
+        """Return an estimate whose covariance covers the step of the mass that may have occurred."""
+        noise = self._unnoticed_step(estimate, unnoticed)
+        return estimate if noise is None else estimate.with_process_noise(noise)
 
     def covering(self, estimate: Estimate, drift: LoadDrift | None, end: int | None = None) -> Estimate:
         """Return an estimate whose covariance covers the drift of the load up to the row before an index, or up to now;
@@ -221,7 +236,7 @@ class Knowledge:
         self._next_fit = number + max(3, round((self._growth - 1.0) * (number + self._pages.rows_before)))
         return found
 
-    def forget_load(self, now: Estimate, index: int, has_changed: bool, least: int) -> None:
+    def forget_load(self, now: Estimate, index: int, has_changed: bool, least: int, unnoticed: UnnoticedStep) -> None:
         """Discard the load, which has to be estimated from ``least`` rows from this index on; poses stay.
 
         Args:
@@ -229,9 +244,11 @@ class Knowledge:
             index: Of the first row of the new load.
             has_changed: Whether wrenches before fitted their load; else they have misled the poses, too.
             least: Rows of the next fit.
+            unnoticed: The step of the mass that may have occurred before.
         """
         chapter, state, self._first = self._chapter, now.state.with_load(None), self.buffer.number_at(index)
-        chapter.end_of_load(now, self._guess, index, has_changed and not now.misses_poses)
+        noise = self._unnoticed_step(now, unnoticed, index)
+        chapter.end_of_load(now, self._guess, index, has_changed and not now.misses_poses, noise)
         if has_changed:
             body = self._settings.body(state)
             self.estimate = replace(now, body=body)
@@ -257,7 +274,7 @@ class Knowledge:
         noise = drift.process_noise(now, self.innovations.lag(self.buffer, index))
         if not drift.goes_on(float(self._step(index, now, noise)[0]), 0):
             return False
-        self._chapter.end_of_load(now, self._guess, index, True, noise)
+        self._chapter.end_of_load(now, self._guess, index, True, noise, keeps_load=True)
         self._pages.rows_before = 0
         self.fit()
         return True
@@ -319,6 +336,20 @@ class Knowledge:
         result[np.ix_(indices, indices)] += drifted
         return result
 
+    def likeliest_change(self, now: Estimate) -> int:
+        """Return the index of the first row after the likeliest change of the load; allows for all uncertainty.
+
+        Args:
+            now: The fit to all rows.
+        """
+        buffer, statistics = self.buffer, dict[int, float]()
+        newest: Evidence | None = None
+        for end, start in pairwise([buffer.count, *(buffer.count - windows(buffer.count - buffer.start)).tolist()]):
+            stretch = self._wrenches(start, end, now)
+            newest = stretch if newest is None else newest + stretch
+            statistics[start] = change_within_fit(newest, now.seen, now.body.unknowns.theta)
+        return max(statistics, key=lambda start: statistics[start], default=buffer.start)
+
     def surprise(self, index: int, now: Estimate) -> float:
         """Return the statistic of a load change at this row over its threshold; allows for all uncertainty.
 
@@ -326,19 +357,19 @@ class Knowledge:
             index: Of the first row of the other load.
             now: The fit to the rows before.
         """
-        return surprise(self._newest(index, now), self.covariance_now(now), now.body.unknowns.theta)
+        newest = self._wrenches(index, self.buffer.count, now)
+        return surprise(newest, self.covariance_now(now), now.body.unknowns.theta)
 
     def _step(self, index: int, now: Estimate, noise: Array) -> Array:
-        """Return by how much theta has most likely changed at a row, shape (10,), if changes have this covariance."""
-        covariance, theta = self.covariance_now(now).copy(), now.body.unknowns.theta
-        covariance[theta, theta] += noise
-        return likeliest_step(self._newest(index, now), covariance, theta)
+        """Return by how much theta has most likely changed at a row, shape (10,), if errors have this covariance."""
+        newest = self._wrenches(index, self.buffer.count, now)
+        return likeliest_step(newest, self.covariance_now(now) + noise, now.body.unknowns.theta)
 
-    def _newest(self, index: int, now: Estimate) -> Evidence:
-        """Evidence of the wrenches of the rows from this index on, around a fit to the rows before."""
+    def _wrenches(self, index: int, end: int, now: Estimate) -> Evidence:
+        """Evidence of the wrenches of the rows from one index to another, around an estimate."""
         load = now.state.load
         assert load is not None
-        moments = wrench_moments(now.body, ProjectedMoments.of(self.buffer.window(index), now.body))
+        moments = wrench_moments(now.body, ProjectedMoments.of(self.buffer.rows[index:end], now.body))
         return wrench_evidence(now.body, MotionDerivatives.at(now.body), moments, load)
 
     def fade(self) -> None:

@@ -12,6 +12,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import numpy as np
+
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.change import spread_mass
 from coheft.estimation.moments.fit import Estimate
@@ -75,20 +77,27 @@ class LoadDrift(NamedTuple):
         return square / _ALIKE < change * self.step < square * _ALIKE and rows <= _GONE_ON * self.rows
 
     def process_noise(self, now: Estimate, lag: Array) -> Array:
-        """Covariance (10, 10) of the difference between a fit to the rows before another step and theta after it.
+        """Covariance (u, u) of the difference between a fit to the rows before another step and theta after it.
 
         Args:
             now: The fit.
             lag: Its ``R``, (10, 10).
         """
         noise = _spread(now)
-        result: Array = self.step**2 * (_STEP**2 * noise + (_KEPT / self.rows) ** 2 * lag @ noise @ lag.T)
-        return result
+        drifted = (_KEPT / self.rows) ** 2 * lag @ noise @ lag.T
+        return _of_theta(now, self.step**2 * (_STEP**2 * noise + drifted))
 
     def cover(self, estimate: Estimate, lag: Array) -> Estimate:
         """Return an estimate whose covariance covers the drift; ``lag`` is its ``R``, (10, 10)."""
         noise = (_PUBLISHED * self.step / self.rows) ** 2 * lag @ _spread(estimate) @ lag.T
-        return estimate.with_process_noise(estimate.body.unknowns.theta, noise)
+        return estimate.with_process_noise(_of_theta(estimate, noise))
+
+
+def _of_theta(estimate: Estimate, noise: Array) -> Array:
+    """Covariance (u, u) of all unknowns of which only theta has noise, (10, 10)."""
+    result, theta = np.zeros_like(estimate.seen), estimate.body.unknowns.theta
+    result[theta, theta] = noise
+    return result
 
 
 def _spread(estimate: Estimate) -> Array:

@@ -263,7 +263,7 @@ class Session:
         if index < self._known.buffer.count:
             self.causes.load_begins(int(self._known.buffer.numbers[index]))
         least = self._known.least * (1 + self._restlessness.is_troubled)
-        self._known.forget_load(before, index, event is Event.LOAD_CHANGED, least)
+        self._known.forget_load(before, index, event is Event.LOAD_CHANGED, least, self._detector.step)
         self.stage = TRANSITIONS[self.stage, event]
         self._detector.settle()
 
@@ -310,7 +310,7 @@ class Session:
 
     def claimable(self, estimate: Estimate) -> Estimate:
         """Return the estimate to publish: its covariance covers changes of the load that are not noticed yet."""
-        return self._known.covering(self._detector.step.cover(estimate), self.load_drift)
+        return self._known.covering(self._known.covering_step(estimate, self._detector.step), self.load_drift)
 
     @property
     def load_drift(self) -> LoadDrift | None:

@@ -79,7 +79,7 @@ class Before(NamedTuple):
         prior: The same, as a prior.
         covariance: Covariance of all unknowns, shape (u, u), with the drift of sensors.
         past: The rows until then.
-        unseen: Covariance (10, 10) by which theta may have changed before without having been noticed, or None.
+        unseen: Covariance (u, u) of the error if theta has changed before without having been noticed, or None.
     """
 
     estimate: Estimate
@@ -272,7 +272,7 @@ def _slipped(known: Knowledge, before: Before, cause: Cause, numbers: list[int],
     assert cause.robot is not None
     prior, named = before.prior, zip(numbers, rows, strict=True)
     if before.unseen is not None:
-        prior = prior.with_process_noise(before.estimate.body.unknowns.theta, before.unseen)
+        prior = prior.with_process_noise(slice(None), before.unseen)
     return known.slipped(prior, cause.robot, cause.is_load, named, before.past, before.estimate.hidden_poses())
 
 

@@ -1,18 +1,25 @@
 """Small changes of the mass that the published covariance covers although they have not been noticed yet.
 
-covariance of theta + s^2 E[x x^T],    s = standard deviation of the change [kg],    x = 1 kg anywhere in the load
+covariance + s^2 D E[x x^T] D^T,    s = standard deviation of the change [kg],    x = 1 kg anywhere in the load
+
+``D`` is the derivative of the error by a step of theta, see ``change.error_by_step``: poses and sensor errors that were
+fitted together with one load to rows of two loads are wrong, too.
 """
 
 from __future__ import annotations
 
+import numpy as np
+
 from coheft.agents.efficient.settings import Guards
 from coheft.estimation.geometry.spatial import Array
-from coheft.estimation.moments.change import SmallSteps, spread_mass
+from coheft.estimation.moments.change import SmallStep, SmallSteps, one_kilogram, spread_mass
 from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.unknowns import THETA
 
 _COVER = 0.5
 """Standard deviation that is added, as a share of the possible step; five of them exceed the step."""
+_LEAST_LEFT = 0.2
+"""The mass is taken to be wrong by at least this share of a step."""
 
 
 class UnnoticedStep:
@@ -24,11 +31,12 @@ class UnnoticedStep:
 
     Attributes:
         mass: By how much the estimate of the mass may be off [kg].
+        first: Number of the first row after the step.
     """
 
     def __init__(self, shortest: int, guards: Guards) -> None:
         self._shortest, self._guards = shortest, guards
-        self.mass = 0.0
+        self.mass, self.first = 0.0, 0
 
     def sought(self, estimate: Estimate) -> SmallSteps | None:
         """Which steps a test for a change has to look for; None without a load."""
@@ -39,20 +47,19 @@ class UnnoticedStep:
             self._shortest, self._guards.least_small_step, self._guards.least_recent_step, load[THETA.start]
         )
 
-    def take(self, found: float | None) -> None:
-        """Process what such a test has found, see ``Look.step``."""
+    def take(self, found: SmallStep | None, number: int) -> None:
+        """Process what such a test has found, see ``Look.step``; the step is before the row of this number."""
         if found is not None:
-            self.mass = max(found, self._guards.small_step_fades * self.mass)
+            self.mass *= self._guards.small_step_fades
+            if found.error > self.mass:
+                self.mass, self.first = found.error, number
 
-    def process_noise(self, estimate: Estimate) -> Array | None:
-        """Covariance (10, 10) by which theta may have changed, None if it has not."""
-        load = estimate.state.load
-        if load is None or self.mass == 0.0:
-            return None
-        result: Array = (_COVER * self.mass) ** 2 * spread_mass(load[THETA], estimate.size)
+    def process_noise(self, estimate: Estimate, error_by_step: Array) -> Array:
+        """Covariance (u, u) of the error that the step makes; ``error_by_step`` is ``D``, shape (u, 10)."""
+        load, theta = estimate.state.load, estimate.body.unknowns.theta
+        assert load is not None
+        left = max(_LEAST_LEFT, -float(error_by_step[theta.start] @ one_kilogram(load)))
+        by_error = error_by_step / left
+        by_error[theta] = -np.eye(len(load[THETA]))
+        result: Array = (_COVER * self.mass) ** 2 * by_error @ spread_mass(load[THETA], estimate.size) @ by_error.T
         return result
-
-    def cover(self, estimate: Estimate) -> Estimate:
-        """Return an estimate whose covariance covers the step."""
-        noise = self.process_noise(estimate)
-        return estimate if noise is None else estimate.with_process_noise(estimate.body.unknowns.theta, noise)

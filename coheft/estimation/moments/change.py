@@ -35,6 +35,8 @@ FALSE_ALARM = 1e-12
 _RATIO = 1.5
 _WINDOWS = np.unique(np.round(_RATIO ** np.arange(30)).astype(np.int64))
 """Numbers of newest rows that are tested, each 1.5 times the one before."""
+_FINE_WINDOWS = np.unique(np.round(1.2 ** np.arange(60)).astype(np.int64))
+"""The same to locate a change: each is 1.2 times the one before."""
 _SPHERE: Array = np.array([each for each in product((-1.0, 0.0, 1.0), repeat=3) if any(each)])
 _SPHERE /= np.linalg.norm(_SPHERE, axis=1)[:, None]
 """Points all over the unit sphere."""
@@ -119,19 +121,31 @@ class SmallSteps(NamedTuple):
     mass: float
 
 
+class SmallStep(NamedTuple):
+    """A small step of the mass.
+
+    Attributes:
+        first: Index of the first row after it.
+        error: Error of the estimated mass that it means [kg].
+    """
+
+    first: int
+    error: float
+
+
 class Look(NamedTuple):
     """The result of the first test.
 
     Attributes:
         first: Index of the first row after the likeliest change.
         statistic: Its statistic over the threshold for the probability ``FALSE_ALARM``.
-        step: Largest error of the estimated mass that any significant small step would mean [kg]; 0 if there is none,
-            None if there are too few rows.
+        step: Of all significant small steps the one that means the largest error, 0 if there is none; None if there are
+            too few rows.
     """
 
     first: int
     statistic: float
-    step: float | None
+    step: SmallStep | None
 
 
 def look_for_change(
@@ -159,7 +173,7 @@ def look_for_change(
         near = np.arange(max(1, int(newest / _RATIO)), min(count + is_known, int(newest * _RATIO) + 2))
         scores = _Scores.of(count - near, views, older, weights)
         index, statistic = scores.likeliest(count - near, weights)
-    return Look(index, statistic, None if small is None else scores.small_step(small, weights))
+    return Look(index, statistic, None if small is None else scores.small_step(count, small, weights))
 
 
 def surprise(newest: Evidence, covariance: Array, theta: slice) -> float:
@@ -174,6 +188,48 @@ def surprise(newest: Evidence, covariance: Array, theta: slice) -> float:
     if len(score) == 0:
         return 0.0
     return float(score @ np.linalg.solve(spread, score)) / chi_square_threshold(len(score), FALSE_ALARM)
+
+
+def windows(count: int) -> Indices:
+    """Numbers of newest rows to test in the search for a change among so many rows, smallest first."""
+    return _FINE_WINDOWS[count > _FINE_WINDOWS]
+
+
+def change_within_fit(newest: Evidence, covariance: Array, theta: slice) -> float:
+    """Return the statistic of a change of theta among the rows of a fit, chi-square with at most 10 degrees of freedom.
+
+        S = e_k,    V = H_k - H_k P H_k^T    of theta, with the score ``e_k`` of the newest rows at the fit to all rows
+
+    Args:
+        newest: Evidence of the rows since the change, around that fit.
+        covariance: Covariance ``P`` of all unknowns in that fit, shape (u, u).
+        theta: Slice of theta among the unknowns.
+
+    Returns:
+        The statistic; 0 if these rows do not show theta.
+    """
+    of_noise, of_all = newest.noise[theta, theta], newest.information[theta]
+    tested, _ = seen_directions(of_all[:, theta] + of_noise, of_noise)
+    shown = tested @ of_all
+    spread = tested @ (of_all[:, theta] + of_noise) @ tested.T - shown @ covariance @ shown.T
+    if len(tested) == 0 or not is_positive_definite(spread):
+        return 0.0
+    score = tested @ newest.score[theta]
+    return float(score @ np.linalg.solve(spread, score))
+
+
+def error_by_step(newest: Evidence, covariance: Array, theta: slice) -> Array:
+    """Return the derivative of a fit's error by a step of theta that it does not allow for, shape (u, 10).
+
+        x^ - x = (P H_k - E) step,    E = unit vectors of theta
+
+    Args:
+        newest: Evidence of the rows since the step that are in the fit.
+        covariance: Covariance ``P`` of all unknowns, shape (u, u).
+        theta: Slice of theta among the unknowns.
+    """
+    result: Array = covariance @ newest.information[:, theta] - np.eye(len(covariance))[:, theta]
+    return result
 
 
 def likeliest_step(newest: Evidence, covariance: Array, theta: slice) -> Array:
@@ -254,8 +310,8 @@ class _Scores(NamedTuple):
         best = int(statistics.argmax())
         return int(indices[best]), float(statistics[best]) / chi_square_threshold(len(tested), FALSE_ALARM)
 
-    def small_step(self, small: SmallSteps, weights: Weights) -> float | None:
-        """Return ``Look.step``.
+    def small_step(self, count: int, small: SmallSteps, weights: Weights) -> SmallStep | None:
+        """Return ``Look.step``; ``count`` is the number of all rows that are kept.
 
         With ``x`` another kilogram at the centre of mass, the step at a row and its significance are
 
@@ -273,8 +329,9 @@ class _Scores(NamedTuple):
             return None
         informations = kilogram @ self.matrices[:, THETA, THETA] @ kilogram
         steps = score / spread * (1.0 - informations[:-1] / informations[-1])
-        off = np.abs(self.load[THETA.start] + steps - small.mass)
-        return float(np.max(off, where=is_significant, initial=0.0))
+        errors = is_significant * np.abs(self.load[THETA.start] + steps - small.mass)
+        largest = int(errors.argmax())
+        return SmallStep(count - int(self.counts[largest]), float(errors[largest]))
 
 
 def spread_mass(theta: Array, size: float) -> Array:

@@ -154,7 +154,13 @@ class Chapter:
         return lambda body: evaluated_moments(body, of_all, of_load)
 
     def end_of_load(
-        self, estimate: Estimate, guess: Guess, index: int, keeps_poses: bool, noise: Array | None = None
+        self,
+        estimate: Estimate,
+        guess: Guess,
+        index: int,
+        keeps_poses: bool,
+        noise: Array | None = None,
+        keeps_load: bool = False,
     ) -> None:
         """Start another load at this index.
 
@@ -163,7 +169,8 @@ class Chapter:
             guess: Guess of theta.
             index: Of the first row of the other load.
             keeps_poses: Whether to keep what the wrenches have shown.
-            noise: Covariance (10, 10) by which theta has changed, None if it may be any.
+            noise: Covariance (u, u) by which unknowns have changed, None if only the load has.
+            keeps_load: Whether to keep what they have shown of the load; if not, it may be any.
         """
         of_load, body = self.buffer.begin_load(index), estimate.body
         if keeps_poses:
@@ -171,12 +178,10 @@ class Chapter:
             evidence = wrench_evidence(body, MotionDerivatives.at(body), moments, _load(body))
             evidence = self._beyond_doubt(estimate, evidence, guess)
             self._set_prior(estimate, guess, evidence, False)
-        if self.prior is None:
-            return
-        if noise is None:
+            if noise is not None and self.prior is not None:
+                self.prior = self.prior.with_process_noise(slice(None), noise)
+        if self.prior is not None and not keeps_load:
             self.prior = self.prior.without_load(body.unknowns, guess.limits)
-        else:
-            self.prior = self.prior.with_process_noise(body.unknowns.theta, noise)
 
     def end(self, estimate: Estimate, guess: Guess, index: int) -> None:
         """Make all rows before this index, and the prior of sensor errors, part of the chapter's prior."""

@@ -66,11 +66,9 @@ class Estimate:
         """Whether any robot's pose is hidden."""
         return bool(self.hidden_poses().any())
 
-    def with_process_noise(self, indices: slice, covariance: Array) -> Estimate:
-        """Return the same, less certain: these unknowns have changed since, by a step with this covariance (k, k)."""
-        seen = self.seen.copy()
-        seen[indices, indices] += covariance
-        return replace(self, seen=seen)
+    def with_process_noise(self, covariance: Array) -> Estimate:
+        """Return the same, less certain: unknowns have changed since, by a step with this covariance (u, u)."""
+        return replace(self, seen=self.seen + covariance)
 
     def hidden_poses(self, limits: Array = POSE_LIMITS) -> Flags:
         """Whether a robot's pose is hidden or less certain than ``limits`` (6,) in any component, shape (N,)."""
