@@ -181,7 +181,7 @@ class Knowledge:
         newest = self._wrenches(
             self.buffer.index_of(unnoticed.first), self.innovations.fitted(self.buffer, end), estimate
         )
-        return unnoticed.process_noise(estimate, error_by_step(newest, estimate.seen, estimate.body.unknowns.theta))
+        return unnoticed.process_noise(estimate, error_by_step(newest, estimate.inverse, estimate.body.unknowns.theta))
 
     def covering_step(self, estimate: Estimate, unnoticed: UnnoticedStep) -> Estimate:
         """Return an estimate whose covariance covers the step of the mass that may have occurred."""
@@ -347,7 +347,7 @@ class Knowledge:
         for end, start in pairwise([buffer.count, *(buffer.count - windows(buffer.count - buffer.start)).tolist()]):
             stretch = self._wrenches(start, end, now)
             newest = stretch if newest is None else newest + stretch
-            statistics[start] = change_within_fit(newest, now.seen, now.body.unknowns.theta)
+            statistics[start] = change_within_fit(newest, now.inverse, now.body.unknowns.theta)
         return max(statistics, key=lambda start: statistics[start], default=buffer.start)
 
     def surprise(self, index: int, now: Estimate) -> float:

@@ -321,5 +321,6 @@ def test_a_leak_goes_on_while_rows_are_missing() -> None:
     for gap in (0, 50):
         before = Suspicion.after_gap(known, known.buffer.number_at(known.buffer.count) + gap, 2, none, drift)._before
         assert before.unseen is not None
-        covered.append(before.unseen[0, 0])
+        mass = before.estimate.body.unknowns.theta.start
+        covered.append(before.unseen[mass, mass])
     assert covered[1] > 2.0 * covered[0]

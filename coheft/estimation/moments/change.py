@@ -195,14 +195,14 @@ def windows(count: int) -> Indices:
     return _FINE_WINDOWS[count > _FINE_WINDOWS]
 
 
-def change_within_fit(newest: Evidence, covariance: Array, theta: slice) -> float:
+def change_within_fit(newest: Evidence, inverse: Array, theta: slice) -> float:
     """Return the statistic of a change of theta among the rows of a fit, chi-square with at most 10 degrees of freedom.
 
-        S = e_k,    V = H_k - H_k P H_k^T    of theta, with the score ``e_k`` of the newest rows at the fit to all rows
+        S = e_k,    V = H_k - H_k H^-1 H_k    of theta, with the score ``e_k`` of the newest rows at the fit to all rows
 
     Args:
         newest: Evidence of the rows since the change, around that fit.
-        covariance: Covariance ``P`` of all unknowns in that fit, shape (u, u).
+        inverse: Inverse ``H^-1`` of the information of that fit on all unknowns, shape (u, u).
         theta: Slice of theta among the unknowns.
 
     Returns:
@@ -211,24 +211,24 @@ def change_within_fit(newest: Evidence, covariance: Array, theta: slice) -> floa
     of_noise, of_all = newest.noise[theta, theta], newest.information[theta]
     tested, _ = seen_directions(of_all[:, theta] + of_noise, of_noise)
     shown = tested @ of_all
-    spread = tested @ (of_all[:, theta] + of_noise) @ tested.T - shown @ covariance @ shown.T
+    spread = tested @ (of_all[:, theta] + of_noise) @ tested.T - shown @ inverse @ shown.T
     if len(tested) == 0 or not is_positive_definite(spread):
         return 0.0
     score = tested @ newest.score[theta]
     return float(score @ np.linalg.solve(spread, score))
 
 
-def error_by_step(newest: Evidence, covariance: Array, theta: slice) -> Array:
+def error_by_step(newest: Evidence, inverse: Array, theta: slice) -> Array:
     """Return the derivative of a fit's error by a step of theta that it does not allow for, shape (u, 10).
 
-        x^ - x = (P H_k - E) step,    E = unit vectors of theta
+        x^ - x = (H^-1 H_k - E) step,    E = unit vectors of theta
 
     Args:
         newest: Evidence of the rows since the step that are in the fit.
-        covariance: Covariance ``P`` of all unknowns, shape (u, u).
+        inverse: Inverse ``H^-1`` of the information of that fit on all unknowns, shape (u, u).
         theta: Slice of theta among the unknowns.
     """
-    result: Array = covariance @ newest.information[:, theta] - np.eye(len(covariance))[:, theta]
+    result: Array = inverse @ newest.information[:, theta] - np.eye(len(inverse))[:, theta]
     return result
 
 

@@ -39,6 +39,8 @@ class Estimate:
         body: The matrices at the state.
         seen: Covariance (u, u) of all unknowns in the directions that are seen.
         hidden: Assumed covariance (u, u) in those that are not.
+        inverse: Inverse of the information in the directions that are seen, shape (u, u): by how much a score moves the
+            unknowns.
         step: Largest change of a pose by the last step, in its standard deviations.
         size: Rough size of the load [m].
         is_doubtful: Whether rows count only beyond doubt, see ``Evidence.beyond_doubt``.
@@ -47,6 +49,7 @@ class Estimate:
     body: BodyModel
     seen: Array
     hidden: Array
+    inverse: Array
     step: float
     size: float
     is_doubtful: bool = False
@@ -81,7 +84,7 @@ class _Step(NamedTuple):
 
     Attributes:
         state: The new state.
-        seen, hidden, is_doubtful: As in ``Estimate``.
+        seen, hidden, inverse, is_doubtful: As in ``Estimate``.
         size: The step, in deviations of poses.
         left: The error that it leaves, likewise: of a step ``d`` about ``d^2`` (rotations in rad, lengths in m).
     """
@@ -89,6 +92,7 @@ class _Step(NamedTuple):
     state: State
     seen: Array
     hidden: Array
+    inverse: Array
     is_doubtful: bool
     size: float
     left: float
@@ -135,7 +139,8 @@ def fit_state(
             noise_of_motion = noise_of_wrench = None
         if step.left < SMALL_ERROR:
             break
-    return Estimate(settings.body(state), step.seen, step.hidden, step.size, guess.size, step.is_doubtful)
+    body = settings.body(state)
+    return Estimate(body, step.seen, step.hidden, step.inverse, step.size, guess.size, step.is_doubtful)
 
 
 def _step(
@@ -152,12 +157,12 @@ def _step(
         part = by_rows.restricted(free).beyond_doubt(limits) + prior.restricted(free)
         solution = part.solve(limits)
     step, square = np.zeros(unknowns.size), np.ix_(free, free)
-    seen, hidden = np.zeros((2, unknowns.size, unknowns.size))
+    seen, hidden, inverse = np.zeros((3, unknowns.size, unknowns.size))
     step[free] = solution.inverse @ part.score
-    seen[square], hidden[square] = solution.seen, solution.hidden
+    seen[square], hidden[square], inverse[square] = solution.seen, solution.hidden, solution.inverse
     deviations = np.sqrt(np.maximum(seen.diagonal()[unknowns.poses], 1e-30))
     of_poses = step[unknowns.poses]
     size, left = float(np.abs(of_poses / deviations).max()), float((of_poses**2 / deviations).max())
     if settings.errors.count:
         step = step / max(1.0, float(np.abs(of_poses).max()) / _LONGEST)
-    return _Step(body.state.moved(step, unknowns, _FARTHEST), seen, hidden, is_doubtful, size, left)
+    return _Step(body.state.moved(step, unknowns, _FARTHEST), seen, hidden, inverse, is_doubtful, size, left)

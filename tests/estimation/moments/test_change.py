@@ -54,7 +54,8 @@ class Watched:
             matrices, vectors = self.weights.sums((views.T @ views)[None])
             mass = np.linalg.solve(matrices[0] + self.weights.known, vectors[0] + self.weights.known_vector)[THETA][0]
         small = SmallSteps(shortest, chi_square_threshold(1, 0.012), chi_square_threshold(1, 1e-6), mass)
-        return look_for_change(self.views[:until], NOTHING_OLDER, self.weights, small=small).step
+        found = look_for_change(self.views[:until], NOTHING_OLDER, self.weights, small=small).step
+        return None if found is None else found.error
 
     def gained(self, index: int, settings: FitSettings) -> float:
         """By how much the sum of squares of all rows is smaller if the load is another one from this place on."""

@@ -1,0 +1,90 @@
+"""A change of the load among the rows of one fit: what it makes wrong, and where it is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from coheft.estimation.chi_square import chi_square_threshold
+from coheft.estimation.geometry.spatial import Array
+from coheft.estimation.moments.change import change_within_fit, error_by_step, windows
+from coheft.estimation.moments.derivatives import MotionDerivatives
+from coheft.estimation.moments.evidence import Evidence
+from coheft.estimation.moments.likelihood import wrench_evidence
+from coheft.estimation.moments.moments import RowMoments, wrench_moments
+from coheft.estimation.moments.rows import RowNoise
+from coheft.estimation.moments.sensor_errors import SensorErrors
+from coheft.estimation.moments.unknowns import THETA
+from tests.estimation.moments.fitting import IDEAL, Fitted, erring, fit
+from tests.estimation.moments.moving_team import NOISE, make_team
+
+QUIET = replace(IDEAL, noise=RowNoise(1e-4 * NOISE.kinematics, 1e-4 * NOISE.wrench))
+
+
+def wrenches(found: Fitted, rows: Array) -> Evidence:
+    body = found.estimate.body
+    assert body.state.load is not None
+    moments = wrench_moments(body, RowMoments.of(rows))
+    return wrench_evidence(body, MotionDerivatives.at(body), moments, body.state.load)
+
+
+def statistic(found: Fitted, rows: Array) -> float:
+    estimate = found.estimate
+    return change_within_fit(wrenches(found, rows), estimate.inverse, estimate.body.unknowns.theta)
+
+
+@pytest.mark.parametrize("newest", [10, 40])
+def test_a_step_that_a_fit_does_not_allow_for_makes_poses_and_load_wrong(newest: int) -> None:
+    team, first = make_team(seed=2, number=100), 100 - newest
+    step = np.repeat([0.0, 0.002], [6, 10]) * team.expressed_in(team.poses[0]).load
+    changed = team.holding(team.load * np.repeat([1.0, 1.002], [6, 10]), slice(first, None))
+    rows = changed.noisy(np.random.default_rng(3), QUIET.noise)
+    found, theta = fit(rows, QUIET), IDEAL.body(team.state()).unknowns.theta
+    derivative = error_by_step(wrenches(found, rows[first:]), found.estimate.inverse, theta)
+    now = team.holding(team.load * np.repeat([1.0, 1.002], [6, 10]))
+    error, expected = -found.error(now), derivative @ step[THETA]
+    deviations = np.sqrt(np.maximum(found.estimate.seen.diagonal(), 1e-30))
+    is_wrong = np.abs(expected) > 20.0 * deviations
+    assert is_wrong[found.estimate.body.unknowns.poses].any()
+    assert is_wrong[theta].any()
+    np.testing.assert_allclose(error[is_wrong], expected[is_wrong], rtol=0.1)
+
+
+def test_without_a_change_the_statistic_is_chi_square() -> None:
+    found = []
+    for seed in range(60):
+        rows = make_team(seed, number=90).noisy(np.random.default_rng(seed + 7))
+        found.append(statistic(fit(rows), rows[60:]))
+    assert 8.0 < np.mean(found) < 12.5
+    assert max(found) < chi_square_threshold(10, 1e-5)
+
+
+def test_rows_that_do_not_show_the_load_show_no_change_of_it() -> None:
+    nothing = Evidence(np.ones(16), np.zeros((16, 16)), np.eye(16), np.eye(16))
+    assert change_within_fit(nothing, np.eye(16), slice(6, 16)) == 0.0
+
+
+def test_windows_grow_and_are_shorter_than_all_rows() -> None:
+    assert windows(1).tolist() == []
+    for count in (2, 30, 1000):
+        found = windows(count)
+        assert found[0] == 1
+        assert found[-1] < count <= np.ceil(1.25 * (found[-1] + 1))
+        assert (np.diff(found) > 0).all()
+
+
+@pytest.mark.parametrize("tolerance", [0.0, 0.01])
+def test_a_change_is_located_with_poses_and_errors_of_sensors_from_the_rows_of_both_loads(tolerance: float) -> None:
+    kinds = ("force_scale", "torque_scale", "acceleration_mounting")
+    errors = SensorErrors(dict.fromkeys(kinds, tolerance))
+    settings = replace(IDEAL, errors=errors, force_offset=100.0 * tolerance, torque_offset=5.0 * tolerance)
+    found = []
+    for seed in range(8):
+        team = make_team(seed, number=90)
+        changed = team.holding(team.load * np.repeat([1.0, 1.005], [6, 10]), slice(60, None))
+        rows = erring(changed, settings, np.random.default_rng(seed))[1]
+        fitted = fit(rows, settings)
+        found.append(max(windows(90).tolist(), key=lambda window: statistic(fitted, rows[90 - window :])))
+    assert np.abs(np.array(found) - 30).max() <= 5
