@@ -146,20 +146,9 @@ class Innovations:
         result: Array = self._older + views.T @ views
         return result
 
-    def lag(self, buffer: RowBuffer, end: int | None = None) -> Array:
-        """By how much theta at a row differs from the fitted one, per drift of theta by one per row, shape (10, 10).
-
-        Args:
-            buffer: Rows.
-            end: The row in question is the one before this index; None for the newest row.
-        """
-        rows = (buffer.count if end is None else end) - buffer.start
-        return self._weights.lag(buffer.views[buffer.start : self.fitted(buffer, end)], rows, self._older)
-
-    def fitted(self, buffer: RowBuffer, end: int | None = None) -> int:
-        """Index of the first row that was not fitted; ``end`` as for ``lag``."""
-        fitted = buffer.start + self._fitted
-        return fitted if end is None else min(end, fitted)
+    def fitted(self, buffer: RowBuffer) -> int:
+        """Index of the first row that was not fitted."""
+        return buffer.start + self._fitted
 
     def look_for_change(self, buffer: RowBuffer, small: SmallSteps | None = None) -> Look:
         """Run the first test for a load change on all rows of the load.

@@ -7,28 +7,23 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 
 from coheft.agents.efficient.innovations import ROWS_BEFORE, Innovations, Past
 from coheft.agents.efficient.judge import Verdict, judge
 from coheft.agents.efficient.load_drift import LoadDrift
+from coheft.agents.efficient.one_load import OneLoad
 from coheft.agents.efficient.pages import KEPT_ON_PAGE, Pages
 from coheft.agents.efficient.row_times import MANY
 from coheft.agents.efficient.settings import Guards
 from coheft.agents.efficient.small_steps import UnnoticedStep
 from coheft.estimation.geometry.spatial import Array, Pose
-from coheft.estimation.moments.change import change_within_fit, error_by_step, likeliest_step, surprise, windows
+from coheft.estimation.moments.change import likeliest_step, surprise
 from coheft.estimation.moments.chapter import Chapter, Prior
-from coheft.estimation.moments.derivatives import MotionDerivatives
-from coheft.estimation.moments.evidence import Evidence
 from coheft.estimation.moments.fit import Estimate, EvaluateMoments, fit_state
 from coheft.estimation.moments.fit_settings import FitSettings, Guess
-from coheft.estimation.moments.likelihood import wrench_evidence
 from coheft.estimation.moments.misfit import KnownLoad
-from coheft.estimation.moments.moments import wrench_moments
-from coheft.estimation.moments.projected import ProjectedMoments
 from coheft.estimation.moments.row_buffer import RowBuffer
 from coheft.estimation.moments.start import first_load, first_poses, poses_by_motion
 from coheft.estimation.moments.suspects import SLIP
@@ -155,8 +150,7 @@ class Knowledge:
         step = self._unnoticed_step(estimate, unnoticed, end)
         if drift is None:
             return step
-        lag = self.innovations.lag(self.buffer, end) + missing * np.eye(10)
-        drifted = drift.process_noise(estimate, lag)
+        drifted = drift.process_noise(estimate, self._one_load(estimate, end).error_by_drift(missing))
         return drifted if step is None else step + drifted
 
     @property
@@ -175,24 +169,28 @@ class Knowledge:
         return max(filter(None, (constant, late)), key=lambda error: error.size, default=None)
 
     def _unnoticed_step(self, estimate: Estimate, unnoticed: UnnoticedStep, end: int | None = None) -> Array | None:
-        """See ``UnnoticedStep.process_noise``; None if there is no step. The fit is to the rows before an index."""
+        """See ``UnnoticedStep.process_noise``; None if there is no step."""
         if unnoticed.mass == 0.0 or estimate.state.load is None:
             return None
-        newest = self._wrenches(
-            self.buffer.index_of(unnoticed.first), self.innovations.fitted(self.buffer, end), estimate
-        )
-        return unnoticed.process_noise(estimate, error_by_step(newest, estimate.inverse, estimate.body.unknowns.theta))
+        first = self.buffer.index_of(unnoticed.first)
+        return unnoticed.process_noise(estimate, self._one_load(estimate, end).error_by_step(first))
 
-    def covering_step(self, estimate: Estimate, unnoticed: UnnoticedStep) -> Estimate:
-        """Return an estimate whose covariance covers the step of the mass that may have occurred."""
-        noise = self._unnoticed_step(estimate, unnoticed)
-        return estimate if noise is None else estimate.with_process_noise(noise)
-
-    def covering(self, estimate: Estimate, drift: LoadDrift | None, end: int | None = None) -> Estimate:
-        """Return an estimate whose covariance covers the drift of the load up to the row before an index, or up to now;
-        see ``LoadDrift.cover``.
+    def covering(
+        self,
+        estimate: Estimate,
+        drift: LoadDrift | None,
+        end: int | None = None,
+        unnoticed: UnnoticedStep | None = None,
+    ) -> Estimate:
+        """Return an estimate whose covariance covers a step of the mass that may have occurred, and the drift of the
+        load up to the row before an index, or up to now.
         """
-        return estimate if drift is None else drift.cover(estimate, self.innovations.lag(self.buffer, end))
+        if estimate.state.load is None:
+            return estimate
+        step = None if unnoticed is None else self._unnoticed_step(estimate, unnoticed)
+        if step is not None:
+            estimate = estimate.with_process_noise(step)
+        return estimate if drift is None else drift.cover(estimate, self._one_load(estimate, end).error_by_drift())
 
     def judge(self, load_before: KnownLoad | None = None) -> Verdict:
         """Judge the estimate, see ``judge.judge``."""
@@ -271,7 +269,7 @@ class Knowledge:
         Returns:
             Whether it has.
         """
-        noise = drift.process_noise(now, self.innovations.lag(self.buffer, index))
+        noise = drift.process_noise(now, self._one_load(now, index).error_by_drift())
         if not drift.goes_on(float(self._step(index, now, noise)[0]), 0):
             return False
         self._chapter.end_of_load(now, self._guess, index, True, noise, keeps_load=True)
@@ -337,18 +335,8 @@ class Knowledge:
         return result
 
     def likeliest_change(self, now: Estimate) -> int:
-        """Return the index of the first row after the likeliest change of the load; allows for all uncertainty.
-
-        Args:
-            now: The fit to all rows.
-        """
-        buffer, statistics = self.buffer, dict[int, float]()
-        newest: Evidence | None = None
-        for end, start in pairwise([buffer.count, *(buffer.count - windows(buffer.count - buffer.start)).tolist()]):
-            stretch = self._wrenches(start, end, now)
-            newest = stretch if newest is None else newest + stretch
-            statistics[start] = change_within_fit(newest, now.inverse, now.body.unknowns.theta)
-        return max(statistics, key=lambda start: statistics[start], default=buffer.start)
+        """See ``OneLoad.likeliest_change``; ``now`` is the fit to all rows."""
+        return self._one_load(now).likeliest_change()
 
     def surprise(self, index: int, now: Estimate) -> float:
         """Return the statistic of a load change at this row over its threshold; allows for all uncertainty.
@@ -357,20 +345,20 @@ class Knowledge:
             index: Of the first row of the other load.
             now: The fit to the rows before.
         """
-        newest = self._wrenches(index, self.buffer.count, now)
+        newest = self._one_load(now).wrenches(index, self.buffer.count)
         return surprise(newest, self.covariance_now(now), now.body.unknowns.theta)
 
     def _step(self, index: int, now: Estimate, noise: Array) -> Array:
         """Return by how much theta has most likely changed at a row, shape (10,), if errors have this covariance."""
-        newest = self._wrenches(index, self.buffer.count, now)
+        newest = self._one_load(now).wrenches(index, self.buffer.count)
         return likeliest_step(newest, self.covariance_now(now) + noise, now.body.unknowns.theta)
 
-    def _wrenches(self, index: int, end: int, now: Estimate) -> Evidence:
-        """Evidence of the wrenches of the rows from one index to another, around an estimate."""
-        load = now.state.load
-        assert load is not None
-        moments = wrench_moments(now.body, ProjectedMoments.of(self.buffer.rows[index:end], now.body))
-        return wrench_evidence(now.body, MotionDerivatives.at(now.body), moments, load)
+    def _one_load(self, estimate: Estimate, end: int | None = None) -> OneLoad:
+        """A fit to the rows before an index, or to those that were fitted last."""
+        fitted = self.innovations.fitted(self.buffer)
+        if end is None:
+            return OneLoad(estimate, self._chapter, fitted, self.buffer.count)
+        return OneLoad(estimate, self._chapter, min(end, fitted), end)
 
     def fade(self) -> None:
         """End the page after a while, see ``Pages``."""

@@ -1,18 +1,15 @@
 """Loads that keep becoming lighter or heavier, such as one that leaks: they stay known, only less certainly.
 
-    theta = former theta + age d,    fitted theta = theta - R d + noise,    R = H^-1 sum_i age_i H_i
+    theta = former theta + age d,    x^ - x = D d,    ``D`` from ``OneLoad.error_by_drift``
 
 The drift per row ``d`` is so many kilograms, anywhere in the load: the step between the last two noticed changes,
-divided by the rows between them. ``H_i`` is the information of a row on theta, and ``H`` that of all rows that were
-fitted as if ``d`` were zero.
+divided by the rows between them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import NamedTuple
-
-import numpy as np
 
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.change import spread_mass
@@ -76,28 +73,22 @@ class LoadDrift(NamedTuple):
         square = self.step**2
         return square / _ALIKE < change * self.step < square * _ALIKE and rows <= _GONE_ON * self.rows
 
-    def process_noise(self, now: Estimate, lag: Array) -> Array:
+    def process_noise(self, now: Estimate, error_by_drift: Array) -> Array:
         """Covariance (u, u) of the difference between a fit to the rows before another step and theta after it.
 
         Args:
             now: The fit.
-            lag: Its ``R``, (10, 10).
+            error_by_drift: Its ``D``, shape (u, 10).
         """
-        noise = _spread(now)
-        drifted = (_KEPT / self.rows) ** 2 * lag @ noise @ lag.T
-        return _of_theta(now, self.step**2 * (_STEP**2 * noise + drifted))
+        theta, noise = now.body.unknowns.theta, _spread(now)
+        result: Array = (_KEPT * self.step / self.rows) ** 2 * error_by_drift @ noise @ error_by_drift.T
+        result[theta, theta] += (_STEP * self.step) ** 2 * noise
+        return result
 
-    def cover(self, estimate: Estimate, lag: Array) -> Estimate:
-        """Return an estimate whose covariance covers the drift; ``lag`` is its ``R``, (10, 10)."""
-        noise = (_PUBLISHED * self.step / self.rows) ** 2 * lag @ _spread(estimate) @ lag.T
-        return estimate.with_process_noise(_of_theta(estimate, noise))
-
-
-def _of_theta(estimate: Estimate, noise: Array) -> Array:
-    """Covariance (u, u) of all unknowns of which only theta has noise, (10, 10)."""
-    result, theta = np.zeros_like(estimate.seen), estimate.body.unknowns.theta
-    result[theta, theta] = noise
-    return result
+    def cover(self, estimate: Estimate, error_by_drift: Array) -> Estimate:
+        """Return an estimate whose covariance covers the drift; ``error_by_drift`` is its ``D``, shape (u, 10)."""
+        noise = error_by_drift @ _spread(estimate) @ error_by_drift.T
+        return estimate.with_process_noise((_PUBLISHED * self.step / self.rows) ** 2 * noise)
 
 
 def _spread(estimate: Estimate) -> Array:

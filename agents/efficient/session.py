@@ -310,7 +310,7 @@ class Session:
 
     def claimable(self, estimate: Estimate) -> Estimate:
         """Return the estimate to publish: its covariance covers changes of the load that are not noticed yet."""
-        return self._known.covering(self._known.covering_step(estimate, self._detector.step), self.load_drift)
+        return self._known.covering(estimate, self.load_drift, unnoticed=self._detector.step)
 
     @property
     def load_drift(self) -> LoadDrift | None:

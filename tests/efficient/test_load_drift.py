@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -19,12 +19,10 @@ from coheft.agents.efficient.stages import Stage
 from coheft.agents.efficient.undeclared_watch import UndeclaredWatch
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import SensorNoise
-from coheft.estimation.moments.body import FORCING_SIZE, load_operator
-from coheft.estimation.moments.change import Weights
 from coheft.estimation.moments.fit_settings import FitSettings
 from coheft.estimation.moments.rows import FORCE, ROW_SIZE, RowNoise
 from coheft.estimation.moments.undeclared import UndeclaredError
-from coheft.estimation.moments.unknowns import THETA, State
+from coheft.estimation.moments.unknowns import THETA
 from coheft.estimation.rigid_body.mass_properties import point_mass
 from coheft.estimation.tolerance import SensorDrift
 from tests.efficient.rows import LOAD, PERIOD, POSES, made_up_rows
@@ -255,26 +253,6 @@ def test_a_drift_takes_two_changes_in_a_short_time(
 )
 def test_a_drift_goes_on_alike_and_soon(mass: float, rows: int, goes_on: bool) -> None:
     assert LoadDrift(-0.1, 40, 0).goes_on(mass, rows) is goes_on
-
-
-def test_a_fit_to_a_load_that_drifts_lags_as_computed() -> None:
-    made, rng, count, older = session(), np.random.default_rng(1), 40, 15
-    body = made.settings.body(State.first(list(POSES), made.settings.errors))
-    now, drift = np.concatenate([np.zeros(6), LOAD]), np.zeros(16)
-    drift[THETA] = -1e-3 * LOAD
-    motion = rng.normal(size=(count, FORCING_SIZE))
-    motion[:, 0], motion[:older] = 1.0, motion[0]  # older rows are alike, as only their moments are known
-    ages = np.arange(count, dtype=np.float64)[::-1].copy()
-    ages[:older] = count - older + 7.5  # all as old as their mean
-    root = rng.normal(size=(16, 16))
-    known = 100 * root @ root.T
-    wrench = [load_operator(now - age * drift) @ each for age, each in zip(ages, motion, strict=True)]
-    views = np.hstack([motion, wrench])
-    weights = replace(Weights.of(body, now), of_noise=np.zeros((16, 16)), known=known)
-    (information,), (vector,) = weights.sums((views.T @ views)[None])
-    fitted = np.linalg.solve(information + known, vector + known @ (now - count * drift))
-    lag = weights.lag(views[older:], count - older, views[:older].T @ views[:older])
-    np.testing.assert_allclose(fitted[THETA], now[THETA] - lag @ drift[THETA], atol=1e-12)
 
 
 def test_a_load_that_is_to_be_confirmed_is_not_followed(monkeypatch: pytest.MonkeyPatch) -> None:

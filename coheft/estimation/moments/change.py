@@ -86,24 +86,6 @@ class Weights:
         vectors: Array = crossed.reshape(len(grams), -1) @ self.of_cross
         return matrices.reshape(-1, LOAD_SIZE, LOAD_SIZE), vectors
 
-    def lag(self, views: Array, rows: int, older: Array) -> Array:
-        """Return ``H^-1 sum_i age_i H_i``: by how much fits lag behind a theta that drifts by one per row, (10, 10).
-
-        Args:
-            views: Of the rows that were fitted, oldest first, shape (n, 19).
-            rows: Number of rows from the first of them to the one in question.
-            older: Gram matrix (19, 19) of rows before that were fitted as well; what is known otherwise is older still.
-        """
-        ages, before = rows - 1.0 - np.arange(len(views), dtype=np.float64), older[0, 0]
-        of_age = (rows + 0.5 * before) * older + views.T @ (ages[:, None] * views)
-        grams = np.stack([older + views.T @ views, of_age])
-        (information, aged), _ = self.sums(grams)
-        of_noise = grams[:, 0, 0, None, None] * self.of_noise  # the first number of a view is 1
-        basis, shares = seen_directions(information + self.known, of_noise[0])
-        aged = (aged - of_noise[1] + (rows + before) * self.known)[:, THETA]
-        result: Array = (basis.T @ np.linalg.solve(shares, basis @ aged))[THETA]
-        return result
-
 
 class SmallSteps(NamedTuple):
     """Which small steps of the mass to look for.

@@ -108,6 +108,12 @@ class RowBuffer:
         self._sum_up()
         return self.moments_of(self.rows[index : self.count])
 
+    def moments_dropped(self) -> Moments:
+        """Moments of the rows with the present load that are not kept any more."""
+        self._sum_up()
+        dropped: Moments = self._load - self.moments_of(self.rows[self.start : self._summed])
+        return dropped
+
     def moments_kept(self) -> RowMoments:
         """Moments of all rows that are kept."""
         return RowMoments.of(self.rows[: self.count])
