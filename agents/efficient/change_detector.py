@@ -5,13 +5,14 @@ a look is due -> no window of rows is unlike the others      the load is confirm
               -> fit to the rows before only
                  -> the other rows are unlike their load         another load
                  -> not, but the load is still to be confirmed   leave new wrenches out; after a while, it fits no more
-                 -> not                                          look again when they are twice as many, or in a while
+                 -> not                                          look again when so many rows would be, or in a while
 
 The detector changes fits, but neither the load nor what is known of it: the session does that with what is detected.
 """
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 from coheft.agents.efficient.confirmation import Confirmation
@@ -57,11 +58,12 @@ class ChangeDetector:
         self._looks = Looks(rows, guards, turn)
         self.step = UnnoticedStep(rows.shortest, guards)
         self._confirmation = Confirmation(rows)
+        self._is_likely = False  # whether the last look has nearly detected another load, which fits may hide since
 
     def begin(self) -> None:
         """Start again with other knowledge."""
         self._looks.begin()
-        self.step.mass = 0.0
+        self.step.mass, self._is_likely = 0.0, False
         self._confirmation = Confirmation(self._rows)
 
     def confirm(self, since: int) -> None:
@@ -77,6 +79,7 @@ class ChangeDetector:
         """What was detected has been dealt with: the present load is that of the newest rows."""
         self._looks.found()
         self._confirmation.end()
+        self._is_likely = False
 
     @property
     def is_confirmed(self) -> bool:
@@ -114,12 +117,13 @@ class ChangeDetector:
         now = known.estimate
         assert now is not None
         since, statistic, step = known.innovations.look_for_change(buffer, small=self.step.sought(now))
-        if statistic <= 1.0:
+        is_likely, self._is_likely = self._is_likely, False
+        if statistic <= 1.0 and not is_likely:
             confirmation.count()
             self._take(step, buffer)
             return None
         index = buffer.start + since
-        if known.surprise(index, now) < self._guards.worth_a_fit:  # uncertain poses may explain it
+        if not is_likely and known.surprise(index, now) < self._guards.worth_a_fit:  # uncertain poses may explain it
             if confirmation.is_open:
                 confirmation.count()
                 self._refine(known, number)
@@ -140,10 +144,17 @@ class ChangeDetector:
         kept = min(index, buffer.index_of(confirmation.since)) if confirmation.is_open else index
         before = known.fit(end=kept, keeps_motion=confirmation.is_open)
         index = buffer.start + known.innovations.look_for_change(buffer).first
-        if before.state.load is None or known.surprise(index, before) <= 1.0:
+        if index < kept and not confirmation.is_open:  # rows of the other load were among those that were fitted
+            kept = index
+            before = known.fit(end=kept)
+        surprise = 0.0 if before.state.load is None else known.surprise(index, before)
+        if surprise <= 1.0:
             if confirmation.is_open:
                 return self._wait_for_poses(known, number, before)
-            self._looks.pause(until=number + min(buffer.count - index, self._rows.turn))
+            least, rows = self._guards.worth_a_fit, buffer.count - index
+            self._is_likely = surprise > least
+            until_detected = math.ceil(rows / max(surprise, least)) - rows  # the statistic grows with the rows
+            self._looks.pause(until=number + min(until_detected, self._rows.turn))
             known.fit()
             return None
         return Detected(Event.LOAD_CHANGED, kept if confirmation.is_open else index, before)

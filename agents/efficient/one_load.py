@@ -9,7 +9,6 @@ of the row if theta drifts. Poses and sensor errors are wrong, too: they have to
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 
@@ -24,40 +23,40 @@ from coheft.estimation.moments.moments import Moments, wrench_moments
 from coheft.estimation.moments.projected import ProjectedMoments
 
 
-class OneLoad(NamedTuple):
+class OneLoad:
     """A fit with one load, and the rows around it.
 
-    Attributes:
+    Args:
         estimate: The fit; it has a load.
         chapter: Rows and prior.
         fitted: Index of the first row that was not fitted.
         end: Index after the last row in question.
     """
 
-    estimate: Estimate
-    chapter: Chapter
-    fitted: int
-    end: int
+    def __init__(self, estimate: Estimate, chapter: Chapter, fitted: int, end: int) -> None:
+        self._estimate, self._chapter, self._fitted, self._end = estimate, chapter, fitted, end
+        self._derivatives = MotionDerivatives.at(estimate.body)
+        self._noise: Array | None = None  # what the noise of one row adds to the information, (u, u)
 
     def wrenches(self, index: int, end: int) -> Evidence:
         """Evidence of the wrenches of the rows from one index to another, around the estimate."""
-        return self._evidence(ProjectedMoments.of(self.chapter.buffer.rows[index:end], self.estimate.body))
+        return self._evidence(ProjectedMoments.of(self._chapter.buffer.rows[index:end], self._estimate.body))
 
     def likeliest_change(self) -> int:
         """Index of the first row after the likeliest change of the load; allows for all uncertainty."""
-        start, theta = self.chapter.buffer.start, self.estimate.body.unknowns.theta
+        start, theta = self._chapter.buffer.start, self._estimate.body.unknowns.theta
         newest: Evidence | None = None
         statistics = dict[int, float]()
-        for end, index in pairwise([self.end, *(self.end - windows(self.end - start)).tolist()]):
+        for end, index in pairwise([self._end, *(self._end - windows(self._end - start)).tolist()]):
             stretch = self.wrenches(index, end)
             newest = stretch if newest is None else newest + stretch
-            statistics[index] = change_within_fit(newest, self.estimate.inverse, theta)
+            statistics[index] = change_within_fit(newest, self._estimate.inverse, theta)
         return max(statistics, key=lambda index: statistics[index], default=start)
 
     def error_by_step(self, index: int) -> Array:
         """Derivative of the error by a step of theta before the row at this index, shape (u, 10)."""
         return error_by_step(
-            self.wrenches(index, self.fitted), self.estimate.inverse, self.estimate.body.unknowns.theta
+            self.wrenches(index, self._fitted), self._estimate.inverse, self._estimate.body.unknowns.theta
         )
 
     def error_by_drift(self, missing: float = 0.0) -> Array:
@@ -66,18 +65,23 @@ class OneLoad(NamedTuple):
         Args:
             missing: Number of rows that are missing since.
         """
-        buffer, body, theta = self.chapter.buffer, self.estimate.body, self.estimate.body.unknowns.theta
-        rows, older = self.end - buffer.start + missing, buffer.load_rows - (buffer.count - buffer.start)
-        ages = rows - 1.0 - np.arange(self.fitted - buffer.start)
-        kept = np.sqrt(ages)[:, None] * buffer.rows[buffer.start : self.fitted]
+        buffer, body, theta = self._chapter.buffer, self._estimate.body, self._estimate.body.unknowns.theta
+        rows, older = self._end - buffer.start + missing, buffer.load_rows - (buffer.count - buffer.start)
+        ages = rows - 1.0 - np.arange(self._fitted - buffer.start)
+        kept = np.sqrt(ages)[:, None] * buffer.rows[buffer.start : self._fitted]
         aged = self._evidence(ProjectedMoments.of(kept, body)).information
         if older:
             aged = aged + (rows + 0.5 * older) * self._evidence(buffer.moments_dropped()).information
-        aged = aged + (rows + older) * self.chapter.prior_evidence(body).information
-        result: Array = -self.estimate.inverse @ aged[:, theta]
+        aged = aged + (rows + older) * self._chapter.prior_evidence(body).information
+        result: Array = -self._estimate.inverse @ aged[:, theta]
         return result
 
     def _evidence(self, moments: Moments) -> Evidence:
-        body, load = self.estimate.body, self.estimate.state.load
+        body, load = self._estimate.body, self._estimate.state.load
         assert load is not None
-        return wrench_evidence(body, MotionDerivatives.at(body), wrench_moments(body, moments), load)
+        of_wrenches = wrench_moments(body, moments)
+        noise = None if self._noise is None else of_wrenches.number * self._noise
+        result = wrench_evidence(body, self._derivatives, of_wrenches, load, noise)
+        if self._noise is None and of_wrenches.number > 0.0:
+            self._noise = result.noise / of_wrenches.number
+        return result

@@ -21,6 +21,7 @@ from coheft.estimation.moments.rows import FORCE, ROW_SIZE, TORQUE, A, RowNoise
 from coheft.estimation.rigid_body.mass_properties import point_mass
 from coheft.estimation.tolerance import SensorDrift
 from tests.efficient.rows import LOAD, PERIOD, POSES, made_up_rows
+from tests.efficient.sessions import AFTER, BEFORE, slipped_poses
 
 SURE = 6.0
 """No number that is valid is further off, in its own standard deviations."""
@@ -131,6 +132,12 @@ def slipped() -> Array:
     return np.concatenate([made_up_rows(150), made_up_rows(250, first=150, poses=poses)])
 
 
+def changed_in_a_gap() -> Array:
+    """Rows over a small slip and another load while rows are missing, so that it is long doubtful what has changed."""
+    heavier, poses = with_more(0.25), slipped_poses(8.0, 0.0, 3, 10)
+    return np.concatenate([made_up_rows(BEFORE + 40), made_up_rows(AFTER, heavier, BEFORE + 40, poses=poses)])
+
+
 def is_sure_after(then: History, row: int) -> bool:
     return all(error < SURE for number, error in zip(then.valid, then.errors, strict=True) if number > row)
 
@@ -150,6 +157,9 @@ CASES = {
     "small_step": Case(changed(0.002)[0], lambda _, then: is_sure_after(then, 216), changed(0.002)[1]),
     "shortest": Case(changed(0.002)[0], lambda _, then: is_sure_after(then, 216), changed(0.002)[1]),
     "small_step_fades": Case(leaking(0.004)[0], lambda _, then: max(then.errors) < 8.0, leaking(0.004)[1], drift=0.02),
+    "after_gap": Case(
+        changed_in_a_gap(), lambda _, then: then.valid[-1] > BEFORE + AFTER, missing=range(BEFORE, BEFORE + 40)
+    ),
     "waiting": Case(
         shifted(0.05, after=60)[0], lambda _, then: then.is_sure, shifted(0.05)[1], missing=range(180, 210)
     ),

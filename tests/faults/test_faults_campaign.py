@@ -132,14 +132,13 @@ SHOWN_BY = {
     "rare-fits": draw_schedule(1062000043),
     "without-fresh-change": draw_schedule(4220, delayed=False, is_exact=True),
     "without-tolerance": _LATE,
-    "without-after-gap": draw_schedule(1036598359),
     "without-restless": draw_schedule(1036598597),
     "without-outdated": draw_schedule(1012287755),
     "without-doubted": draw_schedule(1012287842),
     "without-first-rows": draw_schedule(878, delayed=False, is_exact=True),
 }
 """A schedule for each mutant."""
-WITHIN = {"without-after-gap": 4.0, "without-restless": 4.5, "rare-fits": 0.9}
+WITHIN = {"without-restless": 4.5, "rare-fits": 0.9}
 """How soon after the last fault robots are valid again without the mutant [s], if not within 3 s."""
 
 

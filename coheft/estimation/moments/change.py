@@ -35,8 +35,6 @@ FALSE_ALARM = 1e-12
 _RATIO = 1.5
 _WINDOWS = np.unique(np.round(_RATIO ** np.arange(30)).astype(np.int64))
 """Numbers of newest rows that are tested, each 1.5 times the one before."""
-_FINE_WINDOWS = np.unique(np.round(1.2 ** np.arange(60)).astype(np.int64))
-"""The same to locate a change: each is 1.2 times the one before."""
 _SPHERE: Array = np.array([each for each in product((-1.0, 0.0, 1.0), repeat=3) if any(each)])
 _SPHERE /= np.linalg.norm(_SPHERE, axis=1)[:, None]
 """Points all over the unit sphere."""
@@ -143,13 +141,13 @@ def look_for_change(
         small: Small steps of the mass to look for, None for none.
     """
     count = len(views)
-    windows = _WINDOWS[: np.searchsorted(_WINDOWS, count)]
+    sizes = windows(count)
     if is_known and count:
-        windows = np.append(windows, count)
-    if len(windows) == 0:
+        sizes = np.append(sizes, count)
+    if len(sizes) == 0:
         return Look(0, 0.0, None)
-    scores = _Scores.of(count - windows, views, older, weights)
-    index, statistic = scores.likeliest(count - windows, weights)
+    scores = _Scores.of(count - sizes, views, older, weights)
+    index, statistic = scores.likeliest(count - sizes, weights)
     if statistic > 1.0:  # now exactly which row
         newest = count - index
         near = np.arange(max(1, int(newest / _RATIO)), min(count + is_known, int(newest * _RATIO) + 2))
@@ -174,7 +172,7 @@ def surprise(newest: Evidence, covariance: Array, theta: slice) -> float:
 
 def windows(count: int) -> Indices:
     """Numbers of newest rows to test in the search for a change among so many rows, smallest first."""
-    return _FINE_WINDOWS[count > _FINE_WINDOWS]
+    return _WINDOWS[: np.searchsorted(_WINDOWS, count)]
 
 
 def change_within_fit(newest: Evidence, inverse: Array, theta: slice) -> float:
