@@ -128,8 +128,10 @@ class ChangeDetector:
                 confirmation.count()
                 self._refine(known, number)
             return None
+        if confirmation.is_open:
+            return self._compare_unconfirmed(known, index, number)
         found = self._compare(known, index, number)
-        if found is None and not confirmation.is_open:
+        if found is None:
             self._take(step, buffer)
         return found
 
@@ -137,32 +139,42 @@ class ChangeDetector:
         self.step.take(step, 0 if step is None else buffer.number_at(buffer.start + step.first))
 
     def _compare(self, known: Knowledge, index: int, number: int) -> Detected | None:
-        """Compare the rows from this index on with a fit to the rows before only."""
-        buffer, confirmation = known.buffer, self._confirmation
-        if known.is_small and not confirmation.is_open:
-            index = known.likeliest_change(known.fit())
-        kept = min(index, buffer.index_of(confirmation.since)) if confirmation.is_open else index
-        before = known.fit(end=kept, keeps_motion=confirmation.is_open)
-        index = buffer.start + known.innovations.look_for_change(buffer).first
-        if index < kept and not confirmation.is_open:  # rows of the other load were among those that were fitted
-            kept = index
-            before = known.fit(end=kept)
-        surprise = 0.0 if before.state.load is None else known.surprise(index, before)
-        if surprise <= 1.0:
-            if confirmation.is_open:
-                return self._wait_for_poses(known, number, before)
-            least, rows = self._guards.worth_a_fit, buffer.count - index
-            self._is_likely = surprise > least
-            until_detected = math.ceil(rows / max(surprise, least)) - rows  # the statistic grows with the rows
-            self._looks.pause(until=number + min(until_detected, self._rows.turn))
-            known.fit()
-            return None
-        return Detected(Event.LOAD_CHANGED, kept if confirmation.is_open else index, before)
+        """Compare the rows from this index on, or from where the change is likelier, with a fit to the rows before."""
+        surprise, least = 0.0, self._guards.worth_a_fit
+        for start in {known.likeliest_change(known.fit()): None, index: None} if known.is_small else (index,):
+            first, before = self._fit_before(known, start)
+            if before.state.load is not None:
+                surprise = max(surprise, known.surprise(first, before))
+            if surprise > 1.0:
+                return Detected(Event.LOAD_CHANGED, first, before)
+            index = first
+        self._is_likely, rows = surprise > least, known.buffer.count - index
+        until_detected = math.ceil(rows / max(surprise, least)) - rows  # the statistic grows with the rows
+        self._looks.pause(until=number + min(until_detected, self._rows.turn))
+        known.fit()
+        return None
 
-    def _wait_for_poses(self, known: Knowledge, number: int, before: Estimate) -> Detected | None:
-        """Leave out unconfirmed wrenches for a while; after too long, the load fits no more."""
+    def _fit_before(self, known: Knowledge, index: int) -> tuple[int, Estimate]:
+        """Fit to the rows before this index; return from where on the others are of another load, and the fit."""
+        buffer, before = known.buffer, known.fit(end=index)
+        first = buffer.start + known.innovations.look_for_change(buffer).first
+        if first < index:  # rows of the other load were among those that were fitted
+            before = known.fit(end=first)
+        return first, before
+
+    def _compare_unconfirmed(self, known: Knowledge, index: int, number: int) -> Detected | None:
+        """Compare the rows from this index on with a fit to the wrenches that are confirmed.
+
+        Others are left out for a while; if they fit badly for too long, the load fits no more.
+        """
+        buffer, since = known.buffer, known.buffer.index_of(self._confirmation.since)
+        kept = min(index, since)
+        before = known.fit(end=kept, keeps_motion=True)
+        index = buffer.start + known.innovations.look_for_change(buffer).first
+        if before.state.load is not None and known.surprise(index, before) > 1.0:
+            return Detected(Event.LOAD_CHANGED, kept, before)
         if self._confirmation.fits_badly(number):
-            return Detected(Event.MISFIT, known.buffer.index_of(self._confirmation.since), before)
+            return Detected(Event.MISFIT, since, before)
         self._refine(known, number)
         return None
 

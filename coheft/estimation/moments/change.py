@@ -42,6 +42,9 @@ _SEEN = 0.1
 """Directions are tested if at least this share of their information is motion, not its noise."""
 _WELL = 1e-6
 """Least eigenvalue of a scaled matrix that is inverted without testing its directions."""
+_LEFT = 0.05
+"""A change is located by directions that older rows show as well: a fit to all rows leaves at least this share of the
+information of the newest ones."""
 _FAINT = 1e-10
 """Share of the information below which all is rounding."""
 
@@ -192,10 +195,10 @@ def change_within_fit(newest: Evidence, inverse: Array, theta: slice) -> float:
     tested, _ = seen_directions(of_all[:, theta] + of_noise, of_noise)
     shown = tested @ of_all
     spread = tested @ (of_all[:, theta] + of_noise) @ tested.T - shown @ inverse @ shown.T
-    if len(tested) == 0 or not is_positive_definite(spread):
-        return 0.0
-    score = tested @ newest.score[theta]
-    return float(score @ np.linalg.solve(spread, score))
+    shares, directions = np.linalg.eigh(spread)
+    is_left = shares > _LEFT
+    score = directions[:, is_left].T @ tested @ newest.score[theta]
+    return float((score**2 / shares[is_left]).sum())
 
 
 def error_by_step(newest: Evidence, inverse: Array, theta: slice) -> Array:
