@@ -123,7 +123,7 @@ class Knowledge:
             missing: Time without rows until that team's first one [s].
         """
         estimate = self.estimate
-        if estimate is None or estimate.misses_poses or estimate.state.load is None:
+        if estimate is None or self.misses_poses or self.theta is None:
             return None
         noise = self.unseen_change(estimate, unnoticed, drift, missing=missing / self._settings.period)
         self.bridge(missing)
@@ -170,10 +170,14 @@ class Knowledge:
 
     def _unnoticed_step(self, estimate: Estimate, unnoticed: UnnoticedStep, end: int | None = None) -> Array | None:
         """See ``UnnoticedStep.process_noise``; None if there is no step."""
+        error_by_step = self._error_by_step(estimate, unnoticed, end)
+        return None if error_by_step is None else unnoticed.process_noise(estimate, error_by_step)
+
+    def _error_by_step(self, estimate: Estimate, unnoticed: UnnoticedStep, end: int | None = None) -> Array | None:
+        """See ``OneLoad.error_by_step``; None if there is no step."""
         if unnoticed.mass == 0.0 or estimate.state.load is None:
             return None
-        first = self.buffer.index_of(unnoticed.first)
-        return unnoticed.process_noise(estimate, self._one_load(estimate, end).error_by_step(first))
+        return self._one_load(estimate, end).error_by_step(self.buffer.index_of(unnoticed.first))
 
     def covering(
         self,
@@ -228,7 +232,7 @@ class Knowledge:
             body = settings.body(state)
             self._guess = Guess.of(body, self.buffer.moments()[1])
             state = first_load(state, evaluate(body).wrench, self._guess, settings)
-        found = fit_state(state, evaluate, chapter.prior_evidence, self._guess, settings, self._anchor)
+        found = self._fitted(state, evaluate)
         self._set_estimate(found)
         number = self.buffer.load_rows
         self._next_fit = number + max(3, round((self._growth - 1.0) * (number + self._pages.rows_before)))
@@ -245,17 +249,15 @@ class Knowledge:
             unnoticed: The step of the mass that may have occurred before.
         """
         chapter, state, self._first = self._chapter, now.state.with_load(None), self.buffer.number_at(index)
-        noise = self._unnoticed_step(now, unnoticed, index)
-        chapter.end_of_load(now, self._guess, index, has_changed and not now.misses_poses, noise)
+        step, error_by_step = None, self._error_by_step(now, unnoticed, index)
+        if error_by_step is not None:
+            step = min(index, self.buffer.index_of(unnoticed.first)), unnoticed.covariance(now, error_by_step)
+        chapter.end_of_load(now, self._guess, index, has_changed and not now.misses_poses, step=step)
         if has_changed:
             body = self._settings.body(state)
             self.estimate = replace(now, body=body)
         else:
-            self._set_estimate(
-                fit_state(
-                    state, chapter.evaluation(), chapter.prior_evidence, self._guess, self._settings, self._anchor
-                )
-            )
+            self._set_estimate(self._fitted(state, chapter.evaluation()))
         self._next_fit, self._pages.rows_before = least, 0  # a load that is known from few rows is fitted often
 
     def follow_drift(self, now: Estimate, index: int, drift: LoadDrift) -> bool:
@@ -272,7 +274,7 @@ class Knowledge:
         noise = drift.process_noise(now, self._one_load(now, index).error_by_drift())
         if not drift.goes_on(float(self._step(index, now, noise)[0]), 0):
             return False
-        self._chapter.end_of_load(now, self._guess, index, True, noise, keeps_load=True)
+        self._chapter.end_of_load(now, self._guess, index, True, noise)
         self._pages.rows_before = 0
         self.fit()
         return True
@@ -281,9 +283,7 @@ class Knowledge:
         """Return the estimate from the rows before an index, and the same as a prior; changes nothing here."""
         assert self.estimate is not None
         chapter, evaluate = self._chapter, self._chapter.evaluation(index)
-        found = fit_state(
-            self.estimate.state, evaluate, chapter.prior_evidence, self._guess, self._settings, self._anchor
-        )
+        found = self._fitted(self.estimate.state, evaluate)
         return found, chapter.posterior(found, self._guess, evaluate)
 
     def change_within(self) -> int | None:
@@ -367,13 +367,7 @@ class Knowledge:
 
     def bridge(self, seconds: float) -> None:
         """End the page and inflate its prior for a time [s] without rows."""
-        estimate = self.estimate
-        if (
-            self._pages.length
-            and estimate is not None
-            and not estimate.misses_poses
-            and estimate.state.load is not None
-        ):
+        if self._pages.length and not self.misses_poses and self.theta is not None:
             self._end_page(seconds)
 
     def _end_page(self, missing: float = 0.0) -> None:
@@ -395,6 +389,9 @@ class Knowledge:
         if chapter.prior is not None:
             return first_poses(kept, state, settings, is_unknown)
         return poses_by_motion(state, is_unknown, kept, evaluate, chapter.prior_evidence, settings, self._anchor)
+
+    def _fitted(self, state: State, evaluate: EvaluateMoments) -> Estimate:
+        return fit_state(state, evaluate, self._chapter.prior_evidence, self._guess, self._settings, self._anchor)
 
     def _set_estimate(self, estimate: Estimate) -> None:
         """Adopt an estimate and evaluate rows at it from now on."""

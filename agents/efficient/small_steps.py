@@ -56,10 +56,21 @@ class UnnoticedStep:
 
     def process_noise(self, estimate: Estimate, error_by_step: Array) -> Array:
         """Covariance (u, u) of the error that the step makes; ``error_by_step`` is ``D``, shape (u, 10)."""
-        load, theta = estimate.state.load, estimate.body.unknowns.theta
-        assert load is not None
-        left = max(_LEAST_LEFT, -float(error_by_step[theta.start] @ one_kilogram(load)))
-        by_error = error_by_step / left
-        by_error[theta] = -np.eye(len(load[THETA]))
-        result: Array = (_COVER * self.mass) ** 2 * by_error @ spread_mass(load[THETA], estimate.size) @ by_error.T
+        by_step, theta = error_by_step.copy(), estimate.body.unknowns.theta
+        by_step[theta] = -self._left(estimate, error_by_step) * np.eye(by_step.shape[1])
+        result: Array = by_step @ self.covariance(estimate, error_by_step) @ by_step.T
         return result
+
+    def covariance(self, estimate: Estimate, error_by_step: Array) -> Array:
+        """Covariance (10, 10) of the step of theta itself; arguments as for ``process_noise``."""
+        load = estimate.state.load
+        assert load is not None
+        deviation = _COVER * self.mass / self._left(estimate, error_by_step)
+        return deviation**2 * spread_mass(load[THETA], estimate.size)
+
+    def _left(self, estimate: Estimate, error_by_step: Array) -> float:
+        """By which share of the step the mass is wrong."""
+        load = estimate.state.load
+        assert load is not None
+        error = error_by_step[estimate.body.unknowns.theta.start] @ one_kilogram(load)
+        return max(_LEAST_LEFT, -float(error))

@@ -21,7 +21,7 @@ from coheft.estimation.moments.evidence import Evidence
 from coheft.estimation.moments.fit import Estimate, EvaluateMoments
 from coheft.estimation.moments.fit_settings import FitSettings, Guess
 from coheft.estimation.moments.likelihood import motion_evidence, wrench_evidence
-from coheft.estimation.moments.moments import EvaluatedMoments, evaluated_moments, wrench_moments
+from coheft.estimation.moments.moments import EvaluatedMoments, Moments, evaluated_moments, wrench_moments
 from coheft.estimation.moments.row_buffer import RowBuffer
 from coheft.estimation.moments.unknowns import Indices, State, Unknowns
 
@@ -160,7 +160,7 @@ class Chapter:
         index: int,
         keeps_poses: bool,
         noise: Array | None = None,
-        keeps_load: bool = False,
+        step: tuple[int, Array] | None = None,
     ) -> None:
         """Start another load at this index.
 
@@ -169,19 +169,32 @@ class Chapter:
             guess: Guess of theta.
             index: Of the first row of the other load.
             keeps_poses: Whether to keep what the wrenches have shown.
-            noise: Covariance (u, u) by which unknowns have changed, None if only the load has.
-            keeps_load: Whether to keep what they have shown of the load; if not, it may be any.
+            noise: Covariance (u, u) by which unknowns have changed, None if theta has and may be any.
+            step: Index of the first row after an earlier change of theta and the covariance of that, shape (10, 10);
+                None if there was none.
         """
-        of_load, body = self.buffer.begin_load(index), estimate.body
+        body, since_step = estimate.body, None
+        if step is not None:
+            since_step = self.buffer.moments_of(self.buffer.rows[step[0] : index])
+        of_load = self.buffer.begin_load(index)
         if keeps_poses:
-            moments = wrench_moments(body, of_load)
-            evidence = wrench_evidence(body, MotionDerivatives.at(body), moments, _load(body))
-            evidence = self._beyond_doubt(estimate, evidence, guess)
-            self._set_prior(estimate, guess, evidence, False)
-            if noise is not None and self.prior is not None:
+            if step is None or since_step is None:
+                evidence = self._wrench_evidence(estimate, of_load)
+            else:
+                evidence = self._wrench_evidence(estimate, of_load - since_step)
+                evidence = evidence.with_process_noise(body.unknowns.theta, step[1])
+                evidence += self._wrench_evidence(estimate, since_step)
+            self._set_prior(estimate, guess, self._beyond_doubt(estimate, evidence, guess), False)
+        if self.prior is not None:
+            if noise is None:
+                self.prior = self.prior.without_load(body.unknowns, guess.limits)
+            else:
                 self.prior = self.prior.with_process_noise(slice(None), noise)
-        if self.prior is not None and not keeps_load:
-            self.prior = self.prior.without_load(body.unknowns, guess.limits)
+
+    @staticmethod
+    def _wrench_evidence(estimate: Estimate, moments: Moments) -> Evidence:
+        body = estimate.body
+        return wrench_evidence(body, MotionDerivatives.at(body), wrench_moments(body, moments), _load(body))
 
     def end(self, estimate: Estimate, guess: Guess, index: int) -> None:
         """Make all rows before this index, and the prior of sensor errors, part of the chapter's prior."""
