@@ -113,8 +113,12 @@ class RobotLink:
                 f"answers is {reference.answers} but expected a block from {self.answered + 1} to {self._sent}"
             )
         check_field("block", reference.block, reference.answers + self._lag)
-        check_field("motion.shape", reference.motion.shape, self._motion_shape)
-        check_field("wrench.shape", reference.wrench.shape, _WRENCH_SHAPE)
+        for name, array, shape in (
+            ("motion", reference.motion, self._motion_shape),
+            ("wrench", reference.wrench, _WRENCH_SHAPE),
+        ):
+            check_field(f"{name}.shape", array.shape, shape)
+            check_field(f"{name}.dtype", array.dtype.name, "float64")  # the size of the least integer is negative
 
     def _keep(self, reference: Reference) -> None:
         """Keep a reference for its block. One that no arm can follow counts as an answer, but is not used.
