@@ -15,6 +15,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+import numpy as np
 import zenoh
 
 from coheft.errors import LinkError, MessageError
@@ -91,6 +92,7 @@ class Driver:
         Raises:
             MessageError: The samples have another shape, or are not finite.
         """
+        samples = np.array(samples, dtype=np.float64)  # estimators compute in double precision
         check_array(samples, (self.samples, SAMPLE_SIZE), f"samples of block {block}")
         self._next = block + 1
         self._link.send_measurements(Measurements(robot=self.name, block=block, samples=samples))
