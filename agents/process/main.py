@@ -33,7 +33,8 @@ _BACKLOG = 64
 _ASK_AGAIN = 1.0
 """Time without measurements after which the agent asks again [s]: only the server may have noticed a lost link."""
 _MAX_EVENTS = 256
-"""Number of events read between two steps at most, because a sender may be faster than this agent."""
+"""Number of events read between two steps, and before the links are checked, at most: a sender may be faster than this
+agent."""
 
 
 class AgentProcess:
@@ -55,6 +56,7 @@ class AgentProcess:
         self._config = config
         self._network = links
         self._next_check = now = time.monotonic()
+        self._read_since = 0  # number of events since the check became due
         self._links = {name: NeighbourLink(name, now) for name in config.agent.neighbours}
         self._records = open_record_check(config.agent.name, config.run, config.security)
         self._measurements: deque[tuple[float, Measurements]] = deque(maxlen=_BACKLOG)
@@ -199,12 +201,13 @@ class AgentProcess:
         if wait > 0.0:
             wait = max(0.0, min(wait, self._next_check - time.monotonic()))
         event = self._network.receive(wait)
-        if event is None:
-            if time.monotonic() >= self._next_check:
+        if event is not None:
+            self._handle(event)
+        if time.monotonic() >= self._next_check:
+            self._read_since += 1
+            if event is None or self._read_since > _MAX_EVENTS:
                 self._check_links()
-            return False
-        self._handle(event)
-        return True
+        return event is not None
 
     def _handle(self, event: Event) -> None:
         """Process an event."""
@@ -223,9 +226,9 @@ class AgentProcess:
                 self._agent.set_link(neighbour, quality)
 
     def _check_links(self) -> None:
-        """Renew the dialled links that do not work; called when all received events have been processed."""
+        """Renew the dialled links that do not work; called when all received events have been processed, or many."""
         now = time.monotonic()
-        self._next_check = now + PERIOD
+        self._next_check, self._read_since = now + PERIOD, 0
         for name, link in self._links.items():
             link.notice_silence(now)
             if name in self._network.dialled and link.begin_anew(now):
