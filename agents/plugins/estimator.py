@@ -14,7 +14,7 @@ from coheft.agents.estimator import Belief, Channels, Estimator
 from coheft.agents.inbox import is_possible
 from coheft.agents.plugins.returns import plain_answer, plain_belief, plain_channels, plain_texts
 from coheft.consensus.gossip import Gossip
-from coheft.errors import MessageError, PluginError
+from coheft.errors import MessageError, PluginError, one_line
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import MeasurementBlock
 from coheft.wire.config import AgentConfig
@@ -77,9 +77,10 @@ class OwnEstimator:
             raise PluginError(f"{self._what}: {method} raised {told(error, type(self._own).__module__)}") from error
         try:
             return check(returned)
-        except MessageError as error:
+        except Exception as error:  # a user's object may raise anything when it is looked at
+            why = str(error) if isinstance(error, MessageError) else f"{type(error).__name__}: {one_line(str(error))}"
             raise PluginError(
-                f"{self._what}: {method}{_place(bound)} returned an unusable value: {error}. See docs/own.md"
+                f"{self._what}: {method}{_place(bound)} returned an unusable value: {why}. See docs/own.md"
             ) from error
 
     @property
