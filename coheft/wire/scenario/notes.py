@@ -3,6 +3,7 @@
 import msgspec
 
 from coheft.estimation.tolerance import SensorTolerance
+from coheft.wire.scenario.change_checks import late_changes
 from coheft.wire.scenario.plugins import estimator_names
 from coheft.wire.scenario.schema import Scenario
 
@@ -57,9 +58,10 @@ def _exact_method(scenario: Scenario) -> list[str]:
 
 
 def _never(scenario: Scenario) -> list[str]:
-    """Note changes of the load after the end."""
-    late = [change.at for change in scenario.load_changes if change.at >= scenario.duration]
+    """Note changes of the load or of grasps after the end."""
+    late = [f"'{key}' at {at:g} s" for key, at in late_changes(scenario)]
     if not late:
         return []
-    times = ", ".join(f"{at:g}" for at in late[:_MOST_NAMED])
-    return [f"the load does not change at {times} s: the run ends at 'duration' = {scenario.duration:g} s"]
+    more = f" and {len(late) - _MOST_NAMED} more" if len(late) > _MOST_NAMED else ""
+    named = ", ".join(late[:_MOST_NAMED])
+    return [f"the run ends at 'duration' = {scenario.duration:g} s, before {named}{more} would take effect"]
