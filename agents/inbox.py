@@ -1,7 +1,8 @@
 """Selection of neighbours' messages: which of them are used, and for which block.
 
 Messages may be late, duplicated, out of order, from before the sender restarted, or invalid. Messages of the previous
-block are used now; those of the next few blocks are kept until their block. Invalid messages are refused with a reason.
+block are used, late ones by some estimators, too. Invalid messages are refused with a reason. Who steps the agent keeps
+messages that come early until their block.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -14,15 +15,11 @@ from coheft.estimation.geometry.spatial import Array
 from coheft.wire.messages.structs import LinkState, NeighbourMessage
 from coheft.wire.scenario.schema import MAX_ROBOTS
 
-AHEAD = 8
-"""Number of blocks that a neighbour may be ahead, because it received its measurements earlier."""
 _SILENT = 8
 """After this number of blocks without a usable message of a sender's latest incarnation, a current message with a
 smaller incarnation is accepted: the larger number was an error."""
 LATE = 64
 """Number of blocks by which a message may be late to be of use to an estimator that takes late ones."""
-_MAX_PER_BLOCK = 4
-"""Number of messages kept per sender and block."""
 LARGEST_NORM = 1e12
 """Limit of the norm of every array that an estimator sends."""
 _LARGEST_NUMBER = 2**62
@@ -57,7 +54,6 @@ class NeighbourInbox:
 
     def __init__(self, neighbours: Iterable[str]) -> None:
         self._incarnations = dict.fromkeys(sorted(neighbours), 0)
-        self._waiting: dict[tuple[str, int, int], list[NeighbourMessage]] = {}
         self._last: dict[str, int] = {}
         self._used = {name: set[int]() for name in self._incarnations}  # blocks of the latest incarnation's messages
         self._misfits: set[str] = set()
@@ -81,40 +77,41 @@ class NeighbourInbox:
         """
         if not self._last:
             self._last = dict.fromkeys(self._incarnations, index)  # silence is counted from the first block on
+        used: dict[str, NeighbourMessage] = {}
         gossip: list[LinkState] = []
         problems: list[str] = []
         late: list[NeighbourMessage] = []
+        misfits: dict[str, None] = {}
         for message in sorted(messages, key=lambda message: (message.sender, message.incarnation, message.block)):
+            name = message.sender
             problem = self._problem(index, message)
             if problem is not None:
-                problems.append(f"refused from {message.sender}, block {message.block}: {problem}")
+                problems.append(f"refused from {name}, block {message.block}: {problem}")
                 continue
-            if message.incarnation != self._incarnations[message.sender]:
-                self._used[message.sender].clear()
-            self._incarnations[message.sender] = message.incarnation
+            if message.incarnation != self._incarnations[name]:
+                self._incarnations[name] = message.incarnation
+                self._used[name].clear()
+                used.pop(name, None)
             gossip += message.gossip
-            if takes_late and self._is_late(index, message) and fits(message.channels):
-                late.append(message)
+            is_late = takes_late and self._is_late(index, message)
+            if not is_late and (message.block != index - 1 or name in used):
+                continue
+            if fits(message.channels):
                 self._note_use(index, message)
-            if message.block >= index - 1:
-                waiting = self._waiting.setdefault((message.sender, message.incarnation, message.block), [])
-                if len(waiting) < _MAX_PER_BLOCK:
-                    waiting.append(message)
-        used = {}
-        for name, incarnation in self._incarnations.items():
-            found = self._waiting.get((name, incarnation, index - 1))
-            fitting = next((message for message in found or () if fits(message.channels)), None)
-            if fitting is not None:
-                used[name] = fitting
-                self._note_use(index, fitting)
-                self._misfits.discard(name)
-            elif found and name not in self._misfits:
+                if is_late:
+                    late.append(message)
+                else:
+                    used[name] = message
+            elif not is_late:
+                misfits[name] = None
+        self._misfits -= used.keys()
+        for name in misfits:
+            if name not in used and name not in self._misfits:
                 self._misfits.add(name)  # reported once, until one of its messages fits
                 problems.append(
                     f"refused from {name}, block {index - 1}: this robot's estimator cannot read its arrays; "
                     f"run the same release of coheft, and the same estimator, on all robots"
                 )
-        self._waiting = {key: waiting for key, waiting in self._waiting.items() if key[2] >= index}
         return Taken(used, gossip, problems, late)
 
     def last_heard(self, name: str) -> int:
@@ -143,8 +140,8 @@ class NeighbourInbox:
         is_error = index - self._last[message.sender] >= _SILENT and message.block >= index - 1
         if message.incarnation < (0 if is_error else known):
             return "it was sent before its sender restarted"
-        if message.block > index - 1 + AHEAD:
-            return f"it is {message.block - index + 1} blocks ahead, expected at most {AHEAD}"
+        if message.block >= index:
+            return f"it is {message.block - index + 1} blocks ahead"
         for name, array in message.channels.items():
             if not can_be_used(array):
                 return f"channels[{name!r}] contains numbers that are not finite or not below {LARGEST_NORM:g}"
@@ -160,6 +157,7 @@ class NeighbourInbox:
 
 def can_be_used(array: Array) -> bool:
     """Whether all numbers of an array are finite, and small enough that their sums are finite."""
+    array = array.astype(np.float64, copy=False)  # products of whole numbers may overflow
     return bool(np.vdot(array, array) < LARGEST_NORM**2)  # also false for NaN
 
 
