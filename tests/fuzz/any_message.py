@@ -15,7 +15,7 @@ from hypothesis.extra.numpy import array_shapes, arrays
 from coheft.wire.cart import messages as cart_messages
 from coheft.wire.messages import structs
 from coheft.wire.messages.codec import encode
-from coheft.wire.messages.frame import Seal, Start
+from coheft.wire.messages.frame import Seal
 from coheft.wire.messages.requests import Request
 from coheft.wire.messages.structs import Message
 
@@ -73,7 +73,7 @@ def with_fields(sound: bytes, fields: bytes, shapes: bytes | None = None) -> byt
     frame = SEAL.unwrapped(sound, "message")
     arrays = [np.frombuffer(frame.arrays, np.uint8)]
     shapes = frame.shapes if shapes is None else shapes
-    return SEAL.wrapped(frame.code, frame.block, frame.number, Start.of(fields, shapes), arrays)
+    return SEAL.wrapped(frame.code, frame.block, frame.number, fields, shapes, arrays)
 
 
 def of_version(version: int, message: Message, key: str) -> bytes:

@@ -1,6 +1,6 @@
 """Conversion of messages to bytes and back.
 
-All messages leave a process through ``Writer`` and enter one through ``Reader``, which raises ``MessageError`` for
+All messages leave a process through ``encode`` and enter one through ``Reader``, which raises ``MessageError`` for
 anything but a valid message of the expected kind. The checksum includes the key under which the message is sent, and a
 key begins with the name of the run. So a message that is damaged, or comes from an older run, another process or
 another topic, is refused even if it could be decoded. The checksum is not a signature; the secure profile uses TLS for
@@ -9,7 +9,6 @@ that.
 
 import math
 import typing
-import zlib
 from collections.abc import Collection
 from functools import cache, lru_cache
 from typing import Any, Generic, TypeVar, cast
@@ -18,7 +17,7 @@ import numpy as np
 
 from coheft.errors import MessageError
 from coheft.estimation.geometry.spatial import Array
-from coheft.wire.messages.frame import CHECKSUM, HEADER, PROTOCOL_VERSION, WORD, Seal
+from coheft.wire.messages.frame import Seal
 from coheft.wire.messages.kind import MALFORMED, Kind
 from coheft.wire.messages.structs import Message
 
@@ -28,17 +27,6 @@ M = TypeVar("M")
 @cache
 def _kind(kind: type[Message]) -> Kind:
     return Kind(kind)
-
-
-class Writer:
-    """Encodes the messages that are sent under one key."""
-
-    def __init__(self, key: str) -> None:
-        self._seal = Seal(key)
-
-    def write(self, message: Message) -> bytes:
-        """Return the message as bytes."""
-        return _kind(type(message)).encode(message, self._seal)
 
 
 class Reader(Generic[M]):
@@ -56,24 +44,6 @@ class Reader(Generic[M]):
             MessageError: The bytes are damaged, were sent under another key (for instance in another run), are another
                 message, or have another protocol version.
         """
-        message = self._of_known_start(data)
-        return cast(M, self._in_words(data) if message is None else message)
-
-    def _of_known_start(self, data: bytes) -> Message | None:
-        """Decode a message whose fields and shapes are known from an earlier one; None otherwise, or if invalid."""
-        if len(data) < HEADER.size:
-            return None
-        checksum, version, code, words, run, size, block, number = HEADER.unpack_from(data)
-        kind = self._kinds.get(code)
-        if kind is None or version != PROTOCOL_VERSION or run != self._seal.run:
-            return None
-        if zlib.crc32(memoryview(data)[CHECKSUM.size :], self._seal.seed) != checksum:
-            return None
-        first = HEADER.size + size
-        return kind.of_known_start(data, first, first + words * WORD, block, number)
-
-    def _in_words(self, data: bytes) -> Message:
-        """Decode a message step by step, with an error that names the problem."""
         frame = self._seal.unwrapped(data, self._name)
         kind = self._kinds.get(frame.code)
         if kind is None:
@@ -81,18 +51,18 @@ class Reader(Generic[M]):
             found = names.get(frame.code, f"message of kind {frame.code}")
             raise MessageError(f"not a {self._name}: it is a {found}")
         try:
-            return kind.decode(frame)
+            return cast(M, kind.decode(frame))
         except MALFORMED as error:
             raise MessageError(f"not a {self._name}: {error}") from error
 
 
-_writer = lru_cache(maxsize=256)(Writer)
+_seal = lru_cache(maxsize=1024)(Seal)
 _reader: Any = lru_cache(maxsize=256)(Reader)
 
 
 def encode(message: Message, key: str) -> bytes:
-    """Return the message as bytes, to be sent under ``key``, see ``Writer``."""
-    return _writer(key).write(message)
+    """Return the message as bytes, to be sent under ``key``."""
+    return _kind(type(message)).encode(message, _seal(key))
 
 
 def decode(data: bytes, kind: type[M], key: str) -> M:

@@ -10,7 +10,7 @@ Each array begins at a multiple of 16 bytes. ``docs/wire.md`` describes the form
 import struct
 import zlib
 from collections.abc import Iterable
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple
 
 import numpy.typing as npt
 
@@ -48,26 +48,6 @@ class Frame(NamedTuple):
     arrays: memoryview
 
 
-class Start(NamedTuple):
-    """All of a message between its header and its arrays.
-
-    Attributes:
-        size: Size of the fields [B].
-        words: Number of words of the shapes.
-        data: Fields, shapes and the zeros after them.
-    """
-
-    size: int
-    words: int
-    data: bytes
-
-    @classmethod
-    def of(cls, fields: bytes, shapes: bytes) -> Self:
-        """Join fields and shapes."""
-        size = len(fields) + len(shapes)
-        return cls(len(fields), len(shapes) // WORD, b"".join((fields, shapes, _ZEROS[-size % ALIGNMENT])))
-
-
 class Seal:
     """Checksums that belong to one key.
 
@@ -79,15 +59,15 @@ class Seal:
     def __init__(self, key: str) -> None:
         self.run, self.seed = zlib.crc32(key.partition("/")[0].encode()), zlib.crc32(key.encode())
 
-    def wrapped(self, code: int, block: int, number: int, start: Start, arrays: Iterable[npt.NDArray[Any]]) -> bytes:
+    def wrapped(
+        self, code: int, block: int, number: int, fields: bytes, shapes: bytes, arrays: Iterable[npt.NDArray[Any]]
+    ) -> bytes:
         """Return a message as bytes, see ``Frame``; arrays have to be little-endian."""
-        header = HEADER.pack(0, PROTOCOL_VERSION, code, start.words, self.run, start.size, block, number)
-        parts = [header[CHECKSUM.size :], start.data]
+        header = HEADER.pack(0, PROTOCOL_VERSION, code, len(shapes) // WORD, self.run, len(fields), block, number)
+        parts = [header[CHECKSUM.size :], fields, shapes, _ZEROS[-(len(fields) + len(shapes)) % ALIGNMENT]]
         for array in arrays:
             data = array.tobytes()
-            parts.append(data)
-            if rest := len(data) % ALIGNMENT:
-                parts.append(_ZEROS[ALIGNMENT - rest])
+            parts += data, _ZEROS[-len(data) % ALIGNMENT]
         return self.close(b"".join(parts))
 
     def close(self, body: bytes) -> bytes:

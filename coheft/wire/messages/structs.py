@@ -16,26 +16,22 @@ class Message(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 
     code: ClassVar[int]
     in_header: ClassVar[tuple[str | None, str | None]] = (None, None)
-    is_steady: ClassVar[bool] = False
 
 
 M = TypeVar("M", bound=Message)
 
 
-def sent_as(
-    code: int, *, block: str | None = None, number: str | None = None, is_steady: bool = False
-) -> Callable[[type[M]], type[M]]:
+def sent_as(code: int, *, block: str | None = None, number: str | None = None) -> Callable[[type[M]], type[M]]:
     """Define how a kind of message is sent.
 
     Args:
         code: Its code; unique, and never reused for another kind.
         block: Name of the field that is sent as the header's ``block``, see ``frame``.
         number: The same for ``number``.
-        is_steady: Whether its other fields, apart from arrays, hardly ever change.
     """
 
     def define(kind: type[M]) -> type[M]:
-        kind.code, kind.in_header, kind.is_steady = code, (block, number), is_steady
+        kind.code, kind.in_header = code, (block, number)
         return kind
 
     return define
@@ -61,7 +57,7 @@ class Ready(Message, frozen=True):
     attempt: int = 0
 
 
-@sent_as(2, block="block", number="attempt", is_steady=True)
+@sent_as(2, block="block", number="attempt")
 class Measurements(Message, frozen=True):
     """Server to robot: its own sensors' samples of one block, see ``MeasurementBlock``.
 
@@ -87,7 +83,7 @@ class Measurements(Message, frozen=True):
         keep_present(self)
 
 
-@sent_as(3, block="block", number="answers", is_steady=True)
+@sent_as(3, block="block", number="answers")
 class Reference(Message, frozen=True):
     """Robot to server: answers one block of measurements, with what the arm shall do ``lag`` blocks later.
 
@@ -116,7 +112,7 @@ class Stop(Message, frozen=True):
 # --- neighbour plane: agent <-> agent along an edge --------------------------------------------------------------
 
 
-@sent_as(10, number="incarnation", is_steady=True)
+@sent_as(10, number="incarnation")
 class Hello(Message, frozen=True):
     """Agent to each neighbour: announces the sender, and the neighbours whose messages it receives.
 
@@ -162,7 +158,7 @@ class LinkState(msgspec.Struct, frozen=True, forbid_unknown_fields=True, order=T
     certificate: bytes = b""
 
 
-@sent_as(11, block="block", number="incarnation", is_steady=True)
+@sent_as(11, block="block", number="incarnation")
 class NeighbourMessage(Message, frozen=True):
     """Agent to each neighbour, once per block.
 

@@ -23,7 +23,7 @@ os.environ.setdefault(
 import zenoh
 
 from coheft.errors import CoheftError, LinkError
-from coheft.wire.messages.codec import Writer, decode, encode
+from coheft.wire.messages.codec import decode, encode
 from coheft.wire.messages.requests import Refusal, Request, Status
 from coheft.wire.messages.size import LEAST_LIMIT
 from coheft.wire.messages.structs import Message
@@ -186,7 +186,7 @@ class Sender:
 
     def __init__(self, session: zenoh.Session | None, key: str, *, may_drop: bool) -> None:
         self._control = zenoh.CongestionControl.DROP if may_drop else zenoh.CongestionControl.BLOCK
-        self._key, self._writer = key, Writer(key)
+        self._key = key
         self._publishers: dict[str, zenoh.Publisher] = {}
         self._lock = Lock()
         if session is not None:
@@ -206,7 +206,7 @@ class Sender:
 
     def send(self, message: Message) -> None:
         """Send a message to all present listeners."""
-        data = self._writer.write(message)
+        data = encode(message, self._key)
         with self._lock:
             for publisher in self._publishers.values():
                 publisher.put(data)
