@@ -21,7 +21,7 @@ from coheft.wire.cart.messages import CartMeasurement, CartMessage
 from coheft.wire.messages.codec import check_array, check_field
 from coheft.wire.messages.structs import Hello, Message, Ready
 from coheft.wire.process.supervised import supervised_main
-from coheft.wire.transport.inbox import Event, LinkChange
+from coheft.wire.transport.inbox import Event, Presence
 
 _LARGEST = 1e12
 """Limit of the numbers in sums in progress."""
@@ -85,7 +85,7 @@ class CartAgentProcess:
     def _handle(self, event: Event | None) -> None:
         """Process an event."""
         match self._links.handle(event, self._take):
-            case LinkChange(source, links=0):
+            case Presence(source, is_here=False):
                 raise LinkError(f"{self._config.name} lost its link with {source} at sample {self._block}")
 
     def _take(self, source: str, message: Message) -> None:

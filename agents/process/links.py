@@ -15,7 +15,7 @@ from coheft.wire.messages.size import LEAST_LIMIT
 from coheft.wire.messages.structs import Hello, Message, Stop
 from coheft.wire.process.problem_log import ProblemLog
 from coheft.wire.transport.dialled import DialledLink
-from coheft.wire.transport.inbox import Event, Inbox, LinkChange, Presence, Question, Received, Refused
+from coheft.wire.transport.inbox import Event, Inbox, Presence, Question, Received, Refused
 from coheft.wire.transport.planes import guard_agent_for_observers, guard_neighbours, guard_robot
 from coheft.wire.transport.security import Credentials
 from coheft.wire.transport.sessions import Keys, Sender, open_session, session_id
@@ -110,9 +110,7 @@ class AgentLinks:
         self.estimate = Sender(observers, keys.observe_agent(name, "estimate"), may_drop=True)
         self.problems = ProblemLog(name, Sender(observers, keys.observe_agent(name, "problem"), may_drop=True))
 
-    def handle(
-        self, event: Event | None, take: Callable[[str, Message], None]
-    ) -> LinkChange | Presence | DisturbRequest | None:
+    def handle(self, event: Event | None, take: Callable[[str, Message], None]) -> Presence | DisturbRequest | None:
         """Process an event: give its message to ``take`` and report the ``MessageError`` that this may raise, report
         what is refused, return a change of a link.
 
@@ -130,8 +128,6 @@ class AgentLinks:
         match event:
             case Refused(source, reason):
                 self.problems.tell(f"refused from {source}: {reason}")
-            case LinkChange() if event.session == self._server.session:
-                return event
             case Presence() if event.session == self._session_with(event.source):
                 return event
             case Question(_, LinkRequest() as request):
@@ -176,8 +172,8 @@ class AgentLinks:
             self.problems.tell(f"the operator has disturbed {link}: {request.quality.in_words}")
         return request
 
-    def _session_with(self, neighbour: str) -> str:
-        link = self._neighbours.get(neighbour)
+    def _session_with(self, party: str) -> str:
+        link = self._server if party == SERVER else self._neighbours.get(party)
         return self._listening if link is None else link.session
 
     @property

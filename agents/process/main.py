@@ -26,7 +26,7 @@ from coheft.wire.process.log import LOG
 from coheft.wire.process.supervised import COMMENT_AFTER, supervised_main
 from coheft.wire.scenario.network import LinkQuality
 from coheft.wire.scenario.plugins import usable_in_run
-from coheft.wire.transport.inbox import Event, LinkChange, Presence
+from coheft.wire.transport.inbox import Event, Presence
 
 _BACKLOG = 64
 """Number of measurement blocks that may wait; an agent that falls further behind skips the oldest."""
@@ -215,8 +215,8 @@ class AgentProcess:
         if change is None:
             return
         match change:
-            case LinkChange(links=count):
-                self._handle_server_links(count)
+            case Presence(source, is_here) if source == SERVER:
+                self._note_server(is_here)
             case Presence(source, is_here):
                 self._links[source].note_presence(is_here)
                 if is_here and self._is_receiving:
@@ -274,9 +274,9 @@ class AgentProcess:
         self._is_receiving = True
         self._measurements.append((time.monotonic(), message))
 
-    def _handle_server_links(self, count: int) -> None:
-        """Note the number of links with the server; report a loss to observers, and dial again."""
-        if count > 0:
+    def _note_server(self, is_here: bool) -> None:
+        """Note whether the link with the server is up; report a loss to observers, and dial again."""
+        if is_here:
             self._comment_at = math.inf
             self._server_lost_at = None
         elif self._server_lost_at is None:

@@ -17,7 +17,7 @@ from coheft.wire.messages.codec import check_array, check_field
 from coheft.wire.messages.structs import Message, Ready, Stop
 from coheft.wire.process.problem_log import ProblemLog
 from coheft.wire.process.supervised import supervised_main
-from coheft.wire.transport.inbox import Event, Inbox, LinkChange, Received, Refused
+from coheft.wire.transport.inbox import Event, Inbox, Presence, Received, Refused
 from coheft.wire.transport.planes import SERVER
 from coheft.wire.transport.sessions import Keys, Sender, open_session
 
@@ -128,7 +128,7 @@ class CartServer:
                     self._problems.tell(f"refused from {name}: {error}")
             case Refused(source, error):
                 self._problems.tell(f"refused from {source}: {error}")
-            case LinkChange(name, links=0) if self._simulation.block > 0 and not self._is_over:
+            case Presence(name, is_here=False) if self._simulation.block > 0 and not self._is_over:
                 raise LinkError(f"lost the link with {name}, which had answered sample {self._links[name].answered}")
 
 

@@ -25,7 +25,7 @@ from coheft.wire.config import AgentProcessConfig
 from coheft.wire.messages.codec import check_array
 from coheft.wire.messages.structs import Measurements, Reference
 from coheft.wire.process.log import LOG
-from coheft.wire.transport.inbox import Inbox, LinkChange, Received, Refused
+from coheft.wire.transport.inbox import Inbox, Presence, Received, Refused
 from coheft.wire.transport.planes import guard_server_for_robot
 from coheft.wire.transport.robot_link import RobotLink
 from coheft.wire.transport.security import Credentials
@@ -131,8 +131,8 @@ class Driver:
                     self._link.join(self._next)
             case Refused(source, error):
                 LOG.warning("refused from %s: %s", source, error)
-            case LinkChange(links=count):
-                self._link.note_links(count)
+            case Presence(is_here=is_here):
+                self._link.note_link(is_here)
 
 
 @contextmanager

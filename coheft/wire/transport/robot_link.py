@@ -78,9 +78,9 @@ class RobotLink:
         """Whether it has received measurements that it has not answered."""
         return self.answered < self._sent
 
-    def note_links(self, count: int) -> None:
-        """Note the number of processes at the other end."""
-        self.is_linked = count > 0
+    def note_link(self, is_linked: bool) -> None:
+        """Note whether a process is at the other end."""
+        self.is_linked = is_linked
         if not self.is_linked:
             self.is_ready = False
             self.answered = self._sent
