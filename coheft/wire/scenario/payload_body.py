@@ -18,7 +18,14 @@ from coheft.wire.process.log import LOG
 from coheft.wire.scenario.payload import MassProperties, vector_of
 from coheft.wire.scenario.payload_extent import Extent, corners
 from coheft.wire.scenario.payload_mesh import check_surface, overlap_of
-from coheft.wire.scenario.payload_model import DEFAULT_DENSITY, PayloadModel
+from coheft.wire.scenario.payload_model import (
+    DEFAULT_DENSITY,
+    PayloadModel,
+    fill_meshes_exactly,
+    keep_what_is_written,
+    leave_out_defaults,
+    leave_out_looks,
+)
 from coheft.wire.scenario.schema import Grasp
 
 if TYPE_CHECKING:
@@ -146,8 +153,8 @@ class HeldBody:
     def remark_doubts(self, place: str) -> None:
         """Log shapes and fillings that have mass, but may not be meant to."""
         whole = self._inertia(self.model.compiled)
-        solid = self._inertia(self.model.without_looks)
-        exact = self._inertia(self.model.with_exact_meshes)
+        solid = self._inertia(self.model.variant(leave_out_looks))
+        exact = self._inertia(self.model.variant(fill_meshes_exactly))
         if whole is None:
             return
         self._remark_what_is_not_written(place, whole)
@@ -169,14 +176,14 @@ class HeldBody:
 
     def _remark_what_is_not_written(self, place: str, whole: Inertia) -> None:
         """Log mass that MuJoCo chooses, as the file does not say it, and what it enlarges."""
-        given = self._inertia(self.model.without_defaults)
+        given = self._inertia(self.model.variant(leave_out_defaults))
         chosen = whole.mass - (given.mass if given is not None else 0.0)
         if chosen > _SMALL_SHARE * whole.mass:
             LOG.warning(
                 f"coheft: {place}: {chosen:.4g} kg of {whole.mass:.4g} kg are of shapes that MuJoCo fills with "
                 f"{DEFAULT_DENSITY:g} kg/m³, as it does if a file gives neither mass nor density: give one"
             )
-        written = self._inertia(self.model.as_written)
+        written = self._inertia(self.model.variant(keep_what_is_written))
         if written is None or not _alike(whole, written):
             LOG.warning(
                 f"coheft: {place}: boundmass, boundinertia, balanceinertia or settotalmass of its compiler change its "

@@ -32,22 +32,23 @@ class PayloadModel:
         compiled: The model; its bodies have unique names.
         floating: Bodies that have a free joint.
         weighing: Shapes from which MuJoCo computes mass properties.
-        without_looks: The model with massless visual shapes, which collide with nothing; None if it cannot be compiled.
-        with_exact_meshes: The same, where meshes are filled up to their surfaces, which MuJoCo does by default for
-            convex ones only; None if their surfaces have no inside.
-        without_defaults: The model without shapes that have neither a mass nor a density of their own, which MuJoCo
-            fills with ``DEFAULT_DENSITY``; None if nothing is left.
-        as_written: The model as if its compiler did not change masses and moments of inertia; None if it is
-            impossible then.
+        spec: Its file.
     """
 
     compiled: mujoco.MjModel
     floating: tuple[int, ...]
     weighing: tuple[int, ...]
-    without_looks: mujoco.MjModel | None
-    with_exact_meshes: mujoco.MjModel | None
-    without_defaults: mujoco.MjModel | None
-    as_written: mujoco.MjModel | None
+    spec: mujoco.MjSpec
+
+    def variant(self, change: Callable[[mujoco.MjSpec], None]) -> mujoco.MjModel | None:
+        """Return the model after a change to its file; None if MuJoCo cannot compile it."""
+        with warnings.catch_warnings(action="ignore"), _without_log_file():
+            changed = self.spec.copy()
+            change(changed)
+            try:
+                return changed.compile()
+            except ValueError:
+                return None
 
 
 def read_model(path: Path) -> PayloadModel:
@@ -72,15 +73,7 @@ def read_model(path: Path) -> PayloadModel:
             body.name = body.name or f"body {number}"
         compiled = spec.compile()
     weighing = tuple(geom.id for body in bodies if _weighs_by_shapes(spec, body) for geom in _weighing(spec, body))
-    return PayloadModel(
-        compiled,
-        tuple(floating),
-        weighing,
-        without_looks=_variant(spec, _leave_out_looks),
-        with_exact_meshes=_variant(spec, _fill_meshes_exactly),
-        without_defaults=_variant(spec, _leave_out_defaults),
-        as_written=_variant(spec, _change_nothing),
-    )
+    return PayloadModel(compiled, tuple(floating), weighing, spec)
 
 
 def _weighs_by_shapes(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> bool:
@@ -96,17 +89,6 @@ def _weighing(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> Iterator[mujoco.MjsG
     for geom in body.geoms:
         if lowest <= geom.group <= highest and geom.mass != 0.0 and (geom.mass > 0.0 or geom.density > 0.0):
             yield geom
-
-
-def _variant(spec: mujoco.MjSpec, change: Callable[[mujoco.MjSpec], None]) -> mujoco.MjModel | None:
-    """Return the model after a change to its file; None if MuJoCo cannot compile it."""
-    with warnings.catch_warnings(action="ignore"), _without_log_file():
-        changed = spec.copy()
-        change(changed)
-        try:
-            return changed.compile()
-        except ValueError:
-            return None
 
 
 def _leave_out_pictures(spec: mujoco.MjSpec) -> None:
@@ -137,7 +119,7 @@ def _take_off_free_joint(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> bool:
     return bool(free)
 
 
-def _leave_out_looks(spec: mujoco.MjSpec) -> None:
+def leave_out_looks(spec: mujoco.MjSpec) -> None:
     """Make visual shapes, which collide with nothing, massless, except in moving bodies that have no others."""
     for body in spec.bodies:
         looks = [geom for geom in body.geoms if not (geom.contype or geom.conaffinity)]
@@ -146,7 +128,8 @@ def _leave_out_looks(spec: mujoco.MjSpec) -> None:
                 geom.mass = 0.0
 
 
-def _leave_out_defaults(spec: mujoco.MjSpec) -> None:
+def leave_out_defaults(spec: mujoco.MjSpec) -> None:
+    """Make shapes massless that have neither a mass nor a density of their own: MuJoCo takes ``DEFAULT_DENSITY``."""
     for body in spec.bodies:
         if _weighs_by_shapes(spec, body):
             for geom in body.geoms:
@@ -154,13 +137,15 @@ def _leave_out_defaults(spec: mujoco.MjSpec) -> None:
                     geom.mass = 0.0
 
 
-def _change_nothing(spec: mujoco.MjSpec) -> None:
+def keep_what_is_written(spec: mujoco.MjSpec) -> None:
+    """Let the compiler change no masses and no moments of inertia."""
     compiler = spec.compiler
     compiler.boundmass, compiler.boundinertia, compiler.balanceinertia = 0.0, 0.0, False
     compiler.settotalmass = -1.0
 
 
-def _fill_meshes_exactly(spec: mujoco.MjSpec) -> None:
+def fill_meshes_exactly(spec: mujoco.MjSpec) -> None:
+    """Fill meshes up to their surfaces, which MuJoCo does by default for convex ones only."""
     import mujoco
 
     rough = (mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX, mujoco.mjtMeshInertia.mjMESH_INERTIA_LEGACY)
