@@ -8,6 +8,7 @@ messages that come early until their block.
 from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
+import msgspec
 import numpy as np
 
 from coheft.agents.estimator import Channels
@@ -22,11 +23,6 @@ LATE = 64
 """Number of blocks by which a message may be late to be of use to an estimator that takes late ones."""
 LARGEST_NORM = 1e12
 """Limit of the norm of every array that an estimator sends."""
-_LARGEST_NUMBER = 2**62
-"""Limit of the counters in a record, so that larger ones can still be sent."""
-_LARGEST_CHECKSUM = 2**32
-"""Limit of the checksums in a record."""
-_LONGEST_NAME = 32
 
 
 class Taken(NamedTuple):
@@ -162,15 +158,9 @@ def can_be_used(array: Array) -> bool:
 
 
 def is_possible(record: LinkState) -> bool:
-    """Whether a robot's record is consistent in itself."""
-    if record.robot in record.neighbours:
+    """Whether a robot's record is what ``LinkState`` allows, and consistent in itself."""
+    try:
+        msgspec.convert(msgspec.to_builtins(record), LinkState)
+    except (TypeError, msgspec.ValidationError):  # a user's estimator may have put in anything
         return False
-    if not all(0 <= number < _LARGEST_NUMBER for number in (record.incarnation, record.sequence, record.since)):
-        return False
-    if not -1 <= record.ready_block < _LARGEST_NUMBER:
-        return False
-    if not 0 <= record.team < _LARGEST_CHECKSUM:
-        return False
-    if len(record.neighbours) > MAX_ROBOTS:
-        return False
-    return max(map(len, (record.robot, *record.neighbours))) <= _LONGEST_NAME
+    return record.robot not in record.neighbours

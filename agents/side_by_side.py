@@ -26,10 +26,9 @@ class SideBySide:
     """
 
     def __init__(self, estimators: Mapping[str, Estimator]) -> None:
-        self._first, *self.others = estimators
+        self._first = next(iter(estimators))
         self._estimators = dict(estimators)
         self._failures: dict[str, str] = {}
-        self._known: dict[int, tuple[Channels, dict[str, Channels]]] = {}  # messages of this step, by identity
 
     def step(
         self, index: int, own: MeasurementBlock | None, inbox: Mapping[str, Channels]
@@ -38,7 +37,6 @@ class SideBySide:
         sent: dict[str, npt.NDArray[Any]] = {}
         nothing: dict[str, npt.NDArray[Any]] = {}
         parts = {sender: self._parts(channels) for sender, channels in inbox.items()}
-        self._known.clear()
         for name, estimator in self._estimators.items():
             heard = {sender: each[name] for sender, each in parts.items() if name in each}
             channels = self._try(name, lambda: estimator.step(index, own, heard), nothing)  # noqa: B023
@@ -90,13 +88,9 @@ class SideBySide:
         return [estimator for estimator in self._estimators.values() if isinstance(estimator, SignsRows)]
 
     def _parts(self, channels: Channels) -> dict[str, Channels]:
-        """Return the arrays of a message by estimator, of those that can read theirs; found once for each message."""
-        known = self._known.get(id(channels))
-        if known is None:
-            parts = {name: _part(name, channels) for name in self._estimators}
-            known = channels, {name: part for name, part in parts.items() if self._can_read(name, part)}
-            self._known[id(channels)] = known
-        return known[1]
+        """Return the arrays of a message by estimator, of those that can read theirs."""
+        parts = {name: _part(name, channels) for name in self._estimators}
+        return {name: part for name, part in parts.items() if self._can_read(name, part)}
 
     def _can_read(self, name: str, part: Channels) -> bool:
         return self._try(name, lambda: self._estimators[name].fits(part), False)

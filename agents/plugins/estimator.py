@@ -7,7 +7,6 @@ Restarting the agent would not help.
 from collections.abc import Callable, Mapping
 from typing import TypeVar
 
-import msgspec
 from msgspec.structs import replace
 
 from coheft.agents.estimator import Belief, Channels, Estimator
@@ -18,7 +17,6 @@ from coheft.errors import MessageError, PluginError, one_line
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import MeasurementBlock
 from coheft.wire.config import AgentConfig
-from coheft.wire.messages.structs import LinkState
 from coheft.wire.scenario.plugins import told
 
 T = TypeVar("T")
@@ -58,11 +56,7 @@ class OwnEstimator:
         channels = plain_channels(returned, self._largest_arrays)
         # Other robots can influence these two numbers, so they are not checked.
         record = replace(self._gossip.own, incarnation=0, sequence=0)
-        try:
-            can_be_told = is_possible(msgspec.convert(msgspec.to_builtins(record), LinkState))
-        except (TypeError, msgspec.ValidationError):  # numbers of numpy, for instance
-            can_be_told = False
-        if not can_be_told:
+        if not is_possible(record):
             raise MessageError(
                 f"it made Gossip announce an impossible record, expected what LinkState allows: {record}"
             )

@@ -41,7 +41,7 @@ def values(kind: Any) -> st.SearchStrategy[Any]:
     if kind is int:
         return st.integers(-(2**63), 2**63 - 1)
     if origin is typing.Annotated:
-        return st.floats(arguments[1].ge, arguments[1].le)
+        return limited(arguments[0], arguments[1])
     if origin is np.ndarray:
         return arrays(np.float64, array_shapes(min_dims=0, max_dims=4, min_side=0, max_side=4))
     if origin is typing.Literal:
@@ -61,6 +61,15 @@ def values(kind: Any) -> st.SearchStrategy[Any]:
     if issubclass(kind, msgspec.Struct):
         return st.builds(kind, **{field.name: values(field.type) for field in msgspec.structs.fields(kind)})
     return st.from_type(kind)
+
+
+def limited(kind: Any, limits: msgspec.Meta) -> st.SearchStrategy[Any]:
+    """Anything of this type within its limits."""
+    if kind is float:
+        return st.floats(typing.cast("float", limits.ge), typing.cast("float", limits.le))
+    if kind is int:
+        return st.integers(typing.cast("int", limits.ge), typing.cast("int", limits.lt) - 1)
+    return values(kind).filter(lambda value: len(value) <= typing.cast("int", limits.max_length))
 
 
 def fields_of(sound: bytes) -> Any:

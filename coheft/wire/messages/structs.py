@@ -1,14 +1,21 @@
 """Messages that the processes of a run send, as msgspec structs; ``codec`` converts them to bytes."""
 
 from collections.abc import Callable
-from typing import Any, ClassVar, Literal, TypeVar
+from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
 import msgspec
 import numpy as np
+from msgspec import Meta
 
 from coheft.wire.former_names import keep_present
 from coheft.wire.messages.states import Validity
 from coheft.wire.scenario.network import LinkQuality
+from coheft.wire.scenario.schema import MAX_ROBOTS
+
+_LARGEST = 2**62
+"""Limit of counters in records, so that larger ones can still be sent."""
+_Count = Annotated[int, Meta(ge=0, lt=_LARGEST)]
+_Robot = Annotated[str, Meta(max_length=32)]
 
 
 class Message(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -146,14 +153,14 @@ class LinkState(msgspec.Struct, frozen=True, forbid_unknown_fields=True, order=T
         certificate: The robot's certificate (DER), in the secure profile, for robots that are not its neighbours.
     """
 
-    robot: str
-    sequence: int
-    neighbours: tuple[str, ...]
-    ready_block: int = -1
-    incarnation: int = 0
+    robot: _Robot
+    sequence: _Count
+    neighbours: Annotated[tuple[_Robot, ...], Meta(max_length=MAX_ROBOTS)]
+    ready_block: Annotated[int, Meta(ge=-1, lt=_LARGEST)] = -1
+    incarnation: _Count = 0
     holding: bool = True
-    since: int = 0
-    team: int = 0
+    since: _Count = 0
+    team: Annotated[int, Meta(ge=0, lt=2**32)] = 0
     signature: bytes = b""
     certificate: bytes = b""
 
