@@ -6,7 +6,7 @@ shells overlap; where it winds backwards, a shell is turned inside out.
 """
 
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -121,9 +121,8 @@ def check_surface(triangles: Array, place: str) -> Array:
     faces, triangles = faces[has_area], triangles[has_area]
     _check_closed(faces, place)
     _check_copies(faces, place)
-    # Triangles belong to one shell if an edge is only theirs.
-    shells = trimesh.graph.connected_component_labels(trimesh.graph.face_adjacency(faces), node_count=len(faces))
-    _check_shells(triangles, shells, place)
+    graph: Any = trimesh.graph  # triangles belong to one shell if an edge is only theirs
+    _check_shells(triangles, graph.connected_component_labels(graph.face_adjacency(faces), len(faces)), place)
     return points
 
 
