@@ -57,7 +57,7 @@ def check_numbers(array: Array, shape: tuple[int, ...], name: str) -> None:
     if array.shape == shape and array.dtype == np.float64 and np.vdot(array, array) < _LARGEST**2:
         return
     check_array(array, shape, name)
-    check_number(float(np.abs(array).max()), f"largest number of {name}")
+    check_number(float(np.abs(array, dtype=np.float64).max()), f"largest number of {name}")
 
 
 def check_number(value: float, name: str) -> None:

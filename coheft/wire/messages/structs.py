@@ -12,9 +12,8 @@ from coheft.wire.messages.states import Validity
 from coheft.wire.scenario.network import LinkQuality
 from coheft.wire.scenario.schema import MAX_ROBOTS
 
-_LARGEST = 2**62
-"""Limit of counters in records, so that larger ones can still be sent."""
-_Count = Annotated[int, Meta(ge=0, lt=_LARGEST)]
+_Count = Annotated[int, Meta(ge=0, lt=2**62)]
+"""A counter in a record: a larger one can still be sent."""
 _Robot = Annotated[str, Meta(max_length=32)]
 
 
@@ -156,7 +155,7 @@ class LinkState(msgspec.Struct, frozen=True, forbid_unknown_fields=True, order=T
     robot: _Robot
     sequence: _Count
     neighbours: Annotated[tuple[_Robot, ...], Meta(max_length=MAX_ROBOTS)]
-    ready_block: Annotated[int, Meta(ge=-1, lt=_LARGEST)] = -1
+    ready_block: Annotated[int, Meta(ge=-1, lt=2**62)] = -1
     incarnation: _Count = 0
     holding: bool = True
     since: _Count = 0
