@@ -55,27 +55,20 @@ class Outbox:
 def make_estimator(config: AgentConfig, gossip: Gossip, largest_arrays: int) -> Estimator:
     """Make the estimator that the agent's configuration names, or all of them side by side.
 
-    Args:
-        config: The agent's configuration.
-        gossip: The agent's knowledge of the team.
-        largest_arrays: Size that a user's estimator may send in one message [B].
+    A user's estimator may send ``largest_arrays`` [B] in one message.
 
     Raises:
         PluginError: A user's estimator cannot be used.
     """
     if len(names := estimator_names(config.estimator)) > 1:
-        each = {name: make_estimator(_config_of(name, config), gossip, largest_arrays // len(names)) for name in names}
-        return SideBySide(each)
+        tables, share = config.estimator_settings, largest_arrays // len(names)
+        configs = {name: replace(config, estimator=name, estimator_settings=tables.get(name, {})) for name in names}
+        return SideBySide({name: make_estimator(own, gossip, share) for name, own in configs.items()})
     factory = ESTIMATORS.get(config.estimator)
     if factory is not None:
         return factory(config, gossip)
     own: Estimator = make_own("estimator", config.estimator, Estimator, config, gossip)
     return OwnEstimator(own, config, gossip, largest_arrays)
-
-
-def _config_of(name: str, config: AgentConfig) -> AgentConfig:
-    """Return the configuration of one of several estimators."""
-    return replace(config, estimator=name, estimator_settings=config.estimator_settings.get(name, {}))
 
 
 class Agent:

@@ -42,11 +42,7 @@ class Taken(NamedTuple):
 
 
 class NeighbourInbox:
-    """Received messages of one agent's neighbours.
-
-    Args:
-        neighbours: The neighbours' names.
-    """
+    """Received messages of one agent's neighbours."""
 
     def __init__(self, neighbours: Iterable[str]) -> None:
         self._incarnations = dict.fromkeys(sorted(neighbours), 0)

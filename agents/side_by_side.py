@@ -17,12 +17,9 @@ T = TypeVar("T")
 
 
 class SideBySide:
-    """Estimators that neither know nor influence each other. See ``coheft.agents.estimator.Estimator``.
+    """Estimators that neither know nor influence each other, the robot's own first. See ``Estimator``.
 
     A user's estimator that fails is not stepped any more, and gives that as its doubt; the others continue.
-
-    Args:
-        estimators: The estimators by name, the robot's own first.
     """
 
     def __init__(self, estimators: Mapping[str, Estimator]) -> None:

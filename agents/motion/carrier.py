@@ -55,13 +55,7 @@ class Carrier:
         self._used = np.zeros(10)
 
     def learn(self, index: int, estimate: Estimate, grasps: Mapping[str, Pose]) -> None:
-        """Use the estimate after a block.
-
-        Args:
-            index: The block's number.
-            estimate: The robot's estimate after it.
-            grasps: ``pose_j_in_ref`` of all robots that hold the load.
-        """
+        """Use the robot's estimate after a block, and ``pose_j_in_ref`` of all robots that hold the load."""
         own = self._config.name
         if estimate.status is not Validity.VALID or own not in grasps:
             return
@@ -90,9 +84,7 @@ class Carrier:
     def step(self, index: int, samples: Array | None) -> tuple[Array, Array]:
         """Return what the arm shall do ``lag`` blocks after this one: ``motion`` and ``wrench`` of a ``Reference``.
 
-        Args:
-            index: The block's number.
-            samples: Own measurements, shape (B, 15); None if they are unusable.
+        ``samples`` are the robot's own of this block, shape (B, 15); None if they are unusable.
         """
         ahead = index + self._config.lag
         alone = self._alone.reference(ahead)

@@ -77,13 +77,7 @@ def _parsed(value: str, text: str) -> object:
 
 
 def put_value(table: dict[str, Any], key: str, value: object, where: str) -> None:
-    """Put a value into a table that was read from TOML.
-
-    Args:
-        table: A scenario, as nested dictionaries and lists; modified in place.
-        key: Key as in ``set_values``.
-        value: The value.
-        where: Name of the source in errors.
+    """Put a value into a table that was read from TOML, in place; ``where`` names its source in errors.
 
     Raises:
         ScenarioError: The key leads into a value without parts.
