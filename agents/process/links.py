@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from typing import TYPE_CHECKING
 
 import zenoh
@@ -85,12 +85,9 @@ class AgentLinks:
                 largest=largest,
             )
 
-        def dial(link: DialledLink) -> DialledLink:
-            stack.callback(link.close)
-            return link
-
         guard = guard_robot(security, keys, name)
-        self._server = dial(DialledLink(config.server, guard, inbox, receive_from_server, self.ready, self.reference))
+        server = DialledLink(config.server, guard, inbox, receive_from_server, self.ready, self.reference)
+        self._server = stack.enter_context(closing(server))
         dialled = {other.name: other.endpoint for other in config.neighbours if other.endpoint is not None}
         guard = guard_neighbours(security, keys, name, others)
         listening = stack.enter_context(open_session([config.listen], guard=guard, largest=largest))
@@ -99,7 +96,9 @@ class AgentLinks:
         self.hello.attach(listening)
         self.message.attach(listening)
         self._listening = session_id(listening)
-        self._neighbours = {other: dial(dial_neighbour(other, endpoint)) for other, endpoint in dialled.items()}
+        self._neighbours = {
+            other: stack.enter_context(closing(dial_neighbour(other, endpoint))) for other, endpoint in dialled.items()
+        }
         self._cut: set[str] = set()
 
         guard = guard_agent_for_observers(security, keys, name)

@@ -243,7 +243,8 @@ class AgentProcess:
             case NeighbourMessage():
                 check_field("sender", message.sender, source)
                 if message.gossip:
-                    gossip = self._records.believed(message.gossip, lambda text: self._refuse(source, text))
+                    tell = self._network.problems.tell
+                    gossip = self._records.believed(message.gossip, lambda why: tell(f"refused from {source}: {why}"))
                     message = structs.replace(message, gossip=gossip)
                 self._links[source].take_message(message, self._next_block, time.monotonic())
             case Hello():
@@ -251,9 +252,6 @@ class AgentProcess:
                 self._links[source].take_hello(message, self._name, time.monotonic())
                 if self._is_receiving and not self._links[source].hears_us:
                     self._answer_hello()
-
-    def _refuse(self, source: str, why: str) -> None:
-        self._network.problems.tell(f"refused from {source}: {why}")
 
     def _take_measurements(self, message: Measurements) -> None:
         """Keep valid measurements for their step; restart the agent if they are of a new world."""

@@ -16,7 +16,7 @@ from coheft.estimation.geometry.spatial import Array, Pose, rotation_log
 from coheft.estimation.rigid_body.mass_properties import Inertia, combined
 from coheft.wire.process.log import LOG
 from coheft.wire.scenario.payload import MassProperties, vector_of
-from coheft.wire.scenario.payload_extent import Extent, corners
+from coheft.wire.scenario.payload_extent import Extent
 from coheft.wire.scenario.payload_mesh import check_surface, overlap_of
 from coheft.wire.scenario.payload_model import (
     DEFAULT_DENSITY,
@@ -96,38 +96,27 @@ class HeldBody:
 
     def extent(self, properties: MassProperties) -> Extent:
         """Return the extent of its shapes, or, if it has none, of a box with its mass properties."""
-        import mujoco
-
-        model = self.model.compiled
-        points = []
-        for geom, on_root in self._shapes():
-            if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
-                mesh = model.geom_dataid[geom]
-                vertices = model.mesh_vert[model.mesh_vertadr[mesh] :][: model.mesh_vertnum[mesh]]
-                points.append(vertices @ on_root.rotation.T + on_root.translation)
-            else:
-                middle, halves = model.geom_aabb[geom].reshape(2, 3)
-                points.append(corners(on_root @ Pose(np.eye(3), middle), 2.0 * halves))
-        return Extent.around(np.concatenate(points)) if points else Extent.like(properties)
+        shapes = [triangles for _, triangles in self._shapes()]
+        return Extent.around(np.concatenate(shapes).reshape(-1, 3)) if shapes else Extent.like(properties)
 
     def surface(self) -> Array:
         """Return triangles of its shapes in its frame, shape (n, 3, 3) [m]; of its visual shapes, if it has any."""
-        model = self.model.compiled
-        shapes = list(self._shapes())
-        touches = model.geom_contype | model.geom_conaffinity
-        looks = [(geom, pose) for geom, pose in shapes if not touches[geom]]
-        parts = [_triangles(model, geom) @ pose.rotation.T + pose.translation for geom, pose in looks or shapes]
+        shapes = dict(self._shapes())
+        touches = self.model.compiled.geom_contype | self.model.compiled.geom_conaffinity
+        looks = [triangles for geom, triangles in shapes.items() if not touches[geom]]
+        parts = looks or list(shapes.values())
         return np.concatenate(parts) if parts else np.empty((0, 3, 3))
 
-    def _shapes(self) -> Iterator[tuple[int, Pose]]:
-        """Yield the numbers of its bounded shapes, and their poses in its frame."""
+    def _shapes(self) -> Iterator[tuple[int, Array]]:
+        """Yield the numbers of its bounded shapes, and their triangles in its frame, shape (n, 3, 3) [m]."""
         import mujoco
 
         model, placed = self.model.compiled, _placed(self.model.compiled)
         unbounded = (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)
         for geom in range(model.ngeom):
             if model.geom_bodyid[geom] in self.inside and model.geom_type[geom] not in unbounded:
-                yield geom, self._on_root(placed, placed.geom_xmat[geom], placed.geom_xpos[geom])
+                pose = self._on_root(placed, placed.geom_xmat[geom], placed.geom_xpos[geom])
+                yield geom, _triangles(model, geom) @ pose.rotation.T + pose.translation
 
     def grasps(self, names: Sequence[str], extent: Extent, place: str) -> tuple[Grasp, ...]:
         """Return sites that are fixed to it, as grasps in its frame.
@@ -196,10 +185,9 @@ class HeldBody:
 
         model = self.model.compiled
         solid = []
-        for geom, pose in self._shapes():
+        for geom, triangles in self._shapes():
             if geom not in self.model.weighing:
                 continue
-            triangles = _triangles(model, geom) @ pose.rotation.T + pose.translation
             if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
                 try:
                     check_surface(triangles, f"{place}: mesh {model.mesh(model.geom_dataid[geom]).name!r}")
