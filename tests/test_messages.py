@@ -202,12 +202,16 @@ def test_what_is_no_array_cannot_be_sent() -> None:
         encode(Hello(sender="r1", heard=typing.cast("list[str]", [1j])), KEY)
 
 
-def test_check_array() -> None:
+def test_check_numbers() -> None:
     array = np.array([[1.0, math.nan], [math.inf, 0.0]])
     with pytest.raises(MessageError, match="2 numbers that are not finite"):
-        codec.check_array(array, (2, 2), "samples")
+        codec.check_numbers(array, (2, 2), "samples")
     with pytest.raises(MessageError, match=r"samples.shape is \(2, 2\) but expected \(2, 3\)"):
-        codec.check_array(array, (2, 3), "samples")
+        codec.check_numbers(array, (2, 3), "samples")
+    with pytest.raises(MessageError, match=r"samples\.dtype is 'int64' but expected 'float64'"):
+        codec.check_numbers(np.ones(2, dtype=np.int64), (2,), "samples")
+    with pytest.raises(MessageError, match=r"largest number of samples is 2e\+16 but expected less than 1e\+15"):
+        codec.check_numbers(np.array([-2e16, 0.0]), (2,), "samples")
 
 
 def test_errors_quote_messages_in_one_short_line() -> None:

@@ -13,7 +13,7 @@ from coheft.errors import CoheftError, LinkError, MessageError
 from coheft.physics_server.cart.physics import CartSimulation
 from coheft.wire.cart.config import CartServerConfig
 from coheft.wire.cart.messages import CartPush
-from coheft.wire.messages.codec import check_array, check_field
+from coheft.wire.messages.codec import check_field, check_numbers
 from coheft.wire.messages.structs import Message, Ready, Stop
 from coheft.wire.process.problem_log import ProblemLog
 from coheft.wire.process.supervised import supervised_main
@@ -57,8 +57,8 @@ class _PusherLink:
                 check_field("robot", message.robot, self._name)
                 check_field("answers", message.answers, self.answered + 1)
                 check_field("block", message.block, message.answers + self._lag)
-                check_array(message.wrench, (3,), "wrench")
-                check_array(message.hand, (2,), "hand")
+                check_numbers(message.wrench, (3,), "wrench")
+                check_numbers(message.hand, (2,), "hand")
                 self.answered = message.answers
                 self.pushes[message.block] = message
 

@@ -1,6 +1,6 @@
 """Conversion of messages to bytes and back.
 
-All messages leave a process through ``encode`` and enter one through ``Reader``, which raises ``MessageError`` for
+All messages leave a process through ``encode`` and enter one through ``decode``, which raises ``MessageError`` for
 anything but a valid message of the expected kind. The checksum includes the key under which the message is sent, and a
 key begins with the name of the run. So a message that is damaged, or comes from an older run, another process or
 another topic, is refused even if it could be decoded. The checksum is not a signature; the secure profile uses TLS for
@@ -11,7 +11,7 @@ import math
 import typing
 from collections.abc import Collection
 from functools import cache, lru_cache
-from typing import Any, Generic, TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
@@ -22,6 +22,8 @@ from coheft.wire.messages.kind import MALFORMED, Kind
 from coheft.wire.messages.structs import Message
 
 M = TypeVar("M")
+_LARGEST = 1e15
+"""Limit of received numbers."""
 
 
 @cache
@@ -29,35 +31,13 @@ def _kind(kind: type[Message]) -> Kind:
     return Kind(kind)
 
 
-class Reader(Generic[M]):
-    """Decodes the messages of a kind, or of a union of kinds, that are received under one key."""
-
-    def __init__(self, kind: type[M], key: str) -> None:
-        self._name = getattr(kind, "__name__", str(kind))
-        self._kinds = {each.code: _kind(each) for each in typing.get_args(kind) or (kind,)}
-        self._seal = Seal(key)
-
-    def read(self, data: bytes) -> M:
-        """Decode a message.
-
-        Raises:
-            MessageError: The bytes are damaged, were sent under another key (for instance in another run), are another
-                message, or have another protocol version.
-        """
-        frame = self._seal.unwrapped(data, self._name)
-        kind = self._kinds.get(frame.code)
-        if kind is None:
-            names = {each.code: each.__name__ for each in Message.__subclasses__()}
-            found = names.get(frame.code, f"message of kind {frame.code}")
-            raise MessageError(f"not a {self._name}: it is a {found}")
-        try:
-            return cast(M, kind.decode(frame))
-        except MALFORMED as error:
-            raise MessageError(f"not a {self._name}: {error}") from error
+@cache
+def _expected(kind: Any) -> tuple[str, dict[int, Kind]]:
+    """Return the name of a kind, or of a union of kinds, and all kinds by their codes."""
+    return getattr(kind, "__name__", str(kind)), {each.code: _kind(each) for each in typing.get_args(kind) or (kind,)}
 
 
 _seal = lru_cache(maxsize=1024)(Seal)
-_reader: Any = lru_cache(maxsize=256)(Reader)
 
 
 def encode(message: Message, key: str) -> bytes:
@@ -66,13 +46,21 @@ def encode(message: Message, key: str) -> bytes:
 
 
 def decode(data: bytes, kind: type[M], key: str) -> M:
-    """Decode a message that was received under ``key``, see ``Reader``.
+    """Decode a message of a kind, or of a union of kinds, that was received under ``key``.
 
     Raises:
-        MessageError: The bytes are not a message of that kind.
+        MessageError: The bytes are damaged, were sent under another key (for instance in another run), are another
+            message, or have another protocol version.
     """
-    message: M = _reader(kind, key).read(data)
-    return message
+    name, kinds = _expected(cast(Any, kind))
+    frame = _seal(key).unwrapped(data, name)
+    if frame.code not in kinds:
+        names = {each.code: each.__name__ for each in Message.__subclasses__()}
+        raise MessageError(f"not a {name}: it is a {names.get(frame.code, f'message of kind {frame.code}')}")
+    try:
+        return cast(M, kinds[frame.code].decode(frame))
+    except MALFORMED as error:
+        raise MessageError(f"not a {name}: {error}") from error
 
 
 def is_finite(array: Array) -> bool:
@@ -81,13 +69,26 @@ def is_finite(array: Array) -> bool:
     return math.isfinite(np.vdot(array, array)) or bool(np.isfinite(array).all())
 
 
-def check_array(array: Array, shape: tuple[int, ...], name: str) -> None:
-    """Check that a received array has a shape and is finite; raise ``MessageError`` if not."""
-    if array.shape != shape:
-        raise MessageError(f"{name}.shape is {array.shape} but expected {shape}")
-    if not is_finite(array):
-        count = int(np.size(array) - np.isfinite(array).sum())
+def check_numbers(array: Array, shape: tuple[int, ...], name: str) -> None:
+    """Check a received array of numbers in double precision.
+
+    Raises:
+        MessageError: It has another shape or type, or contains numbers that are not finite or too large.
+    """
+    check_field(f"{name}.shape", array.shape, shape)
+    check_field(f"{name}.dtype", array.dtype.name, "float64")  # products of whole numbers may overflow
+    # Nearly always the sum of squares shows it; it is not below the limit for numbers that are not finite.
+    if np.vdot(array, array) < _LARGEST**2:
+        return
+    if count := np.count_nonzero(~np.isfinite(array)):
         raise MessageError(f"{name} contains {count} numbers that are not finite")
+    check_number(float(np.abs(array).max()), f"largest number of {name}")
+
+
+def check_number(value: float, name: str) -> None:
+    """Check that a received number is finite and not too large; raise ``MessageError`` if not."""
+    if not (math.isfinite(value) and abs(value) < _LARGEST):
+        raise MessageError(f"{name} is {value} but expected less than {_LARGEST:g}")
 
 
 def check_field(name: str, found: object, expected: object) -> None:

@@ -22,7 +22,7 @@ from coheft.errors import LinkError, MessageError
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import SAMPLE_SIZE
 from coheft.wire.config import AgentProcessConfig
-from coheft.wire.messages.codec import check_array
+from coheft.wire.messages.codec import check_numbers
 from coheft.wire.messages.structs import Measurements, Reference
 from coheft.wire.process.log import LOG
 from coheft.wire.transport.inbox import Inbox, Presence, Received, Refused
@@ -93,7 +93,7 @@ class Driver:
             MessageError: The samples have another shape, or are not finite.
         """
         samples = np.array(samples, dtype=np.float64)  # estimators compute in double precision
-        check_array(samples, (self.samples, SAMPLE_SIZE), f"samples of block {block}")
+        check_numbers(samples, (self.samples, SAMPLE_SIZE), f"samples of block {block}")
         self._next = block + 1
         self._link.send_measurements(Measurements(robot=self.name, block=block, samples=samples))
 

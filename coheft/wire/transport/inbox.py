@@ -10,7 +10,7 @@ import msgspec
 import zenoh
 
 from coheft.errors import MessageError
-from coheft.wire.messages.codec import Reader, encode
+from coheft.wire.messages.codec import decode, encode
 from coheft.wire.messages.requests import Refusal, Request
 from coheft.wire.messages.structs import Message
 from coheft.wire.transport.backlog import Backlog, Lost, Said
@@ -74,7 +74,7 @@ class Inbox:
     def __init__(self) -> None:
         self._turns: SimpleQueue[Backlog] = SimpleQueue()
         self._backlogs: dict[str, Backlog] = {}
-        self._readers: dict[str, tuple[str, Reader[Message]]] = {}
+        self._kinds: dict[str, tuple[str, Any]] = {}  # of messages and requests by key, with the source or role
         self._kept: dict[str, list[Any]] = {}  # by session; a subscriber without a reference is closed
 
     def listen(self, session: zenoh.Session, source: str, kinds: Mapping[str, type[Message] | UnionType]) -> None:
@@ -86,7 +86,7 @@ class Inbox:
             kinds: Expected type of message by key, or a union of types; the keys differ in their last part only. They
                 share one subscription, so that if messages under one key arrive, those under the others do, too.
         """
-        self._readers |= {key: (source, Reader(cast(Any, kind), key)) for key, kind in kinds.items()}
+        self._kinds |= {key: (source, kind) for key, kind in kinds.items()}
         place = f"{next(iter(kinds)).rpartition('/')[0]}/*"
         handler = self._handler(source)
         self._keep(session, session.declare_subscriber(place, handler, allowed_origin=zenoh.Locality.REMOTE))
@@ -144,7 +144,7 @@ class Inbox:
     def serve(self, session: zenoh.Session, roles: dict[str, Role], kind: Any = Request) -> None:
         """Receive requests."""
         for key, role in roles.items():
-            self._readers[key] = role, Reader(kind, key)
+            self._kinds[key] = role, kind
             self._keep(session, session.declare_queryable(key, self._handler(role), complete=True))
 
     def forget(self, session: zenoh.Session) -> None:
@@ -184,11 +184,11 @@ class Inbox:
 
     def _decode(self, said: Said) -> Event:
         key = str(said.key)
-        source, reader = self._readers.get(key, (key, None))
-        if reader is None:
+        source, kind = self._kinds.get(key, (key, None))
+        if kind is None:
             return Refused(source, MessageError(f"no message is expected under the key '{key}'"))
         try:
-            return Received(source, reader.read(said.data))
+            return Received(source, decode(said.data, kind, key))
         except MessageError as error:
             return Refused(source, error)
 
@@ -196,10 +196,10 @@ class Inbox:
         payload = query.payload.to_bytes() if query.payload is not None else b""
         key = str(query.key_expr)
         try:
-            if key not in self._readers:
+            if key not in self._kinds:
                 raise MessageError(f"no request is expected under the key '{key}'")
-            role, reader = self._readers[key]
-            return Question(cast(Role, role), cast(Request, reader.read(payload)), query)
+            role, kind = self._kinds[key]
+            return Question(cast(Role, role), decode(payload, kind, key), query)
         except MessageError as error:
             _answer(query, Refusal(reason=str(error)))
             return Refused(f"the {source}", error)

@@ -118,7 +118,7 @@ class RobotLink:
             ("wrench", reference.wrench, _WRENCH_SHAPE),
         ):
             check_field(f"{name}.shape", array.shape, shape)
-            check_field(f"{name}.dtype", array.dtype.name, "float64")  # the size of the least integer is negative
+            check_field(f"{name}.dtype", array.dtype.name, "float64")
 
     def _keep(self, reference: Reference) -> None:
         """Keep a reference for its block. One that no arm can follow counts as an answer, but is not used.
