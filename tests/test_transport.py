@@ -183,7 +183,7 @@ def asking(
     from concurrent.futures import ThreadPoolExecutor
 
     with ThreadPoolExecutor(1) as pool:
-        answer = pool.submit(ask, session, key, request)
+        answer = pool.submit(ask, Status, session, key, request)
         while not answer.done():
             event = inbox.receive(0.02)
             if isinstance(event, Question):
@@ -214,7 +214,7 @@ def test_an_answer_of_another_release_is_no_silence(pair, keys):
     querier = far.declare_querier(key)
     wait_until(lambda: querier.matching_status.matching)
     with pytest.raises(MessageError, match="run the same release of coheft on all hosts"):
-        ask(far, key, StatusRequest())
+        ask(Status, far, key, StatusRequest())
     queryable.undeclare()
 
 
@@ -227,13 +227,13 @@ def test_words_of_zenoh_itself_are_silence(pair, keys, encoding):
     querier = far.declare_querier(key)
     wait_until(lambda: querier.matching_status.matching)
     with pytest.raises(LinkError, match="no answer"):
-        ask(far, key, StatusRequest())
+        ask(Status, far, key, StatusRequest())
     queryable.undeclare()
 
 
 def test_a_question_that_nobody_answers_is_an_error(endpoint, keys):
     with open_session(connect=[endpoint]) as session, pytest.raises(LinkError, match="no answer"):
-        ask(session, keys.request("operator"), StatusRequest(), timeout=0.1)
+        ask(Status, session, keys.request("operator"), StatusRequest(), timeout=0.1)
 
 
 def test_a_port_that_is_taken_is_an_error(endpoint):

@@ -80,13 +80,12 @@ class AgentLinks:
                 guard,
                 inbox,
                 lambda session: receive_from_neighbours(session, other),
-                self.hello,
-                self.message,
-                largest=largest,
+                [self.hello, self.message],
+                largest,
             )
 
         guard = guard_robot(security, keys, name)
-        server = DialledLink(config.server, guard, inbox, receive_from_server, self.ready, self.reference)
+        server = DialledLink(config.server, guard, inbox, receive_from_server, [self.ready, self.reference])
         self._server = stack.enter_context(closing(server))
         dialled = {other.name: other.endpoint for other in config.neighbours if other.endpoint is not None}
         guard = guard_neighbours(security, keys, name, others)

@@ -59,7 +59,7 @@ def asked(session: zenoh.Session, key: str, request: StatusRequest | InjectReque
 
     def is_answered() -> bool:
         try:
-            answers.append(ask(session, key, request, timeout=0.5))
+            answers.append(ask(Status, session, key, request, timeout=0.5))
         except LinkError:
             return False
         return True
@@ -80,7 +80,7 @@ def test_only_the_operator_changes_the_load_and_the_server_tells_who_tried(secur
                 assert isinstance(refused, Refusal)
                 assert "only the operator may change a run" in refused.reason
             with pytest.raises(LinkError, match="no answer"):
-                ask(session, team.keys.request("operator"), load, timeout=1.0)
+                ask(Status, session, team.keys.request("operator"), load, timeout=1.0)
         assert team.ask(StatusRequest()).loads == []
         with role_at(team, secure, "operator") as session:
             done = asked(session, team.keys.request("operator"), load)

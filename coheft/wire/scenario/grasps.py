@@ -3,7 +3,7 @@
 import numpy as np
 
 from coheft.estimation.geometry.spatial import Array, Pose, rotation_from_quaternion
-from coheft.wire.scenario.schema import Perimeter, Scenario
+from coheft.wire.scenario.schema import Scenario
 
 
 def place_grasps(scenario: Scenario) -> tuple[Pose, ...]:
@@ -11,11 +11,7 @@ def place_grasps(scenario: Scenario) -> tuple[Pose, ...]:
     perimeter = scenario.robots.perimeter
     if perimeter is None:
         return tuple(grasp.pose() for grasp in scenario.robots.grasps)
-    return _around(perimeter)
-
-
-def _around(perimeter: Perimeter) -> tuple[Pose, ...]:
-    """Return grasps at equal distances along the rim, counter-clockwise, with uniformly distributed orientations."""
+    # At equal distances along the rim, counter-clockwise, with uniformly distributed orientations.
     rng = np.random.default_rng(perimeter.seed)
     distances = (np.arange(perimeter.count) + 0.5) / perimeter.count * 2.0 * sum(perimeter.extent)
     grasps = []

@@ -14,19 +14,13 @@ from coheft.wire.transport.sessions import Keys, Sender
 _MOTION_SIZE, _WRENCH_SHAPE = 12, (6,)
 
 
-def _not_finite(reference: Reference) -> str | None:
-    if is_finite(reference.motion) and is_finite(reference.wrench):
-        return None
-    return f"the reference of block {reference.block} is not finite"
-
-
 class RobotLink:
     """One robot's session, and the state of the communication with it.
 
     Args:
         world: Number of the simulated world; a new number makes agents restart.
         lag: Number of blocks from a measurement to the reference that answers it.
-        excess: Describes why an arm cannot follow a reference, finite or not; returns None if it can.
+        excess: Describes why an arm cannot follow a finite reference; returns None if it can.
 
     Attributes:
         is_ready: Whether it asks for measurements, and can receive them.
@@ -47,7 +41,7 @@ class RobotLink:
         world: int,
         lag: int,
         block: int,
-        excess: Callable[[Reference], str | None] = _not_finite,
+        excess: Callable[[Reference], str | None] = lambda _: None,
     ) -> None:
         self.name = name
         self.is_ready = False
@@ -126,9 +120,10 @@ class RobotLink:
         Raises:
             MessageError: It is the first of a series that no arm can follow.
         """
-        excess = self._excess(reference)
-        if excess is not None:
-            excess = _not_finite(reference) or excess
+        if is_finite(reference.motion) and is_finite(reference.wrench):
+            excess = self._excess(reference)
+        else:
+            excess = f"the reference of block {reference.block} is not finite"
         self._references[reference.block] = reference if excess is None else None
         was_refused, self.is_refused = self.is_refused, excess is not None
         if excess is not None and not was_refused:

@@ -24,7 +24,7 @@ import zenoh
 
 from coheft.errors import CoheftError, LinkError
 from coheft.wire.messages.codec import decode, encode
-from coheft.wire.messages.requests import Refusal, Request, Status
+from coheft.wire.messages.requests import Refusal
 from coheft.wire.messages.size import LEAST_LIMIT
 from coheft.wire.messages.structs import Message
 from coheft.wire.process.leave import CLOSING
@@ -218,12 +218,7 @@ class Sender:
         return any(status.matching for status in statuses)  # objects, though the type stub says bool
 
 
-def ask(session: zenoh.Session, key: str, request: Request, timeout: float = 2.0) -> Status | Refusal:
-    """Send a request to the server, see ``ask_for``."""
-    return ask_for(Status, session, key, request, timeout)
-
-
-def ask_for(kind: type[M], session: zenoh.Session, key: str, request: Message, timeout: float = 2.0) -> M | Refusal:
+def ask(kind: type[M], session: zenoh.Session, key: str, request: Message, timeout: float = 2.0) -> M | Refusal:
     """Send a request under a key and return the answer, of type ``kind``.
 
     Raises:
