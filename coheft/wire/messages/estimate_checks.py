@@ -38,9 +38,7 @@ def check_rotation(rotation: Array, name: str) -> None:
     """Check the rotation (3, 3) of the neighbour ``name``; raise ``MessageError`` if it is none."""
     check_numbers(rotation, (3, 3), f"rotation of {name!r}")
     difference = np.abs(rotation.T @ rotation - _IDENTITY).max()
-    (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
-    determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
-    if difference > ROTATION_TOLERANCE or determinant < 0.0:
+    if difference > ROTATION_TOLERANCE or np.linalg.det(rotation) < 0.0:
         raise MessageError(f"rotation of {name!r} is not valid: expected an orthonormal matrix with determinant 1")
 
 
