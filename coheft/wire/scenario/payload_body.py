@@ -114,7 +114,8 @@ class HeldBody:
         model, placed = self.model.compiled, _placed(self.model.compiled)
         unbounded = (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)
         for geom in range(model.ngeom):
-            if model.geom_bodyid[geom] in self.inside and model.geom_type[geom] not in unbounded:
+            kind = mujoco.mjtGeom(model.geom_type[geom])  # no number is among mujoco's enumerators
+            if model.geom_bodyid[geom] in self.inside and kind not in unbounded:
                 pose = self._on_root(placed, placed.geom_xmat[geom], placed.geom_xpos[geom])
                 yield geom, _triangles(model, geom) @ pose.rotation.T + pose.translation
 
