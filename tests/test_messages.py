@@ -17,7 +17,7 @@ from coheft.errors import MessageError
 from coheft.wire.messages import codec
 from coheft.wire.messages.codec import decode, encode
 from coheft.wire.messages.frame import PROTOCOL_VERSION, Seal
-from coheft.wire.messages.requests import Request
+from coheft.wire.messages.requests import Request, StatusRequest
 from coheft.wire.messages.structs import Hello, Measurements, Message, Reference, Stop
 from coheft.wire.messages.truth import Truth
 from tests.fuzz.any_message import KEY, KINDS, SEAL, fields_of, name_of, of_version, plain, values, with_fields
@@ -188,6 +188,12 @@ def test_other_versions_are_told() -> None:
         decode(of_version(PROTOCOL_VERSION + 1, Stop(reason="over"), KEY), Stop, KEY)
     with pytest.raises(MessageError, match=words):
         decode(SEAL.close(bytes([PROTOCOL_VERSION + 1])), Stop, KEY)
+
+
+def test_other_versions_of_requests_are_told_with_what_to_do() -> None:
+    data = of_version(PROTOCOL_VERSION + 1, StatusRequest(), KEY)
+    with pytest.raises(MessageError, match=r"^not a StatusRequest or .* or ClockRequest: it has .* on all hosts$"):
+        decode(data, typing.cast("type[Message]", Request), KEY)
 
 
 def test_versions_before_there_were_headers_are_told() -> None:

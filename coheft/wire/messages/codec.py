@@ -33,8 +33,9 @@ def _kind(kind: type[Message]) -> Kind:
 
 @cache
 def _expected(kind: Any) -> tuple[str, dict[int, Kind]]:
-    """Return the name of a kind, or of a union of kinds, and all kinds by their codes."""
-    return getattr(kind, "__name__", str(kind)), {each.code: _kind(each) for each in typing.get_args(kind) or (kind,)}
+    """Return the name of a kind, or those of a union of kinds, and all kinds by their codes."""
+    kinds = typing.get_args(kind) or (kind,)
+    return " or ".join(each.__name__ for each in kinds), {each.code: _kind(each) for each in kinds}
 
 
 _seal = lru_cache(maxsize=1024)(Seal)

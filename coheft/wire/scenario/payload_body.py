@@ -126,14 +126,16 @@ class HeldBody:
             ScenarioError: There is no such site, it is named twice, or it is far outside of the body.
         """
         model, placed = self.model.compiled, _placed(self.model.compiled)
-        sites = {model.site(site).name: site for site in range(model.nsite) if model.site_bodyid[site] in self.inside}
+        named = {model.site(site).name: site for site in range(model.nsite) if model.site_bodyid[site] in self.inside}
+        sites = {name: site for name, site in named.items() if name}
         grasps = []
         for count, name in enumerate(names):
             if name in names[:count]:
                 refuse_scenario(place, f"found {name!r} twice, but expected a site of its own for each robot")
             if name not in sites:
-                known = _listed(filter(None, sites))
-                refuse_scenario(place, f"found {name!r}, but body {self._name!r} has no such site; it has: {known}")
+                refuse_scenario(
+                    place, f"found {name!r}, but body {self._name!r} has no such site; it has: {_listed(sites)}"
+                )
             pose = self._on_root(placed, placed.site_xmat[sites[name]], placed.site_xpos[sites[name]])
             if complaint := extent.complaint(pose.translation):
                 refuse_scenario(place, f"site {name!r} {complaint}")
