@@ -65,8 +65,8 @@ def supervised_main(kind: type[C], run: Callable[[C], None]) -> NoReturn:
     except CoheftError as error:
         LOG.error("%s", error)
         status = UNUSABLE if isinstance(error, PluginError) else 1
-    except SystemExit:
-        status = TERMINATED
+    except SystemExit as end:  # on SIGTERM, or by a user's estimator
+        status = end.code if isinstance(end.code, int) else 1
     leave(status)
 
 
