@@ -189,7 +189,6 @@ class Agent:
         return estimate
 
     def _estimates_beside(self, index: int) -> Iterator[EstimateBeside]:
-        """Yield reports of further estimators that are due."""
         if not isinstance(self._estimator, SideBySide):
             return
         for name, status in self._beside.items():

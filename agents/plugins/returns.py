@@ -150,7 +150,6 @@ def _plain_poses(poses: object, neighbours: Collection[str]) -> dict[str, Uncert
 
 
 def _plain_items(items: object, kind: type[S], place: str) -> tuple[S, ...]:
-    """Convert structs of texts and numbers."""
     plain = []
     for item in _sequence(items, place):
         if not isinstance(item, kind):

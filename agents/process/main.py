@@ -210,7 +210,6 @@ class AgentProcess:
         return event is not None
 
     def _handle(self, event: Event) -> None:
-        """Process an event."""
         change = self._network.handle(event, self._take)
         if change is None:
             return

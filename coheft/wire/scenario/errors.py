@@ -115,7 +115,6 @@ def _parted(kind: types.Type | None) -> types.Type | None:
 
 
 def _without_null(kind: types.Type) -> types.Type:
-    """Return the type without None."""
     if not isinstance(kind, types.UnionType):
         return kind
     others = tuple(each for each in kind.types if not isinstance(each, types.NoneType))
@@ -123,7 +122,6 @@ def _without_null(kind: types.Type) -> types.Type:
 
 
 def _shown(value: object) -> str:
-    """Format a value for an error."""
     try:
         text = as_toml(value)
     except ValueError:  # Python does not print integers of more than 4300 digits

@@ -17,7 +17,6 @@ def notes(scenario: Scenario) -> list[str]:
 
 
 def _undeclared_errors(scenario: Scenario) -> list[str]:
-    """Note sensor errors that the robots do not know."""
     sensors = scenario.sensors
     if not isinstance(sensors.errors, SensorTolerance):
         return []
@@ -40,7 +39,6 @@ def _undeclared_errors(scenario: Scenario) -> list[str]:
 
 
 def _exact_method(scenario: Scenario) -> list[str]:
-    """Note an estimator for exact sensors that is used with inexact ones."""
     if "fan2017" not in estimator_names(scenario.estimator):
         return []
     kinds = [

@@ -292,6 +292,5 @@ def _alike(one: Inertia, other: Inertia) -> bool:
 
 
 def _listed(names: Iterable[str]) -> str:
-    """Format names for an error."""
     known = list(names)
     return ", ".join(known[:_NAMES_SHOWN] + ["..."] * (len(known) > _NAMES_SHOWN)) or "none"

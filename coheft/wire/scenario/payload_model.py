@@ -84,7 +84,6 @@ def _weighs_by_shapes(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> bool:
 
 
 def _weighing(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> Iterator[mujoco.MjsGeom]:
-    """Shapes of a body that have mass."""
     lowest, highest = spec.compiler.inertiagrouprange
     for geom in body.geoms:
         if lowest <= geom.group <= highest and geom.mass != 0.0 and (geom.mass > 0.0 or geom.density > 0.0):
@@ -156,7 +155,6 @@ def fill_meshes_exactly(spec: mujoco.MjSpec) -> None:
 
 @contextmanager
 def _warnings_to_log(path: Path) -> Iterator[None]:
-    """Write MuJoCo's warnings to the log."""
     with warnings.catch_warnings(record=True) as caught, _without_log_file():
         warnings.simplefilter("always")
         yield

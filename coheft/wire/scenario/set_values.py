@@ -113,5 +113,4 @@ def _check(node: Any, part: str | int, where: str) -> None:
 
 
 def _joined(path: Sequence[str | int]) -> str:
-    """Format a key for errors."""
     return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in path).lstrip(".") or "(top)"
