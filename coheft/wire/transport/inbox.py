@@ -13,7 +13,7 @@ from coheft.errors import MessageError
 from coheft.wire.messages.codec import decode, encode
 from coheft.wire.messages.requests import Refusal, Request
 from coheft.wire.messages.structs import Message
-from coheft.wire.transport.backlog import Backlog, Lost, Said
+from coheft.wire.transport.backlog import Backlog, Said
 from coheft.wire.transport.security import Guard
 from coheft.wire.transport.sessions import REFUSAL, Role, session_id
 
@@ -176,10 +176,9 @@ class Inbox:
             return self._decode(item)
         if isinstance(item, zenoh.Query):
             return self._decode_query(item, backlog.source)
-        if isinstance(item, Lost):
-            return Refused(
-                backlog.source, MessageError(f"{item.count} messages are lost: it sends faster than this process reads")
-            )
+        if isinstance(item, int):
+            why = f"{item} messages are lost: it sends faster than this process reads"
+            return Refused(backlog.source, MessageError(why))
         return cast(Presence | Refused, item)
 
     def _decode(self, said: Said) -> Event:
