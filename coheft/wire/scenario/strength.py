@@ -61,12 +61,12 @@ class Strength:
 
         Args:
             load: The new load, in the payload's frame.
-            before: The body that hangs at rest in the springs; None if the load is the payload itself.
+            before: The body that has settled in the springs; None if the load is the payload itself.
         """
         with np.errstate(all="ignore"):
             if self._is_light(_together(before, load)):
                 return ""
-            start = None if before is None else self._falls(before, Pose.identity(), _WATCHED, math.inf)
+            start = None if before is None else self._falls(before, Pose.identity(), SETTLING_TIME, math.inf)
 
             def is_held(load: Inertia, share: float) -> bool:
                 """Whether the payload is predicted to stay within a share of the limits at which it is lost."""
