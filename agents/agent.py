@@ -60,15 +60,15 @@ def make_estimator(config: AgentConfig, gossip: Gossip, largest_arrays: int) -> 
     Raises:
         PluginError: A user's estimator cannot be used.
     """
-    if len(names := estimator_names(config.estimator)) > 1:
-        tables, share = config.estimator_settings, largest_arrays // len(names)
-        configs = {name: replace(config, estimator=name, estimator_settings=tables.get(name, {})) for name in names}
-        return SideBySide({name: make_estimator(own, gossip, share) for name, own in configs.items()})
-    factory = ESTIMATORS.get(config.estimator)
-    if factory is not None:
-        return factory(config, gossip)
-    own: Estimator = make_own("estimator", config.estimator, Estimator, config, gossip)
-    return OwnEstimator(own, config, gossip, largest_arrays)
+    made: dict[str, Estimator] = {}
+    for name in (names := estimator_names(config.estimator)):
+        own = replace(config, estimator=name, estimator_settings=config.estimator_settings.get(name, {}))
+        if name in ESTIMATORS:
+            made[name] = ESTIMATORS[name](own, gossip)
+        else:
+            users = make_own("estimator", name, Estimator, own, gossip)
+            made[name] = OwnEstimator(users, own, gossip, largest_arrays // len(names))
+    return made[names[0]] if len(names) == 1 else SideBySide(made)
 
 
 class Agent:
