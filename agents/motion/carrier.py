@@ -121,12 +121,11 @@ class Carrier:
         rotation, acceleration, w, alpha = self._mid_block_motion(path, block)
         load = Inertia.from_barycentric(self._used)
         total = load.wrench(rotation.T @ w, rotation.T @ (acceleration + self._lift), rotation.T @ alpha)
-        return self._limited(self._share @ total)
-
-    def _limited(self, wrench: Array) -> Array:
-        """Return the wrench, scaled down as a whole to what the arm can exert."""
+        wrench = self._share @ total
         force, torque = float(np.linalg.norm(wrench[:3])), float(np.linalg.norm(wrench[3:]))
-        return wrench / max(1.0, force / self._carry.force_limit, torque / self._carry.torque_limit)
+        # Scaled down as a whole to what the arm can exert.
+        limited: Array = wrench / max(1.0, force / carry.force_limit, torque / carry.torque_limit)
+        return limited
 
     def _mid_block_motion(self, path: CommonPath, block: int) -> tuple[Array, Array, Array, Array]:
         """Return the motion of ``F_i`` in the middle of a block, in the axes of its home frame.

@@ -16,9 +16,9 @@ from coheft.agents.inbox import LARGEST_NORM, can_be_used
 from coheft.errors import MessageError, one_line
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.geometry.uncertain_pose import UncertainPose
-from coheft.wire.messages.array_block import MAX_DIMENSIONS
 from coheft.wire.messages.codec import check_choice, check_number, check_numbers
 from coheft.wire.messages.estimate_checks import check_payload, check_pose
+from coheft.wire.messages.frame import MAX_DIMENSIONS
 from coheft.wire.messages.structs import (
     LoadChangeNotice,
     PayloadEstimate,

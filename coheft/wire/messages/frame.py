@@ -7,11 +7,14 @@
 Each array begins at a multiple of 16 bytes. ``docs/wire.md`` describes the format byte by byte.
 """
 
+import math
 import struct
 import zlib
 from collections.abc import Iterable
+from functools import lru_cache
 from typing import Any, NamedTuple
 
+import numpy as np
 import numpy.typing as npt
 
 from coheft.errors import MessageError
@@ -20,11 +23,18 @@ PROTOCOL_VERSION = 6
 """Version in each header, which must be equal on both sides. Up to version 5 there were no headers."""
 HEADER = struct.Struct("<IBBHIIqq")
 """Checksum, version, kind, size of the shapes [4 B], run, size of the fields [B], block, number; see ``Frame``."""
-WORD = 4
-"""Size of the integers that encode shapes [B]."""
-ALIGNMENT = 16
 CHECKSUM = struct.Struct("<I")
-_ZEROS = [bytes(size) for size in range(ALIGNMENT)]
+AnyArray = npt.NDArray[Any]
+DTYPES: dict[int, np.dtype[Any]] = {1: np.dtype("<f8"), 2: np.dtype("<f4"), 3: np.dtype("<i4"), 4: np.dtype("<i8")}
+"""Types of arrays, by code; arrays of other types are sent in double precision."""
+CODES = {dtype: code for code, dtype in DTYPES.items()}
+DOUBLE = DTYPES[1]
+MAX_DIMENSIONS = 4
+"""Largest number of dimensions of an array."""
+_WORD = 4
+"""Size of the integers that encode shapes [B]."""
+_ALIGNMENT = 16
+_ZEROS = [bytes(size) for size in range(_ALIGNMENT)]
 _MAPS = (*range(0x80, 0x90), 0xDE, 0xDF)
 """Bytes with which MessagePack may begin a map, as messages without a header did after their checksum."""
 
@@ -60,14 +70,14 @@ class Seal:
         self.run, self.seed = zlib.crc32(key.partition("/")[0].encode()), zlib.crc32(key.encode())
 
     def wrapped(
-        self, code: int, block: int, number: int, fields: bytes, shapes: bytes, arrays: Iterable[npt.NDArray[Any]]
+        self, code: int, block: int, number: int, fields: bytes, shapes: bytes, arrays: Iterable[AnyArray]
     ) -> bytes:
         """Return a message as bytes, see ``Frame``; arrays have to be little-endian."""
-        header = HEADER.pack(0, PROTOCOL_VERSION, code, len(shapes) // WORD, self.run, len(fields), block, number)
-        parts = [header[CHECKSUM.size :], fields, shapes, _ZEROS[-(len(fields) + len(shapes)) % ALIGNMENT]]
+        header = HEADER.pack(0, PROTOCOL_VERSION, code, len(shapes) // _WORD, self.run, len(fields), block, number)
+        parts = [header[CHECKSUM.size :], fields, shapes, _ZEROS[-(len(fields) + len(shapes)) % _ALIGNMENT]]
         for array in arrays:
             data = array.tobytes()
-            parts += data, _ZEROS[-len(data) % ALIGNMENT]
+            parts += data, _ZEROS[-len(data) % _ALIGNMENT]
         return self.close(b"".join(parts))
 
     def close(self, body: bytes) -> bytes:
@@ -99,13 +109,13 @@ class Seal:
         if run != self.run:
             raise MessageError(f"not a {name}: its header has run {run:08x} but expected {self.run:08x}")
         first = HEADER.size + size
-        end = first + words * WORD
-        if len(data) < padded(end):
+        end = first + words * _WORD
+        if len(data) < (begin := _padded(end)):
             raise MessageError(
-                f"not a {name}: it has {len(data)} bytes but expected at least {padded(end)} for the header, {size} of "
-                f"fields and {words * WORD} of shapes"
+                f"not a {name}: it has {len(data)} bytes but expected at least {begin} for the header, {size} of "
+                f"fields and {words * _WORD} of shapes"
             )
-        return Frame(code, block, number, data[HEADER.size : first], data[first:end], view[padded(end) :])
+        return Frame(code, block, number, data[HEADER.size : first], data[first:end], view[begin:])
 
 
 def is_map(byte: int) -> bool:
@@ -113,6 +123,54 @@ def is_map(byte: int) -> bool:
     return byte in _MAPS
 
 
-def padded(size: int) -> int:
+def _padded(size: int) -> int:
     """Return a size or offset, rounded up to the alignment."""
-    return size + -size % ALIGNMENT
+    return size + -size % _ALIGNMENT
+
+
+class Place(NamedTuple):
+    """Type and shape of an array, and its offset in the block of all arrays of its message [B]."""
+
+    dtype: np.dtype[Any]
+    shape: tuple[int, ...]
+    begin: int
+
+
+class Places(NamedTuple):
+    """Places of all arrays of a message, and their total size [B]."""
+
+    each: tuple[Place, ...]
+    size: int
+
+
+def described(arrays: Iterable[AnyArray]) -> bytes:
+    """Encode types and shapes as words: for each array its type, its number of dimensions, and its dimensions."""
+    words: list[int] = []
+    for array in arrays:
+        words += CODES[array.dtype], array.ndim, *array.shape
+    return struct.pack(f"<{len(words)}I", *words)
+
+
+def places_of(shapes: bytes) -> Places:
+    """Decode what ``described`` has encoded; raise ``ValueError`` if the bytes are something else."""
+    words = struct.unpack(f"<{len(shapes) // _WORD}I", shapes)
+    places: list[Place] = []
+    at = end = 0
+    while at < len(words):
+        code, dimensions = words[at], words[at + 1] if at + 1 < len(words) else 0
+        shape = words[at + 2 : at + 2 + dimensions]
+        if code not in DTYPES or dimensions > MAX_DIMENSIONS or at + 2 + dimensions > len(words):
+            raise ValueError(f"expected arrays of types 1 to {len(DTYPES)} and at most {MAX_DIMENSIONS} dimensions")
+        places.append(Place(DTYPES[code], shape, end))
+        end += _padded(DTYPES[code].itemsize * math.prod(shape))
+        at += 2 + dimensions
+    return Places(tuple(places), end)
+
+
+_known = lru_cache(maxsize=256)(places_of)
+_SHORT = 512
+
+
+def known_places(shapes: bytes) -> Places:
+    """Return the same as ``places_of``, faster for shapes that are repeated."""
+    return _known(shapes) if len(shapes) <= _SHORT else places_of(shapes)

@@ -9,8 +9,7 @@ from typing import Any, cast
 import msgspec
 import numpy as np
 
-from coheft.wire.messages.array_block import CODES, DOUBLE, AnyArray, described, known_places
-from coheft.wire.messages.frame import Frame, Seal
+from coheft.wire.messages.frame import CODES, DOUBLE, AnyArray, Frame, Seal, described, known_places
 from coheft.wire.messages.structs import Message
 
 MALFORMED = (msgspec.DecodeError, ValueError, struct.error, RecursionError)
