@@ -5,6 +5,7 @@ block are used, late ones by some estimators, too. Invalid messages are refused 
 messages that come early until their block.
 """
 
+from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
@@ -47,7 +48,8 @@ class NeighbourInbox:
     def __init__(self, neighbours: Iterable[str]) -> None:
         self._incarnations = dict.fromkeys(sorted(neighbours), 0)
         self._last: dict[str, int] = {}
-        self._used = {name: set[int]() for name in self._incarnations}  # blocks of the latest incarnation's messages
+        # Blocks of the messages of the latest incarnation that were used; a late one may be of any of ``LATE``.
+        self._used = {name: deque[int](maxlen=2 * LATE) for name in self._incarnations}
         self._misfits: set[str] = set()
         self._checked: dict[str, LinkState] = {}
 
@@ -73,7 +75,6 @@ class NeighbourInbox:
         gossip: list[LinkState] = []
         problems: list[str] = []
         late: list[NeighbourMessage] = []
-        misfits: dict[str, None] = {}
         for message in sorted(messages, key=lambda message: (message.sender, message.incarnation, message.block)):
             name = message.sender
             problem = self._problem(index, message)
@@ -89,17 +90,14 @@ class NeighbourInbox:
             if not is_late and (message.block != index - 1 or name in used):
                 continue
             if fits(message.channels):
-                self._note_use(index, message)
+                self._used[name].append(message.block)
+                self._last[name] = index
                 if is_late:
                     late.append(message)
                 else:
                     used[name] = message
-            elif not is_late:
-                misfits[name] = None
-        self._misfits -= used.keys()
-        for name in misfits:
-            if name not in used and name not in self._misfits:
-                self._misfits.add(name)  # reported once, until one of its messages fits
+            elif not is_late and name not in self._misfits:
+                self._misfits.add(name)  # reported once
                 problems.append(
                     f"refused from {name}, block {index - 1}: this robot's estimator cannot read its arrays; "
                     f"run the same release of coheft, and the same estimator, on all robots"
@@ -114,15 +112,8 @@ class NeighbourInbox:
 
     def _is_late(self, index: int, message: NeighbourMessage) -> bool:
         """Whether a message comes too late, and none of its block has been used."""
-        oldest = max(0, index - 1 - LATE)
-        return oldest <= message.block < index - 1 and message.block not in self._used[message.sender]
-
-    def _note_use(self, index: int, message: NeighbourMessage) -> None:
-        used = self._used[message.sender]
-        used.add(message.block)
-        self._last[message.sender] = index
-        if len(used) > 2 * LATE:
-            self._used[message.sender] = {block for block in used if block >= index - 1 - LATE}
+        is_late = index - 1 - LATE <= message.block < index - 1
+        return is_late and message.block not in self._used[message.sender]
 
     def _problem(self, index: int, message: NeighbourMessage) -> str | None:
         """Return why a message is invalid, None if it is valid."""

@@ -203,3 +203,14 @@ def test_a_message_that_cannot_be_read_does_not_keep_out_the_right_one_of_its_bl
     assert [each.channels["x"].ndim for each in taken.late] == [1]
     assert inbox.last_heard("b") == 102
     assert inbox.take(103, [message("b", 99)], takes_late=True).late == []
+
+
+def test_an_incarnation_that_was_too_large_is_corrected_after_a_while_but_not_by_what_is_old() -> None:
+    inbox = NeighbourInbox(NEIGHBOURS)
+    inbox.take(10, [message("b", 9, incarnation=2**30)])
+    for index in range(11, 18):
+        assert inbox.take(index, [message("b", index - 1, incarnation=1)]).used == {}
+    _, _, (problem,), late = inbox.take(18, [message("b", 16, incarnation=1)], takes_late=True)
+    assert "before its sender restarted" in problem
+    assert late == []
+    assert inbox.take(18, [message("b", 17, incarnation=1)]).used["b"].incarnation == 1
