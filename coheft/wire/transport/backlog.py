@@ -62,11 +62,6 @@ class Backlog:
                 self._size -= self._items.popleft()[1]
                 self._lost += 1
 
-    @property
-    def size(self) -> int:
-        """Size of all unread messages [B]."""
-        return self._size
-
     def take(self) -> object:
         """Return the oldest item, or first the number of items that were dropped because the queue was full."""
         with self._lock:

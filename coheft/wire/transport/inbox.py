@@ -161,10 +161,6 @@ class Inbox:
     def _backlog(self, source: str) -> Backlog:
         return self._backlogs.setdefault(source, Backlog(source, self._turns))
 
-    def backlog(self, source: str) -> int:
-        """Return the size of the unread messages of a source [B]."""
-        return self._backlogs[source].size
-
     def receive(self, timeout: float | None = None) -> Event | None:
         """Return the next event, or None if there is none within ``timeout`` [s] (None: wait without limit)."""
         try:
