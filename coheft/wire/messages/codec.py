@@ -26,9 +26,7 @@ _LARGEST = 1e15
 """Limit of received numbers."""
 
 
-@cache
-def _kind(kind: type[Message]) -> Kind:
-    return Kind(kind)
+_kind = cache(Kind)
 
 
 @cache

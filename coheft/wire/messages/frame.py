@@ -25,6 +25,8 @@ HEADER = struct.Struct("<IBBHIIqq")
 """Checksum, version, kind, size of the shapes [4 B], run, size of the fields [B], block, number; see ``Frame``."""
 CHECKSUM = struct.Struct("<I")
 AnyArray = npt.NDArray[Any]
+Place = tuple[np.dtype[Any], tuple[int, ...], int]
+"""Type and shape of an array, and its offset in the block of all arrays of its message [B]."""
 DTYPES: dict[int, np.dtype[Any]] = {1: np.dtype("<f8"), 2: np.dtype("<f4"), 3: np.dtype("<i4"), 4: np.dtype("<i8")}
 """Types of arrays, by code; arrays of other types are sent in double precision."""
 CODES = {dtype: code for code, dtype in DTYPES.items()}
@@ -128,21 +130,6 @@ def _padded(size: int) -> int:
     return size + -size % _ALIGNMENT
 
 
-class Place(NamedTuple):
-    """Type and shape of an array, and its offset in the block of all arrays of its message [B]."""
-
-    dtype: np.dtype[Any]
-    shape: tuple[int, ...]
-    begin: int
-
-
-class Places(NamedTuple):
-    """Places of all arrays of a message, and their total size [B]."""
-
-    each: tuple[Place, ...]
-    size: int
-
-
 def described(arrays: Iterable[AnyArray]) -> bytes:
     """Encode types and shapes as words: for each array its type, its number of dimensions, and its dimensions."""
     words: list[int] = []
@@ -151,8 +138,7 @@ def described(arrays: Iterable[AnyArray]) -> bytes:
     return struct.pack(f"<{len(words)}I", *words)
 
 
-def places_of(shapes: bytes) -> Places:
-    """Decode what ``described`` has encoded; raise ``ValueError`` if the bytes are something else."""
+def _places_of(shapes: bytes) -> tuple[list[Place], int]:
     words = struct.unpack(f"<{len(shapes) // _WORD}I", shapes)
     places: list[Place] = []
     at = end = 0
@@ -161,16 +147,20 @@ def places_of(shapes: bytes) -> Places:
         shape = words[at + 2 : at + 2 + dimensions]
         if code not in DTYPES or dimensions > MAX_DIMENSIONS or at + 2 + dimensions > len(words):
             raise ValueError(f"expected arrays of types 1 to {len(DTYPES)} and at most {MAX_DIMENSIONS} dimensions")
-        places.append(Place(DTYPES[code], shape, end))
+        places.append((DTYPES[code], shape, end))
         end += _padded(DTYPES[code].itemsize * math.prod(shape))
         at += 2 + dimensions
-    return Places(tuple(places), end)
+    return places, end
 
 
-_known = lru_cache(maxsize=256)(places_of)
+_known = lru_cache(maxsize=256)(_places_of)
 _SHORT = 512
 
 
-def known_places(shapes: bytes) -> Places:
-    """Return the same as ``places_of``, faster for shapes that are repeated."""
-    return _known(shapes) if len(shapes) <= _SHORT else places_of(shapes)
+def places_of(shapes: bytes) -> tuple[list[Place], int]:
+    """Decode what ``described`` has encoded, and the size of all arrays [B].
+
+    Raises:
+        ValueError: The bytes are something else.
+    """
+    return _known(shapes) if len(shapes) <= _SHORT else _places_of(shapes)

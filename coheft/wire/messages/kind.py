@@ -9,7 +9,7 @@ from typing import Any, cast
 import msgspec
 import numpy as np
 
-from coheft.wire.messages.frame import CODES, DOUBLE, AnyArray, Frame, Seal, described, known_places
+from coheft.wire.messages.frame import CODES, DOUBLE, AnyArray, Frame, Seal, described, places_of
 from coheft.wire.messages.structs import Message
 
 MALFORMED = (msgspec.DecodeError, ValueError, struct.error, RecursionError)
@@ -23,7 +23,6 @@ class Kind:
 
     def __init__(self, kind: type[Message]) -> None:
         self.kind = kind
-        self._block, self._number = kind.in_header
         found = [each for each in msgspec.structs.fields(kind) if each.name not in kind.in_header]
         self._names = [each.name for each in sorted(found, key=_place)]
         field = cast(Any, msgspec.field)
@@ -45,8 +44,7 @@ class Kind:
 
     def encode(self, message: Message, seal: Seal) -> bytes:
         """Return a message as bytes; arrays of other types than ``DTYPES`` are converted to double precision."""
-        block = getattr(message, self._block) if self._block else 0
-        number = getattr(message, self._number) if self._number else 0
+        block, number = (0 if name is None else getattr(message, name) for name in self.kind.in_header)
         with self._lock:
             self._sent = []
             fields = self._encoder.encode({name: getattr(message, name) for name in self._names})
@@ -65,20 +63,20 @@ class Kind:
         Raises:
             ValueError, msgspec.DecodeError, struct.error, RecursionError: The frame is invalid.
         """
-        places = known_places(frame.shapes)
-        if places.size != len(frame.arrays):
-            raise ValueError(f"its arrays take {places.size} bytes but there are {len(frame.arrays)}")
+        places, size = places_of(frame.shapes)
+        if size != len(frame.arrays):
+            raise ValueError(f"its arrays take {size} bytes but there are {len(frame.arrays)}")
         # A copy of all arrays, so that none keeps the message alive and all are aligned like other arrays: sums
         # over unaligned arrays may differ in the last digit.
         data = bytearray(frame.arrays)
-        arrays: list[AnyArray] = [np.ndarray(shape, dtype, data, begin) for dtype, shape, begin in places.each]
+        arrays: list[AnyArray] = [np.ndarray(shape, dtype, data, begin) for dtype, shape, begin in places]
         with self._lock:
             self._received = iter(arrays)
             fields = self._decoder.decode(frame.fields)
             if next(self._received, None) is not None:
                 raise ValueError(f"it names fewer than its {len(arrays)} arrays")
         values = {name: getattr(fields, name) for name in self._names}
-        for name, value in ((self._block, frame.block), (self._number, frame.number)):
+        for name, value in zip(self.kind.in_header, (frame.block, frame.number), strict=True):
             if name is not None:
                 values[name] = value
             elif value:
