@@ -163,11 +163,8 @@ class AgentLinks:
             question.answer(Refusal(reason=reason))
             return None
         question.answer(DisturbedLink(robot=self._name, neighbour=request.neighbour, quality=request.quality))
-        link = f"the link from {request.neighbour}"
-        if request.quality.is_ideal:
-            self.problems.tell(f"the operator has restored {link}")
-        else:
-            self.problems.tell(f"the operator has disturbed {link}: {request.quality.in_words}")
+        done, how = ("restored", "") if request.quality.is_ideal else ("disturbed", f": {request.quality.in_words}")
+        self.problems.tell(f"the operator has {done} the link from {request.neighbour}{how}")
         return request
 
     def _session_with(self, party: str) -> str:

@@ -154,7 +154,11 @@ class AgentProcess:
         self._report_links()
         is_first, self._block = self._block < 0, measurements.block
         if (estimator := self._estimator_for(measurements)) != self._estimator:
-            self._change_estimator(estimator)
+            since = self._config.agent.start_of(self._block)
+            self._network.problems.tell(f"uses the estimator '{estimator}' from {since:.2f} s on, and starts again")
+            self._start_agent(estimator)
+            for link in self._links.values():
+                link.take_messages(self._block)  # they are for the estimator before
         if measurements.holding != self._is_holding:
             self._is_holding = measurements.holding
             self._agent.set_holding(self._is_holding, self._block)
@@ -182,14 +186,6 @@ class AgentProcess:
         if is_first:  # neighbours that are connected start with the same block
             for link in self._links.values():
                 link.keeps_pace = link.is_heard
-
-    def _change_estimator(self, estimator: str) -> None:
-        """Restart with another estimator, as the neighbours do at this block, and drop messages for the one before."""
-        since = self._config.agent.start_of(self._block)
-        self._network.problems.tell(f"uses the estimator '{estimator}' from {since:.2f} s on, and starts again")
-        self._start_agent(estimator)
-        for link in self._links.values():
-            link.take_messages(self._block)
 
     def _estimator_for(self, measurements: Measurements) -> str:
         return measurements.estimator or self._config.agent.estimator

@@ -26,9 +26,8 @@ def _undeclared_errors(scenario: Scenario) -> list[str]:
     ]
     found = []
     if larger:
-        more = f" and {len(larger) - _MOST_NAMED} more" if len(larger) > _MOST_NAMED else ""
         found.append(
-            f"'sensors.errors' has {', '.join(larger[:_MOST_NAMED])}{more}: sensors are further off than "
+            f"'sensors.errors' has {_listed(larger)}: sensors are further off than "
             f"'sensors.tolerance' tells the robots, so {_TOO_SURE}. Give both the same values, or leave out 'errors'"
         )
     if sensors.drift.is_any:
@@ -60,6 +59,9 @@ def _never(scenario: Scenario) -> list[str]:
     late = [f"'{key}' at {at:g} s" for key, at in late_changes(scenario)]
     if not late:
         return []
-    more = f" and {len(late) - _MOST_NAMED} more" if len(late) > _MOST_NAMED else ""
-    named = ", ".join(late[:_MOST_NAMED])
-    return [f"the run ends at 'duration' = {scenario.duration:g} s, before {named}{more} would take effect"]
+    return [f"the run ends at 'duration' = {scenario.duration:g} s, before {_listed(late)} would take effect"]
+
+
+def _listed(items: list[str]) -> str:
+    more = f" and {len(items) - _MOST_NAMED} more" if len(items) > _MOST_NAMED else ""
+    return f"{', '.join(items[:_MOST_NAMED])}{more}"
