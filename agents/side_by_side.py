@@ -5,6 +5,7 @@ beside it. Their messages travel in one, in arrays named ``estimator/array``.
 """
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any, TypeVar
 
 import numpy.typing as npt
@@ -87,10 +88,8 @@ class SideBySide:
     def _parts(self, channels: Channels) -> dict[str, Channels]:
         """Return the arrays of a message by estimator, of those that can read theirs."""
         parts = {name: _part(name, channels) for name in self._estimators}
-        return {name: part for name, part in parts.items() if self._can_read(name, part)}
-
-    def _can_read(self, name: str, part: Channels) -> bool:
-        return self._try(name, lambda: self._estimators[name].fits(part), False)
+        can_read = {name: partial(each.fits, parts[name]) for name, each in self._estimators.items()}
+        return {name: part for name, part in parts.items() if self._try(name, can_read[name], False)}
 
     def _try(self, name: str, call: Callable[[], T], otherwise: T) -> T:
         """Call an estimator unless it has failed, and note if it fails now."""
