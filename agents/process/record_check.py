@@ -61,7 +61,8 @@ class RecordCheck:
                 if problem is not None:
                     tell(f"its record of {record.robot!r} cannot be trusted: {problem}")
                     break
-            believed.append(_unsigned(record) if record.robot == self._name else record)
+            is_own = record.robot == self._name
+            believed.append(structs.replace(record, signature=b"", certificate=b"") if is_own else record)
         return believed
 
     def _problem(self, record: LinkState) -> str | None:
@@ -94,7 +95,3 @@ def open_record_check(name: str, run: str, credentials: Credentials | None) -> R
     from coheft.wire.transport.signatures import Signatures
 
     return RecordCheck(name, Signatures(run, credentials))
-
-
-def _unsigned(record: LinkState) -> LinkState:
-    return structs.replace(record, signature=b"", certificate=b"")

@@ -72,7 +72,13 @@ def read_model(path: Path) -> PayloadModel:
         for number, body in enumerate(bodies, start=1):
             body.name = body.name or f"body {number}"
         compiled = spec.compile()
-    weighing = tuple(geom.id for body in bodies if _weighs_by_shapes(spec, body) for geom in _weighing(spec, body))
+    lowest, highest = spec.compiler.inertiagrouprange
+    shapes = [geom for body in bodies if _weighs_by_shapes(spec, body) for geom in body.geoms]
+    weighing = tuple(
+        geom.id
+        for geom in shapes
+        if lowest <= geom.group <= highest and geom.mass != 0.0 and (geom.mass > 0.0 or geom.density > 0.0)
+    )
     return PayloadModel(compiled, tuple(floating), weighing, spec)
 
 
@@ -81,13 +87,6 @@ def _weighs_by_shapes(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> bool:
 
     always = spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
     return bool(always or not body.explicitinertial)
-
-
-def _weighing(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> Iterator[mujoco.MjsGeom]:
-    lowest, highest = spec.compiler.inertiagrouprange
-    for geom in body.geoms:
-        if lowest <= geom.group <= highest and geom.mass != 0.0 and (geom.mass > 0.0 or geom.density > 0.0):
-            yield geom
 
 
 def _leave_out_pictures(spec: mujoco.MjSpec) -> None:

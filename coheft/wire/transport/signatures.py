@@ -7,6 +7,7 @@ Besides ``coheft.app.run.keys``, this is the only module that needs the package 
 
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import cast
 
 import msgspec
 
@@ -109,10 +110,8 @@ class Signatures:
 
 
 def _is_signed(content: bytes, signature: bytes, certificate: x509.Certificate) -> bool:
-    key = certificate.public_key()
-    assert isinstance(key, ec.EllipticCurvePublicKey)
     try:
-        key.verify(signature, content, _HOW)
+        cast(ec.EllipticCurvePublicKey, certificate.public_key()).verify(signature, content, _HOW)
     except InvalidSignature:
         return False
     return True
