@@ -59,11 +59,9 @@ class AgentLinks:
 
         def receive_from_server(session: zenoh.Session) -> None:
             inbox.watch_links(session, SERVER)
-            kinds: dict[str, type[Message]] = {
-                keys.robot(name, "measurements"): measurements,
-                keys.robot(name, "stop"): Stop,
-            }
-            inbox.listen(session, SERVER, kinds)
+            inbox.listen(
+                session, SERVER, {keys.robot(name, "measurements"): measurements, keys.robot(name, "stop"): Stop}
+            )
 
         def receive_from_neighbours(session: zenoh.Session, *whom: str) -> None:
             inbox.announce(session, keys.agent(name, "alive"))

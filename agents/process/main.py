@@ -241,7 +241,8 @@ class AgentProcess:
                     tell = self._network.problems.tell
                     gossip = self._records.believed(message.gossip, lambda why: tell(f"refused from {source}: {why}"))
                     message = structs.replace(message, gossip=gossip)
-                self._links[source].take_message(message, self._next_block, time.monotonic())
+                next_block = self._measurements[0][1].block if self._measurements else self._block + 1
+                self._links[source].take_message(message, next_block, time.monotonic())
             case Hello():
                 check_field("sender", message.sender, source)
                 self._links[source].take_hello(message, self._name, time.monotonic())
@@ -299,10 +300,6 @@ class AgentProcess:
     @property
     def _name(self) -> str:
         return self._config.agent.name
-
-    @property
-    def _next_block(self) -> int:
-        return self._measurements[0][1].block if self._measurements else self._block + 1
 
 
 def run_agent(config: AgentProcessConfig) -> None:

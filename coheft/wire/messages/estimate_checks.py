@@ -9,7 +9,6 @@ from coheft.wire.messages.structs import PayloadEstimate, PoseEstimate
 
 ROTATION_TOLERANCE = 1e-6
 """Largest deviation of a valid rotation matrix from orthonormality."""
-_IDENTITY = np.eye(3)
 
 
 def check_payload(payload: PayloadEstimate) -> None:
@@ -37,7 +36,7 @@ def check_pose(pose: PoseEstimate, name: str) -> None:
 def check_rotation(rotation: Array, name: str) -> None:
     """Check the rotation (3, 3) of the neighbour ``name``; raise ``MessageError`` if it is none."""
     check_numbers(rotation, (3, 3), f"rotation of {name!r}")
-    difference = np.abs(rotation.T @ rotation - _IDENTITY).max()
+    difference = np.abs(rotation.T @ rotation - np.eye(3)).max()
     if difference > ROTATION_TOLERANCE or np.linalg.det(rotation) < 0.0:
         raise MessageError(f"rotation of {name!r} is not valid: expected an orthonormal matrix with determinant 1")
 

@@ -123,10 +123,9 @@ def _without_null(kind: types.Type) -> types.Type:
 
 def _shown(value: object) -> str:
     try:
-        text = as_toml(value)
+        return _short(as_toml(value))
     except ValueError:  # Python does not print integers of more than 4300 digits
         return "a number of thousands of digits"
-    return _short(text)
 
 
 def _short(text: str) -> str:

@@ -7,7 +7,6 @@ from coheft.wire.scenario.change_checks import late_changes
 from coheft.wire.scenario.plugins import estimator_names
 from coheft.wire.scenario.schema import Scenario
 
-_TOO_SURE = "their own std will be too small"
 _MOST_NAMED = 3
 
 
@@ -28,7 +27,7 @@ def _undeclared_errors(scenario: Scenario) -> list[str]:
     if larger:
         found.append(
             f"'sensors.errors' has {_listed(larger)}: sensors are further off than "
-            f"'sensors.tolerance' tells the robots, so {_TOO_SURE}. Give both the same values, or leave out 'errors'"
+            f"'sensors.tolerance' tells the robots, so their own std will be too small. Give both the same values, or leave out 'errors'"
         )
     if sensors.drift.is_any:
         found.append(
