@@ -26,8 +26,8 @@ def _undeclared_errors(scenario: Scenario) -> list[str]:
     found = []
     if larger:
         found.append(
-            f"'sensors.errors' has {_listed(larger)}: sensors are further off than "
-            f"'sensors.tolerance' tells the robots, so their own std will be too small. Give both the same values, or leave out 'errors'"
+            f"'sensors.errors' has {_listed(larger)}: sensors are further off than 'sensors.tolerance' tells the "
+            f"robots, so their own std will be too small. Give both the same values, or leave out 'errors'"
         )
     if sensors.drift.is_any:
         found.append(
