@@ -24,7 +24,6 @@ class DialledLink:
     """A link with the process that listens at an endpoint.
 
     Attributes:
-        endpoint: The endpoint.
         guard: Access rules; None for the open profile.
         inbox: Receives its messages.
         listen: Subscribes the inbox to a new session.

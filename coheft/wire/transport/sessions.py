@@ -179,7 +179,6 @@ class Sender:
 
     Args:
         session: The plane's session; None if sessions are attached later.
-        key: The key.
         may_drop: Whether to lose messages rather than wait when a listener does not keep up. True for observers,
             because a frozen one must not delay the run.
     """
