@@ -81,6 +81,7 @@ class Inbox:
         """Receive the messages of one source.
 
         Args:
+            session: The session.
             source: Name of the source in events.
             kinds: Expected type of message by key, or a union of types; the keys differ in their last part only. They
                 share one subscription, so that if messages under one key arrive, those under the others do, too.
