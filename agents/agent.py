@@ -55,27 +55,20 @@ class Outbox:
 def make_estimator(config: AgentConfig, gossip: Gossip, largest_arrays: int) -> Estimator:
     """Make the estimator that the agent's configuration names, or all of them side by side.
 
-    Args:
-        config: The agent's configuration.
-        gossip: The agent's knowledge of the team.
-        largest_arrays: Size that a user's estimator may send in one message [B].
+    A user's estimator may send ``largest_arrays`` [B] in one message.
 
     Raises:
         PluginError: A user's estimator cannot be used.
     """
-    if len(names := estimator_names(config.estimator)) > 1:
-        each = {name: make_estimator(_config_of(name, config), gossip, largest_arrays // len(names)) for name in names}
-        return SideBySide(each)
-    factory = ESTIMATORS.get(config.estimator)
-    if factory is not None:
-        return factory(config, gossip)
-    own: Estimator = make_own("estimator", config.estimator, Estimator, config, gossip)
-    return OwnEstimator(own, config, gossip, largest_arrays)
-
-
-def _config_of(name: str, config: AgentConfig) -> AgentConfig:
-    """Return the configuration of one of several estimators."""
-    return replace(config, estimator=name, estimator_settings=config.estimator_settings.get(name, {}))
+    made: dict[str, Estimator] = {}
+    for name in (names := estimator_names(config.estimator)):
+        own = replace(config, estimator=name, estimator_settings=config.estimator_settings.get(name, {}))
+        if name in ESTIMATORS:
+            made[name] = ESTIMATORS[name](own, gossip)
+        else:
+            users = make_own("estimator", name, Estimator, own, gossip)
+            made[name] = OwnEstimator(users, own, gossip, largest_arrays // len(names))
+    return made[names[0]] if len(names) == 1 else SideBySide(made)
 
 
 class Agent:
@@ -196,7 +189,6 @@ class Agent:
         return estimate
 
     def _estimates_beside(self, index: int) -> Iterator[EstimateBeside]:
-        """Yield reports of further estimators that are due."""
         if not isinstance(self._estimator, SideBySide):
             return
         for name, status in self._beside.items():

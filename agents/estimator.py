@@ -6,7 +6,7 @@ To add an estimator, write a class with the methods of ``Estimator``. In your ow
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol, runtime_checkable
 
@@ -118,11 +118,8 @@ class SignsRows(Protocol):
         ...
 
 
-class EstimatorFactory(Protocol):
-    """Makes an estimator from the agent's configuration and its knowledge of the team."""
-
-    def __call__(self, config: AgentConfig, gossip: Gossip) -> Estimator:  # noqa: D102
-        ...
+EstimatorFactory = Callable[[AgentConfig, Gossip], Estimator]
+"""Makes an estimator from the agent's configuration and its knowledge of the team."""
 
 
 def is_converged(payload: PayloadEstimate, limits: Converged) -> bool:

@@ -1,12 +1,15 @@
 """Selection of neighbours' messages: which of them are used, and for which block.
 
 Messages may be late, duplicated, out of order, from before the sender restarted, or invalid. Messages of the previous
-block are used now; those of the next few blocks are kept until their block. Invalid messages are refused with a reason.
+block are used, late ones by some estimators, too. Invalid messages are refused with a reason. Who steps the agent keeps
+messages that come early until their block.
 """
 
+from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
+import msgspec
 import numpy as np
 
 from coheft.agents.estimator import Channels
@@ -14,22 +17,13 @@ from coheft.estimation.geometry.spatial import Array
 from coheft.wire.messages.structs import LinkState, NeighbourMessage
 from coheft.wire.scenario.schema import MAX_ROBOTS
 
-AHEAD = 8
-"""Number of blocks that a neighbour may be ahead, because it received its measurements earlier."""
 _SILENT = 8
 """After this number of blocks without a usable message of a sender's latest incarnation, a current message with a
 smaller incarnation is accepted: the larger number was an error."""
 LATE = 64
 """Number of blocks by which a message may be late to be of use to an estimator that takes late ones."""
-_MAX_PER_BLOCK = 4
-"""Number of messages kept per sender and block."""
 LARGEST_NORM = 1e12
 """Limit of the norm of every array that an estimator sends."""
-_LARGEST_NUMBER = 2**62
-"""Limit of the counters in a record, so that larger ones can still be sent."""
-_LARGEST_CHECKSUM = 2**32
-"""Limit of the checksums in a record."""
-_LONGEST_NAME = 32
 
 
 class Taken(NamedTuple):
@@ -49,17 +43,13 @@ class Taken(NamedTuple):
 
 
 class NeighbourInbox:
-    """Received messages of one agent's neighbours.
-
-    Args:
-        neighbours: The neighbours' names.
-    """
+    """Received messages of one agent's neighbours."""
 
     def __init__(self, neighbours: Iterable[str]) -> None:
         self._incarnations = dict.fromkeys(sorted(neighbours), 0)
-        self._waiting: dict[tuple[str, int, int], list[NeighbourMessage]] = {}
         self._last: dict[str, int] = {}
-        self._used = {name: set[int]() for name in self._incarnations}  # blocks of the latest incarnation's messages
+        # Blocks of the messages of the latest incarnation that were used; a late one may be of any of ``LATE``.
+        self._used = {name: deque[int](maxlen=2 * LATE) for name in self._incarnations}
         self._misfits: set[str] = set()
         self._checked: dict[str, LinkState] = {}
 
@@ -81,40 +71,37 @@ class NeighbourInbox:
         """
         if not self._last:
             self._last = dict.fromkeys(self._incarnations, index)  # silence is counted from the first block on
+        used: dict[str, NeighbourMessage] = {}
         gossip: list[LinkState] = []
         problems: list[str] = []
         late: list[NeighbourMessage] = []
         for message in sorted(messages, key=lambda message: (message.sender, message.incarnation, message.block)):
+            name = message.sender
             problem = self._problem(index, message)
             if problem is not None:
-                problems.append(f"refused from {message.sender}, block {message.block}: {problem}")
+                problems.append(f"refused from {name}, block {message.block}: {problem}")
                 continue
-            if message.incarnation != self._incarnations[message.sender]:
-                self._used[message.sender].clear()
-            self._incarnations[message.sender] = message.incarnation
+            if message.incarnation != self._incarnations[name]:
+                self._incarnations[name] = message.incarnation
+                self._used[name].clear()
+                used.pop(name, None)
             gossip += message.gossip
-            if takes_late and self._is_late(index, message) and fits(message.channels):
-                late.append(message)
-                self._note_use(index, message)
-            if message.block >= index - 1:
-                waiting = self._waiting.setdefault((message.sender, message.incarnation, message.block), [])
-                if len(waiting) < _MAX_PER_BLOCK:
-                    waiting.append(message)
-        used = {}
-        for name, incarnation in self._incarnations.items():
-            found = self._waiting.get((name, incarnation, index - 1))
-            fitting = next((message for message in found or () if fits(message.channels)), None)
-            if fitting is not None:
-                used[name] = fitting
-                self._note_use(index, fitting)
-                self._misfits.discard(name)
-            elif found and name not in self._misfits:
-                self._misfits.add(name)  # reported once, until one of its messages fits
+            is_late = takes_late and self._is_late(index, message)
+            if not is_late and (message.block != index - 1 or name in used):
+                continue
+            if fits(message.channels):
+                self._used[name].append(message.block)
+                self._last[name] = index
+                if is_late:
+                    late.append(message)
+                else:
+                    used[name] = message
+            elif not is_late and name not in self._misfits:
+                self._misfits.add(name)  # reported once
                 problems.append(
                     f"refused from {name}, block {index - 1}: this robot's estimator cannot read its arrays; "
                     f"run the same release of coheft, and the same estimator, on all robots"
                 )
-        self._waiting = {key: waiting for key, waiting in self._waiting.items() if key[2] >= index}
         return Taken(used, gossip, problems, late)
 
     def last_heard(self, name: str) -> int:
@@ -125,15 +112,8 @@ class NeighbourInbox:
 
     def _is_late(self, index: int, message: NeighbourMessage) -> bool:
         """Whether a message comes too late, and none of its block has been used."""
-        oldest = max(0, index - 1 - LATE)
-        return oldest <= message.block < index - 1 and message.block not in self._used[message.sender]
-
-    def _note_use(self, index: int, message: NeighbourMessage) -> None:
-        used = self._used[message.sender]
-        used.add(message.block)
-        self._last[message.sender] = index
-        if len(used) > 2 * LATE:
-            self._used[message.sender] = {block for block in used if block >= index - 1 - LATE}
+        is_late = index - 1 - LATE <= message.block < index - 1
+        return is_late and message.block not in self._used[message.sender]
 
     def _problem(self, index: int, message: NeighbourMessage) -> str | None:
         """Return why a message is invalid, None if it is valid."""
@@ -143,8 +123,8 @@ class NeighbourInbox:
         is_error = index - self._last[message.sender] >= _SILENT and message.block >= index - 1
         if message.incarnation < (0 if is_error else known):
             return "it was sent before its sender restarted"
-        if message.block > index - 1 + AHEAD:
-            return f"it is {message.block - index + 1} blocks ahead, expected at most {AHEAD}"
+        if message.block >= index:
+            return f"it is {message.block - index + 1} blocks ahead"
         for name, array in message.channels.items():
             if not can_be_used(array):
                 return f"channels[{name!r}] contains numbers that are not finite or not below {LARGEST_NORM:g}"
@@ -160,19 +140,14 @@ class NeighbourInbox:
 
 def can_be_used(array: Array) -> bool:
     """Whether all numbers of an array are finite, and small enough that their sums are finite."""
+    array = array.astype(np.float64, copy=False)  # products of whole numbers may overflow
     return bool(np.vdot(array, array) < LARGEST_NORM**2)  # also false for NaN
 
 
 def is_possible(record: LinkState) -> bool:
-    """Whether a robot's record is consistent in itself."""
-    if record.robot in record.neighbours:
+    """Whether a robot's record is what ``LinkState`` allows, and consistent in itself."""
+    try:
+        msgspec.convert(msgspec.to_builtins(record), LinkState)
+    except (TypeError, msgspec.ValidationError):  # a user's estimator may have put in anything
         return False
-    if not all(0 <= number < _LARGEST_NUMBER for number in (record.incarnation, record.sequence, record.since)):
-        return False
-    if not -1 <= record.ready_block < _LARGEST_NUMBER:
-        return False
-    if not 0 <= record.team < _LARGEST_CHECKSUM:
-        return False
-    if len(record.neighbours) > MAX_ROBOTS:
-        return False
-    return max(map(len, (record.robot, *record.neighbours))) <= _LONGEST_NAME
+    return record.robot not in record.neighbours

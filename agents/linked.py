@@ -12,10 +12,7 @@ from coheft.wire.messages.structs import NeighbourMessage
 class LinkedAgents:
     """Agents that receive, before each block, the messages that their neighbours sent after the previous block.
 
-    Args:
-        configs: Configurations of all agents.
-        incarnation: A number larger than that of any earlier agents of the same names.
-        largest_arrays: Size that a user's estimator may send in one message [B].
+    Arguments are those of ``Agent``, with the configurations of all agents.
 
     Attributes:
         agents: The agents, by robot.

@@ -12,11 +12,7 @@ from coheft.wire.scenario.network import LinkQuality
 
 
 class SimulatedNetwork:
-    """Delivers the messages of one robot's neighbours.
-
-    Args:
-        config: Configuration of the robot.
-    """
+    """Delivers the messages of one robot's neighbours."""
 
     def __init__(self, config: AgentConfig) -> None:
         self._name, self._seed, self._block = config.name, config.seed, config.start_of(1)
@@ -28,12 +24,7 @@ class SimulatedNetwork:
         self._links[neighbour] = quality
 
     def deliver(self, index: int, sent: Sequence[NeighbourMessage]) -> Sequence[NeighbourMessage]:
-        """Return the messages that arrive for a block.
-
-        Args:
-            index: Number of the block.
-            sent: Messages that neighbours have sent since the block before.
-        """
+        """Return the messages that arrive for a block, given what neighbours have sent since the block before."""
         if not self._under_way and all(quality.is_ideal for quality in self._links.values()):
             return sent
         arriving = [message for due, message in self._under_way if due <= index]

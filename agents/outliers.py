@@ -13,8 +13,6 @@ the two samples before it, and this number of times as much as any other sample 
 _REVERSED = 0.3
 """At least this share of the step into an outlier is reversed by the next one: a real sudden change may overshoot, but
 it persists."""
-_LARGEST = 1e100
-"""Larger steps are clipped, because their products would overflow."""
 
 
 def outliers(steps: Array) -> npt.NDArray[np.bool_] | None:
@@ -28,12 +26,8 @@ def outliers(steps: Array) -> npt.NDArray[np.bool_] | None:
         Shape (c,); None if no signal contains one.
     """
     sizes = np.abs(steps)
-    largest = sizes.max(initial=0.0)
-    if 2.0 * largest <= _OUTLIER:
+    if 2.0 * sizes.max(initial=0.0) <= _OUTLIER:  # nearly always, and fast
         return None
-    if largest > _LARGEST:
-        steps = np.clip(steps, -_LARGEST, _LARGEST)
-        sizes = np.abs(steps)
     least, most = np.minimum(sizes[:-1], sizes[1:]), np.maximum(sizes[:-1], sizes[1:])
     are_peaks = (steps[:-1] * steps[1:] < 0.0) & (least > np.maximum(_OUTLIER, _REVERSED * most))
     far: npt.NDArray[np.bool_] = np.any(are_peaks, axis=0)

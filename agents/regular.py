@@ -2,13 +2,10 @@
 
 
 class Regular:
-    """Schedule of a regular task: it is due at blocks whose number is a multiple, the same for all agents.
+    """Schedule of a regular task: it is due at blocks whose number is a multiple of ``every``, the same for all agents.
 
     If such a block is skipped, because measurements came faster than the agent could process them, it is due at the
     next one.
-
-    Args:
-        every: Number of blocks between two due blocks.
     """
 
     def __init__(self, every: int) -> None:

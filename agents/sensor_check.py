@@ -18,9 +18,6 @@ overflow."""
 class SensorCheck:
     """Checks one robot's samples.
 
-    Args:
-        noise: Noise of its sensors.
-
     Attributes:
         fault: The fault found in both of the last two blocks, None if one of them was good.
     """

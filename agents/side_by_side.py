@@ -5,6 +5,7 @@ beside it. Their messages travel in one, in arrays named ``estimator/array``.
 """
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any, TypeVar
 
 import numpy.typing as npt
@@ -17,19 +18,15 @@ T = TypeVar("T")
 
 
 class SideBySide:
-    """Estimators that neither know nor influence each other. See ``coheft.agents.estimator.Estimator``.
+    """Estimators that neither know nor influence each other, the robot's own first. See ``Estimator``.
 
     A user's estimator that fails is not stepped any more, and gives that as its doubt; the others continue.
-
-    Args:
-        estimators: The estimators by name, the robot's own first.
     """
 
     def __init__(self, estimators: Mapping[str, Estimator]) -> None:
-        self._first, *self.others = estimators
+        self._first = next(iter(estimators))
         self._estimators = dict(estimators)
         self._failures: dict[str, str] = {}
-        self._known: dict[int, tuple[Channels, dict[str, Channels]]] = {}  # messages of this step, by identity
 
     def step(
         self, index: int, own: MeasurementBlock | None, inbox: Mapping[str, Channels]
@@ -38,7 +35,6 @@ class SideBySide:
         sent: dict[str, npt.NDArray[Any]] = {}
         nothing: dict[str, npt.NDArray[Any]] = {}
         parts = {sender: self._parts(channels) for sender, channels in inbox.items()}
-        self._known.clear()
         for name, estimator in self._estimators.items():
             heard = {sender: each[name] for sender, each in parts.items() if name in each}
             channels = self._try(name, lambda: estimator.step(index, own, heard), nothing)  # noqa: B023
@@ -90,16 +86,10 @@ class SideBySide:
         return [estimator for estimator in self._estimators.values() if isinstance(estimator, SignsRows)]
 
     def _parts(self, channels: Channels) -> dict[str, Channels]:
-        """Return the arrays of a message by estimator, of those that can read theirs; found once for each message."""
-        known = self._known.get(id(channels))
-        if known is None:
-            parts = {name: _part(name, channels) for name in self._estimators}
-            known = channels, {name: part for name, part in parts.items() if self._can_read(name, part)}
-            self._known[id(channels)] = known
-        return known[1]
-
-    def _can_read(self, name: str, part: Channels) -> bool:
-        return self._try(name, lambda: self._estimators[name].fits(part), False)
+        """Return the arrays of a message by estimator, of those that can read theirs."""
+        parts = {name: _part(name, channels) for name in self._estimators}
+        can_read = {name: partial(each.fits, parts[name]) for name, each in self._estimators.items()}
+        return {name: part for name, part in parts.items() if self._try(name, can_read[name], False)}
 
     def _try(self, name: str, call: Callable[[], T], otherwise: T) -> T:
         """Call an estimator unless it has failed, and note if it fails now."""

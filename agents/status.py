@@ -13,11 +13,7 @@ _REPORT_INTERVAL = 0.1
 
 
 class StatusKeeper:
-    """Turns estimates and doubts into reports, and keeps the last valid estimate.
-
-    Args:
-        config: The agent's settings.
-    """
+    """Turns estimates and doubts into reports, and keeps the last valid estimate."""
 
     def __init__(self, config: AgentConfig) -> None:
         self._config = config
@@ -36,14 +32,9 @@ class StatusKeeper:
     def report(
         self, index: int, belief: Belief, doubts: Sequence[str], members: int, silent: Sequence[str] = ()
     ) -> Estimate:
-        """Make a report.
+        """Make a report after a block, of the estimator's belief and the reasons why it may not be valid now.
 
-        Args:
-            index: The last block that the agent has processed.
-            belief: The estimator's present estimate.
-            doubts: Reasons why the estimate may not be valid now.
-            members: Size of the team, 0 if unknown.
-            silent: Neighbours whose messages are missing.
+        ``members`` is the size of the team, 0 if unknown; ``silent`` are neighbours whose messages are missing.
         """
         self._doubted = bool(doubts)
         reasons = list(doubts)

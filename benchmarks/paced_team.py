@@ -108,7 +108,7 @@ class PacedTeam:
 
     def _ask(self, request: Request) -> Status:
         """Return the server's answer."""
-        answer = ask(self._session, self._key, request, timeout=_ANSWER)
+        answer = ask(Status, self._session, self._key, request, timeout=_ANSWER)
         if isinstance(answer, Refusal):
             raise LinkError(f"the server refuses: {answer.reason}")
         return answer

@@ -60,12 +60,12 @@ class Robots:
             link.join(self._next)
             self._problems.tell(f"{name} is back before block {self._next}")
 
-    def note_links(self, name: str, count: int) -> None:
-        """Note the number of processes at the other end of a robot's link."""
+    def note_link(self, name: str, is_linked: bool) -> None:
+        """Note whether a process is at the other end of a robot's link."""
         link = self._links[name]
         answered = link.answered
-        link.note_links(count)
-        if count == 0 and self._is_running:
+        link.note_link(is_linked)
+        if not is_linked and self._is_running:
             if name not in self._given_up:
                 self._waited_for.setdefault(name, time.monotonic() + self._return_limit)
             self._problems.tell(f"lost the link with {name}, which had answered block {answered}")

@@ -39,7 +39,7 @@ from coheft.wire.process.problem_log import ProblemLog
 from coheft.wire.process.supervised import COMMENT_AFTER, is_supervisor_stopped, supervised_main
 from coheft.wire.scenario.plugins import usable_in_run
 from coheft.wire.scenario.reach import Reach
-from coheft.wire.transport.inbox import Event, Inbox, LinkChange, Question, Received, Refused
+from coheft.wire.transport.inbox import Event, Inbox, Presence, Question, Received, Refused
 from coheft.wire.transport.planes import SERVER, guard_server_for_observers, guard_server_for_robot
 from coheft.wire.transport.robot_link import RobotLink
 from coheft.wire.transport.sessions import ROLES, Keys, Role, Sender, open_session
@@ -228,8 +228,8 @@ class Server:
                 self._robots.take(name, message)
             case Refused(source, error):
                 self._problems.tell(f"refused from {source}: {error}")
-            case LinkChange(name, links):
-                self._robots.note_links(name, links)
+            case Presence(name, is_here):
+                self._robots.note_link(name, is_here)
             case Question(role, request):
                 event.answer(self._answer(role, request))
 

@@ -37,7 +37,7 @@ def test_a_link_that_is_begun_anew_carries_both_ways_and_leaves_nothing_behind()
 
     with (
         open_session(listen=[endpoint]) as near,
-        closing(DialledLink(endpoint, None, far_inbox, listen, from_far)) as link,
+        closing(DialledLink(endpoint, None, far_inbox, listen, [from_far])) as link,
     ):
         near_inbox.announce(near, keys.agent("near", "alive"))
         near_inbox.watch_presence(near, "far", keys.agent("far", "alive"))

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from coheft.app.faults.run import FaultyRun
 from coheft.app.faults.schedule import FaultSchedule, Pause, Release
-from coheft.app.run.inprocess import run_in_process
+from coheft.app.run.inprocess import TeamInProcess, measured, run_in_process
 from coheft.estimation.tolerance import SensorTolerance
 from coheft.wire.messages.codec import encode
 from coheft.wire.scenario.estimator_settings import Fan2017Settings
@@ -206,3 +207,19 @@ def test_one_scenario_and_seed_give_the_same_estimates_bit_for_bit() -> None:
     ]
     assert runs[0] == runs[1]
     assert len(runs[0]) >= 3 * 60  # ten times a second, and when doubts come or go
+
+
+def test_messages_of_whole_numbers_are_refused_because_their_products_overflow() -> None:
+    """An agent that multiplied them would end with an error."""
+    team = TeamInProcess(fan2017("ring3"))
+    for _ in range(60):
+        result, heard = team.measure(), team.heard()
+        if heard["r1"]:
+            heard["r1"] = [
+                replace(message, channels={name: array.astype(np.int64) for name, array in message.channels.items()})
+                for message in heard["r1"]
+            ]
+        outboxes = team.answer(measured(result), heard)
+        if heard["r1"] and heard["r1"][0].channels:
+            break
+    assert "this robot's estimator cannot read its arrays" in outboxes["r1"].problems[0]

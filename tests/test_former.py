@@ -90,6 +90,13 @@ def test_largest_offsets_of_345a219_become_standard_deviations() -> None:
     assert sensors["errors"] == pytest.approx({"acceleration_offset": 0.3 / 3.0**0.5, "force_offset": 3.0 / 3.0**0.5})
 
 
+def test_offsets_that_are_no_numbers_are_refused_by_name(tmp_path: Path) -> None:
+    path = tmp_path / "former.json"
+    path.write_bytes(msgspec.json.encode(former_schedule(FORMER_OFFSETS | {"force": "large"})))  # type: ignore[dict-item]
+    with pytest.raises(ScenarioError, match=r"not a fault schedule: Expected `float`, got `str`.*force_offset"):
+        read_schedule(path)
+
+
 def test_scenarios_of_this_release_stay_as_they_are() -> None:
     scenario = msgspec.to_builtins(draw_schedule(3).scenario)
     assert as_present(scenario, "present") == scenario

@@ -39,6 +39,7 @@ def test_a_run_has_a_status() -> None:
         ({"rotations": SCENE.rotations[:, :, [1, 0, 2]]}, "r1"),
         ({"translations": SCENE.translations[:, :2]}, "translations"),
         ({"translations": np.full((3, 3), np.inf)}, "translations"),
+        ({"translations": np.diag([-(2**63), 1, 1])}, "translations.dtype is 'int64' but expected 'float64'"),
         ({"neighbours": {**SCENE.neighbours, "r9": ["r1"]}}, "robots of the graph"),
         ({"neighbours": {"r1": ["r2"]}}, "robots of the graph"),
         ({"neighbours": {**SCENE.neighbours, "r1": ["r9"]}}, "'r9' but expected one of 'r1', 'r2'"),

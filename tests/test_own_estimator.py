@@ -98,6 +98,7 @@ def test_what_neighbours_could_not_use_is_not_sent(returned: str, said: str, wri
         ("doubts", "(1,)", "it contains a int, expected texts"),
         ("belief", "None", "it is None, expected a Belief, see agents/estimator.py"),
         ("belief", 'Belief("weighing", False, None, {})', "phase is 'weighing' but expected one of 'poses', 'inertia'"),
+        ("belief", "Belief(np.zeros(2), False, None, {})", "ValueError: The truth value of an array"),
         ("belief", 'Belief("poses", "no", None, {})', "converged is a str, expected True or False"),
         ("belief", 'Belief("poses", False, 3.0, {})', "payload is a float, expected a PayloadEstimate or None"),
         ("belief", 'Belief("poses", False, None, [])', "poses are a list, expected a dict by neighbours' names"),
@@ -137,6 +138,7 @@ def test_other_answers_are_checked_as_well(method: str, returned: str, said: str
     ("payload", "said"),
     [
         ("[9.0], None, None, np.eye(1)", "mass is a list, expected a number"),
+        ("10**400, None, None, np.eye(1)", "OverflowError: int too large to convert to float"),
         ("np.nan, None, None, np.eye(1)", "mass is nan but expected less than 1e+15"),
         ("9.0, None, None, [[1.0]]", "covariance of payload is a list, expected an array"),
         ("9.0, None, None, np.eye(10)", "covariance of payload.shape is (10, 10) but expected (1, 1)"),

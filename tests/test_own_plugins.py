@@ -125,6 +125,13 @@ def test_motions_that_do_not_fit(code: str, expected: str, tmp_path: Path, monke
         agent(msgspec.structs.replace(load_scenario("ring3"), motion=Motion(own="mine")))
 
 
+def test_a_compiled_method_need_not_tell_its_arguments(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    code = ESTIMATOR + "\nMine.fits = max\n"  # a function of C
+    write_package(tmp_path, "compiled", code, estimators="mine = compiled:Mine")
+    monkeypatch.syspath_prepend(tmp_path)
+    assert agent(with_estimator()).step(0, None, []).message.channels
+
+
 def test_a_motion_that_fails_in_mid_run_is_told_with_its_place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     code = MOTION.replace("0.5)", "0.5 if block < 6 else [1, 2])")
     write_package(tmp_path, "bad", code, motions="mine = bad:Mine")

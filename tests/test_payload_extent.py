@@ -74,6 +74,10 @@ def test_loads_are_put_where_hands_may_be(payload: str, near: float, far: float)
     with pytest.raises(ScenarioError, match=message):
         parse(payload, f"{robots}\n{change % near}\n{change % far}")
     parse(payload, f"{robots}\n{change % near}\n[[load_changes]]\nat = 2.0\nremove = 1")
+    with pytest.raises(
+        ScenarioError, match=r"'load_changes\[0\].size': found \[900.0, 0.1, 0.1\], which is 900 m long"
+    ):
+        parse(payload, f"{robots}\n{change % near}\nsize = [900.0, 0.1, 0.1]")
 
 
 @pytest.mark.parametrize(

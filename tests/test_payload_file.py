@@ -139,6 +139,11 @@ def test_a_mesh_is_filled_homogeneously(write, amount: str, tmp_path: Path) -> N
             'sites = ["grip1", "grip2"]',
             "found 'grip2', but body 'part' has no such site; it has: grip1",
         ),
+        (
+            BODY.format('<site name="grip1"/><site pos="0.1 0 0"/>'),
+            'sites = ["grip1", ""]',
+            "found '', but body 'part' has no such site; it has: grip1",
+        ),
         (BODY.format("") + '<site name="grip1"/>', 'sites = ["grip1"]', "no such site; it has: none"),
         (BODY.format('<site name="grip1"/>'), 'sites = ["grip1"]', "found 1 grasp, expected at least 2"),
     ],

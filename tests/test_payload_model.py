@@ -11,6 +11,7 @@ import trimesh
 
 from coheft.errors import ScenarioError
 from coheft.wire.scenario.file import load_scenario
+from coheft.wire.scenario.payload_surface import from_text
 from coheft.wire.scenario.schema import Scenario
 
 GRASPS = "robots.grasps = [{ position = [0.1, 0, 0] }, { position = [-0.1, 0, 0] }]"
@@ -54,6 +55,12 @@ def test_what_floats_is_held_and_not_the_table(tmp_path: Path) -> None:
     table = '<body pos="3 0 0"><geom type="box" size="1 1 .4"/></body>'
     model = world(f'{table}<body pos="0 0 1"><freejoint/>{PLATE}</body>')
     assert load(tmp_path, model).payload.inertia().mass == pytest.approx(PLATE_MASS)
+
+
+def test_shapes_without_bounds_do_not_count(tmp_path: Path) -> None:
+    scenario = load(tmp_path, world(f'<body>{PLATE}<geom type="plane" size="1 1 1"/></body>'))
+    assert scenario.payload.inertia().mass == pytest.approx(PLATE_MASS)
+    assert np.abs(from_text(scenario.payload.surface)).max() == pytest.approx(0.4)
 
 
 def test_bodies_without_names_can_be_named(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 from pathlib import Path
 
 import numpy as np
@@ -89,3 +90,9 @@ def test_text_that_is_no_surface_is_refused() -> None:
     for text in ("no", "AAAA", to_text(np.full((1, 3, 3), np.nan))):
         with pytest.raises(ScenarioError, match=r"payload.surface.*leave it out"):
             load_scenario("ring3", [f"payload.surface='{text}'"])
+
+
+def test_more_triangles_than_messages_have_room_for_are_refused() -> None:
+    text = base64.b64encode(bytes(36 * (MOST + 1))).decode()
+    with pytest.raises(ScenarioError, match=r"payload.surface': it holds 1501 triangles, more than the 1500"):
+        load_scenario("ring3", [f"payload.surface='{text}'"])

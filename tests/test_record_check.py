@@ -21,6 +21,10 @@ NOW = 10**18
 OF_R3 = LinkState("r3", 1, ("r1", "r2"), incarnation=NOW)
 
 
+_VERSION = 12
+"""Where a certificate has its version (DER)."""
+
+
 @pytest.fixture(scope="module")
 def keys(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("keys") / "team"
@@ -76,6 +80,15 @@ def test_a_record_that_someone_has_changed_is_not_believed(keys: Path, changes: 
     assert believed == []
     assert "r3" in problem or "r2" in problem
     assert heard(own, signed) == ([signed], [])  # the true one is, afterwards
+
+
+def test_a_certificate_that_no_parser_knows_is_not_believed(keys: Path) -> None:
+    (signed,) = of(keys, "r3").signed([OF_R3])
+    strange = bytearray(signed.certificate)
+    strange[_VERSION] = 5
+    believed, (problem,) = heard(of(keys, "r1"), replace(signed, certificate=bytes(strange)))
+    assert believed == []
+    assert problem == "its record of 'r3' cannot be trusted: its certificate is not one of r3"
 
 
 def test_one_robot_cannot_sign_for_another(keys: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import msgspec
 import pytest
 
 from coheft.wire.scenario.file import available_scenarios, load_scenario
@@ -44,8 +45,13 @@ def test_what_contradicts_each_other_is_named(values: list[str], told: str | Non
     assert told is None or told in found[0]
 
 
-def test_a_change_of_the_load_that_never_comes_is_named() -> None:
-    import msgspec
-
-    scenario = msgspec.structs.replace(load_scenario("ring3", ["load_changes=[{at=5.0,mass=1.0}]"]), duration=5.0)
-    assert notes(scenario) == ["the load does not change at 5 s: the run ends at 'duration' = 5 s"]
+@pytest.mark.parametrize("at", [4.99, 5.0, 7.0])
+def test_changes_that_never_come_are_named(at: float) -> None:
+    """The last block begins at 4.98 s."""
+    values = [f"load_changes=[{{at={at},mass=1.0}}]", f"slips=[{{at={at},robot='r1',rotation_deg=[1,0,0]}}]"]
+    scenario = msgspec.structs.replace(load_scenario("ring3", values), duration=5.0)
+    assert notes(scenario) == [
+        f"the run ends at 'duration' = 5 s, before 'load_changes[0]' at {at:g} s, 'slips[0]' at {at:g} s would take "
+        "effect"
+    ]
+    assert notes(msgspec.structs.replace(scenario, duration=at + 0.1)) == []

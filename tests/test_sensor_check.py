@@ -46,6 +46,14 @@ def test_working_sensors_are_believed_even_when_a_load_drops(
 
 
 @columns
+def test_a_sudden_change_that_overshoots_is_believed(column: int) -> None:
+    blocks = samples(3)
+    blocks[1, 4, column] += 100.0 * NOISE.per_column()[column]
+    blocks.reshape(-1, SAMPLE_SIZE)[BLOCK + 5 :, column] += 80.0 * NOISE.per_column()[column]
+    assert work(blocks) == [True, True, True]
+
+
+@columns
 @pytest.mark.parametrize("size", [-1e3, 40.0])
 def test_an_outlier_is_found_wherever_it_is(column: int, size: float) -> None:
     for at in range(BLOCK):

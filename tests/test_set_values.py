@@ -51,6 +51,8 @@ def test_values_take_the_place_of_others_in_order_and_leave_the_rest() -> None:
         ("a=", "found '', expected a value"),
         ("a=[1", "expected a value as TOML has it"),
         ("list[2]=1", "key 'list': found number 2, but the list has 2, counted from 0"),
+        ("lists[0].at=1", "key 'lists': found number 0 of a list that is not given, expected all of it: [...]"),
+        ("inner.gains[1]=1", "key 'inner.gains': found number 1 of a list that is not given, expected all of it"),
         ("list.at=1", "key 'list': found 'at' for a part of a list, expected a number in brackets, from [0]"),
         ("inner[0]=1", "key 'inner': found 0 for a part of a section, expected a name"),
         ("inner.name.x=1", "key 'inner.name': found \"me\", which has no parts"),

@@ -49,6 +49,8 @@ def test_delays_are_those_of_the_scenario_in_blocks() -> None:
     block = receiver(LinkQuality()).start_of(1)
     found = arrivals(SimulatedNetwork(receiver(LinkQuality(delay=2.5 * block))))
     assert {index - sent for sent, index in found.items()} == {3}
+    found = arrivals(SimulatedNetwork(receiver(LinkQuality(delay=0.58))))  # 0.58 / 0.02 is rounded to less than 29
+    assert {index - sent for sent, index in found.items()} == {30}
     found = arrivals(SimulatedNetwork(receiver(LinkQuality(delay=block, jitter=3.0 * block))))
     late = np.array([index - sent - 1 for sent, index in found.items()])
     assert set(late) == {1, 2, 3}

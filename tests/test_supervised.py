@@ -54,7 +54,7 @@ class Config(msgspec.Struct):
     kind: str
 
 def run(config):
-    raise {"link": LinkError, "plugin": PluginError}[config.kind]("this is why")
+    raise {"link": LinkError, "plugin": PluginError, "exit": SystemExit}[config.kind]("this is why")
 
 supervised_main(Config, run)
 """
@@ -65,6 +65,7 @@ supervised_main(Config, run)
     [
         ('{"kind": "link"}', 1, "this is why"),
         ('{"kind": "plugin"}', UNUSABLE, "this is why"),
+        ('{"kind": "exit"}', 1, ""),  # as a user's estimator may end
         ("{}", UNUSABLE, "missing required field `kind`"),
     ],
 )

@@ -18,10 +18,10 @@ from coheft.agents.process.record_check import RecordCheck
 from coheft.errors import LinkError, MessageError
 from coheft.wire.cart.config import CartAgentConfig, CartAgentProcessConfig
 from coheft.wire.cart.messages import CartMeasurement, CartMessage
-from coheft.wire.messages.codec import check_array, check_field
+from coheft.wire.messages.codec import check_field, check_numbers
 from coheft.wire.messages.structs import Hello, Message, Ready
 from coheft.wire.process.supervised import supervised_main
-from coheft.wire.transport.inbox import Event, LinkChange
+from coheft.wire.transport.inbox import Event, Presence
 
 _LARGEST = 1e12
 """Limit of the numbers in sums in progress."""
@@ -85,7 +85,7 @@ class CartAgentProcess:
     def _handle(self, event: Event | None) -> None:
         """Process an event."""
         match self._links.handle(event, self._take):
-            case LinkChange(source, links=0):
+            case Presence(source, is_here=False):
                 raise LinkError(f"{self._config.name} lost its link with {source} at sample {self._block}")
 
     def _take(self, source: str, message: Message) -> None:
@@ -94,9 +94,9 @@ class CartAgentProcess:
             case CartMeasurement():
                 check_field("robot", message.robot, self._config.name)
                 check_field("block", message.block, self._next_measurement)
-                check_array(message.motion, (6,), "motion")
-                check_array(message.wrench, (3,), "wrench")
-                check_array(message.hand, (2,), "hand")
+                check_numbers(message.motion, (6,), "motion")
+                check_numbers(message.wrench, (3,), "wrench")
+                check_numbers(message.hand, (2,), "hand")
                 self._measurements.append(message)
                 self._next_measurement += 1
             case CartMessage():
@@ -122,8 +122,8 @@ class CartAgentProcess:
 def check_content(message: CartMessage) -> None:
     """Check the sums and records in a neighbour's message; raise ``MessageError`` if they cannot be used."""
     rounds = message.valid.size
-    check_array(message.valid, (rounds,), "valid")
-    check_array(message.stages, (rounds, 1, CHANNELS), "stages")
+    check_numbers(message.valid, (rounds,), "valid")
+    check_numbers(message.stages, (rounds, 1, CHANNELS), "stages")
     if not np.abs(message.stages).max(initial=0.0) < _LARGEST:  # also true for NaN
         raise MessageError(f"stages contain numbers that are not finite or not below {_LARGEST:g}")
     impossible = [record.robot for record in message.gossip if not is_possible(record)]

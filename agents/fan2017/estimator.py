@@ -116,6 +116,8 @@ class Fan2017Estimator:
 
     def fits(self, channels: Channels) -> bool:
         """See ``Estimator.fits``."""
+        if any(array.dtype != np.float64 for array in channels.values()):
+            return False
         return _CHANNEL not in channels or channels[_CHANNEL].shape == (self._config.block, KINEMATICS_SIZE)
 
     def belief(self) -> Belief:

@@ -55,13 +55,7 @@ class Carrier:
         self._used = np.zeros(10)
 
     def learn(self, index: int, estimate: Estimate, grasps: Mapping[str, Pose]) -> None:
-        """Use the estimate after a block.
-
-        Args:
-            index: The block's number.
-            estimate: The robot's estimate after it.
-            grasps: ``pose_j_in_ref`` of all robots that hold the load.
-        """
+        """Use the robot's estimate after a block, and ``pose_j_in_ref`` of all robots that hold the load."""
         own = self._config.name
         if estimate.status is not Validity.VALID or own not in grasps:
             return
@@ -90,9 +84,7 @@ class Carrier:
     def step(self, index: int, samples: Array | None) -> tuple[Array, Array]:
         """Return what the arm shall do ``lag`` blocks after this one: ``motion`` and ``wrench`` of a ``Reference``.
 
-        Args:
-            index: The block's number.
-            samples: Own measurements, shape (B, 15); None if they are unusable.
+        ``samples`` are the robot's own of this block, shape (B, 15); None if they are unusable.
         """
         ahead = index + self._config.lag
         alone = self._alone.reference(ahead)
@@ -129,12 +121,11 @@ class Carrier:
         rotation, acceleration, w, alpha = self._mid_block_motion(path, block)
         load = Inertia.from_barycentric(self._used)
         total = load.wrench(rotation.T @ w, rotation.T @ (acceleration + self._lift), rotation.T @ alpha)
-        return self._limited(self._share @ total)
-
-    def _limited(self, wrench: Array) -> Array:
-        """Return the wrench, scaled down as a whole to what the arm can exert."""
+        wrench = self._share @ total
         force, torque = float(np.linalg.norm(wrench[:3])), float(np.linalg.norm(wrench[3:]))
-        return wrench / max(1.0, force / self._carry.force_limit, torque / self._carry.torque_limit)
+        # Scaled down as a whole to what the arm can exert.
+        limited: Array = wrench / max(1.0, force / carry.force_limit, torque / carry.torque_limit)
+        return limited
 
     def _mid_block_motion(self, path: CommonPath, block: int) -> tuple[Array, Array, Array, Array]:
         """Return the motion of ``F_i`` in the middle of a block, in the axes of its home frame.

@@ -85,11 +85,6 @@ class Excitation:
     def __init__(self, motion: Motion, waves: Waves, rate: int, block: int) -> None:
         self._amplitudes = 0.5 * np.repeat([motion.rotation, motion.translation], 3) * motion.axes
         self._omegas = 2.0 * np.pi * np.array(waves.frequencies)
-        # Angles during a block, as rotations from its first sample: sums of angles are faster to compute than sines.
-        steps = self._omegas * (np.arange(block) / rate)[:, None, None]
-        turns = np.array([np.sin(steps), np.cos(steps)])
-        # By axis, shape (6, B, 4): sine and cosine of both waves.
-        self._turns = np.ascontiguousarray(turns.transpose(3, 1, 0, 2).reshape(6, block, 4))
         self._phases = np.array(waves.phases)
         self._ramp = motion.ramp
         self._rate = rate
@@ -108,19 +103,13 @@ class Excitation:
 
     def _from(self, first: int) -> Array:
         """Return references of several blocks, shape (n, B, 12)."""
-        start = (first + np.arange(self._batch)) * self._block / self._rate
-        phases = self._omegas * start[:, None, None] + self._phases
-        cosine, sine = self._amplitudes * np.cos(phases), self._amplitudes * np.sin(phases)
-        # For position and rate: gains of sine and cosine, for each block, both waves, each axis.
-        gains = np.array([[cosine, sine], [-self._omegas * sine, self._omegas * cosine]])
-        by_axis = self._turns @ gains.transpose(4, 1, 3, 2, 0).reshape(6, 4, -1)
-        waves = by_axis.reshape(6, self._block, self._batch, 2).transpose(2, 1, 3, 0)
-        if start[0] < self._ramp:
-            times = start[:, None] + np.arange(self._block) / self._rate
-            ramp, rate = cubic_step(np.clip(times / self._ramp, 0.0, 1.0)[..., None])
-            waves = np.stack(
-                [ramp * waves[:, :, 0], ramp * waves[:, :, 1] + rate / self._ramp * waves[:, :, 0]], axis=2
-            )
-        references: Array = waves.reshape(self._batch, self._block, 12)
+        times = (first * self._block + np.arange(self._batch * self._block)) / self._rate
+        angles = self._omegas * times[:, None, None] + self._phases  # by time, wave and axis
+        shift = (self._amplitudes * np.sin(angles)).sum(axis=1)
+        rate = (self._amplitudes * self._omegas * np.cos(angles)).sum(axis=1)
+        if times[0] < self._ramp:
+            share, share_rate = cubic_step(np.clip(times / self._ramp, 0.0, 1.0)[:, None])
+            shift, rate = share * shift, share * rate + share_rate / self._ramp * shift
+        references: Array = np.hstack([shift, rate]).reshape(self._batch, self._block, 12)
         references.flags.writeable = False
         return references

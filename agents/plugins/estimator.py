@@ -7,18 +7,16 @@ Restarting the agent would not help.
 from collections.abc import Callable, Mapping
 from typing import TypeVar
 
-import msgspec
 from msgspec.structs import replace
 
 from coheft.agents.estimator import Belief, Channels, Estimator
 from coheft.agents.inbox import is_possible
 from coheft.agents.plugins.returns import plain_answer, plain_belief, plain_channels, plain_texts
 from coheft.consensus.gossip import Gossip
-from coheft.errors import MessageError, PluginError
+from coheft.errors import MessageError, PluginError, one_line
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import MeasurementBlock
 from coheft.wire.config import AgentConfig
-from coheft.wire.messages.structs import LinkState
 from coheft.wire.scenario.plugins import told
 
 T = TypeVar("T")
@@ -58,11 +56,7 @@ class OwnEstimator:
         channels = plain_channels(returned, self._largest_arrays)
         # Other robots can influence these two numbers, so they are not checked.
         record = replace(self._gossip.own, incarnation=0, sequence=0)
-        try:
-            can_be_told = is_possible(msgspec.convert(msgspec.to_builtins(record), LinkState))
-        except (TypeError, msgspec.ValidationError):  # numbers of numpy, for instance
-            can_be_told = False
-        if not can_be_told:
+        if not is_possible(record):
             raise MessageError(
                 f"it made Gossip announce an impossible record, expected what LinkState allows: {record}"
             )
@@ -77,9 +71,10 @@ class OwnEstimator:
             raise PluginError(f"{self._what}: {method} raised {told(error, type(self._own).__module__)}") from error
         try:
             return check(returned)
-        except MessageError as error:
+        except Exception as error:  # a user's object may raise anything when it is looked at
+            why = str(error) if isinstance(error, MessageError) else f"{type(error).__name__}: {one_line(str(error))}"
             raise PluginError(
-                f"{self._what}: {method}{_place(bound)} returned an unusable value: {error}. See docs/own.md"
+                f"{self._what}: {method}{_place(bound)} returned an unusable value: {why}. See docs/own.md"
             ) from error
 
     @property

@@ -16,9 +16,9 @@ from coheft.agents.inbox import LARGEST_NORM, can_be_used
 from coheft.errors import MessageError, one_line
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.geometry.uncertain_pose import UncertainPose
-from coheft.wire.messages.array_block import MAX_DIMENSIONS
-from coheft.wire.messages.codec import check_choice
-from coheft.wire.messages.estimate_checks import check_number, check_numbers, check_payload, check_pose
+from coheft.wire.messages.codec import check_choice, check_number, check_numbers
+from coheft.wire.messages.estimate_checks import check_payload, check_pose
+from coheft.wire.messages.frame import MAX_DIMENSIONS
 from coheft.wire.messages.structs import (
     LoadChangeNotice,
     PayloadEstimate,
@@ -150,7 +150,6 @@ def _plain_poses(poses: object, neighbours: Collection[str]) -> dict[str, Uncert
 
 
 def _plain_items(items: object, kind: type[S], place: str) -> tuple[S, ...]:
-    """Convert structs of texts and numbers."""
     plain = []
     for item in _sequence(items, place):
         if not isinstance(item, kind):

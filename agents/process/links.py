@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from typing import TYPE_CHECKING
 
 import zenoh
@@ -15,7 +15,7 @@ from coheft.wire.messages.size import LEAST_LIMIT
 from coheft.wire.messages.structs import Hello, Message, Stop
 from coheft.wire.process.problem_log import ProblemLog
 from coheft.wire.transport.dialled import DialledLink
-from coheft.wire.transport.inbox import Event, Inbox, LinkChange, Presence, Question, Received, Refused
+from coheft.wire.transport.inbox import Event, Inbox, Presence, Question, Received, Refused
 from coheft.wire.transport.planes import guard_agent_for_observers, guard_neighbours, guard_robot
 from coheft.wire.transport.security import Credentials
 from coheft.wire.transport.sessions import Keys, Sender, open_session, session_id
@@ -59,11 +59,9 @@ class AgentLinks:
 
         def receive_from_server(session: zenoh.Session) -> None:
             inbox.watch_links(session, SERVER)
-            kinds: dict[str, type[Message]] = {
-                keys.robot(name, "measurements"): measurements,
-                keys.robot(name, "stop"): Stop,
-            }
-            inbox.listen(session, SERVER, kinds)
+            inbox.listen(
+                session, SERVER, {keys.robot(name, "measurements"): measurements, keys.robot(name, "stop"): Stop}
+            )
 
         def receive_from_neighbours(session: zenoh.Session, *whom: str) -> None:
             inbox.announce(session, keys.agent(name, "alive"))
@@ -80,17 +78,13 @@ class AgentLinks:
                 guard,
                 inbox,
                 lambda session: receive_from_neighbours(session, other),
-                self.hello,
-                self.message,
-                largest=largest,
+                [self.hello, self.message],
+                largest,
             )
 
-        def dial(link: DialledLink) -> DialledLink:
-            stack.callback(link.close)
-            return link
-
         guard = guard_robot(security, keys, name)
-        self._server = dial(DialledLink(config.server, guard, inbox, receive_from_server, self.ready, self.reference))
+        server = DialledLink(config.server, guard, inbox, receive_from_server, [self.ready, self.reference])
+        self._server = stack.enter_context(closing(server))
         dialled = {other.name: other.endpoint for other in config.neighbours if other.endpoint is not None}
         guard = guard_neighbours(security, keys, name, others)
         listening = stack.enter_context(open_session([config.listen], guard=guard, largest=largest))
@@ -99,7 +93,9 @@ class AgentLinks:
         self.hello.attach(listening)
         self.message.attach(listening)
         self._listening = session_id(listening)
-        self._neighbours = {other: dial(dial_neighbour(other, endpoint)) for other, endpoint in dialled.items()}
+        self._neighbours = {
+            other: stack.enter_context(closing(dial_neighbour(other, endpoint))) for other, endpoint in dialled.items()
+        }
         self._cut: set[str] = set()
 
         guard = guard_agent_for_observers(security, keys, name)
@@ -110,9 +106,7 @@ class AgentLinks:
         self.estimate = Sender(observers, keys.observe_agent(name, "estimate"), may_drop=True)
         self.problems = ProblemLog(name, Sender(observers, keys.observe_agent(name, "problem"), may_drop=True))
 
-    def handle(
-        self, event: Event | None, take: Callable[[str, Message], None]
-    ) -> LinkChange | Presence | DisturbRequest | None:
+    def handle(self, event: Event | None, take: Callable[[str, Message], None]) -> Presence | DisturbRequest | None:
         """Process an event: give its message to ``take`` and report the ``MessageError`` that this may raise, report
         what is refused, return a change of a link.
 
@@ -130,8 +124,6 @@ class AgentLinks:
         match event:
             case Refused(source, reason):
                 self.problems.tell(f"refused from {source}: {reason}")
-            case LinkChange() if event.session == self._server.session:
-                return event
             case Presence() if event.session == self._session_with(event.source):
                 return event
             case Question(_, LinkRequest() as request):
@@ -169,15 +161,12 @@ class AgentLinks:
             question.answer(Refusal(reason=reason))
             return None
         question.answer(DisturbedLink(robot=self._name, neighbour=request.neighbour, quality=request.quality))
-        link = f"the link from {request.neighbour}"
-        if request.quality.is_ideal:
-            self.problems.tell(f"the operator has restored {link}")
-        else:
-            self.problems.tell(f"the operator has disturbed {link}: {request.quality.in_words}")
+        done, how = ("restored", "") if request.quality.is_ideal else ("disturbed", f": {request.quality.in_words}")
+        self.problems.tell(f"the operator has {done} the link from {request.neighbour}{how}")
         return request
 
-    def _session_with(self, neighbour: str) -> str:
-        link = self._neighbours.get(neighbour)
+    def _session_with(self, party: str) -> str:
+        link = self._server if party == SERVER else self._neighbours.get(party)
         return self._listening if link is None else link.session
 
     @property

@@ -26,14 +26,15 @@ from coheft.wire.process.log import LOG
 from coheft.wire.process.supervised import COMMENT_AFTER, supervised_main
 from coheft.wire.scenario.network import LinkQuality
 from coheft.wire.scenario.plugins import usable_in_run
-from coheft.wire.transport.inbox import Event, LinkChange, Presence
+from coheft.wire.transport.inbox import Event, Presence
 
 _BACKLOG = 64
 """Number of measurement blocks that may wait; an agent that falls further behind skips the oldest."""
 _ASK_AGAIN = 1.0
 """Time without measurements after which the agent asks again [s]: only the server may have noticed a lost link."""
 _MAX_EVENTS = 256
-"""Number of events read between two steps at most, because a sender may be faster than this agent."""
+"""Number of events read between two steps, and before the links are checked, at most: a sender may be faster than this
+agent."""
 
 
 class AgentProcess:
@@ -55,6 +56,7 @@ class AgentProcess:
         self._config = config
         self._network = links
         self._next_check = now = time.monotonic()
+        self._read_since = 0  # number of events since the check became due
         self._links = {name: NeighbourLink(name, now) for name in config.agent.neighbours}
         self._records = open_record_check(config.agent.name, config.run, config.security)
         self._measurements: deque[tuple[float, Measurements]] = deque(maxlen=_BACKLOG)
@@ -152,7 +154,11 @@ class AgentProcess:
         self._report_links()
         is_first, self._block = self._block < 0, measurements.block
         if (estimator := self._estimator_for(measurements)) != self._estimator:
-            self._change_estimator(estimator)
+            since = self._config.agent.start_of(self._block)
+            self._network.problems.tell(f"uses the estimator '{estimator}' from {since:.2f} s on, and starts again")
+            self._start_agent(estimator)
+            for link in self._links.values():
+                link.take_messages(self._block)  # they are for the estimator before
         if measurements.holding != self._is_holding:
             self._is_holding = measurements.holding
             self._agent.set_holding(self._is_holding, self._block)
@@ -181,14 +187,6 @@ class AgentProcess:
             for link in self._links.values():
                 link.keeps_pace = link.is_heard
 
-    def _change_estimator(self, estimator: str) -> None:
-        """Restart with another estimator, as the neighbours do at this block, and drop messages for the one before."""
-        since = self._config.agent.start_of(self._block)
-        self._network.problems.tell(f"uses the estimator '{estimator}' from {since:.2f} s on, and starts again")
-        self._start_agent(estimator)
-        for link in self._links.values():
-            link.take_messages(self._block)
-
     def _estimator_for(self, measurements: Measurements) -> str:
         return measurements.estimator or self._config.agent.estimator
 
@@ -199,21 +197,21 @@ class AgentProcess:
         if wait > 0.0:
             wait = max(0.0, min(wait, self._next_check - time.monotonic()))
         event = self._network.receive(wait)
-        if event is None:
-            if time.monotonic() >= self._next_check:
+        if event is not None:
+            self._handle(event)
+        if time.monotonic() >= self._next_check:
+            self._read_since += 1
+            if event is None or self._read_since > _MAX_EVENTS:
                 self._check_links()
-            return False
-        self._handle(event)
-        return True
+        return event is not None
 
     def _handle(self, event: Event) -> None:
-        """Process an event."""
         change = self._network.handle(event, self._take)
         if change is None:
             return
         match change:
-            case LinkChange(links=count):
-                self._handle_server_links(count)
+            case Presence(source, is_here) if source == SERVER:
+                self._note_server(is_here)
             case Presence(source, is_here):
                 self._links[source].note_presence(is_here)
                 if is_here and self._is_receiving:
@@ -223,9 +221,9 @@ class AgentProcess:
                 self._agent.set_link(neighbour, quality)
 
     def _check_links(self) -> None:
-        """Renew the dialled links that do not work; called when all received events have been processed."""
+        """Renew the dialled links that do not work; called when all received events have been processed, or many."""
         now = time.monotonic()
-        self._next_check = now + PERIOD
+        self._next_check, self._read_since = now + PERIOD, 0
         for name, link in self._links.items():
             link.notice_silence(now)
             if name in self._network.dialled and link.begin_anew(now):
@@ -240,17 +238,16 @@ class AgentProcess:
             case NeighbourMessage():
                 check_field("sender", message.sender, source)
                 if message.gossip:
-                    gossip = self._records.believed(message.gossip, lambda text: self._refuse(source, text))
+                    tell = self._network.problems.tell
+                    gossip = self._records.believed(message.gossip, lambda why: tell(f"refused from {source}: {why}"))
                     message = structs.replace(message, gossip=gossip)
-                self._links[source].take_message(message, self._next_block, time.monotonic())
+                next_block = self._measurements[0][1].block if self._measurements else self._block + 1
+                self._links[source].take_message(message, next_block, time.monotonic())
             case Hello():
                 check_field("sender", message.sender, source)
                 self._links[source].take_hello(message, self._name, time.monotonic())
                 if self._is_receiving and not self._links[source].hears_us:
                     self._answer_hello()
-
-    def _refuse(self, source: str, why: str) -> None:
-        self._network.problems.tell(f"refused from {source}: {why}")
 
     def _take_measurements(self, message: Measurements) -> None:
         """Keep valid measurements for their step; restart the agent if they are of a new world."""
@@ -271,9 +268,9 @@ class AgentProcess:
         self._is_receiving = True
         self._measurements.append((time.monotonic(), message))
 
-    def _handle_server_links(self, count: int) -> None:
-        """Note the number of links with the server; report a loss to observers, and dial again."""
-        if count > 0:
+    def _note_server(self, is_here: bool) -> None:
+        """Note whether the link with the server is up; report a loss to observers, and dial again."""
+        if is_here:
             self._comment_at = math.inf
             self._server_lost_at = None
         elif self._server_lost_at is None:
@@ -303,10 +300,6 @@ class AgentProcess:
     @property
     def _name(self) -> str:
         return self._config.agent.name
-
-    @property
-    def _next_block(self) -> int:
-        return self._measurements[0][1].block if self._measurements else self._block + 1
 
 
 def run_agent(config: AgentProcessConfig) -> None:

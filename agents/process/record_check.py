@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from msgspec import structs
@@ -40,7 +41,8 @@ class RecordCheck:
         self.signatures = signatures
         self._clock = clock
         self._signed: dict[str, LinkState] = {}
-        self._own, self._own_signed = LinkState("", 0, ()), LinkState("", 0, ())
+        # Every message has the same one, until it changes.
+        self._sign = None if signatures is None else lru_cache(maxsize=1)(signatures.signed)
 
     def believed(self, records: Sequence[LinkState], tell: Callable[[str], None]) -> list[LinkState]:
         """Return the records of a message that can be trusted.
@@ -59,7 +61,8 @@ class RecordCheck:
                 if problem is not None:
                     tell(f"its record of {record.robot!r} cannot be trusted: {problem}")
                     break
-            believed.append(_unsigned(record) if record.robot == self._name else record)
+            is_own = record.robot == self._name
+            believed.append(structs.replace(record, signature=b"", certificate=b"") if is_own else record)
         return believed
 
     def _problem(self, record: LinkState) -> str | None:
@@ -75,15 +78,9 @@ class RecordCheck:
 
     def signed(self, records: list[LinkState]) -> list[LinkState]:
         """Return records to send; in the secure profile this robot's own one is signed."""
-        if self.signatures is None:
+        if self._sign is None:
             return records
-        return [self._with_signature(record) if record.robot == self._name else record for record in records]
-
-    def _with_signature(self, record: LinkState) -> LinkState:
-        if record != self._own:
-            assert self.signatures is not None
-            self._own, self._own_signed = record, self.signatures.signed(record)
-        return self._own_signed
+        return [self._sign(record) if record.robot == self._name else record for record in records]
 
 
 def open_record_check(name: str, run: str, credentials: Credentials | None) -> RecordCheck:
@@ -98,7 +95,3 @@ def open_record_check(name: str, run: str, credentials: Credentials | None) -> R
     from coheft.wire.transport.signatures import Signatures
 
     return RecordCheck(name, Signatures(run, credentials))
-
-
-def _unsigned(record: LinkState) -> LinkState:
-    return structs.replace(record, signature=b"", certificate=b"")

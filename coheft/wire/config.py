@@ -56,7 +56,7 @@ class AgentConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
         lag: Number of blocks from a measurement to the reference that answers it.
         seed: Seed of its own random choice of a motion.
         waves: The sinusoids that were drawn for it, used by motions that are made of sinusoids.
-        estimator_settings: Settings of a user's estimator; of several estimators, a table for each.
+        estimator_settings: Settings of users' estimators by name; the estimator itself gets only its own.
         motion_settings: Settings of a user's motion.
         known: Payload parameters that it knows at the start, for the estimator ``fan2017``.
     """
@@ -175,19 +175,13 @@ def agent_config(scenario: Scenario, name: str, neighbours: tuple[str, ...]) -> 
         lag=scenario.lookahead,
         seed=seed,
         waves=draw_waves(scenario.motion.frequency, seed),
-        estimator_settings=_estimator_settings(scenario),
+        estimator_settings={name: scenario.settings.get(name, {}) for name in estimator_names(scenario.estimator)},
         motion_settings=scenario.settings.get(scenario.motion.own or "", {}),
         known=_known(scenario, name),
         unequal=sensors.unequal(),
         **{key: getattr(scenario, key) for key in same},
         **{key: getattr(sensors, key) for key in same_of_sensors},
     )
-
-
-def _estimator_settings(scenario: Scenario) -> dict[str, Any]:
-    names = estimator_names(scenario.estimator)
-    tables = {name: scenario.settings.get(name, {}) for name in names}
-    return tables if len(names) > 1 else tables[names[0]]
 
 
 def _known(scenario: Scenario, name: str) -> KnownPayload:

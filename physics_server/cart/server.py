@@ -13,11 +13,11 @@ from coheft.errors import CoheftError, LinkError, MessageError
 from coheft.physics_server.cart.physics import CartSimulation
 from coheft.wire.cart.config import CartServerConfig
 from coheft.wire.cart.messages import CartPush
-from coheft.wire.messages.codec import check_array, check_field
+from coheft.wire.messages.codec import check_field, check_numbers
 from coheft.wire.messages.structs import Message, Ready, Stop
 from coheft.wire.process.problem_log import ProblemLog
 from coheft.wire.process.supervised import supervised_main
-from coheft.wire.transport.inbox import Event, Inbox, LinkChange, Received, Refused
+from coheft.wire.transport.inbox import Event, Inbox, Presence, Received, Refused
 from coheft.wire.transport.planes import SERVER
 from coheft.wire.transport.sessions import Keys, Sender, open_session
 
@@ -57,8 +57,8 @@ class _PusherLink:
                 check_field("robot", message.robot, self._name)
                 check_field("answers", message.answers, self.answered + 1)
                 check_field("block", message.block, message.answers + self._lag)
-                check_array(message.wrench, (3,), "wrench")
-                check_array(message.hand, (2,), "hand")
+                check_numbers(message.wrench, (3,), "wrench")
+                check_numbers(message.hand, (2,), "hand")
                 self.answered = message.answers
                 self.pushes[message.block] = message
 
@@ -128,7 +128,7 @@ class CartServer:
                     self._problems.tell(f"refused from {name}: {error}")
             case Refused(source, error):
                 self._problems.tell(f"refused from {source}: {error}")
-            case LinkChange(name, links=0) if self._simulation.block > 0 and not self._is_over:
+            case Presence(name, is_here=False) if self._simulation.block > 0 and not self._is_over:
                 raise LinkError(f"lost the link with {name}, which had answered sample {self._links[name].answered}")
 
 

@@ -15,7 +15,7 @@ from hypothesis.extra.numpy import array_shapes, arrays
 from coheft.wire.cart import messages as cart_messages
 from coheft.wire.messages import structs
 from coheft.wire.messages.codec import encode
-from coheft.wire.messages.frame import Seal, Start
+from coheft.wire.messages.frame import Seal
 from coheft.wire.messages.requests import Request
 from coheft.wire.messages.structs import Message
 
@@ -41,7 +41,7 @@ def values(kind: Any) -> st.SearchStrategy[Any]:
     if kind is int:
         return st.integers(-(2**63), 2**63 - 1)
     if origin is typing.Annotated:
-        return st.floats(arguments[1].ge, arguments[1].le)
+        return limited(arguments[0], arguments[1])
     if origin is np.ndarray:
         return arrays(np.float64, array_shapes(min_dims=0, max_dims=4, min_side=0, max_side=4))
     if origin is typing.Literal:
@@ -63,6 +63,15 @@ def values(kind: Any) -> st.SearchStrategy[Any]:
     return st.from_type(kind)
 
 
+def limited(kind: Any, limits: msgspec.Meta) -> st.SearchStrategy[Any]:
+    """Anything of this type within its limits."""
+    if kind is float:
+        return st.floats(typing.cast("float", limits.ge), typing.cast("float", limits.le))
+    if kind is int:
+        return st.integers(typing.cast("int", limits.ge), typing.cast("int", limits.lt) - 1)
+    return values(kind).filter(lambda value: len(value) <= typing.cast("int", limits.max_length))
+
+
 def fields_of(sound: bytes) -> Any:
     """The fields of a message, as nested builtins."""
     return msgspec.msgpack.decode(SEAL.unwrapped(sound, "message").fields)
@@ -73,7 +82,7 @@ def with_fields(sound: bytes, fields: bytes, shapes: bytes | None = None) -> byt
     frame = SEAL.unwrapped(sound, "message")
     arrays = [np.frombuffer(frame.arrays, np.uint8)]
     shapes = frame.shapes if shapes is None else shapes
-    return SEAL.wrapped(frame.code, frame.block, frame.number, Start.of(fields, shapes), arrays)
+    return SEAL.wrapped(frame.code, frame.block, frame.number, fields, shapes, arrays)
 
 
 def of_version(version: int, message: Message, key: str) -> bytes:

@@ -58,6 +58,7 @@ def test_a_robot_link_refuses_what_does_not_fit(link: RobotLink, data: st.DataOb
         ("motion", np.zeros((SAMPLES, 6))),
         ("motion", np.zeros((SAMPLES + 1, 12))),
         ("motion", np.zeros(3)),
+        ("motion", np.full((SAMPLES, 12), -(2**63))),  # whose size is negative
         ("wrench", np.zeros(3)),
         ("wrench", np.zeros((1, 6))),
     ],

@@ -110,13 +110,13 @@ class Team:
 
     def ask(self, request: Request) -> Status:
         """The server's answer to a request that it can carry out."""
-        answer = ask(self.observer, self.keys.request("operator"), request)
+        answer = ask(Status, self.observer, self.keys.request("operator"), request)
         assert isinstance(answer, Status), answer
         return answer
 
     def refusal(self, request: Request) -> str:
         """Why the server does not carry a request out."""
-        answer = ask(self.observer, self.keys.request("operator"), request)
+        answer = ask(Status, self.observer, self.keys.request("operator"), request)
         assert isinstance(answer, Refusal), answer
         return answer.reason
 

@@ -15,7 +15,7 @@ from coheft.wire.messages.structs import Estimate
 from coheft.wire.scenario.network import LinkQuality
 from coheft.wire.transport.planes import guard_observer
 from coheft.wire.transport.security import credentials_in
-from coheft.wire.transport.sessions import ask_for, open_session
+from coheft.wire.transport.sessions import ask, open_session
 
 from .team import running_team, small_scenario, wait_until
 
@@ -58,7 +58,7 @@ def test_a_link_that_is_cut_is_silent_at_both_ends_until_it_is_mended(tmp_path):
 
             def refusal() -> str:
                 try:
-                    answer = ask_for(
+                    answer = ask(
                         CutLinks, session, team.keys.request_agent("r1"), LinkRequest(neighbour="r2", cut=True)
                     )
                 except LinkError:
@@ -84,7 +84,7 @@ def test_in_a_secure_run_only_the_operator_cuts_links(tmp_path):
             open_session(connect=[run_file.agents["r2"]], guard=guard) as session,
             pytest.raises(LinkError, match="no answer"),
         ):
-            ask_for(CutLinks, session, team.keys.request_agent("r2"), LinkRequest(neighbour="r1", cut=True))
+            ask(CutLinks, session, team.keys.request_agent("r2"), LinkRequest(neighbour="r1", cut=True))
         set_link(run_file, scene, "r1", "r2", cut=True)
         wait_until(lambda: "the operator has cut the link with r1" in team.log("r2"), "the link to be cut")
         assert team.log("r2").count("the operator has cut") == 1

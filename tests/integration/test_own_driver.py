@@ -5,7 +5,8 @@ from __future__ import annotations
 import subprocess
 import sys
 import time
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import msgspec
@@ -15,12 +16,13 @@ import pytest
 from coheft.app.run.inprocess import run_in_process
 from coheft.app.run.plan import Plan, make_plan
 from coheft.errors import LinkError
+from coheft.wire.config import AgentProcessConfig
 from coheft.wire.messages.codec import encode
 from coheft.wire.messages.structs import Estimate, Measurements, Ready, Reference
 from coheft.wire.process.log import log_to_stderr
 from coheft.wire.scenario.file import load_scenario
 from coheft.wire.scenario.schema import Scenario
-from coheft.wire.transport.driver import open_driver
+from coheft.wire.transport.driver import Driver, open_driver
 from coheft.wire.transport.inbox import Inbox, Received
 from coheft.wire.transport.sessions import Keys, Sender, open_session
 
@@ -114,26 +116,34 @@ def test_a_recording_of_other_robots_is_refused(tmp_path: Path) -> None:
     assert "found r1, r2, r3 at 500 samples a second, but the agents expect r1, r2, r3 at 1000" in done.stderr
 
 
-@pytest.mark.parametrize(("part", "bad"), [("motion", np.nan), ("motion", np.inf), ("wrench", -np.inf)])
-@pytest.mark.usefixtures("process_log")
-def test_references_that_are_not_finite_are_told_once_with_their_robot_and_not_handed_to_its_arm(
-    capfd: pytest.CaptureFixture[str], part: str, bad: float
-) -> None:
-    log_to_stderr()
-    config = make_plan(load_scenario("ring3")).agents["r2"]
-    keys, size, lag = Keys(config.run), config.agent.block, config.agent.lag
+@contextmanager
+def fed_driver(name: str) -> Iterator[tuple[Driver, AgentProcessConfig, Inbox, Sender]]:
+    """A driver, the agent's configuration, what the agent is sent, and a sender of its references."""
+    config = make_plan(load_scenario("ring3")).agents[name]
+    keys, inbox = Keys(config.run), Inbox()
     with open_driver(config) as driver, open_session(connect=[config.server]) as agent:
-        Inbox().listen(agent, "the driver", {keys.robot("r2", "measurements"): Measurements})
-        ready, reference = (Sender(agent, keys.robot("r2", topic), may_drop=False) for topic in ("ready", "reference"))
+        inbox.listen(agent, "the driver", {keys.robot(name, "measurements"): Measurements})
+        ready, reference = (Sender(agent, keys.robot(name, topic), may_drop=False) for topic in ("ready", "reference"))
 
         def is_fed() -> bool:
-            ready.send(Ready(robot="r2"))
+            ready.send(Ready(robot=name))
             with suppress(LinkError):
                 driver.wait_for_agent(0.1)
                 return True
             return False
 
         wait_until(is_fed, "the driver to hear its agent")
+        yield driver, config, inbox, reference
+
+
+@pytest.mark.parametrize(("part", "bad"), [("motion", np.nan), ("motion", np.inf), ("wrench", -np.inf)])
+@pytest.mark.usefixtures("process_log")
+def test_references_that_are_not_finite_are_told_once_with_their_robot_and_not_handed_to_its_arm(
+    capfd: pytest.CaptureFixture[str], part: str, bad: float
+) -> None:
+    log_to_stderr()
+    with fed_driver("r2") as (driver, config, _, reference):
+        size, lag = config.agent.block, config.agent.lag
         for block, number in enumerate((bad, bad, 0.0)):
             driver.send(block, np.zeros((size, 15)))
             numbers = {"motion": np.zeros((size, 12)), "wrench": np.zeros(6)}
@@ -145,3 +155,13 @@ def test_references_that_are_not_finite_are_told_once_with_their_robot_and_not_h
         f"refused from r2: the reference of block {lag} is not finite: its arm holds still until it gets a reference "
         "that it can follow\n"
     )
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.int64])
+def test_agents_compute_in_double_precision_whatever_sensors_give(kind: type[np.generic]) -> None:
+    with fed_driver("r2") as (driver, config, inbox, _):
+        driver.send(0, np.ones((config.agent.block, 15), dtype=kind))
+        received = inbox.receive(LIMIT)
+    assert isinstance(received, Received)
+    assert isinstance(received.message, Measurements)
+    assert received.message.samples.dtype == np.float64

@@ -137,10 +137,10 @@ def test_bad_messages_are_refused_and_the_run_goes_on(tmp_path):
         to_agent: dict[str, Message | bytes] = {
             "sender is 'nobody'": NeighbourMessage(sender="nobody", block=now, gossip=[], channels={}),
             "1000000": said(1000000),
-            f"{now + 1}": said(now + 1, long_past),
-            f"{now + 2}": said(now + 2, never),
+            ">= 0 - at `$.gossip[0].since`": said(now + 1, long_past),
+            ">= -1 - at `$.gossip[0].ready_block`": said(now + 2, never),
             "finite": said(now + 3, kinematics=not_finite),
-            "not a NeighbourMessage": b"rubbish",
+            "not a NeighbourMessage: its checksum is wrong": b"rubbish",
         }
         harmless = [said(0), said(now), said(now), said(now + 4, kinematics=too_short)]
         with open_session(connect=[plan.server.robots[first], plan.agents[first].listen]) as session:
@@ -156,7 +156,7 @@ def test_bad_messages_are_refused_and_the_run_goes_on(tmp_path):
 
             # Blocks that go by change what is wrong with a message: the run stays paused until all have arrived.
             wait_for_refusals(team, "server", *to_server)
-            wait_for_refusals(team, first, "not a NeighbourMessage")
+            wait_for_refusals(team, first, "not a NeighbourMessage: its checksum is wrong")
             team.ask(PauseRequest(paused=False))
             wait_for_refusals(team, first, *to_agent)
         team.wait_for_block(now + 50)

@@ -10,7 +10,7 @@ from contextlib import ExitStack, contextmanager
 import pytest
 import zenoh
 
-from coheft.wire.transport.inbox import Inbox, LinkChange, Refused
+from coheft.wire.transport.inbox import Inbox, Presence, Refused
 from coheft.wire.transport.planes import (
     guard_agent_for_observers,
     guard_neighbours,
@@ -277,5 +277,5 @@ def test_links_of_those_who_have_no_business_here_are_told_but_not_counted(secur
             assert event.source == "r4"
             assert "only r1 may dial" in str(event.error)
         with raw_session([endpoint], tls=tls_settings(secure.credentials("r1"))):
-            assert next_event(inbox) == LinkChange("r1", links=1)
-        assert next_event(inbox) == LinkChange("r1", links=0)
+            assert next_event(inbox) == Presence("r1", True)
+        assert next_event(inbox) == Presence("r1", False)

@@ -22,7 +22,7 @@ from coheft.errors import CoheftError, MessageError, one_line
 from coheft.estimation.geometry.spatial import quaternion_from_rotation, rotation_exp
 from coheft.wire.config import AgentConfig, AgentProcessConfig
 from coheft.wire.messages.structs import Estimate, EstimateBeside, Measurements, Message, Problem, Reference
-from coheft.wire.transport.inbox import Inbox, LinkChange, Received, Refused
+from coheft.wire.transport.inbox import Inbox, Presence, Received, Refused
 from coheft.wire.transport.robot_link import RobotLink
 from coheft.wire.transport.security import Guard
 from coheft.wire.transport.sessions import Keys
@@ -196,20 +196,20 @@ class Team:
                         self._complain(f"refused from {name}: {error}")
                 case Refused(name, error):
                     self._complain(f"refused from {name}: {error}")
-                case LinkChange(name, count):
-                    self._note_links(name, count)
+                case Presence(name, is_here):
+                    self._note_link(name, is_here)
             event = self._inbox.receive(0.0)
 
-    def _note_links(self, name: str, count: int) -> None:
-        """Note the number of an agent's processes, and tell when it goes and comes back."""
+    def _note_link(self, name: str, is_here: bool) -> None:
+        """Note whether an agent is linked, and tell when it goes and comes back."""
         link = self._links[name]
-        if link.is_linked and not count:
+        if link.is_linked and not is_here:
             self._gone.add(name)
             self._tell(f"the agent of {name} is gone; waiting for it")
-        elif count and name in self._gone:
+        elif is_here and name in self._gone:
             self._gone.remove(name)
             self._tell(f"the agent of {name} is back")
-        link.note_links(count)
+        link.note_link(is_here)
 
     def _take(self, name: str, message: Message) -> None:
         """Pass on an agent's message."""

@@ -7,15 +7,8 @@ import numpy as np
 from coheft.errors import MessageError, one_line
 from coheft.estimation.measurement import SAMPLE_SIZE
 from coheft.estimation.tolerance import AXES, PAIRS, SensorTolerance
-from coheft.wire.messages.codec import check_array, check_choice, check_field
-from coheft.wire.messages.estimate_checks import (
-    ROTATION_TOLERANCE,
-    check_number,
-    check_numbers,
-    check_payload,
-    check_pose,
-    check_rotation,
-)
+from coheft.wire.messages.codec import check_choice, check_field, check_number, check_numbers
+from coheft.wire.messages.estimate_checks import ROTATION_TOLERANCE, check_payload, check_pose, check_rotation
 from coheft.wire.messages.requests import Status
 from coheft.wire.messages.scene import Scene
 from coheft.wire.messages.structs import Estimate, EstimateBeside, Message, Problem
@@ -53,12 +46,12 @@ def check_status(status: Status) -> None:
     scene = status.scene
     if not 0 < len(set(scene.robots)) == len(scene.robots):
         raise MessageError(f"robots are {scene.robots} but expected at least one, without duplicates")
-    check_array(scene.rotations, (len(scene.robots), 3, 3), "rotations")
+    check_numbers(scene.rotations, (len(scene.robots), 3, 3), "rotations")
     for name, rotation in zip(scene.robots, scene.rotations, strict=True):
         check_rotation(rotation, name)
     check_numbers(scene.translations, (len(scene.robots), 3), "translations")
     if scene.triangles.size:
-        check_numbers(scene.triangles, (len(scene.triangles), 3, 3), "triangles")
+        check_numbers(scene.triangles.astype(np.float64), (len(scene.triangles), 3, 3), "triangles")
     check_field("robots of the graph", sorted(scene.neighbours), sorted(scene.robots))
     for name, others in scene.neighbours.items():
         for other in others:
@@ -90,7 +83,7 @@ def check_truth(truth: Truth, scene: Scene) -> None:
     check_numbers(truth.samples, (len(scene.robots), SAMPLE_SIZE), "samples")
     for name, grasp in truth.slipped.items():
         check_choice("robot whose grasp has slipped", name, scene.robots)
-        check_array(grasp.rotation, (3, 3), "rotation")
+        check_numbers(grasp.rotation, (3, 3), "rotation")
         check_rotation(grasp.rotation, name)
         check_numbers(grasp.translation, (3,), "translation")
     for name, ahead in truth.clocks.items():

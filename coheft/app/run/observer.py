@@ -29,7 +29,7 @@ from coheft.wire.scenario.network import LinkQuality
 from coheft.wire.transport.inbox import Inbox, Received, Refused
 from coheft.wire.transport.planes import SERVER, guard_observer
 from coheft.wire.transport.security import Guard, credentials_in
-from coheft.wire.transport.sessions import Keys, Role, ask, ask_for, open_session
+from coheft.wire.transport.sessions import Keys, Role, ask, open_session
 
 _RETRY_EVERY = 0.02
 _ANSWER_LIMIT = 5.0
@@ -102,7 +102,7 @@ class Observer:
         if self._last_word is not None:
             return self._last_word
         try:
-            answer = ask(self._session, self._request, StatusRequest(), timeout=0.5)
+            answer = ask(Status, self._session, self._request, StatusRequest(), timeout=0.5)
         except LinkError:
             self._unanswered += 1
             return None
@@ -140,7 +140,7 @@ class Observer:
             if time.monotonic() > deadline:
                 raise LinkError(f"the run's server does not answer within {_ANSWER_LIMIT:g} s")
             time.sleep(_RETRY_EVERY)
-        answer = ask(self._session, self._request, request, timeout=_ANSWER_LIMIT)
+        answer = ask(Status, self._session, self._request, request, timeout=_ANSWER_LIMIT)
         if isinstance(answer, Refusal):
             raise CoheftError(f"refused: {answer.reason}")
         check_status(answer)
@@ -200,7 +200,7 @@ def _ask_agent(run_file: RunFile, name: str, request: Message, expected: type[Me
         deadline = time.monotonic() + _ANSWER_LIMIT
         while True:
             try:
-                answer = ask_for(expected, session, key, request, timeout=0.5)
+                answer = ask(expected, session, key, request, timeout=0.5)
                 break
             except LinkError:  # the link to it may not be up yet
                 if time.monotonic() > deadline:

@@ -10,7 +10,7 @@ from coheft.wire.messages.structs import LinkState, Message, sent_as
 # --- robot plane -------------------------------------------------------------------------------------------------
 
 
-@sent_as(50, block="block", is_steady=True)
+@sent_as(50, block="block")
 class CartMeasurement(Message, frozen=True):
     """Server to pusher: a sample of its sensors.
 
@@ -31,7 +31,7 @@ class CartMeasurement(Message, frozen=True):
     hand: np.ndarray[Any, Any]
 
 
-@sent_as(51, block="block", number="answers", is_steady=True)
+@sent_as(51, block="block", number="answers")
 class CartPush(Message, frozen=True):
     """Pusher to server: the answer to a sample, with the wrench of its hand ``lag`` samples later.
 
@@ -53,7 +53,7 @@ class CartPush(Message, frozen=True):
 # --- neighbour plane ---------------------------------------------------------------------------------------------
 
 
-@sent_as(52, block="block", is_steady=True)
+@sent_as(52, block="block")
 class CartMessage(Message, frozen=True):
     """Pusher to each neighbour, once per sample.
 

@@ -1,6 +1,6 @@
 """Conversion of messages to bytes and back.
 
-All messages leave a process through ``Writer`` and enter one through ``Reader``, which raises ``MessageError`` for
+All messages leave a process through ``encode`` and enter one through ``decode``, which raises ``MessageError`` for
 anything but a valid message of the expected kind. The checksum includes the key under which the message is sent, and a
 key begins with the name of the run. So a message that is damaged, or comes from an older run, another process or
 another topic, is refused even if it could be decoded. The checksum is not a signature; the secure profile uses TLS for
@@ -9,100 +9,57 @@ that.
 
 import math
 import typing
-import zlib
 from collections.abc import Collection
 from functools import cache, lru_cache
-from typing import Any, Generic, TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
 from coheft.errors import MessageError
 from coheft.estimation.geometry.spatial import Array
-from coheft.wire.messages.frame import CHECKSUM, HEADER, PROTOCOL_VERSION, WORD, Seal
+from coheft.wire.messages.frame import Seal
 from coheft.wire.messages.kind import MALFORMED, Kind
 from coheft.wire.messages.structs import Message
 
 M = TypeVar("M")
+_LARGEST = 1e15
+"""Limit of received numbers."""
+
+
+_kind = cache(Kind)
 
 
 @cache
-def _kind(kind: type[Message]) -> Kind:
-    return Kind(kind)
+def _expected(kind: Any) -> tuple[str, dict[int, Kind]]:
+    """Return the name of a kind, or those of a union of kinds, and all kinds by their codes."""
+    kinds = typing.get_args(kind) or (kind,)
+    return " or ".join(each.__name__ for each in kinds), {each.code: _kind(each) for each in kinds}
 
 
-class Writer:
-    """Encodes the messages that are sent under one key."""
-
-    def __init__(self, key: str) -> None:
-        self._seal = Seal(key)
-
-    def write(self, message: Message) -> bytes:
-        """Return the message as bytes."""
-        return _kind(type(message)).encode(message, self._seal)
-
-
-class Reader(Generic[M]):
-    """Decodes the messages of a kind, or of a union of kinds, that are received under one key."""
-
-    def __init__(self, kind: type[M], key: str) -> None:
-        self._name = getattr(kind, "__name__", str(kind))
-        self._kinds = {each.code: _kind(each) for each in typing.get_args(kind) or (kind,)}
-        self._seal = Seal(key)
-
-    def read(self, data: bytes) -> M:
-        """Decode a message.
-
-        Raises:
-            MessageError: The bytes are damaged, were sent under another key (for instance in another run), are another
-                message, or have another protocol version.
-        """
-        message = self._of_known_start(data)
-        return cast(M, self._in_words(data) if message is None else message)
-
-    def _of_known_start(self, data: bytes) -> Message | None:
-        """Decode a message whose fields and shapes are known from an earlier one; None otherwise, or if invalid."""
-        if len(data) < HEADER.size:
-            return None
-        checksum, version, code, words, run, size, block, number = HEADER.unpack_from(data)
-        kind = self._kinds.get(code)
-        if kind is None or version != PROTOCOL_VERSION or run != self._seal.run:
-            return None
-        if zlib.crc32(memoryview(data)[CHECKSUM.size :], self._seal.seed) != checksum:
-            return None
-        first = HEADER.size + size
-        return kind.of_known_start(data, first, first + words * WORD, block, number)
-
-    def _in_words(self, data: bytes) -> Message:
-        """Decode a message step by step, with an error that names the problem."""
-        frame = self._seal.unwrapped(data, self._name)
-        kind = self._kinds.get(frame.code)
-        if kind is None:
-            names = {each.code: each.__name__ for each in Message.__subclasses__()}
-            found = names.get(frame.code, f"message of kind {frame.code}")
-            raise MessageError(f"not a {self._name}: it is a {found}")
-        try:
-            return kind.decode(frame)
-        except MALFORMED as error:
-            raise MessageError(f"not a {self._name}: {error}") from error
-
-
-_writer = lru_cache(maxsize=256)(Writer)
-_reader: Any = lru_cache(maxsize=256)(Reader)
+_seal = lru_cache(maxsize=1024)(Seal)
 
 
 def encode(message: Message, key: str) -> bytes:
-    """Return the message as bytes, to be sent under ``key``, see ``Writer``."""
-    return _writer(key).write(message)
+    """Return the message as bytes, to be sent under ``key``."""
+    return _kind(type(message)).encode(message, _seal(key))
 
 
 def decode(data: bytes, kind: type[M], key: str) -> M:
-    """Decode a message that was received under ``key``, see ``Reader``.
+    """Decode a message of a kind, or of a union of kinds, that was received under ``key``.
 
     Raises:
-        MessageError: The bytes are not a message of that kind.
+        MessageError: The bytes are damaged, were sent under another key (for instance in another run), are another
+            message, or have another protocol version.
     """
-    message: M = _reader(kind, key).read(data)
-    return message
+    name, kinds = _expected(cast(Any, kind))
+    frame = _seal(key).unwrapped(data, name)
+    if frame.code not in kinds:
+        names = {each.code: each.__name__ for each in Message.__subclasses__()}
+        raise MessageError(f"not a {name}: it is a {names.get(frame.code, f'message of kind {frame.code}')}")
+    try:
+        return cast(M, kinds[frame.code].decode(frame))
+    except MALFORMED as error:
+        raise MessageError(f"not a {name}: {error}") from error
 
 
 def is_finite(array: Array) -> bool:
@@ -111,13 +68,26 @@ def is_finite(array: Array) -> bool:
     return math.isfinite(np.vdot(array, array)) or bool(np.isfinite(array).all())
 
 
-def check_array(array: Array, shape: tuple[int, ...], name: str) -> None:
-    """Check that a received array has a shape and is finite; raise ``MessageError`` if not."""
-    if array.shape != shape:
-        raise MessageError(f"{name}.shape is {array.shape} but expected {shape}")
-    if not is_finite(array):
-        count = int(np.size(array) - np.isfinite(array).sum())
+def check_numbers(array: Array, shape: tuple[int, ...], name: str) -> None:
+    """Check a received array of numbers in double precision.
+
+    Raises:
+        MessageError: It has another shape or type, or contains numbers that are not finite or too large.
+    """
+    check_field(f"{name}.shape", array.shape, shape)
+    check_field(f"{name}.dtype", array.dtype.name, "float64")  # products of whole numbers may overflow
+    # Nearly always the sum of squares shows it; it is not below the limit for numbers that are not finite.
+    if np.vdot(array, array) < _LARGEST**2:
+        return
+    if count := np.count_nonzero(~np.isfinite(array)):
         raise MessageError(f"{name} contains {count} numbers that are not finite")
+    check_number(float(np.abs(array).max()), f"largest number of {name}")
+
+
+def check_number(value: float, name: str) -> None:
+    """Check that a received number is finite and not too large; raise ``MessageError`` if not."""
+    if not (math.isfinite(value) and abs(value) < _LARGEST):
+        raise MessageError(f"{name} is {value} but expected less than {_LARGEST:g}")
 
 
 def check_field(name: str, found: object, expected: object) -> None:

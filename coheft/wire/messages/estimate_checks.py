@@ -1,18 +1,14 @@
 """Checks that an estimate can be used: shapes are right, numbers are finite, and rotations are valid."""
 
-import math
-
 import numpy as np
 
 from coheft.errors import MessageError
 from coheft.estimation.geometry.spatial import Array
-from coheft.wire.messages.codec import check_array
+from coheft.wire.messages.codec import check_number, check_numbers
 from coheft.wire.messages.structs import PayloadEstimate, PoseEstimate
 
 ROTATION_TOLERANCE = 1e-6
 """Largest deviation of a valid rotation matrix from orthonormality."""
-_LARGEST = 1e15
-_IDENTITY = np.eye(3)
 
 
 def check_payload(payload: PayloadEstimate) -> None:
@@ -40,30 +36,9 @@ def check_pose(pose: PoseEstimate, name: str) -> None:
 def check_rotation(rotation: Array, name: str) -> None:
     """Check the rotation (3, 3) of the neighbour ``name``; raise ``MessageError`` if it is none."""
     check_numbers(rotation, (3, 3), f"rotation of {name!r}")
-    difference = np.abs(rotation.T @ rotation - _IDENTITY).max()
-    (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
-    determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
-    if difference > ROTATION_TOLERANCE or determinant < 0.0:
+    difference = np.abs(rotation.T @ rotation - np.eye(3)).max()
+    if difference > ROTATION_TOLERANCE or np.linalg.det(rotation) < 0.0:
         raise MessageError(f"rotation of {name!r} is not valid: expected an orthonormal matrix with determinant 1")
-
-
-def check_numbers(array: Array, shape: tuple[int, ...], name: str) -> None:
-    """Check the shape of an array and the size of its numbers.
-
-    Raises:
-        MessageError: It has another shape, or contains numbers that are not finite or too large.
-    """
-    # Nearly always the sum of squares shows it; it is not below the limit for numbers that are not finite.
-    if array.shape == shape and array.dtype == np.float64 and np.vdot(array, array) < _LARGEST**2:
-        return
-    check_array(array, shape, name)
-    check_number(float(np.abs(array).max()), f"largest number of {name}")
-
-
-def check_number(value: float, name: str) -> None:
-    """Check that a number is finite and not too large; raise ``MessageError`` if not."""
-    if not (math.isfinite(value) and abs(value) < _LARGEST):
-        raise MessageError(f"{name} is {value} but expected less than {_LARGEST:g}")
 
 
 def _check_covariance(covariance: Array, size: int, name: str) -> None:

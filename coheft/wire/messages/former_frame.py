@@ -12,8 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from coheft.errors import MessageError
-from coheft.wire.messages.array_block import DTYPES
-from coheft.wire.messages.frame import CHECKSUM, is_map
+from coheft.wire.messages.frame import CHECKSUM, DTYPES, is_map
 from coheft.wire.messages.kind import MALFORMED
 from coheft.wire.messages.structs import Message
 

@@ -7,11 +7,14 @@
 Each array begins at a multiple of 16 bytes. ``docs/wire.md`` describes the format byte by byte.
 """
 
+import math
 import struct
 import zlib
 from collections.abc import Iterable
-from typing import Any, NamedTuple, Self
+from functools import lru_cache
+from typing import Any, NamedTuple
 
+import numpy as np
 import numpy.typing as npt
 
 from coheft.errors import MessageError
@@ -20,11 +23,20 @@ PROTOCOL_VERSION = 6
 """Version in each header, which must be equal on both sides. Up to version 5 there were no headers."""
 HEADER = struct.Struct("<IBBHIIqq")
 """Checksum, version, kind, size of the shapes [4 B], run, size of the fields [B], block, number; see ``Frame``."""
-WORD = 4
-"""Size of the integers that encode shapes [B]."""
-ALIGNMENT = 16
 CHECKSUM = struct.Struct("<I")
-_ZEROS = [bytes(size) for size in range(ALIGNMENT)]
+AnyArray = npt.NDArray[Any]
+Place = tuple[np.dtype[Any], tuple[int, ...], int]
+"""Type and shape of an array, and its offset in the block of all arrays of its message [B]."""
+DTYPES: dict[int, np.dtype[Any]] = {1: np.dtype("<f8"), 2: np.dtype("<f4"), 3: np.dtype("<i4"), 4: np.dtype("<i8")}
+"""Types of arrays, by code; arrays of other types are sent in double precision."""
+CODES = {dtype: code for code, dtype in DTYPES.items()}
+DOUBLE = DTYPES[1]
+MAX_DIMENSIONS = 4
+"""Largest number of dimensions of an array."""
+_WORD = 4
+"""Size of the integers that encode shapes [B]."""
+_ALIGNMENT = 16
+_ZEROS = [bytes(size) for size in range(_ALIGNMENT)]
 _MAPS = (*range(0x80, 0x90), 0xDE, 0xDF)
 """Bytes with which MessagePack may begin a map, as messages without a header did after their checksum."""
 
@@ -48,26 +60,6 @@ class Frame(NamedTuple):
     arrays: memoryview
 
 
-class Start(NamedTuple):
-    """All of a message between its header and its arrays.
-
-    Attributes:
-        size: Size of the fields [B].
-        words: Number of words of the shapes.
-        data: Fields, shapes and the zeros after them.
-    """
-
-    size: int
-    words: int
-    data: bytes
-
-    @classmethod
-    def of(cls, fields: bytes, shapes: bytes) -> Self:
-        """Join fields and shapes."""
-        size = len(fields) + len(shapes)
-        return cls(len(fields), len(shapes) // WORD, b"".join((fields, shapes, _ZEROS[-size % ALIGNMENT])))
-
-
 class Seal:
     """Checksums that belong to one key.
 
@@ -79,15 +71,15 @@ class Seal:
     def __init__(self, key: str) -> None:
         self.run, self.seed = zlib.crc32(key.partition("/")[0].encode()), zlib.crc32(key.encode())
 
-    def wrapped(self, code: int, block: int, number: int, start: Start, arrays: Iterable[npt.NDArray[Any]]) -> bytes:
+    def wrapped(
+        self, code: int, block: int, number: int, fields: bytes, shapes: bytes, arrays: Iterable[AnyArray]
+    ) -> bytes:
         """Return a message as bytes, see ``Frame``; arrays have to be little-endian."""
-        header = HEADER.pack(0, PROTOCOL_VERSION, code, start.words, self.run, start.size, block, number)
-        parts = [header[CHECKSUM.size :], start.data]
+        header = HEADER.pack(0, PROTOCOL_VERSION, code, len(shapes) // _WORD, self.run, len(fields), block, number)
+        parts = [header[CHECKSUM.size :], fields, shapes, _ZEROS[-(len(fields) + len(shapes)) % _ALIGNMENT]]
         for array in arrays:
             data = array.tobytes()
-            parts.append(data)
-            if rest := len(data) % ALIGNMENT:
-                parts.append(_ZEROS[ALIGNMENT - rest])
+            parts += data, _ZEROS[-len(data) % _ALIGNMENT]
         return self.close(b"".join(parts))
 
     def close(self, body: bytes) -> bytes:
@@ -119,13 +111,13 @@ class Seal:
         if run != self.run:
             raise MessageError(f"not a {name}: its header has run {run:08x} but expected {self.run:08x}")
         first = HEADER.size + size
-        end = first + words * WORD
-        if len(data) < padded(end):
+        end = first + words * _WORD
+        if len(data) < (begin := _padded(end)):
             raise MessageError(
-                f"not a {name}: it has {len(data)} bytes but expected at least {padded(end)} for the header, {size} of "
-                f"fields and {words * WORD} of shapes"
+                f"not a {name}: it has {len(data)} bytes but expected at least {begin} for the header, {size} of "
+                f"fields and {words * _WORD} of shapes"
             )
-        return Frame(code, block, number, data[HEADER.size : first], data[first:end], view[padded(end) :])
+        return Frame(code, block, number, data[HEADER.size : first], data[first:end], view[begin:])
 
 
 def is_map(byte: int) -> bool:
@@ -133,6 +125,42 @@ def is_map(byte: int) -> bool:
     return byte in _MAPS
 
 
-def padded(size: int) -> int:
+def _padded(size: int) -> int:
     """Return a size or offset, rounded up to the alignment."""
-    return size + -size % ALIGNMENT
+    return size + -size % _ALIGNMENT
+
+
+def described(arrays: Iterable[AnyArray]) -> bytes:
+    """Encode types and shapes as words: for each array its type, its number of dimensions, and its dimensions."""
+    words: list[int] = []
+    for array in arrays:
+        words += CODES[array.dtype], array.ndim, *array.shape
+    return struct.pack(f"<{len(words)}I", *words)
+
+
+def _places_of(shapes: bytes) -> tuple[list[Place], int]:
+    words = struct.unpack(f"<{len(shapes) // _WORD}I", shapes)
+    places: list[Place] = []
+    at = end = 0
+    while at < len(words):
+        code, dimensions = words[at], words[at + 1] if at + 1 < len(words) else 0
+        shape = words[at + 2 : at + 2 + dimensions]
+        if code not in DTYPES or dimensions > MAX_DIMENSIONS or at + 2 + dimensions > len(words):
+            raise ValueError(f"expected arrays of types 1 to {len(DTYPES)} and at most {MAX_DIMENSIONS} dimensions")
+        places.append((DTYPES[code], shape, end))
+        end += _padded(DTYPES[code].itemsize * math.prod(shape))
+        at += 2 + dimensions
+    return places, end
+
+
+_known = lru_cache(maxsize=256)(_places_of)
+_SHORT = 512
+
+
+def places_of(shapes: bytes) -> tuple[list[Place], int]:
+    """Decode what ``described`` has encoded, and the size of all arrays [B].
+
+    Raises:
+        ValueError: The bytes are something else.
+    """
+    return _known(shapes) if len(shapes) <= _SHORT else _places_of(shapes)

@@ -20,10 +20,6 @@ class BoxShape(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     rotation_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
-def _no_triangles() -> np.ndarray[Any, Any]:
-    return np.empty((0, 3, 3), dtype=np.float32)
-
-
 class Scene(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The constant part of the scene.
 
@@ -42,7 +38,7 @@ class Scene(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     translations: np.ndarray[Any, Any]
     neighbours: dict[str, list[str]]
     boxes: list[BoxShape] = []
-    triangles: np.ndarray[Any, Any] = msgspec.field(default_factory=_no_triangles)
+    triangles: np.ndarray[Any, Any] = msgspec.field(default_factory=lambda: np.empty((0, 3, 3), dtype=np.float32))
     home: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 

@@ -1,14 +1,20 @@
 """Messages that the processes of a run send, as msgspec structs; ``codec`` converts them to bytes."""
 
 from collections.abc import Callable
-from typing import Any, ClassVar, Literal, TypeVar
+from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
 import msgspec
 import numpy as np
+from msgspec import Meta
 
 from coheft.wire.former_names import keep_present
 from coheft.wire.messages.states import Validity
 from coheft.wire.scenario.network import LinkQuality
+from coheft.wire.scenario.schema import MAX_ROBOTS
+
+_Count = Annotated[int, Meta(ge=0, lt=2**62)]
+"""A counter in a record: a larger one can still be sent."""
+_Robot = Annotated[str, Meta(max_length=32)]
 
 
 class Message(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -16,26 +22,22 @@ class Message(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 
     code: ClassVar[int]
     in_header: ClassVar[tuple[str | None, str | None]] = (None, None)
-    is_steady: ClassVar[bool] = False
 
 
 M = TypeVar("M", bound=Message)
 
 
-def sent_as(
-    code: int, *, block: str | None = None, number: str | None = None, is_steady: bool = False
-) -> Callable[[type[M]], type[M]]:
+def sent_as(code: int, *, block: str | None = None, number: str | None = None) -> Callable[[type[M]], type[M]]:
     """Define how a kind of message is sent.
 
     Args:
         code: Its code; unique, and never reused for another kind.
         block: Name of the field that is sent as the header's ``block``, see ``frame``.
         number: The same for ``number``.
-        is_steady: Whether its other fields, apart from arrays, hardly ever change.
     """
 
     def define(kind: type[M]) -> type[M]:
-        kind.code, kind.in_header, kind.is_steady = code, (block, number), is_steady
+        kind.code, kind.in_header = code, (block, number)
         return kind
 
     return define
@@ -61,7 +63,7 @@ class Ready(Message, frozen=True):
     attempt: int = 0
 
 
-@sent_as(2, block="block", number="attempt", is_steady=True)
+@sent_as(2, block="block", number="attempt")
 class Measurements(Message, frozen=True):
     """Server to robot: its own sensors' samples of one block, see ``MeasurementBlock``.
 
@@ -87,7 +89,7 @@ class Measurements(Message, frozen=True):
         keep_present(self)
 
 
-@sent_as(3, block="block", number="answers", is_steady=True)
+@sent_as(3, block="block", number="answers")
 class Reference(Message, frozen=True):
     """Robot to server: answers one block of measurements, with what the arm shall do ``lag`` blocks later.
 
@@ -116,7 +118,7 @@ class Stop(Message, frozen=True):
 # --- neighbour plane: agent <-> agent along an edge --------------------------------------------------------------
 
 
-@sent_as(10, number="incarnation", is_steady=True)
+@sent_as(10, number="incarnation")
 class Hello(Message, frozen=True):
     """Agent to each neighbour: announces the sender, and the neighbours whose messages it receives.
 
@@ -150,19 +152,19 @@ class LinkState(msgspec.Struct, frozen=True, forbid_unknown_fields=True, order=T
         certificate: The robot's certificate (DER), in the secure profile, for robots that are not its neighbours.
     """
 
-    robot: str
-    sequence: int
-    neighbours: tuple[str, ...]
-    ready_block: int = -1
-    incarnation: int = 0
+    robot: _Robot
+    sequence: _Count
+    neighbours: Annotated[tuple[_Robot, ...], Meta(max_length=MAX_ROBOTS)]
+    ready_block: Annotated[int, Meta(ge=-1, lt=2**62)] = -1
+    incarnation: _Count = 0
     holding: bool = True
-    since: int = 0
-    team: int = 0
+    since: _Count = 0
+    team: Annotated[int, Meta(ge=0, lt=2**32)] = 0
     signature: bytes = b""
     certificate: bytes = b""
 
 
-@sent_as(11, block="block", number="incarnation", is_steady=True)
+@sent_as(11, block="block", number="incarnation")
 class NeighbourMessage(Message, frozen=True):
     """Agent to each neighbour, once per block.
 

@@ -46,7 +46,7 @@ def supervised_main(kind: type[C], run: Callable[[C], None]) -> NoReturn:
     ``UNUSABLE``, or ``TERMINATED`` after SIGTERM.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, _terminate)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(TERMINATED))
     log_to_stderr()
     try:
         config = msgspec.json.decode(sys.stdin.buffer.readline(), type=kind)
@@ -65,17 +65,9 @@ def supervised_main(kind: type[C], run: Callable[[C], None]) -> NoReturn:
     except CoheftError as error:
         LOG.error("%s", error)
         status = UNUSABLE if isinstance(error, PluginError) else 1
-    except _Terminated:
-        status = TERMINATED
+    except SystemExit as end:  # on SIGTERM, or by a user's estimator
+        status = end.code if isinstance(end.code, int) else 1
     leave(status)
-
-
-class _Terminated(SystemExit):
-    """SIGTERM has come."""
-
-
-def _terminate(*_: object) -> NoReturn:
-    raise _Terminated(TERMINATED)
 
 
 def is_supervisor_stopped() -> bool:

@@ -56,13 +56,20 @@ def late_change_complaints(scenario: Scenario) -> Iterator[Complaint]:
 
     A run that is made shorter than its scenario says may well leave some out.
     """
-    last = (scenario.blocks - 1) * scenario.block_duration
-    changes = [("load_changes", number, change.at) for number, change in enumerate(scenario.load_changes)]
-    changes += [("slips", number, slip.at) for number, slip in enumerate(scenario.slips)]
-    for key, number, at in changes:
-        if at > last:
-            yield (
-                f"{key}[{number}].at",
-                f"found {at} s, expected at most {last:g} s, when the last block of the run begins, 'duration' = "
-                f"{scenario.duration} s",
-            )
+    for key, at in late_changes(scenario):
+        yield (
+            f"{key}.at",
+            f"found {at} s, expected at most {_last_start(scenario):g} s, when the last block of the run begins, "
+            f"'duration' = {scenario.duration} s",
+        )
+
+
+def late_changes(scenario: Scenario) -> list[tuple[str, float]]:
+    """Return the changes after the start of the last block, which take no effect: their keys and times [s]."""
+    changes = [(f"load_changes[{number}]", change.at) for number, change in enumerate(scenario.load_changes)]
+    changes += [(f"slips[{number}]", slip.at) for number, slip in enumerate(scenario.slips)]
+    return [(key, at) for key, at in changes if at > _last_start(scenario)]
+
+
+def _last_start(scenario: Scenario) -> float:
+    return (scenario.blocks - 1) * scenario.block_duration

@@ -115,7 +115,6 @@ def _parted(kind: types.Type | None) -> types.Type | None:
 
 
 def _without_null(kind: types.Type) -> types.Type:
-    """Return the type without None."""
     if not isinstance(kind, types.UnionType):
         return kind
     others = tuple(each for each in kind.types if not isinstance(each, types.NoneType))
@@ -123,12 +122,10 @@ def _without_null(kind: types.Type) -> types.Type:
 
 
 def _shown(value: object) -> str:
-    """Format a value for an error."""
     try:
-        text = as_toml(value)
+        return _short(as_toml(value))
     except ValueError:  # Python does not print integers of more than 4300 digits
         return "a number of thousands of digits"
-    return _short(text)
 
 
 def _short(text: str) -> str:

@@ -30,6 +30,10 @@ def as_present(scenario: dict[str, Any], origin: str) -> dict[str, Any]:
     if efficient.get("offsets"):
         result["sensors"].setdefault("tolerance", {"force_offset": 1.2, "torque_offset": 0.06})
     if isinstance(largest := sensors.get("offset"), dict):
-        errors = {f"{sensor}_offset": _DEVIATION * value for sensor, value in largest.items() if value}
+        errors = {
+            f"{sensor}_offset": _DEVIATION * value if isinstance(value, int | float) else value  # refused later
+            for sensor, value in largest.items()
+            if value
+        }
         result["sensors"]["errors"] = errors or "none"
     return result

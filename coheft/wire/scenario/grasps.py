@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from coheft.estimation.geometry.spatial import Array, Pose, rotation_from_quaternion
-from coheft.wire.scenario.schema import Perimeter, Scenario
+from coheft.estimation.geometry.spatial import Pose, rotation_from_quaternion
+from coheft.wire.scenario.schema import Scenario
 
 
 def place_grasps(scenario: Scenario) -> tuple[Pose, ...]:
@@ -11,26 +11,15 @@ def place_grasps(scenario: Scenario) -> tuple[Pose, ...]:
     perimeter = scenario.robots.perimeter
     if perimeter is None:
         return tuple(grasp.pose() for grasp in scenario.robots.grasps)
-    return _around(perimeter)
-
-
-def _around(perimeter: Perimeter) -> tuple[Pose, ...]:
-    """Return grasps at equal distances along the rim, counter-clockwise, with uniformly distributed orientations."""
-    rng = np.random.default_rng(perimeter.seed)
-    distances = (np.arange(perimeter.count) + 0.5) / perimeter.count * 2.0 * sum(perimeter.extent)
+    # At equal distances along the rim, counter-clockwise, with uniformly distributed orientations.
+    rng, (width, depth) = np.random.default_rng(perimeter.seed), perimeter.extent
+    corners = np.array([[-width, -depth], [width, -depth], [width, depth], [-width, depth], [-width, -depth]]) / 2.0
+    along = np.cumsum([0.0, width, depth, width, depth])
     grasps = []
-    for distance in distances:
-        x, y = _rim_point(perimeter.extent, float(distance))
+    for distance in (np.arange(perimeter.count) + 0.5) / perimeter.count * 2.0 * (width + depth):
+        x, y = (np.interp(distance, along, corners[:, axis]) for axis in (0, 1))
         quaternion = rng.standard_normal(4)
         height = rng.uniform(-perimeter.height, perimeter.height)
         rotation = rotation_from_quaternion(quaternion / np.linalg.norm(quaternion))
         grasps.append(Pose(rotation, np.array([x, y, height])))
     return tuple(grasps)
-
-
-def _rim_point(extent: tuple[float, float], distance: float) -> Array:
-    """Return the point (2,) of a centred rectangle's rim at a distance from ``(-, -)``, counter-clockwise."""
-    width, depth = extent
-    corners = np.array([[-width, -depth], [width, -depth], [width, depth], [-width, depth], [-width, -depth]]) / 2.0
-    along = np.cumsum([0.0, width, depth, width, depth])
-    return np.array([np.interp(distance, along, corners[:, 0]), np.interp(distance, along, corners[:, 1])])

@@ -2,13 +2,14 @@
 
 import inspect
 import re
-from collections.abc import Iterator
 from typing import Any
 
 import msgspec
-from msgspec import inspect as types
 
+from coheft.estimation.measurement import SensorNoise
+from coheft.estimation.tolerance import SensorDrift, SensorTolerance
 from coheft.wire.scenario.schema import Scenario
+from coheft.wire.scenario.section import Section
 
 _DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
@@ -16,8 +17,10 @@ _DIALECT = "https://json-schema.org/draft/2020-12/schema"
 def scenario_schema() -> dict[str, Any]:
     """Return the schema: keys, kinds of values and their ranges. Conditions between keys are checked by coheft only."""
     schema = msgspec.json.schema(Scenario)
-    for section in set(_sections(types.type_info(Scenario))):
-        found = schema["$defs"][section.__name__]
+    kinds: list[type[msgspec.Struct]] = [*Section.__subclasses__(), SensorNoise, SensorTolerance, SensorDrift]
+    sections = {kind.__name__: kind for kind in kinds}
+    for name, found in schema["$defs"].items():
+        section = sections[name]
         found["description"] = summary(section)
         for key, meaning in meanings(section).items():
             found["properties"][key]["description"] = meaning.replace("``", "`")
@@ -25,20 +28,6 @@ def scenario_schema() -> dict[str, Any]:
             if "pattern" in value:  # JSON schemas use regular expressions of JavaScript
                 value["pattern"] = value["pattern"].replace(r"\Z", "$")
     return {"$schema": _DIALECT, "title": "A scenario of coheft", **schema}
-
-
-def _sections(kind: types.Type) -> Iterator[type[msgspec.Struct]]:
-    """A kind of value, if it is a section, and all sections within it."""
-    match kind:
-        case types.StructType(cls=cls, fields=fields):
-            yield cls
-            for field in fields:
-                yield from _sections(field.type)
-        case types.UnionType(types=alternatives):
-            for each in alternatives:
-                yield from _sections(each)
-        case types.VarTupleType(item_type=item):
-            yield from _sections(item)
 
 
 def summary(section: type[msgspec.Struct]) -> str:

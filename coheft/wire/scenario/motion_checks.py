@@ -9,6 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from coheft.estimation.geometry.smooth_step import cubic_step, least_jerk_step
+from coheft.estimation.geometry.spatial import Array
 from coheft.wire.scenario.motion import Carry, Motion
 from coheft.wire.scenario.reach import MAX_POSITION, MAX_ROTATION, Reach
 from coheft.wire.scenario.rules import Complaint
@@ -19,8 +20,8 @@ _IN_METRES = "in metres, not millimetres"
 _IN_RADIANS = "in radians, not degrees"
 _STEPS = np.linspace(0.0, 1.0, 201)
 """Of a smooth step from rest to rest, as shares of its time."""
-_LEAST_JERK, _LEAST_JERK_RATE = least_jerk_step(_STEPS)
-_CUBIC, _CUBIC_RATE = cubic_step(_STEPS)
+_LEAST_JERK, _CUBIC = least_jerk_step(_STEPS), cubic_step(_STEPS)
+"""Steps of a common path and of a robot's sinusoids, with their rates."""
 
 
 @np.errstate(all="ignore")  # numbers may be arbitrarily large
@@ -34,7 +35,6 @@ def motion_complaints(scenario: Scenario) -> list[Complaint]:
 
 
 def _alone(motion: Motion, reach: Reach) -> Iterator[Complaint]:
-    """Complain about the motions of single robots."""
     turns, shifts = max(motion.axes[:3]), max(motion.axes[3:])
     if motion.via_points is not None:
         via = motion.via_points
@@ -52,32 +52,26 @@ def _alone(motion: Motion, reach: Reach) -> Iterator[Complaint]:
 
 
 def _together(carry: Carry | None, reach: Reach) -> Iterator[Complaint]:
-    """Complain about the common path."""
     if carry is None:
         return
     for amplitude, period in zip(carry.translation, carry.translation_period, strict=True):
-        gain = _gain_of_path(reach.position_delay, period, carry.ramp)
+        gain = _gain_of_wave(reach.position_delay, 1.0 / period, carry.ramp, _LEAST_JERK)
         yield from _too_far("carry.translation", amplitude, gain, MAX_POSITION, "m", _IN_METRES)
     for amplitude, period in zip(carry.rotation_deg, carry.rotation_period, strict=True):
-        gain = _gain_of_path(reach.rotation_delay, period, carry.ramp)
+        gain = _gain_of_wave(reach.rotation_delay, 1.0 / period, carry.ramp, _LEAST_JERK)
         yield from _too_far("carry.rotation_deg", amplitude, gain, np.degrees(MAX_ROTATION), "degrees", "in degrees")
 
 
-def _gain_of_wave(delay: float, frequency: float, ramp: float) -> float:
+def _gain_of_wave(delay: float, frequency: float, ramp: float, start: tuple[Array, Array] = _CUBIC) -> float:
     """Return the largest sum of displacement and delayed rate of sinusoids with a smooth start, per amplitude."""
-    wave = float(np.hypot(1.0, 2.0 * np.pi * frequency * delay))
-    return max(wave, float(np.max(_CUBIC * wave + delay * _CUBIC_RATE / ramp))) if ramp > 0.0 else wave
-
-
-def _gain_of_path(delay: float, period: float, ramp: float) -> float:
-    """Return the largest sum of displacement and delayed rate of a common path."""
-    wave = float(np.hypot(1.0, 2.0 * np.pi / period * delay))
-    return max(wave, float(np.max(_LEAST_JERK * wave + delay * _LEAST_JERK_RATE / ramp)))
+    wave, (share, rate) = float(np.hypot(1.0, 2.0 * np.pi * frequency * delay)), start
+    return max(wave, float(np.max(share * wave + delay * rate / ramp))) if ramp > 0.0 else wave
 
 
 def _gain_between_points(delay: float, shortest: float) -> float:
     """Return the largest sum of displacement and delayed rate of a move across the range in a given time [s]."""
-    return float(np.max(np.abs(2.0 * _LEAST_JERK - 1.0) + 2.0 * delay * _LEAST_JERK_RATE / shortest))
+    share, rate = _LEAST_JERK
+    return float(np.max(np.abs(2.0 * share - 1.0) + 2.0 * delay * rate / shortest))
 
 
 def _too_far(key: str, found: float, gain: float, limit: float, unit: str, meant: str) -> Iterator[Complaint]:

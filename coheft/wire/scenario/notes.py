@@ -3,10 +3,10 @@
 import msgspec
 
 from coheft.estimation.tolerance import SensorTolerance
+from coheft.wire.scenario.change_checks import late_changes
 from coheft.wire.scenario.plugins import estimator_names
 from coheft.wire.scenario.schema import Scenario
 
-_TOO_SURE = "their own std will be too small"
 _MOST_NAMED = 3
 
 
@@ -16,7 +16,6 @@ def notes(scenario: Scenario) -> list[str]:
 
 
 def _undeclared_errors(scenario: Scenario) -> list[str]:
-    """Note sensor errors that the robots do not know."""
     sensors = scenario.sensors
     if not isinstance(sensors.errors, SensorTolerance):
         return []
@@ -26,10 +25,9 @@ def _undeclared_errors(scenario: Scenario) -> list[str]:
     ]
     found = []
     if larger:
-        more = f" and {len(larger) - _MOST_NAMED} more" if len(larger) > _MOST_NAMED else ""
         found.append(
-            f"'sensors.errors' has {', '.join(larger[:_MOST_NAMED])}{more}: sensors are further off than "
-            f"'sensors.tolerance' tells the robots, so {_TOO_SURE}. Give both the same values, or leave out 'errors'"
+            f"'sensors.errors' has {_listed(larger)}: sensors are further off than 'sensors.tolerance' tells the "
+            f"robots, so their own std will be too small. Give both the same values, or leave out 'errors'"
         )
     if sensors.drift.is_any:
         found.append(
@@ -39,7 +37,6 @@ def _undeclared_errors(scenario: Scenario) -> list[str]:
 
 
 def _exact_method(scenario: Scenario) -> list[str]:
-    """Note an estimator for exact sensors that is used with inexact ones."""
     if "fan2017" not in estimator_names(scenario.estimator):
         return []
     kinds = [
@@ -57,9 +54,13 @@ def _exact_method(scenario: Scenario) -> list[str]:
 
 
 def _never(scenario: Scenario) -> list[str]:
-    """Note changes of the load after the end."""
-    late = [change.at for change in scenario.load_changes if change.at >= scenario.duration]
+    """Note changes of the load or of grasps after the end."""
+    late = [f"'{key}' at {at:g} s" for key, at in late_changes(scenario)]
     if not late:
         return []
-    times = ", ".join(f"{at:g}" for at in late[:_MOST_NAMED])
-    return [f"the load does not change at {times} s: the run ends at 'duration' = {scenario.duration:g} s"]
+    return [f"the run ends at 'duration' = {scenario.duration:g} s, before {_listed(late)} would take effect"]
+
+
+def _listed(items: list[str]) -> str:
+    more = f" and {len(items) - _MOST_NAMED} more" if len(items) > _MOST_NAMED else ""
+    return f"{', '.join(items[:_MOST_NAMED])}{more}"

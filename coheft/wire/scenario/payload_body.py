@@ -16,9 +16,16 @@ from coheft.estimation.geometry.spatial import Array, Pose, rotation_log
 from coheft.estimation.rigid_body.mass_properties import Inertia, combined
 from coheft.wire.process.log import LOG
 from coheft.wire.scenario.payload import MassProperties, vector_of
-from coheft.wire.scenario.payload_extent import Extent, corners
+from coheft.wire.scenario.payload_extent import Extent
 from coheft.wire.scenario.payload_mesh import check_surface, overlap_of
-from coheft.wire.scenario.payload_model import DEFAULT_DENSITY, PayloadModel
+from coheft.wire.scenario.payload_model import (
+    DEFAULT_DENSITY,
+    PayloadModel,
+    fill_meshes_exactly,
+    keep_what_is_written,
+    leave_out_defaults,
+    leave_out_looks,
+)
 from coheft.wire.scenario.schema import Grasp
 
 if TYPE_CHECKING:
@@ -89,38 +96,28 @@ class HeldBody:
 
     def extent(self, properties: MassProperties) -> Extent:
         """Return the extent of its shapes, or, if it has none, of a box with its mass properties."""
-        import mujoco
-
-        model = self.model.compiled
-        points = []
-        for geom, on_root in self._shapes():
-            if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
-                mesh = model.geom_dataid[geom]
-                vertices = model.mesh_vert[model.mesh_vertadr[mesh] :][: model.mesh_vertnum[mesh]]
-                points.append(vertices @ on_root.rotation.T + on_root.translation)
-            else:
-                middle, halves = model.geom_aabb[geom].reshape(2, 3)
-                points.append(corners(on_root @ Pose(np.eye(3), middle), 2.0 * halves))
-        return Extent.around(np.concatenate(points)) if points else Extent.like(properties)
+        shapes = [triangles for _, triangles in self._shapes()]
+        return Extent.around(np.concatenate(shapes).reshape(-1, 3)) if shapes else Extent.like(properties)
 
     def surface(self) -> Array:
         """Return triangles of its shapes in its frame, shape (n, 3, 3) [m]; of its visual shapes, if it has any."""
-        model = self.model.compiled
-        shapes = list(self._shapes())
-        touches = model.geom_contype | model.geom_conaffinity
-        looks = [(geom, pose) for geom, pose in shapes if not touches[geom]]
-        parts = [_triangles(model, geom) @ pose.rotation.T + pose.translation for geom, pose in looks or shapes]
+        shapes = dict(self._shapes())
+        touches = self.model.compiled.geom_contype | self.model.compiled.geom_conaffinity
+        looks = [triangles for geom, triangles in shapes.items() if not touches[geom]]
+        parts = looks or list(shapes.values())
         return np.concatenate(parts) if parts else np.empty((0, 3, 3))
 
-    def _shapes(self) -> Iterator[tuple[int, Pose]]:
-        """Yield the numbers of its bounded shapes, and their poses in its frame."""
+    def _shapes(self) -> Iterator[tuple[int, Array]]:
+        """Yield the numbers of its bounded shapes, and their triangles in its frame, shape (n, 3, 3) [m]."""
         import mujoco
 
         model, placed = self.model.compiled, _placed(self.model.compiled)
         unbounded = (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)
         for geom in range(model.ngeom):
-            if model.geom_bodyid[geom] in self.inside and model.geom_type[geom] not in unbounded:
-                yield geom, self._on_root(placed, placed.geom_xmat[geom], placed.geom_xpos[geom])
+            kind = mujoco.mjtGeom(model.geom_type[geom])  # no number is among mujoco's enumerators
+            if model.geom_bodyid[geom] in self.inside and kind not in unbounded:
+                pose = self._on_root(placed, placed.geom_xmat[geom], placed.geom_xpos[geom])
+                yield geom, _triangles(model, geom) @ pose.rotation.T + pose.translation
 
     def grasps(self, names: Sequence[str], extent: Extent, place: str) -> tuple[Grasp, ...]:
         """Return sites that are fixed to it, as grasps in its frame.
@@ -129,14 +126,16 @@ class HeldBody:
             ScenarioError: There is no such site, it is named twice, or it is far outside of the body.
         """
         model, placed = self.model.compiled, _placed(self.model.compiled)
-        sites = {model.site(site).name: site for site in range(model.nsite) if model.site_bodyid[site] in self.inside}
+        named = {model.site(site).name: site for site in range(model.nsite) if model.site_bodyid[site] in self.inside}
+        sites = {name: site for name, site in named.items() if name}
         grasps = []
         for count, name in enumerate(names):
             if name in names[:count]:
                 refuse_scenario(place, f"found {name!r} twice, but expected a site of its own for each robot")
             if name not in sites:
-                known = _listed(filter(None, sites))
-                refuse_scenario(place, f"found {name!r}, but body {self._name!r} has no such site; it has: {known}")
+                refuse_scenario(
+                    place, f"found {name!r}, but body {self._name!r} has no such site; it has: {_listed(sites)}"
+                )
             pose = self._on_root(placed, placed.site_xmat[sites[name]], placed.site_xpos[sites[name]])
             if complaint := extent.complaint(pose.translation):
                 refuse_scenario(place, f"site {name!r} {complaint}")
@@ -146,8 +145,8 @@ class HeldBody:
     def remark_doubts(self, place: str) -> None:
         """Log shapes and fillings that have mass, but may not be meant to."""
         whole = self._inertia(self.model.compiled)
-        solid = self._inertia(self.model.without_looks)
-        exact = self._inertia(self.model.with_exact_meshes)
+        solid = self._inertia(self.model.variant(leave_out_looks))
+        exact = self._inertia(self.model.variant(fill_meshes_exactly))
         if whole is None:
             return
         self._remark_what_is_not_written(place, whole)
@@ -169,14 +168,14 @@ class HeldBody:
 
     def _remark_what_is_not_written(self, place: str, whole: Inertia) -> None:
         """Log mass that MuJoCo chooses, as the file does not say it, and what it enlarges."""
-        given = self._inertia(self.model.without_defaults)
+        given = self._inertia(self.model.variant(leave_out_defaults))
         chosen = whole.mass - (given.mass if given is not None else 0.0)
         if chosen > _SMALL_SHARE * whole.mass:
             LOG.warning(
                 f"coheft: {place}: {chosen:.4g} kg of {whole.mass:.4g} kg are of shapes that MuJoCo fills with "
                 f"{DEFAULT_DENSITY:g} kg/m³, as it does if a file gives neither mass nor density: give one"
             )
-        written = self._inertia(self.model.as_written)
+        written = self._inertia(self.model.variant(keep_what_is_written))
         if written is None or not _alike(whole, written):
             LOG.warning(
                 f"coheft: {place}: boundmass, boundinertia, balanceinertia or settotalmass of its compiler change its "
@@ -189,10 +188,9 @@ class HeldBody:
 
         model = self.model.compiled
         solid = []
-        for geom, pose in self._shapes():
+        for geom, triangles in self._shapes():
             if geom not in self.model.weighing:
                 continue
-            triangles = _triangles(model, geom) @ pose.rotation.T + pose.translation
             if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
                 try:
                     check_surface(triangles, f"{place}: mesh {model.mesh(model.geom_dataid[geom]).name!r}")
@@ -294,6 +292,5 @@ def _alike(one: Inertia, other: Inertia) -> bool:
 
 
 def _listed(names: Iterable[str]) -> str:
-    """Format names for an error."""
     known = list(names)
     return ", ".join(known[:_NAMES_SHOWN] + ["..."] * (len(known) > _NAMES_SHOWN)) or "none"

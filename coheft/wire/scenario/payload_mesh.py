@@ -6,7 +6,7 @@ shells overlap; where it winds backwards, a shell is turned inside out.
 """
 
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -114,10 +114,15 @@ def check_surface(triangles: Array, place: str) -> Array:
     Raises:
         ScenarioError: It does not.
     """
+    import trimesh
+
     faces, points = _faces(triangles)
+    has_area = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
+    faces, triangles = faces[has_area], triangles[has_area]
     _check_closed(faces, place)
     _check_copies(faces, place)
-    _check_shells(triangles, _shells(faces), place)
+    graph: Any = trimesh.graph  # triangles belong to one shell if an edge is only theirs
+    _check_shells(triangles, graph.connected_component_labels(graph.face_adjacency(faces), len(faces)), place)
     return points
 
 
@@ -130,19 +135,12 @@ def _faces(triangles: Array) -> tuple[IntArray, Array]:
     return merged[same.reshape(-1, 3)], points
 
 
-def _edges(faces: IntArray) -> tuple[IntArray, IntArray, IntArray]:
-    """Return the numbers of all triangles' edges, their directions (1, -1, or 0 for no length), and their triangles."""
-    ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2)
-    lower, upper = ends.min(axis=1), ends.max(axis=1)
-    _, number = np.unique(lower * (faces.max() + 1) + upper, return_inverse=True)
-    return number, np.sign(ends[:, 1] - ends[:, 0]), np.repeat(np.arange(len(faces)), 3)
-
-
 def _check_closed(faces: IntArray, place: str) -> None:
     """Check that as many triangles are on one side of every edge as on the other."""
-    number, way, _ = _edges(faces)
-    balance = np.bincount(number, weights=way)
-    touched = np.bincount(number, weights=np.abs(way))
+    ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2)
+    _, number = np.unique(np.sort(ends, axis=1), axis=0, return_inverse=True)
+    touched = np.bincount(number)
+    balance = np.bincount(number, weights=np.sign(ends[:, 1] - ends[:, 0]))
     open_edges = np.count_nonzero(touched % 2)
     if open_edges:
         refuse_scenario(
@@ -162,10 +160,9 @@ def _check_closed(faces: IntArray, place: str) -> None:
 def _check_copies(faces: IntArray, place: str) -> None:
     """Check that no triangle is there twice, on the same side; shells that touch have one on either side."""
     first = np.argmin(faces, axis=1)[:, None]
-    sorted_faces = np.take_along_axis(faces, (first + np.arange(3)) % 3, axis=1)
-    _, counts = np.unique(sorted_faces, axis=0, return_counts=True)
-    copies = int(np.sum(counts - 1))
-    if copies and copies > np.count_nonzero((faces == np.roll(faces, 1, axis=1)).any(axis=1)):
+    turned = np.take_along_axis(faces, (first + np.arange(3)) % 3, axis=1)
+    copies = len(faces) - len(np.unique(turned, axis=0))
+    if copies:
         refuse_scenario(
             place,
             f"{copies} of its {len(faces)} triangles are copies of others, so that what they enclose would "
@@ -173,21 +170,9 @@ def _check_copies(faces: IntArray, place: str) -> None:
         )
 
 
-def _shells(faces: IntArray) -> IntArray:
-    """Return the number of every triangle's shell (n,): triangles belong together if an edge is only theirs."""
-    number, way, triangle = _edges(faces)
-    number, triangle = number[way != 0], triangle[way != 0]
-    order = np.argsort(number, kind="stable")
-    number, triangle = number[order], triangle[order]
-    _, start, count = np.unique(number, return_index=True, return_counts=True)
-    first = start[count == 2]
-    links = coo_array((np.ones(len(first)), (triangle[first], triangle[first + 1])), shape=(len(faces),) * 2)
-    return cast("IntArray", connected_components(links, directed=False)[1])
-
-
 def _check_shells(triangles: Array, shell_of: IntArray, place: str) -> None:
     """Check that no shell is inside out, and remark where shells overlap."""
-    shells = [triangles[shell_of == shell] for shell in range(int(shell_of.max()) + 1)]
+    shells = [triangles[shell_of == shell] for shell in range(int(shell_of.max(initial=-1)) + 1)]
     volumes = np.array([np.linalg.det(shell - shell.mean(axis=(0, 1))).sum() / 6.0 for shell in shells])
     for shell in (shells[number] for number in np.flatnonzero(volumes < 0.0)):
         if np.median(_winding(_points_inside(shell), triangles)) < -0.5:

@@ -32,22 +32,23 @@ class PayloadModel:
         compiled: The model; its bodies have unique names.
         floating: Bodies that have a free joint.
         weighing: Shapes from which MuJoCo computes mass properties.
-        without_looks: The model with massless visual shapes, which collide with nothing; None if it cannot be compiled.
-        with_exact_meshes: The same, where meshes are filled up to their surfaces, which MuJoCo does by default for
-            convex ones only; None if their surfaces have no inside.
-        without_defaults: The model without shapes that have neither a mass nor a density of their own, which MuJoCo
-            fills with ``DEFAULT_DENSITY``; None if nothing is left.
-        as_written: The model as if its compiler did not change masses and moments of inertia; None if it is
-            impossible then.
+        spec: Its file.
     """
 
     compiled: mujoco.MjModel
     floating: tuple[int, ...]
     weighing: tuple[int, ...]
-    without_looks: mujoco.MjModel | None
-    with_exact_meshes: mujoco.MjModel | None
-    without_defaults: mujoco.MjModel | None
-    as_written: mujoco.MjModel | None
+    spec: mujoco.MjSpec
+
+    def variant(self, change: Callable[[mujoco.MjSpec], None]) -> mujoco.MjModel | None:
+        """Return the model after a change to its file; None if MuJoCo cannot compile it."""
+        with warnings.catch_warnings(action="ignore"), _without_log_file():
+            changed = self.spec.copy()
+            change(changed)
+            try:
+                return changed.compile()
+            except ValueError:
+                return None
 
 
 def read_model(path: Path) -> PayloadModel:
@@ -71,16 +72,14 @@ def read_model(path: Path) -> PayloadModel:
         for number, body in enumerate(bodies, start=1):
             body.name = body.name or f"body {number}"
         compiled = spec.compile()
-    weighing = tuple(geom.id for body in bodies if _weighs_by_shapes(spec, body) for geom in _weighing(spec, body))
-    return PayloadModel(
-        compiled,
-        tuple(floating),
-        weighing,
-        without_looks=_variant(spec, _leave_out_looks),
-        with_exact_meshes=_variant(spec, _fill_meshes_exactly),
-        without_defaults=_variant(spec, _leave_out_defaults),
-        as_written=_variant(spec, _change_nothing),
+    lowest, highest = spec.compiler.inertiagrouprange
+    shapes = [geom for body in bodies if _weighs_by_shapes(spec, body) for geom in body.geoms]
+    weighing = tuple(
+        geom.id
+        for geom in shapes
+        if lowest <= geom.group <= highest and geom.mass != 0.0 and (geom.mass > 0.0 or geom.density > 0.0)
     )
+    return PayloadModel(compiled, tuple(floating), weighing, spec)
 
 
 def _weighs_by_shapes(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> bool:
@@ -88,25 +87,6 @@ def _weighs_by_shapes(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> bool:
 
     always = spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
     return bool(always or not body.explicitinertial)
-
-
-def _weighing(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> Iterator[mujoco.MjsGeom]:
-    """Shapes of a body that have mass."""
-    lowest, highest = spec.compiler.inertiagrouprange
-    for geom in body.geoms:
-        if lowest <= geom.group <= highest and geom.mass != 0.0 and (geom.mass > 0.0 or geom.density > 0.0):
-            yield geom
-
-
-def _variant(spec: mujoco.MjSpec, change: Callable[[mujoco.MjSpec], None]) -> mujoco.MjModel | None:
-    """Return the model after a change to its file; None if MuJoCo cannot compile it."""
-    with warnings.catch_warnings(action="ignore"), _without_log_file():
-        changed = spec.copy()
-        change(changed)
-        try:
-            return changed.compile()
-        except ValueError:
-            return None
 
 
 def _leave_out_pictures(spec: mujoco.MjSpec) -> None:
@@ -137,7 +117,7 @@ def _take_off_free_joint(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> bool:
     return bool(free)
 
 
-def _leave_out_looks(spec: mujoco.MjSpec) -> None:
+def leave_out_looks(spec: mujoco.MjSpec) -> None:
     """Make visual shapes, which collide with nothing, massless, except in moving bodies that have no others."""
     for body in spec.bodies:
         looks = [geom for geom in body.geoms if not (geom.contype or geom.conaffinity)]
@@ -146,7 +126,8 @@ def _leave_out_looks(spec: mujoco.MjSpec) -> None:
                 geom.mass = 0.0
 
 
-def _leave_out_defaults(spec: mujoco.MjSpec) -> None:
+def leave_out_defaults(spec: mujoco.MjSpec) -> None:
+    """Make shapes massless that have neither a mass nor a density of their own: MuJoCo takes ``DEFAULT_DENSITY``."""
     for body in spec.bodies:
         if _weighs_by_shapes(spec, body):
             for geom in body.geoms:
@@ -154,13 +135,15 @@ def _leave_out_defaults(spec: mujoco.MjSpec) -> None:
                     geom.mass = 0.0
 
 
-def _change_nothing(spec: mujoco.MjSpec) -> None:
+def keep_what_is_written(spec: mujoco.MjSpec) -> None:
+    """Let the compiler change no masses and no moments of inertia."""
     compiler = spec.compiler
     compiler.boundmass, compiler.boundinertia, compiler.balanceinertia = 0.0, 0.0, False
     compiler.settotalmass = -1.0
 
 
-def _fill_meshes_exactly(spec: mujoco.MjSpec) -> None:
+def fill_meshes_exactly(spec: mujoco.MjSpec) -> None:
+    """Fill meshes up to their surfaces, which MuJoCo does by default for convex ones only."""
     import mujoco
 
     rough = (mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX, mujoco.mjtMeshInertia.mjMESH_INERTIA_LEGACY)
@@ -171,7 +154,6 @@ def _fill_meshes_exactly(spec: mujoco.MjSpec) -> None:
 
 @contextmanager
 def _warnings_to_log(path: Path) -> Iterator[None]:
-    """Write MuJoCo's warnings to the log."""
     with warnings.catch_warnings(record=True) as caught, _without_log_file():
         warnings.simplefilter("always")
         yield

@@ -45,4 +45,6 @@ def from_text(text: str) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
     triangles = np.frombuffer(base64.b64decode(text, validate=True), dtype="<f4").reshape(-1, 3, 3)
     if not np.isfinite(triangles).all():
         raise ValueError("it holds numbers that are not finite")
+    if len(triangles) > MOST:
+        raise ValueError(f"it holds {len(triangles)} triangles, more than the {MOST} for which messages have room")
     return triangles

@@ -88,8 +88,12 @@ def other_sensors_complaints(
 
     ``tolerance`` is that of all robots that give none of their own.
     """
-    yield from _named_complaints(others, names)
     for number, each in enumerate(others):
+        key, found = f"sensors.of[{number}].robot", f"found {each.robot!r}"
+        if each.robot not in names:
+            yield key, f"{found}, expected one of the robots {', '.join(names)}"
+        if any(each.robot == other.robot for other in others[:number]):
+            yield key, f"{found} a second time, expected each robot once: put all its keys into one section"
         missing, told = each.without(), tolerance if each.tolerance is None else each.tolerance
         key = f"sensors.of[{number}].missing"
         if {"velocity", "acceleration"} <= set(missing):
@@ -123,13 +127,3 @@ def in_words(sensors: Sequence[str]) -> str:
     """Return the names of sensors, in words."""
     *first, last = (SENSOR_NAMES[sensor] for sensor in sensors)
     return f"{', '.join(first)} and {last}" if first else last
-
-
-def _named_complaints(others: Sequence[OtherSensors], names: Sequence[str]) -> Iterator[tuple[str, str]]:
-    """Complain about robots that are not in the team, or are named twice."""
-    for number, each in enumerate(others):
-        key, found = f"sensors.of[{number}].robot", f"found {each.robot!r}"
-        if each.robot not in names:
-            yield key, f"{found}, expected one of the robots {', '.join(names)}"
-        if any(each.robot == other.robot for other in others[:number]):
-            yield key, f"{found} a second time, expected each robot once: put all its keys into one section"

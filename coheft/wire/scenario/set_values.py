@@ -77,13 +77,7 @@ def _parsed(value: str, text: str) -> object:
 
 
 def put_value(table: dict[str, Any], key: str, value: object, where: str) -> None:
-    """Put a value into a table that was read from TOML.
-
-    Args:
-        table: A scenario, as nested dictionaries and lists; modified in place.
-        key: Key as in ``set_values``.
-        value: The value.
-        where: Name of the source in errors.
+    """Put a value into a table that was read from TOML, in place; ``where`` names its source in errors.
 
     Raises:
         ScenarioError: The key leads into a value without parts.
@@ -96,8 +90,8 @@ def put_value(table: dict[str, Any], key: str, value: object, where: str) -> Non
     node: Any = table
     for depth, part in enumerate(path):
         _check(node, part, f"{where}: key '{_joined(path[:depth])}'")
-        if isinstance(node, dict) and node.get(part) is None:  # a missing section
-            node[part] = {}
+        if isinstance(node, dict) and node.get(part) is None:  # a missing section or list
+            node[part] = [] if isinstance([*path, last][depth + 1], int) else {}
         node = node[part]
     _check(node, last, f"{where}: key '{_joined(path)}'")
     node[last] = value
@@ -112,10 +106,11 @@ def _check(node: Any, part: str | int, where: str) -> None:
         raise ScenarioError(f"{where}: found {part!r} for a part of a section, expected a name")
     if isinstance(part, str):
         raise ScenarioError(f"{where}: found {part!r} for a part of a list, expected a number in brackets, from [0]")
+    if not node:
+        raise ScenarioError(f"{where}: found number {part} of a list that is not given, expected all of it: [...]")
     if part >= len(node):
         raise ScenarioError(f"{where}: found number {part}, but the list has {len(node)}, counted from 0")
 
 
 def _joined(path: Sequence[str | int]) -> str:
-    """Format a key for errors."""
     return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in path).lstrip(".") or "(top)"

@@ -61,16 +61,26 @@ class Strength:
 
         Args:
             load: The new load, in the payload's frame.
-            before: The body that hangs at rest in the springs; None if the load is the payload itself.
+            before: The body that has settled in the springs; None if the load is the payload itself.
         """
         with np.errstate(all="ignore"):
-            if self._holds(load, before, _SURE):
+            if self._is_light(_together(before, load)):
                 return ""
+            start = None if before is None else self._falls(before, Pose.identity(), SETTLING_TIME, math.inf)
 
-            def is_held(share: float) -> bool:
-                return self._holds(Inertia(share * load.mass, load.com, share * load.tensor), before, _SAFE)
+            def is_held(load: Inertia, share: float) -> bool:
+                """Whether the payload is predicted to stay within a share of the limits at which it is lost."""
+                after = _together(before, load)
+                if self._is_light(after):
+                    return True
+                settled = start or self._falls(after, Pose.identity(), SETTLING_TIME, math.inf)
+                return settled is not None and self._falls(after, settled, _WATCHED, share) is not None
 
-            most = _most(load.mass, is_held)
+            if is_held(load, _SURE):
+                return ""
+            most = _most(
+                load.mass, lambda part: is_held(Inertia(part * load.mass, load.com, part * load.tensor), _SAFE)
+            )
         arms = f"{self._count} arms" if self._count > 1 else "one arm"
         expected = f"at most {most:g} kg" if most > 0.0 else "nothing more"
         there = "" if before is None else " there"
@@ -78,17 +88,6 @@ class Strength:
             f"more than {arms} with 'robots.stiffness' = {list(self._robots.stiffness)} can hold up{there}; expected "
             f"{expected}: masses are in kg"
         )
-
-    def _holds(self, load: Inertia, before: Inertia | None, share: float) -> bool:
-        """Whether the payload is predicted to stay within a share of the limits at which it is lost."""
-        after = load if before is None else combined([before, load])
-        if self._is_light(after):
-            return True
-        if before is not None:
-            at_rest = self._at_rest(before)
-            return at_rest is None or self._falls(after, at_rest, _WATCHED, share) is not None
-        settled = self._falls(after, Pose.identity(), SETTLING_TIME, math.inf)
-        return settled is not None and self._falls(after, settled, _WATCHED, share) is not None
 
     def _is_light(self, inertia: Inertia) -> bool:
         """Whether the springs hardly give way, so that no prediction is needed."""
@@ -112,20 +111,6 @@ class Strength:
         torque -= self._count * k_r * rotation_log(rotation)
         return np.concatenate([torque + skew(inertia.com) @ weight, force + weight])
 
-    def _at_rest(self, inertia: Inertia) -> Pose | None:
-        """Return the pose in the home frame in which the payload hangs in the springs; None if it is not found."""
-        pose = Pose.identity()
-        try:
-            give = np.linalg.inv(self._springs)
-        except np.linalg.LinAlgError:
-            return None
-        for _ in range(200):
-            step = give @ self._pull(inertia, pose)
-            pose = _moved(pose, step)
-            if np.linalg.norm(step) < 1e-6:
-                return pose
-        return None
-
     def _falls(self, inertia: Inertia, pose: Pose, seconds: float, share: float) -> Pose | None:
         """Return the pose of the payload some time after it was at rest; None if it exceeded the share meanwhile.
 
@@ -148,6 +133,10 @@ class Strength:
             if not (distance < share * MAX_DISTANCE and angle < share * MAX_ANGLE):
                 return None
         return pose
+
+
+def _together(before: Inertia | None, load: Inertia) -> Inertia:
+    return load if before is None else combined([before, load])
 
 
 def _moved(pose: Pose, step: Array) -> Pose:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes
 import sys
 from collections import deque
-from dataclasses import dataclass
 from queue import SimpleQueue
 from threading import Lock, local
 from typing import NamedTuple
@@ -26,13 +25,6 @@ class Said(NamedTuple):
 
     key: zenoh.KeyExpr
     data: bytes
-
-
-@dataclass(frozen=True)
-class Lost:
-    """Reports that ``count`` items were dropped because the queue was full."""
-
-    count: int
 
 
 class Backlog:
@@ -70,16 +62,11 @@ class Backlog:
                 self._size -= self._items.popleft()[1]
                 self._lost += 1
 
-    @property
-    def size(self) -> int:
-        """Size of all unread messages [B]."""
-        return self._size
-
     def take(self) -> object:
-        """Return the oldest item, or first the number of dropped items as ``Lost``."""
+        """Return the oldest item, or first the number of items that were dropped because the queue was full."""
         with self._lock:
             if self._lost:
-                lost, self._lost = Lost(self._lost), 0
+                lost, self._lost = self._lost, 0
                 self._turns.put(self)
                 return lost
             item, size = self._items.popleft()

@@ -6,8 +6,9 @@ is rejected, or treated as an additional connection of it and not informed about
 never works again. A new session has a new identity and avoids both.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass, field
 from threading import Thread
 
 import zenoh
@@ -18,47 +19,40 @@ from coheft.wire.transport.security import Guard
 from coheft.wire.transport.sessions import Sender, open_session, session_id
 
 
+@dataclass(eq=False)
 class DialledLink:
     """A link with the process that listens at an endpoint.
 
-    Args:
-        guard: Access rules; None for the open profile.
-        listen: Subscribes the inbox to a new session.
-        largest: Larger messages are dropped [B].
-
     Attributes:
+        guard: Access rules; None for the open profile.
+        inbox: Receives its messages.
+        listen: Subscribes the inbox to a new session.
+        senders: Senders to be attached to each session.
+        largest: Larger messages are dropped [B].
         session: Identity of the present session; empty after ``hang_up``.
 
     Raises:
         LinkError: The endpoint is malformed.
     """
 
-    session: str
+    endpoint: str
+    guard: Guard | None
+    inbox: Inbox
+    listen: Callable[[zenoh.Session], None]
+    senders: Sequence[Sender] = ()
+    largest: int = LEAST_LIMIT
+    session: str = field(init=False)
 
-    def __init__(
-        self,
-        endpoint: str,
-        guard: Guard | None,
-        inbox: Inbox,
-        listen: Callable[[zenoh.Session], None],
-        *senders: Sender,
-        largest: int = LEAST_LIMIT,
-    ) -> None:
-        self._endpoint = endpoint
-        self._guard = guard
-        self._inbox = inbox
-        self._listen = listen
-        self._senders = senders
-        self._largest = largest
+    def __post_init__(self) -> None:
         self._dial()
 
     def _dial(self) -> None:
         with ExitStack() as stack:
             self._session = stack.enter_context(
-                open_session(connect=[self._endpoint], guard=self._guard, largest=self._largest)
+                open_session(connect=[self.endpoint], guard=self.guard, largest=self.largest)
             )
-            self._listen(self._session)
-            for sender in self._senders:
+            self.listen(self._session)
+            for sender in self.senders:
                 sender.attach(self._session)
             self._open = stack.pop_all()
         self.session = session_id(self._session)
@@ -71,8 +65,8 @@ class DialledLink:
         if not self.session:
             return
         self.session = ""
-        self._inbox.forget(self._session)
-        for sender in self._senders:
+        self.inbox.forget(self._session)
+        for sender in self.senders:
             sender.detach(self._session)
         Thread(target=self._open.close, daemon=True).start()
 

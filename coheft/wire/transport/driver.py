@@ -15,16 +15,17 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+import numpy as np
 import zenoh
 
 from coheft.errors import LinkError, MessageError
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import SAMPLE_SIZE
 from coheft.wire.config import AgentProcessConfig
-from coheft.wire.messages.codec import check_array
+from coheft.wire.messages.codec import check_numbers
 from coheft.wire.messages.structs import Measurements, Reference
 from coheft.wire.process.log import LOG
-from coheft.wire.transport.inbox import Inbox, LinkChange, Received, Refused
+from coheft.wire.transport.inbox import Inbox, Presence, Received, Refused
 from coheft.wire.transport.planes import guard_server_for_robot
 from coheft.wire.transport.robot_link import RobotLink
 from coheft.wire.transport.security import Credentials
@@ -91,7 +92,8 @@ class Driver:
         Raises:
             MessageError: The samples have another shape, or are not finite.
         """
-        check_array(samples, (self.samples, SAMPLE_SIZE), f"samples of block {block}")
+        samples = np.array(samples, dtype=np.float64)  # estimators compute in double precision
+        check_numbers(samples, (self.samples, SAMPLE_SIZE), f"samples of block {block}")
         self._next = block + 1
         self._link.send_measurements(Measurements(robot=self.name, block=block, samples=samples))
 
@@ -129,8 +131,8 @@ class Driver:
                     self._link.join(self._next)
             case Refused(source, error):
                 LOG.warning("refused from %s: %s", source, error)
-            case LinkChange(links=count):
-                self._link.note_links(count)
+            case Presence(is_here=is_here):
+                self._link.note_link(is_here)
 
 
 @contextmanager

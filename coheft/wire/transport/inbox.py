@@ -10,10 +10,10 @@ import msgspec
 import zenoh
 
 from coheft.errors import MessageError
-from coheft.wire.messages.codec import Reader, decode, encode
+from coheft.wire.messages.codec import decode, encode
 from coheft.wire.messages.requests import Refusal, Request
 from coheft.wire.messages.structs import Message
-from coheft.wire.transport.backlog import Backlog, Lost, Said
+from coheft.wire.transport.backlog import Backlog, Said
 from coheft.wire.transport.security import Guard
 from coheft.wire.transport.sessions import REFUSAL, Role, session_id
 
@@ -31,21 +31,6 @@ class Refused:
 
     source: str
     error: MessageError
-
-
-@dataclass(frozen=True)
-class LinkChange:
-    """A process has connected to the session called ``source``, or disconnected; it now has ``links`` links.
-
-    Attributes:
-        source: Name of the session.
-        links: Number of connected processes.
-        session: Identity of the session, which may have been replaced since.
-    """
-
-    source: str
-    links: int
-    session: str = field(default="", compare=False)
 
 
 @dataclass(frozen=True)
@@ -76,7 +61,7 @@ class Question:
         _answer(self._query, message)
 
 
-Event = Received | Refused | LinkChange | Presence | Question
+Event = Received | Refused | Presence | Question
 
 
 class Inbox:
@@ -89,8 +74,7 @@ class Inbox:
     def __init__(self) -> None:
         self._turns: SimpleQueue[Backlog] = SimpleQueue()
         self._backlogs: dict[str, Backlog] = {}
-        self._readers: dict[str, tuple[str, Reader[Message]]] = {}
-        self._roles: dict[str, tuple[Role, Any]] = {}
+        self._kinds: dict[str, tuple[str, Any]] = {}  # of messages and requests by key, with the source or role
         self._kept: dict[str, list[Any]] = {}  # by session; a subscriber without a reference is closed
 
     def listen(self, session: zenoh.Session, source: str, kinds: Mapping[str, type[Message] | UnionType]) -> None:
@@ -101,23 +85,14 @@ class Inbox:
             source: Name of the source in events.
             kinds: Expected type of message by key, or a union of types; the keys differ in their last part only. They
                 share one subscription, so that if messages under one key arrive, those under the others do, too.
-
-        Raises:
-            ValueError: The keys differ in more than their last part.
         """
-        places = {key.rpartition("/")[0] for key in kinds}
-        if len(places) != 1:
-            raise ValueError(f"keys are below {sorted(places)} but expected one place")
-        self._readers |= {key: (source, Reader(cast(Any, kind), key)) for key, kind in kinds.items()}
-        self._keep(
-            session,
-            session.declare_subscriber(
-                f"{places.pop()}/*", self._handler(source), allowed_origin=zenoh.Locality.REMOTE
-            ),
-        )
+        self._kinds |= {key: (source, kind) for key, kind in kinds.items()}
+        place = f"{next(iter(kinds)).rpartition('/')[0]}/*"
+        handler = self._handler(source)
+        self._keep(session, session.declare_subscriber(place, handler, allowed_origin=zenoh.Locality.REMOTE))
 
     def watch_links(self, session: zenoh.Session, source: str, guard: Guard | None = None) -> None:
-        """Receive changes of a session's links; with a guard, only of processes that are allowed."""
+        """Receive whether any process is linked with a session; with a guard, only of processes that are allowed."""
         linked: set[str] = set()  # the session's own list may be older than the event
         own = session_id(session)
         backlog = self._backlog(source)
@@ -130,7 +105,7 @@ class Inbox:
                 linked.add(peer)
             else:
                 linked.discard(peer)
-            backlog.put(LinkChange(source, len(linked), own))
+            backlog.put(Presence(source, bool(linked), own))
 
         self._keep(session, session.info.declare_link_events_listener(put, history=True))
 
@@ -169,7 +144,7 @@ class Inbox:
     def serve(self, session: zenoh.Session, roles: dict[str, Role], kind: Any = Request) -> None:
         """Receive requests."""
         for key, role in roles.items():
-            self._roles[key] = role, kind
+            self._kinds[key] = role, kind
             self._keep(session, session.declare_queryable(key, self._handler(role), complete=True))
 
     def forget(self, session: zenoh.Session) -> None:
@@ -186,10 +161,6 @@ class Inbox:
     def _backlog(self, source: str) -> Backlog:
         return self._backlogs.setdefault(source, Backlog(source, self._turns))
 
-    def backlog(self, source: str) -> int:
-        """Return the size of the unread messages of a source [B]."""
-        return self._backlogs[source].size
-
     def receive(self, timeout: float | None = None) -> Event | None:
         """Return the next event, or None if there is none within ``timeout`` [s] (None: wait without limit)."""
         try:
@@ -201,19 +172,18 @@ class Inbox:
             return self._decode(item)
         if isinstance(item, zenoh.Query):
             return self._decode_query(item, backlog.source)
-        if isinstance(item, Lost):
-            return Refused(
-                backlog.source, MessageError(f"{item.count} messages are lost: it sends faster than this process reads")
-            )
-        return cast(LinkChange | Presence | Refused, item)
+        if isinstance(item, int):
+            why = f"{item} messages are lost: it sends faster than this process reads"
+            return Refused(backlog.source, MessageError(why))
+        return cast(Presence | Refused, item)
 
     def _decode(self, said: Said) -> Event:
         key = str(said.key)
-        source, reader = self._readers.get(key, (key, None))
-        if reader is None:
+        source, kind = self._kinds.get(key, (key, None))
+        if kind is None:
             return Refused(source, MessageError(f"no message is expected under the key '{key}'"))
         try:
-            return Received(source, reader.read(said.data))
+            return Received(source, decode(said.data, kind, key))
         except MessageError as error:
             return Refused(source, error)
 
@@ -221,10 +191,10 @@ class Inbox:
         payload = query.payload.to_bytes() if query.payload is not None else b""
         key = str(query.key_expr)
         try:
-            if key not in self._roles:
+            if key not in self._kinds:
                 raise MessageError(f"no request is expected under the key '{key}'")
-            role, kind = self._roles[key]
-            return Question(role, decode(payload, kind, key), query)
+            role, kind = self._kinds[key]
+            return Question(cast(Role, role), decode(payload, kind, key), query)
         except MessageError as error:
             _answer(query, Refusal(reason=str(error)))
             return Refused(f"the {source}", error)

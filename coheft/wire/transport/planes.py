@@ -27,13 +27,11 @@ def guard_robot(credentials: Credentials | None, keys: Keys, robot: str) -> Guar
 def guard_neighbours(credentials: Credentials | None, keys: Keys, own: str, others: Iterable[str]) -> Guard | None:
     """Return the rules of the neighbour plane: each neighbour sends under its own name, and hears us only."""
     hears, watches = (keys.agent(own, "*"),), (keys.agent(own, "alive"),)
-    return _guard(
-        credentials,
-        [
-            Party(other, (keys.agent(other, "alive"),), watches, says=(keys.agent(other, "*"),), hears=hears)
-            for other in others
-        ],
-    )
+    parties = [
+        Party(other, (keys.agent(other, "alive"),), watches, says=(keys.agent(other, "*"),), hears=hears)
+        for other in others
+    ]
+    return _guard(credentials, parties)
 
 
 def guard_server_for_observers(credentials: Credentials | None, keys: Keys) -> Guard | None:
@@ -52,16 +50,10 @@ def guard_agent_for_observers(credentials: Credentials | None, keys: Keys, agent
 def guard_observer(credentials: Credentials | None, keys: Keys, role: Role, agents: Iterable[str]) -> Guard | None:
     """Return the rules of the observer plane at the observer's end: no agent can imitate another one, or the server."""
     server = Party(SERVER, says=_server_topics(keys), answers=(keys.request(role),))
-    return _guard(
-        credentials,
-        [
-            server,
-            *(
-                Party(agent, says=_agent_topics(keys, agent), answers=_agent_requests(keys, agent, role))
-                for agent in agents
-            ),
-        ],
-    )
+    others = [
+        Party(agent, says=_agent_topics(keys, agent), answers=_agent_requests(keys, agent, role)) for agent in agents
+    ]
+    return _guard(credentials, [server, *others])
 
 
 def _guard(credentials: Credentials | None, parties: Iterable[Party]) -> Guard | None:

@@ -14,19 +14,13 @@ from coheft.wire.transport.sessions import Keys, Sender
 _MOTION_SIZE, _WRENCH_SHAPE = 12, (6,)
 
 
-def _not_finite(reference: Reference) -> str | None:
-    if is_finite(reference.motion) and is_finite(reference.wrench):
-        return None
-    return f"the reference of block {reference.block} is not finite"
-
-
 class RobotLink:
     """One robot's session, and the state of the communication with it.
 
     Args:
         world: Number of the simulated world; a new number makes agents restart.
         lag: Number of blocks from a measurement to the reference that answers it.
-        excess: Describes why an arm cannot follow a reference, finite or not; returns None if it can.
+        excess: Describes why an arm cannot follow a finite reference; returns None if it can.
 
     Attributes:
         is_ready: Whether it asks for measurements, and can receive them.
@@ -47,7 +41,7 @@ class RobotLink:
         world: int,
         lag: int,
         block: int,
-        excess: Callable[[Reference], str | None] = _not_finite,
+        excess: Callable[[Reference], str | None] = lambda _: None,
     ) -> None:
         self.name = name
         self.is_ready = False
@@ -78,9 +72,9 @@ class RobotLink:
         """Whether it has received measurements that it has not answered."""
         return self.answered < self._sent
 
-    def note_links(self, count: int) -> None:
-        """Note the number of processes at the other end."""
-        self.is_linked = count > 0
+    def note_link(self, is_linked: bool) -> None:
+        """Note whether a process is at the other end."""
+        self.is_linked = is_linked
         if not self.is_linked:
             self.is_ready = False
             self.answered = self._sent
@@ -113,8 +107,12 @@ class RobotLink:
                 f"answers is {reference.answers} but expected a block from {self.answered + 1} to {self._sent}"
             )
         check_field("block", reference.block, reference.answers + self._lag)
-        check_field("motion.shape", reference.motion.shape, self._motion_shape)
-        check_field("wrench.shape", reference.wrench.shape, _WRENCH_SHAPE)
+        for name, array, shape in (
+            ("motion", reference.motion, self._motion_shape),
+            ("wrench", reference.wrench, _WRENCH_SHAPE),
+        ):
+            check_field(f"{name}.shape", array.shape, shape)
+            check_field(f"{name}.dtype", array.dtype.name, "float64")
 
     def _keep(self, reference: Reference) -> None:
         """Keep a reference for its block. One that no arm can follow counts as an answer, but is not used.
@@ -122,9 +120,10 @@ class RobotLink:
         Raises:
             MessageError: It is the first of a series that no arm can follow.
         """
-        excess = self._excess(reference)
-        if excess is not None:
-            excess = _not_finite(reference) or excess
+        if is_finite(reference.motion) and is_finite(reference.wrench):
+            excess = self._excess(reference)
+        else:
+            excess = f"the reference of block {reference.block} is not finite"
         self._references[reference.block] = reference if excess is None else None
         was_refused, self.is_refused = self.is_refused, excess is not None
         if excess is not None and not was_refused:

@@ -23,8 +23,8 @@ os.environ.setdefault(
 import zenoh
 
 from coheft.errors import CoheftError, LinkError
-from coheft.wire.messages.codec import Writer, decode, encode
-from coheft.wire.messages.requests import Refusal, Request, Status
+from coheft.wire.messages.codec import decode, encode
+from coheft.wire.messages.requests import Refusal
 from coheft.wire.messages.size import LEAST_LIMIT
 from coheft.wire.messages.structs import Message
 from coheft.wire.process.leave import CLOSING
@@ -179,14 +179,13 @@ class Sender:
 
     Args:
         session: The plane's session; None if sessions are attached later.
-        key: The key.
         may_drop: Whether to lose messages rather than wait when a listener does not keep up. True for observers,
             because a frozen one must not delay the run.
     """
 
     def __init__(self, session: zenoh.Session | None, key: str, *, may_drop: bool) -> None:
         self._control = zenoh.CongestionControl.DROP if may_drop else zenoh.CongestionControl.BLOCK
-        self._key, self._writer = key, Writer(key)
+        self._key = key
         self._publishers: dict[str, zenoh.Publisher] = {}
         self._lock = Lock()
         if session is not None:
@@ -206,7 +205,7 @@ class Sender:
 
     def send(self, message: Message) -> None:
         """Send a message to all present listeners."""
-        data = self._writer.write(message)
+        data = encode(message, self._key)
         with self._lock:
             for publisher in self._publishers.values():
                 publisher.put(data)
@@ -218,12 +217,7 @@ class Sender:
         return any(status.matching for status in statuses)  # objects, though the type stub says bool
 
 
-def ask(session: zenoh.Session, key: str, request: Request, timeout: float = 2.0) -> Status | Refusal:
-    """Send a request to the server, see ``ask_for``."""
-    return ask_for(Status, session, key, request, timeout)
-
-
-def ask_for(kind: type[M], session: zenoh.Session, key: str, request: Message, timeout: float = 2.0) -> M | Refusal:
+def ask(kind: type[M], session: zenoh.Session, key: str, request: Message, timeout: float = 2.0) -> M | Refusal:
     """Send a request under a key and return the answer, of type ``kind``.
 
     Raises:
