@@ -102,7 +102,7 @@ class Made:
         self.scenario: Scenario = parse_scenario(SCENARIO, "two")
         graph = build_graph(self.scenario.graph, self.scenario.robot_names)
         scene = Simulation(self.scenario, graph).scene
-        status = Status(
+        self.status = status = Status(
             scenario="two",
             state=RunState.RUNNING, block=0, time=0.0, duration=9.0, real_time_factor=1.0, late_blocks=0,
             loads=[], slots_free=4, waiting_for=[], estimator="efficient",
@@ -216,6 +216,21 @@ def test_the_change_is_shown_close_up_and_the_page_tells_who_was_stale(made: Mad
     assert states[-1] in ("all known", "converged")
     assert "looking" not in made.page.words
     assert "the load changed" in made.page.words.lower()
+
+
+def test_a_recording_with_a_gap_where_the_load_changed_has_a_page(made: Made, tmp_path: Path) -> None:
+    scenario = parse_scenario(SCENARIO.replace("9.0", "5.0").replace("6.0\nmass", "1.0\nmass"), "two")
+    follower, record = SeriesFollower(), Record(made.series.scene, scenario.duration)
+    follower.begin(made.status)
+    for block in run_in_process(scenario):
+        if 0.4 < block.truth.time < 4.5:
+            continue
+        for news in (block.truth, *block.estimates.values()):
+            follower.receive(news)
+            record.receive(news)
+    report = build_report(scenario, record)
+    assert len(report.load_changes) == 1
+    assert "load change at" in write_folder(tmp_path, scenario, None, follower.series, report).read_text()
 
 
 def test_masses_that_are_stale_are_drawn_thin_and_dotted(made: Made) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 from collections.abc import Callable
 
 import msgspec
@@ -11,7 +12,7 @@ import pytest
 from rich.console import Console
 
 from coheft.app.results.record import Record
-from coheft.app.terminal.digits import value_and_std
+from coheft.app.terminal.digits import significant, value_and_std
 from coheft.app.terminal.screen import Display, LineDisplay, LiveDisplay, make_display
 from coheft.wire.messages.scene import Scene
 from coheft.wire.messages.states import Validity
@@ -206,6 +207,11 @@ def test_plain_lines_tell_when_estimates_stay_stale_and_when_none_is_any_more() 
 def test_a_std_that_stands_beside_its_value_has_two_digits() -> None:
     assert value_and_std(13.00004, 0.00113) == "13.0000 ± 0.0011"
     assert value_and_std(13.00004, 0.1) == "13.000 ± 0.100"
+
+
+def test_large_and_small_numbers_have_no_exponent() -> None:
+    shown = [significant(value, 2) for value in (0.0, 0.000012, 0.018, 1.0, 9.96, 152.0, 12345.0, math.inf)]
+    assert shown == ["0", "0.000012", "0.018", "1", "10", "150", "12000", "inf"]
 
 
 @pytest.mark.parametrize(

@@ -122,9 +122,10 @@ class SeriesFollower(Follower):
                     self.series.problems.append((0.0 if now is None else now.time, news))
 
     def _add_truth(self, truth: Truth) -> None:
-        before, series = self._pairing.truth, self.series
-        if before is not None and load_ids(before) != load_ids(truth) and len(series.close_ups) < _CLOSE_UPS:
-            start = loads_since(truth)
+        before, series, start = self._pairing.truth, self.series, loads_since(truth)
+        is_changed = before is not None and load_ids(before) != load_ids(truth)
+        # A recording that was damaged may have a gap instead of what a close-up shows.
+        if is_changed and truth.time <= start + AFTER and len(series.close_ups) < _CLOSE_UPS:
             points = {
                 name: [p for p in robot.recent if p.time >= start - BEFORE] for name, robot in series.robots.items()
             }

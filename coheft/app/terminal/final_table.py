@@ -13,7 +13,7 @@ from coheft.app.results.report import LoadChangeReport, Report
 from coheft.app.results.slips import SlipReport
 from coheft.app.results.states import LACKS, State
 from coheft.app.terminal.carry_table import print_carry
-from coheft.app.terminal.digits import decimals_for, error_and_std
+from coheft.app.terminal.digits import decimals_for, error_and_std, significant
 from coheft.app.terminal.sensor_sentences import sensor_sentences
 from coheft.app.terminal.wide_table import bare_table, print_table
 from coheft.estimation.geometry.spatial import Array
@@ -97,7 +97,7 @@ def _bounds(report: Report, name: str) -> tuple[str, ...]:
         return ()
     bound = report.bound[name]
     return tuple(
-        f"{x:.2g} {unit}" for x, unit in ((bound.mass_pct, "%"), (bound.com_mm, "mm"), (bound.inertia_pct, "%"))
+        f"{significant(x, 2)} {unit}" for x, unit in ((bound.mass_pct, "%"), (bound.com_mm, "mm"), (bound.inertia_pct, "%"))
     )
 
 
@@ -111,7 +111,7 @@ def robot_rows(robot: RobotReport) -> list[tuple[str, str, str, str, str]]:
     rows = {"mass": _mass_row(robot), "centre of mass": _com_row(robot), "inertia": _inertia_row(robot)}
     too_far = {each.quantity: each.stds for each in robot.contradictions}
     return [
-        (*row[:4], f"{row[4]} ({too_far[quantity]:.3g}×)") if quantity in too_far else row
+        (*row[:4], f"{row[4]} ({significant(too_far[quantity], 3)}×)") if quantity in too_far else row
         for quantity, row in rows.items()
     ]
 
@@ -268,7 +268,7 @@ def _contradictions(robots: Mapping[str, RobotReport]) -> list[str]:
     for name, robot in robots.items():
         if robot.contradictions:
             worst = max(robot.contradictions, key=lambda each: each.stds)
-            found.append((worst.stds, f"{name} ({worst.quantity}, by {worst.stds:.3g} own std)"))
+            found.append((worst.stds, f"{name} ({worst.quantity}, by {significant(worst.stds, 3)} own std)"))
     if not found:
         return []
     texts = [text for _, text in sorted(found, reverse=True)]

@@ -8,7 +8,7 @@ from coheft.app.names import few
 from coheft.app.results.judge import RobotReport
 from coheft.app.results.states import MEANINGS, State
 from coheft.app.templates import templates_beside
-from coheft.app.terminal.digits import decimals_for, seconds_of, std_text, value_and_std
+from coheft.app.terminal.digits import decimals_for, seconds_of, significant, std_text, value_and_std
 from coheft.app.view import colours
 from coheft.app.view.model import ViewModel
 from coheft.wire.messages.requests import Status
@@ -118,7 +118,7 @@ def belief(report: RobotReport | None, estimate: Estimate | None) -> str:
 
 
 def _small_number(value: float) -> str:
-    return f"{value:.2g}" if value >= 0.01 else "below 0.01"
+    return significant(value, 2) if value >= 0.01 else "below 0.01"
 
 
 def team(model: ViewModel, chosen: str) -> str:
