@@ -7,8 +7,10 @@ import socket
 
 import pytest
 
+from coheft.app.run.processes import ProcessError
 from coheft.app.view import ports
 from coheft.app.view.ports import PORT, choose_port, url
+from coheft.app.view.process import Place, ViewBeside, ViewConfig
 from coheft.errors import LinkError
 from tests.ports import free_port
 
@@ -33,6 +35,15 @@ def taken(request):
         listener.bind((request.param, 0))
         listener.listen()
         yield request.param, listener.getsockname()[1]
+
+
+@pytest.mark.slow
+def test_a_run_does_not_begin_without_the_view_that_it_was_asked_for(taken, tmp_path):
+    with ViewBeside(ViewConfig(str(tmp_path), Place(*taken, "secret"))) as view:
+        with pytest.raises(ProcessError, match=r"view ended with status 1(?s:.*)the view cannot listen at"):
+            view.wait_until_there()
+        assert not view.is_there
+        assert not view.wait_for_another()
 
 
 @pytest.mark.parametrize("host", ["", "localhost", "0.0.0.0", *HOSTS, pytest.param("::", marks=needs_ipv6)])

@@ -241,7 +241,7 @@ def run(
                 _tell(console, "The view stays until Ctrl-C", place.url)
                 wants_another = viewer.wait_for_another()
             elif viewer is not None:
-                _tell(always, "No view was ready before the end of the run; its log", viewer.log)
+                _tell(always, "The view has ended before the run; its log", viewer.log)
         if recorder is not None and not recorder.problem:
             _tell(console, "Recording", record)
         if lost := _lost(broken_off, recorder):
@@ -279,8 +279,7 @@ def _credentials(keys: Path | None, folder: Path, scenario: Scenario, places: Ho
 
 def _wait_for_view(console: Console, viewer: ViewBeside, place: Place, *, waits: bool) -> None:
     """Print the address of the view as soon as it is ready, before anything else, and wait until it is opened."""
-    if not viewer.wait_until_there():
-        return
+    viewer.wait_until_there()
     console.print(f"The view is at {place.url}", markup=False, highlight=False, soft_wrap=True)
     if waits:
         console.print("The run begins when a browser has opened it; with --no-wait, at once.", highlight=False)

@@ -50,15 +50,19 @@ class RunEnd(msgspec.Struct, frozen=True):
 
 
 def runs_folder() -> Path:
-    """Return the folder of this user's runs, at the platform's usual place."""
-    home = Path.home()
+    """Return the folder of this user's runs, at the platform's usual place, or raise a ``CoheftError``."""
     if sys.platform == "win32":
-        base = Path(os.environ.get("LOCALAPPDATA") or home / "AppData" / "Local")
+        base = os.environ.get("LOCALAPPDATA") or "~/AppData/Local"
     elif sys.platform == "darwin":
-        base = home / "Library" / "Application Support"
+        base = "~/Library/Application Support"
     else:
-        base = Path(os.environ.get("XDG_STATE_HOME") or home / ".local" / "state")
-    return base / "coheft" / "runs"
+        base = os.environ.get("XDG_STATE_HOME") or "~/.local/state"
+    try:
+        return Path(base).expanduser() / "coheft" / "runs"
+    except RuntimeError as error:
+        raise CoheftError(
+            "this user has no home folder for runs: name a folder with --logs DIR or --run DIR"
+        ) from error
 
 
 def make_run_folder(run: str, logs: Path | None = None) -> Path:

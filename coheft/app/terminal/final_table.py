@@ -97,7 +97,8 @@ def _bounds(report: Report, name: str) -> tuple[str, ...]:
         return ()
     bound = report.bound[name]
     return tuple(
-        f"{significant(x, 2)} {unit}" for x, unit in ((bound.mass_pct, "%"), (bound.com_mm, "mm"), (bound.inertia_pct, "%"))
+        f"{significant(x, 2)} {unit}"
+        for x, unit in ((bound.mass_pct, "%"), (bound.com_mm, "mm"), (bound.inertia_pct, "%"))
     )
 
 

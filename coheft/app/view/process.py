@@ -14,7 +14,7 @@ import msgspec
 
 from coheft.app.run.folder import find_run
 from coheft.app.run.follower import Follower
-from coheft.app.run.processes import Processes
+from coheft.app.run.processes import ProcessError, Processes
 from coheft.app.view.ports import choose_port, new_token, url
 from coheft.errors import CoheftError
 from coheft.wire.process.supervised import supervised_main
@@ -75,27 +75,26 @@ class ViewBeside(Follower):
         """Path of its log."""
         return Path(self._config.folder) / "view.log"
 
-    def wait_until_there(self) -> bool:
-        """Wait until the view is ready; return False if it has ended."""
-        return self._wait_for(_READY)
+    def wait_until_there(self) -> None:
+        """Wait until the view is ready; raise a ``ProcessError`` if it fails."""
+        self._wait_for(_READY)
 
-    def wait_until_seen(self) -> bool:
-        """Wait until a browser is connected; return False if the view has ended."""
-        return self._wait_for(_SEEN)
+    def wait_until_seen(self) -> None:
+        """Wait until a browser is connected; raise a ``ProcessError`` if the view fails."""
+        self._wait_for(_SEEN)
 
     def wait_for_another(self) -> bool:
         """Show the view until Ctrl-C or a request for another run; return whether there was such a request."""
         try:
-            return self._wait_for(_AGAIN)
-        except KeyboardInterrupt:
+            self._wait_for(_AGAIN)
+        except (KeyboardInterrupt, ProcessError):
             return False
-
-    def _wait_for(self, line: str) -> bool:
-        while not self._has_said(line):
-            if self._processes.ended("view"):
-                return False
-            time.sleep(_LOOK_EVERY)
         return True
+
+    def _wait_for(self, line: str) -> None:
+        while not self._has_said(line):
+            self._processes.check()
+            time.sleep(_LOOK_EVERY)
 
     def _has_said(self, line: str) -> bool:
         return any(line in child.lines for child in self._processes.children)
