@@ -79,7 +79,7 @@ def test_a_link_is_as_good_as_its_worse_end_says():
     assert model.link(("r1", "r2")) == "silent"
     assert model.link(("r2", "r3")) == "up"
     model.receive(truth(SILENT + 2, LIGHT))
-    assert model.link(("r2", "r3")) == "unknown", "nobody has said anything for long"
+    assert model.link(("r2", "r3")) == "unknown", "neither end has said anything for long"
     assert model.beliefs["r3"].status == "stale"
 
 

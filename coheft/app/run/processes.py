@@ -20,8 +20,9 @@ from coheft.app.run.fork_server import Forked, ForkServer, can_fork
 from coheft.errors import CoheftError, one_line
 from coheft.wire.process.supervised import KILLED_BY, ONE_THREAD, TERMINATED, UNUSABLE
 
-# Nothing is rendered, so MuJoCo need not load a graphics library.
-ENVIRONMENT = {**ONE_THREAD, "MUJOCO_GL": "disable"}
+# Nothing is rendered, so MuJoCo need not load a graphics library. Files in the user's current folder, such as queue.py,
+# must not take the place of modules.
+ENVIRONMENT = {**ONE_THREAD, "MUJOCO_GL": "disable", "PYTHONSAFEPATH": "1"}
 FORKED = ("coheft.agents.process.main", "coheft.physics_server.server")
 """Modules that a fork server can start for a run."""
 _EXIT_TIMEOUT = 1.0
