@@ -171,6 +171,8 @@ def test_help_can_be_asked_for_by_name(capfd: pytest.CaptureFixture[str]) -> Non
     assert "--mass" in capfd.readouterr().out
     assert run_command_line(["help", "injekt"]) == EXIT_USAGE
     assert "there is no command 'injekt'" in capfd.readouterr().err
+    assert run_command_line(["help", "cart", "identify"]) == EXIT_CONVERGED
+    assert "--force-noise" in capfd.readouterr().out
 
 
 def test_the_reference_of_commands_is_up_to_date() -> None:

@@ -176,6 +176,18 @@ def test_plain_lines_tell_how_things_stand_before_what_has_happened_since() -> N
     assert second == "  5.0 s: the payload is 13.00 kg now"
 
 
+def test_plain_lines_tell_why_a_run_waits_each_time_that_it_does() -> None:
+    record, console = Record(SCENE, duration=20.0), terminal(is_terminal=False)
+    display = LineDisplay(console)
+    for block in range(2):
+        for _ in range(3):
+            display.note("waiting for r1")
+            display.update(record)
+        record.add_truth(truth(block, LIGHT))
+        display.update(record)
+    assert drawn(console).splitlines() == ["waiting for r1"] * 2
+
+
 def test_what_robots_say_in_their_own_coordinates_is_told_as_one() -> None:
     record = Record(SCENE, duration=20.0)
     record.add_truth(truth(0, HEAVY))
