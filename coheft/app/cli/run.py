@@ -21,7 +21,8 @@ if TYPE_CHECKING:  # loaded only by runs that need them
     from coheft.app.run.hosts import Hosts
     from coheft.app.run.plan import Plan
     from coheft.app.run_report.series import SeriesFollower
-    from coheft.app.view.process import Place, ViewBeside
+    from coheft.app.view.place import Place
+    from coheft.app.view.process import ViewBeside
     from coheft.wire.config import ClockKind
     from coheft.wire.scenario.schema import Scenario
 
@@ -168,7 +169,7 @@ def run(
     place: Place | None = None
     if view:
         from coheft.app.run.hosts import LOOPBACK
-        from coheft.app.view.process import Place
+        from coheft.app.view.place import Place
 
         place = Place.choose(LOOPBACK)
 

@@ -23,17 +23,19 @@ def view(
         port: Port to listen on; by default 8010 or the next free one.
         read_only: Read-only: without buttons.
     """
-    from coheft.app.view.door import Door
+    from coheft.app.view.place import Place
 
-    def tell(url: str) -> None:
-        print(f"The view is at {url} (Ctrl-C ends it)", flush=True)
+    place = Place.choose(host, port)
+
+    def shown() -> None:
+        print(f"The view is at {place.url} (Ctrl-C ends it)", flush=True)
 
     with suppress(KeyboardInterrupt):  # the only way to end it
         if what is not None and what.suffix == ".mcap":
             from coheft.app.view.replay import view_recording
 
-            view_recording(what, Door(host), port, tell)
+            view_recording(what, place, shown)
         else:
             from coheft.app.view.live import view_run
 
-            view_run(what, Door(host), port, tell, read_only=read_only)
+            view_run(what, place, shown, read_only=read_only)

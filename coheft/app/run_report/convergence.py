@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from coheft.app.figures import Theme
+from coheft.app.results.points import sizes
 from coheft.app.results.quantities import QUANTITIES, Quantity
 from coheft.app.results.report import Report
 from coheft.app.results.states import State
 from coheft.app.run_report.panels import mark_changes, robots_shown, use_logarithm
-from coheft.app.run_report.points import sizes
 from coheft.app.run_report.series import Series
 from coheft.app.terminal.digits import significant
 from coheft.estimation.geometry.spatial import Array

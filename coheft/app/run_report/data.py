@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from coheft.app.run_report.points import Point
+from coheft.app.results.points import Point
 from coheft.app.run_report.series import Series
 from coheft.estimation.geometry.spatial import Array
 

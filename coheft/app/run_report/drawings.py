@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 
 from coheft.app.figures import Theme
+from coheft.app.results.points import Point, sizes
 from coheft.app.results.report import Report
 from coheft.app.results.states import MEANINGS, State
 from coheft.app.run_report.convergence import COM_SHOWN
 from coheft.app.run_report.panels import mark_changes, robots_shown, use_logarithm
-from coheft.app.run_report.points import Point, sizes
 from coheft.app.run_report.series import AFTER, BEFORE, Series
 from coheft.estimation.geometry.spatial import Array
 

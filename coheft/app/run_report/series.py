@@ -4,12 +4,12 @@ import time
 from collections import deque
 from dataclasses import dataclass, field
 
+from coheft.app.results.points import Point, make_point
 from coheft.app.results.record import load_ids, loads_since
 from coheft.app.run.follower import Follower
 from coheft.app.run.heard import News
 from coheft.app.run.pairing import Pairing
 from coheft.app.run_report.limited import Spans, Thinned
-from coheft.app.run_report.points import Point, make_point
 from coheft.wire.messages.requests import Status
 from coheft.wire.messages.scene import Scene
 from coheft.wire.messages.structs import Estimate, EstimateBeside, Problem

@@ -12,9 +12,9 @@ from coheft.app.run.folder import locate_run
 from coheft.app.run.observer import Observer, may_operate, observe
 from coheft.app.view import words
 from coheft.app.view.controls import Controls
-from coheft.app.view.door import Door
 from coheft.app.view.model import ViewModel
 from coheft.app.view.page import FRAME, Page
+from coheft.app.view.place import Place
 from coheft.app.view.server import open_server
 from coheft.wire.messages.requests import Status, StatusRequest
 from coheft.wire.messages.states import RunState
@@ -26,16 +26,13 @@ _LAST_NEWS = 1.0
 """Time after the end of the run in which last estimates may arrive [s]."""
 
 
-def view_run(
-    folder: Path | None, door: Door, port: int | None, tell: Callable[[str], None], *, read_only: bool = False
-) -> None:
+def view_run(folder: Path | None, place: Place, shown: Callable[[], None], *, read_only: bool = False) -> None:
     """Show a run until Ctrl-C; after its end, the last state stays visible.
 
     Args:
         folder: Folder of the run; None for the newest run in progress.
-        door: Access control.
-        port: Port; None for any free one.
-        tell: Called with the URL of the view.
+        place: Address of the view.
+        shown: Called when the page is complete.
         read_only: Whether to show no controls, as without the operator's keys.
 
     Raises:
@@ -43,8 +40,8 @@ def view_run(
         KeyboardInterrupt: Ctrl-C.
     """
     folder, _ = locate_run(folder)
-    with open_server(door, port) as server:
-        show_run(server, folder, lambda: tell(door.url(server.get_port())), read_only=read_only)
+    with open_server(place) as server:
+        show_run(server, folder, shown, read_only=read_only)
 
 
 def show_run(

@@ -7,6 +7,7 @@ from typing import Literal
 import msgspec
 
 from coheft.app.results.judge import RobotReport
+from coheft.app.results.points import make_point
 from coheft.app.results.record import SILENT, as_of_now
 from coheft.app.run.heard import News
 from coheft.app.run.pairing import Pairing
@@ -90,9 +91,8 @@ class ViewModel:
     def _compare(self, estimates: Iterable[Estimate]) -> None:
         """Compare estimates with the truth of their block."""
         for estimate in estimates:
-            report = self._pairing.judge.robot(estimate)
-            self._reports[estimate.robot] = report
-            self._traces[estimate.robot].add(report)
+            self._reports[estimate.robot] = self._pairing.judge.robot(estimate)
+            self._traces[estimate.robot].add(make_point(self._pairing.judge, estimate))
 
     @property
     def time(self) -> float:

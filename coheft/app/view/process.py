@@ -15,31 +15,13 @@ import msgspec
 from coheft.app.run.folder import find_run
 from coheft.app.run.follower import Follower
 from coheft.app.run.processes import ProcessError, Processes
-from coheft.app.view.ports import choose_port, new_token, url
+from coheft.app.view.place import Place
 from coheft.errors import CoheftError
 from coheft.wire.process.supervised import supervised_main
 
 _LOOK_EVERY = 0.2
 _READY, _SEEN, _AGAIN = "the view is ready", "a browser is connected", "again"
 """Lines of its log, which does not contain the secret, because others may read it."""
-
-
-class Place(msgspec.Struct, frozen=True):
-    """Address of a view; the next run may have its view at the same one."""
-
-    host: str
-    port: int
-    token: str
-
-    @classmethod
-    def choose(cls, host: str, port: int | None = None) -> Place:
-        """Return a place with a new secret, without a port at any free one; raise ``LinkError`` if it is taken."""
-        return cls(host, choose_port(host, port), new_token())
-
-    @property
-    def url(self) -> str:
-        """URL of the view."""
-        return url(self.host, self.port, self.token)
 
 
 class ViewConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -109,13 +91,12 @@ class ViewBeside(Follower):
 
 def _view(config: ViewConfig) -> None:
     # the import of viser takes a second, and the parent does not need it
-    from coheft.app.view.door import Door
     from coheft.app.view.live import show_run
     from coheft.app.view.server import open_server
 
-    folder, place, is_seen = Path(config.folder), config.place, False
+    folder, is_seen = Path(config.folder), False
     ask_again = partial(_say, _AGAIN) if config.offers_another else None
-    with open_server(Door(place.host, place.token), place.port) as server:
+    with open_server(config.place) as server:
         _say(_READY)
         waiting = server.gui.add_markdown("Waiting for the robots …")
         while not _goes_on(folder):
