@@ -1,6 +1,9 @@
 """An observer's record of a run: all data of the report, in memory that does not grow with time."""
 
-from collections.abc import Iterable, Sequence
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Self
 
 import msgspec
 
@@ -12,6 +15,11 @@ from coheft.wire.messages.scene import Scene
 from coheft.wire.messages.states import Validity
 from coheft.wire.messages.structs import Estimate, EstimateBeside
 from coheft.wire.messages.truth import Truth
+from coheft.wire.scenario.plugins import estimator_names
+from coheft.wire.scenario.schema import Scenario
+
+if TYPE_CHECKING:  # loads the physics
+    from coheft.app.results.carry_record import CarryRecord
 
 SILENT = 100
 """Number of blocks behind the truth after which a robot is silent; no server runs so far ahead of its robots."""
@@ -34,8 +42,8 @@ class Record:
     Args:
         scene: The scene, with the grasps.
         duration: Duration of the whole run [s].
+        estimator: Estimators that run side by side, the robots' own first, as in a scenario.
         with_history: Whether to keep every robot's errors about once a second, too; this grows with time.
-        beside: Names of the estimators that run beside the robots' own.
 
     Attributes:
         judge: Compares estimates with the newest truths.
@@ -45,12 +53,11 @@ class Record:
         latest: The newest estimate of each robot, as received.
         estimators: The estimators that the robots have used, the newest last.
         slips: Grasps that have slipped.
+        carried: How the load is carried along the common path; None if there is no path.
         beside: The same of the estimators that run beside the robots' own, by name.
     """
 
-    def __init__(
-        self, scene: Scene, duration: float, *, with_history: bool = False, beside: Sequence[str] = ()
-    ) -> None:
+    def __init__(self, scene: Scene, duration: float, estimator: str = "", *, with_history: bool = False) -> None:
         self.scene = scene
         self.duration = duration
         self._pairing = Pairing(scene)
@@ -62,7 +69,20 @@ class Record:
         self.latest: dict[str, Estimate] = {}
         self.estimators: list[EstimatorUse] = []
         self.slips = SlipRecord(self.judge)
-        self.beside = {name: Record(scene, duration, with_history=with_history) for name in beside}
+        self.carried: CarryRecord | None = None
+        self.beside = {
+            name: Record(scene, duration, with_history=with_history) for name in estimator_names(estimator)[1:]
+        }
+
+    @classmethod
+    def of(cls, scenario: Scenario, scene: Scene, *, with_history: bool = False) -> Self:
+        """Begin the record of a run of a scenario."""
+        record = cls(scene, scenario.duration, scenario.estimator, with_history=with_history)
+        if scenario.carry is not None:
+            from coheft.app.results.carry_record import CarryRecord
+
+            record.carried = CarryRecord(scenario, scene)
+        return record
 
     @property
     def truth(self) -> Truth | None:
@@ -111,6 +131,8 @@ class Record:
             self.periods.append(LoadPeriod(loads_since(truth), truth))
         self.blocks += 1
         self.slips.follow(truth)
+        if self.carried is not None:
+            self.carried.add(truth)
         self._compare(self._pairing.add_truth(truth))
         for other in self.beside.values():
             other.add_truth(truth)

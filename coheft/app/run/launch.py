@@ -28,7 +28,6 @@ from coheft.wire.messages.requests import Status, StatusRequest
 from coheft.wire.messages.states import RunState
 from coheft.wire.messages.structs import Problem
 from coheft.wire.process.supervised import BEAT
-from coheft.wire.scenario.plugins import estimator_names
 from coheft.wire.transport.planes import SERVER
 
 _POLL = 0.02
@@ -68,12 +67,6 @@ def launch(
         KeyboardInterrupt: The user pressed Ctrl-C.
     """
     scenario = plan.server.scenario
-    carried = None
-    if scenario.carry is not None:
-        from coheft.app.results.carry_record import CarryRecord
-
-        carried = CarryRecord(scenario)
-        followers = [*followers, carried]
     fork_server = fork_server or make_fork_server()
     # Processes end before the observer's links, which a frozen process would keep from closing.
     with observe(plan.run_file()) as observer, Processes(folder, fork_server) as processes, display:
@@ -87,8 +80,7 @@ def launch(
             )
             first = _wait_for_start(observer, again, display)
             display.begin(first)
-            beside = estimator_names(scenario.estimator)[1:]
-            record = Record(first.scene, scenario.duration, with_history=with_history, beside=beside)
+            record = Record.of(scenario, first.scene, with_history=with_history)
             audience = Audience(record, display, followers, is_told_end=False)
             for follower in followers:
                 follower.begin(first)
@@ -104,7 +96,7 @@ def launch(
         from coheft.app.study.run_bound import with_bound  # which loads the physics
 
         report = with_bound(report, scenario, record.truth)
-    return report if carried is None else msgspec.structs.replace(report, carry=carried.report())
+    return report
 
 
 @dataclass(frozen=True)
@@ -233,8 +225,7 @@ def watch(folder: Path, run_file: RunFile, display: Display) -> str:
         display.begin(status)
         if status.state is not RunState.RUNNING:
             _explain_silence(status, display)
-        beside = estimator_names(status.estimator)[1:]
-        audience = Audience(Record(status.scene, status.duration, beside=beside), display)
+        audience = Audience(Record(status.scene, status.duration, status.estimator), display)
         news = time.monotonic()
         while status.state is not RunState.FINISHED:
             check_standard_output()

@@ -13,7 +13,6 @@ from coheft.app.run_report.series import SeriesFollower
 from coheft.app.study.run_bound import with_bound
 from coheft.errors import RecordingError
 from coheft.wire.scenario.former import as_present
-from coheft.wire.scenario.plugins import estimator_names
 from coheft.wire.scenario.schema import Scenario
 
 
@@ -27,12 +26,10 @@ def report_recording(path: Path, folder: Path) -> Path:
     """
     recording = read_recording(path)
     scenario = _scenario(path, recording.scenario)
-    begin = recording.begin
-    beside = estimator_names(begin.estimator)[1:]
-    record = Record(begin.scene, begin.duration, with_history=True, beside=beside)
+    record = Record.of(scenario, recording.begin.scene, with_history=True)
     follower = SeriesFollower()
     follower.is_live = False
-    follower.begin(begin)
+    follower.begin(recording.begin)
     for _, news in recording.news:
         follower.receive(news)
         record.receive(news)
