@@ -66,16 +66,11 @@ class Simulation:
     Attributes:
         scene: The robots, their grasps and the payload's shape.
         block: Index of the next block.
-        model: The engine's model, for views.
-        data: The engine's state, for views.
+        model, data: The engine's model and state, for views.
     """
 
     def __init__(self, scenario: Scenario, neighbours: Mapping[str, Sequence[str]] | None = None) -> None:
-        """Build the scene, with the payload at rest where the robots hold it.
-
-        Args:
-            scenario: The scenario to simulate.
-            neighbours: The graph, for ``scene`` only.
+        """Build the scene, with the payload at rest where the robots hold it; the graph is for ``scene`` only.
 
         Raises:
             ScenarioError: The scenario's load changes cannot all be made, or its arms are too stiff for its payload.
@@ -150,11 +145,7 @@ class Simulation:
         return bool(self._is_holding[self._number(robot)])
 
     def inject(self, mass: float, position: Vector, size: Vector = (0.1, 0.1, 0.1), leak: float = 0.0) -> LoadState:
-        """Add a load to the payload before the next block, see ``Loads.put``.
-
-        Raises:
-            LoadError: The load is invalid, no slot is free, or the robots cannot hold it.
-        """
+        """Add a load to the payload before the next block, or raise a ``LoadError``, see ``Loads.put``."""
         holding = list(compress(self._grasps.poses, self._is_holding))
         load = self._loads.put(mass, position, size, leak, Strength.of(holding, self._scenario.robots))
         self._loads_since = self._now
@@ -167,29 +158,18 @@ class Simulation:
         return load
 
     def release(self, robot: str) -> None:
-        """Let a robot release the payload before the next block.
+        """Let a robot release the payload before the next block; raise ``SimulationError`` if there is no such robot.
 
         From then on it exerts no wrench, and its sensors read an arm at rest at its home.
-
-        Raises:
-            SimulationError: There is no such robot.
         """
         self._set_holding(robot, False)
 
     def grasp(self, robot: str) -> None:
-        """Let a robot grasp the payload again, at its own grasp, before the next block.
-
-        Raises:
-            SimulationError: There is no such robot.
-        """
+        """Let a robot grasp the payload again, at its own grasp; errors as of ``release``."""
         self._set_holding(robot, True)
 
     def set_clock(self, robot: str, ahead: float) -> None:
-        """Set a robot's clock before the next block.
-
-        Args:
-            robot: The robot.
-            ahead: How far it is ahead [s], see ``ClockRequest``.
+        """Set before the next block how far a robot's clock is ahead [s], see ``ClockRequest``.
 
         Raises:
             SimulationError: There is no such robot, or ``ahead`` is not from 0 to 1 s.

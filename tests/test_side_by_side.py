@@ -234,7 +234,7 @@ def test_the_view_shows_both() -> None:
     model.receive(truth(0, LIGHT))
     model.receive(estimate("r1", 0, LIGHT))
     model.receive(EstimateBeside(msgspec.structs.replace(estimate("r1", 0, HEAVY), estimator="fan2017")))
-    own, beside = model.report("r1"), model.beside["fan2017"].report("r1")
+    own, beside = (None if found is None else found[0] for found in model.reports("r1").values())
     assert own is not None
     assert beside is not None
     assert (own.mass.estimate, beside.mass.estimate) == (pytest.approx(10.0), pytest.approx(13.0))

@@ -27,7 +27,7 @@ def record() -> Record:
     """Four seconds; the load changes at two, and r3 has not found out yet."""
     truths, estimates = changing_run({"r1": 110, "r2": 120, "r3": 500}, {})
     record = recorded(truths, estimates)
-    record.add_estimate(estimate("r1", 200, None, converged=False, phase="poses"))
+    record.receive(estimate("r1", 200, None, converged=False, phase="poses"))
     return record
 
 
@@ -79,7 +79,7 @@ def stale(robot: str, block: int, reason: str) -> Estimate:
 
 def test_a_terminal_shows_who_is_stale_and_why(record: Record) -> None:
     for robot in ("r1", "r2"):
-        record.add_estimate(stale(robot, 201, "r3 is silent since 3.98 s, and " + 80 * "!"))
+        record.receive(stale(robot, 201, "r3 is silent since 3.98 s, and " + 80 * "!"))
     console = terminal(is_terminal=True)
     with LiveDisplay(console) as display:
         display.update(record)
@@ -101,7 +101,7 @@ def large_team() -> Record:
     poses = {"rotations": np.tile(np.eye(3), (robots, 1, 1)), "translations": np.zeros((robots, 3))}
     record = Record(Scene(robots=TEAM, neighbours=neighbours, **poses), duration=20.0)
     samples = np.zeros((robots, 15))
-    record.add_truth(msgspec.structs.replace(truth(9, HEAVY), samples=samples))
+    record.receive(msgspec.structs.replace(truth(9, HEAVY), samples=samples))
     likes = {
         "stale": stale("r1", 9, "r3 is silent"),
         "finding neighbours": estimate("r1", 9, None, converged=False, phase="poses"),
@@ -111,7 +111,7 @@ def large_team() -> Record:
     states = [state for state, count in reversed(STATES.items()) for _ in range(count)]
     for name, state in zip(TEAM, states, strict=True):
         reasons = [f"{name} feels something"] if state == "stale" else []
-        record.add_estimate(msgspec.structs.replace(likes[state], robot=name, poses={}, reasons=reasons))
+        record.receive(msgspec.structs.replace(likes[state], robot=name, poses={}, reasons=reasons))
     return record
 
 
@@ -169,7 +169,7 @@ def test_plain_lines_tell_how_things_stand_before_what_has_happened_since() -> N
     display = LineDisplay(console)
     at = round(5.0 / BLOCK)
     for block in range(at + 1):
-        record.add_truth(truth(block, LIGHT if block < at else HEAVY))
+        record.receive(truth(block, LIGHT if block < at else HEAVY))
     display.update(record)
     first, second = drawn(console).splitlines()
     assert first.startswith("  5.0 s of 20 s")
@@ -183,16 +183,16 @@ def test_plain_lines_tell_why_a_run_waits_each_time_that_it_does() -> None:
         for _ in range(3):
             display.note("waiting for r1")
             display.update(record)
-        record.add_truth(truth(block, LIGHT))
+        record.receive(truth(block, LIGHT))
         display.update(record)
     assert drawn(console).splitlines() == ["waiting for r1"] * 2
 
 
 def test_what_robots_say_in_their_own_coordinates_is_told_as_one() -> None:
     record = Record(SCENE, duration=20.0)
-    record.add_truth(truth(0, HEAVY))
+    record.receive(truth(0, HEAVY))
     for robot, axis in (("r1", "(0.52, 0.79, 0.32)"), ("r3", "(1.00, 0.00, 0.00)")):
-        record.add_estimate(stale(robot, 0, f"centre of mass along {axis}: tilt the load"))
+        record.receive(stale(robot, 0, f"centre of mass along {axis}: tilt the load"))
     console = terminal(is_terminal=True)
     with LiveDisplay(console) as display:
         display.update(record)
@@ -205,10 +205,10 @@ def test_plain_lines_tell_when_estimates_stay_stale_and_when_none_is_any_more() 
     console = terminal(is_terminal=False)
     display = LineDisplay(console)
     for block in range(200):
-        record.add_truth(truth(block, HEAVY))
+        record.receive(truth(block, HEAVY))
         for robot in ("r1", "r2"):
             is_stale = 10 <= block < 45 or 60 <= block < 130
-            record.add_estimate(stale(robot, block, "r3 is silent") if is_stale else estimate(robot, block, HEAVY))
+            record.receive(stale(robot, block, "r3 is silent") if is_stale else estimate(robot, block, HEAVY))
             display.update(record)
     assert drawn(console).splitlines() == [
         "  2.5 s: stale r1, r2: r3 is silent",

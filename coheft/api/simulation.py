@@ -15,7 +15,6 @@ from coheft.app.run.inprocess import TeamInProcess, measured
 from coheft.errors import CoheftError
 from coheft.wire.messages.structs import Estimate
 from coheft.wire.messages.truth import Truth
-from coheft.wire.scenario.plugins import estimator_names
 from coheft.wire.scenario.schema import Scenario
 from coheft.wire.scenario.section import Vector
 
@@ -35,10 +34,9 @@ class Simulation:
         self.truth: Truth | None = None
         self._team = TeamInProcess(scenario)
         scene = self._team.simulation.scene
-        beside = estimator_names(scenario.estimator)[1:]
         self._record = Record.of(scenario, scene)
         self._collector = Collector()
-        self._collector.look_at(scene, beside)
+        self._collector.look_at(scene, scenario.estimator)
         self._cut: set[frozenset[str]] = set()
         self._is_holding = dict.fromkeys(scene.robots, True)
         self._began = time.monotonic()

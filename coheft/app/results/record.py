@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import TYPE_CHECKING, Self
 
 import msgspec
@@ -44,6 +43,7 @@ class Record:
         duration: Duration of the whole run [s].
         estimator: Estimators that run side by side, the robots' own first, as in a scenario.
         with_history: Whether to keep every robot's errors about once a second, too; this grows with time.
+        pairing: That of the record that this one is beside.
 
     Attributes:
         judge: Compares estimates with the newest truths.
@@ -57,10 +57,19 @@ class Record:
         beside: The same of the estimators that run beside the robots' own, by name.
     """
 
-    def __init__(self, scene: Scene, duration: float, estimator: str = "", *, with_history: bool = False) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        duration: float,
+        estimator: str = "",
+        *,
+        with_history: bool = False,
+        pairing: Pairing | None = None,
+    ) -> None:
+        names = estimator_names(estimator)
         self.scene = scene
         self.duration = duration
-        self._pairing = Pairing(scene)
+        self._pairing = pairing or Pairing(scene, names)
         self.judge = self._pairing.judge
         self.blocks = 0
         self.with_history = with_history
@@ -71,7 +80,7 @@ class Record:
         self.slips = SlipRecord(self.judge)
         self.carried: CarryRecord | None = None
         self.beside = {
-            name: Record(scene, duration, with_history=with_history) for name in estimator_names(estimator)[1:]
+            name: Record(scene, duration, with_history=with_history, pairing=self._pairing) for name in names[1:]
         }
 
     @classmethod
@@ -112,48 +121,40 @@ class Record:
             return False
         return newest is not None and not self.silent and all(e.block >= newest.block for e in self.latest.values())
 
-    def receive(self, news: News) -> None:
-        """Process a received message."""
+    def receive(self, news: News) -> list[tuple[str, Estimate]]:
+        """Process a received message; return what ``Pairing.receive`` does."""
         match news:
             case Truth():
-                self.add_truth(news)
+                for record in (self, *self.beside.values()):
+                    record._note_truth(news)
             case Estimate():
-                self.add_estimate(news)
-            case EstimateBeside(estimate=estimate):
-                if (other := self.beside.get(estimate.estimator)) is not None:
-                    other.add_estimate(estimate)
-            case _:
-                pass
+                self._note_estimate(news)
+            case EstimateBeside(estimate=estimate) if estimate.estimator in self.beside:
+                self.beside[estimate.estimator]._note_estimate(estimate)
+        ready = self._pairing.receive(news)
+        for name, estimate in ready:
+            self.beside.get(name, self).robots[estimate.robot].compare(estimate)
+        return ready
 
-    def add_truth(self, truth: Truth) -> None:
-        """Add the truth of one more block."""
+    def _note_truth(self, truth: Truth) -> None:
+        """Note the truth of one more block, which is not paired yet."""
         if self.truth is None or load_ids(truth) != load_ids(self.truth):
             self.periods.append(LoadPeriod(loads_since(truth), truth))
         self.blocks += 1
         self.slips.follow(truth)
         if self.carried is not None:
             self.carried.add(truth)
-        self._compare(self._pairing.add_truth(truth))
-        for other in self.beside.values():
-            other.add_truth(truth)
 
-    def add_estimate(self, estimate: Estimate) -> None:
-        """Add a robot's estimate."""
+    def _note_estimate(self, estimate: Estimate) -> None:
+        """Note an estimate, and whether the estimator has changed.
+
+        All robots change it at the same block; older estimates may arrive later.
+        """
         self.latest[estimate.robot] = estimate
-        self._note_estimator(estimate)
-        self._compare(self._pairing.add_estimate(estimate))
-
-    def _note_estimator(self, estimate: Estimate) -> None:
-        """Note a change of estimator. All robots change it at the same block; older estimates may arrive later."""
         since = estimate.time * estimate.block / (estimate.block + 1)
         newest = self.estimators[-1] if self.estimators else None
         if newest is None or (since > newest.since_s and estimate.estimator != newest.estimator):
             self.estimators.append(EstimatorUse(round(since, 9), estimate.estimator))
-
-    def _compare(self, estimates: Iterable[Estimate]) -> None:
-        """Compare estimates whose truth has arrived."""
-        for estimate in estimates:
-            self.robots[estimate.robot].compare(estimate)
 
 
 def loads_since(truth: Truth) -> float:

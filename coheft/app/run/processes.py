@@ -126,10 +126,9 @@ class Processes:
         return [child for child in self.children if child.process.poll() not in (None, 0)]
 
     def check(self, limit: int | None = None) -> None:
-        """Check that no process has failed; ``limit`` is the number of restarts, if that is why there was no other.
+        """Raise a ``ProcessError``, with the end of its log, if a process has failed.
 
-        Raises:
-            ProcessError: One has failed; the message names it and shows the end of its log.
+        ``limit`` is the number of restarts, if that is why there was no other.
         """
         if self.failed:
             self._wait(_FURTHER_FAILURES)
@@ -268,8 +267,7 @@ def read_config(config: Path) -> bytes:
 def run_in_foreground(module: str, config: Path) -> int:
     """Run one part of a team until it ends, with its output on ours; return its exit status.
 
-    Raises:
-        CoheftError: The configuration cannot be read, or is for another part.
+    A configuration that cannot be read, or is for another part, raises a ``CoheftError``.
     """
     line = read_config(config)
     _check_part(module, config, line)

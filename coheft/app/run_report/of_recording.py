@@ -19,10 +19,7 @@ from coheft.wire.scenario.schema import Scenario
 def report_recording(path: Path, folder: Path) -> Path:
     """Write the page, pictures and data of a recording into a folder; return the path of the page.
 
-    Raises:
-        RecordingError: It cannot be read, or holds too little of a run.
-        CoheftError: The folder cannot be written.
-        MissingPackageError: A package that reads, draws or writes is not installed.
+    A recording that cannot be read, or holds too little of a run, raises a ``RecordingError``.
     """
     recording = read_recording(path)
     scenario = _scenario(path, recording.scenario)

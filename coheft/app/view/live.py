@@ -27,17 +27,10 @@ _LAST_NEWS = 1.0
 
 
 def view_run(folder: Path | None, place: Place, shown: Callable[[], None], *, read_only: bool = False) -> None:
-    """Show a run until Ctrl-C; after its end, the last state stays visible.
-
-    Args:
-        folder: Folder of the run; None for the newest run in progress.
-        place: Address of the view.
-        shown: Called when the page is complete.
-        read_only: Whether to show no controls, as without the operator's keys.
+    """Show a run, or without a folder the newest one in progress, at a place; otherwise as ``show_run``.
 
     Raises:
         CoheftError: There is no such run, or it does not answer, or the port is taken.
-        KeyboardInterrupt: Ctrl-C.
     """
     folder, _ = locate_run(folder)
     with open_server(place) as server:
@@ -59,7 +52,7 @@ def show_run(
         folder: Folder of the run.
         shown: Called when the page is complete.
         read_only: Whether to show no controls, as without the operator's keys.
-        ask_again: Requests another run after the end of this one; None if there cannot be one.
+        ask_again: Requests another run when this one has ended; None if there cannot be one.
     """
     folder, run_file = locate_run(folder)
     with observe(run_file) as observer:

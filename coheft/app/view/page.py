@@ -30,7 +30,7 @@ class Page:
         gui = server.gui
         self._header = gui.add_html(words.header(model))
         self._choice = gui.add_dropdown("Robot", model.scene.robots, hint="The robot whose estimate is shown")
-        self._belief = gui.add_html(words.belief(None, None))
+        self._belief = gui.add_html(words.belief(None))
         self._plots = Plots(server, estimator_names(model.status.estimator))
         self._texts_at = self._plots_at = 0.0
         self._drawn: object = None

@@ -35,11 +35,7 @@ class Place(msgspec.Struct, frozen=True):
 
 
 def choose_port(host: str, port: int | None) -> int:
-    """Return a free port: ``port``, or if it is None, the first free one from ``PORT`` on.
-
-    Raises:
-        LinkError: No port is free, or there is no such host.
-    """
+    """Return a free port, ``port`` or the first one from ``PORT`` on; ``LinkError`` if none is, or no such host."""
     try:
         return asyncio.run(_first_free(host, [port] if port is not None else range(PORT, PORT + _TRIED)))
     except OSError as error:
@@ -50,11 +46,7 @@ def choose_port(host: str, port: int | None) -> int:
 
 
 async def _first_free(host: str, candidates: Iterable[int]) -> int:
-    """Return the first port at which a server, as viser's, can listen at all addresses of a host.
-
-    Raises:
-        OSError: There is none, or no such host.
-    """
+    """Return the first port at which a server, as viser's, can listen at all addresses of a host, or ``OSError``."""
     failure = OSError()
     for port in candidates:
         try:

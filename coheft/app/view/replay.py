@@ -25,7 +25,6 @@ def view_recording(path: Path, place: Place, shown: Callable[[], None]) -> None:
     Raises:
         RecordingError: It cannot be read.
         LinkError: The port is taken.
-        KeyboardInterrupt: Ctrl-C.
     """
     recording = read_recording(path)
     timeline = Timeline(recording.begin, recording.news)

@@ -86,16 +86,15 @@ def small(text: str) -> str:
 
 def beliefs(model: ViewModel, robot: str) -> str:
     """One robot's estimate, and below it those of the estimators that run beside its own."""
-    return "".join(
-        (small(name) if model.beside else "") + belief(found.report(robot), found.beliefs.get(robot))
-        for name, found in model.by_estimator.items()
-    )
+    reports = model.reports(robot)
+    return "".join((small(name) if len(reports) > 1 else "") + belief(found) for name, found in reports.items())
 
 
-def belief(report: RobotReport | None, estimate: Estimate | None) -> str:
+def belief(found: tuple[RobotReport, Estimate] | None) -> str:
     """Return a table of one robot's estimate and the truth, with the numbers of the run's report."""
-    if report is None or estimate is None:
+    if found is None:
         return _filled("belief", None)
+    report, estimate = found
     mass, com, inertia = report.mass, report.com, report.inertia
     masses = [None if value is None else [value] for value in (mass.truth, mass.estimate, mass.std)]
     matrices = (inertia.truth, inertia.estimate, inertia.std)
