@@ -66,6 +66,7 @@ class Simulation:
     Attributes:
         scene: The robots, their grasps and the payload's shape.
         block: Index of the next block.
+        loads: The loads on the payload.
         model, data: The engine's model and state, for views.
     """
 
@@ -112,9 +113,7 @@ class Simulation:
         self._sensors, self._compliances = Sensors(scenario, errors), errors.compliances
         self._encoders = _encoders_of(scenario)
         payload_body = self.model.body(PAYLOAD).id
-        self._loads = Loads(
-            self.model, self.data, payload_body, scenario.payload.inertia(), scenario.payload.load_slots
-        )
+        self.loads = Loads(self.model, self.data, payload_body, scenario.payload.inertia(), scenario.payload.load_slots)
         self._loads_since = 0.0
         self._changes = by_border(scenario.load_changes, scenario.block_duration)
         self._slips = by_border(scenario.slips, scenario.block_duration)
@@ -124,16 +123,6 @@ class Simulation:
     def _now(self) -> float:
         """Start of the next block [s]."""
         return self.block * self._scenario.block_duration
-
-    @property
-    def loads(self) -> list[LoadState]:
-        """The loads on the payload, oldest first."""
-        return self._loads.states
-
-    @property
-    def slots_free(self) -> int:
-        """Number of loads that can still be added."""
-        return self._loads.slots_free
 
     @property
     def holders(self) -> list[str]:
@@ -147,13 +136,13 @@ class Simulation:
     def inject(self, mass: float, position: Vector, size: Vector = (0.1, 0.1, 0.1), leak: float = 0.0) -> LoadState:
         """Add a load to the payload before the next block, or raise a ``LoadError``, see ``Loads.put``."""
         holding = list(compress(self._grasps.poses, self._is_holding))
-        load = self._loads.put(mass, position, size, leak, Strength.of(holding, self._scenario.robots))
+        load = self.loads.put(mass, position, size, leak, Strength.of(holding, self._scenario.robots))
         self._loads_since = self._now
         return load
 
     def remove(self, load_id: int) -> LoadState:
         """Remove a load before the next block; raise ``LoadError`` if there is none with this number."""
-        load = self._loads.take(load_id)
+        load = self.loads.take(load_id)
         self._loads_since = self._now
         return load
 
@@ -222,7 +211,7 @@ class Simulation:
             for name, rows, is_holding in zip(self._names, samples, self._is_holding, strict=True)
         }
         truth = self._truth(readings.positions[-1], samples[:, -1])
-        self._loads.leak(self._scenario.block_duration)
+        self.loads.leak(self._scenario.block_duration)
         self.block += 1
         return BlockResult(measurements, truth, problems, self._measure_wrists(readings.positions, rotations, wrenches))
 
@@ -261,13 +250,13 @@ class Simulation:
 
     def _truth(self, position: Array, samples: Array) -> Truth:
         """Return the truth at the block's last sample, from the payload's position (7,) and measurements (N, 15)."""
-        payload = self._loads.inertia
+        payload = self.loads.inertia
         holding = self._is_holding
         return Truth(
             block=self.block,
             time=(self.block + 1) * self._scenario.block_duration,
             payload=PayloadTruth(payload.mass, payload.com, payload.tensor),
-            loads=self.loads,
+            loads=self.loads.states,
             loads_since=self._loads_since,
             position=position[:3],
             quaternion=position[3:],

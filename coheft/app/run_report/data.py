@@ -27,8 +27,6 @@ TABLES = {
     "load-changes": "every report of every robot around changes of the load",
     "pace": "simulated time, and the clock on the wall",
 }
-SUFFIXES = (".parquet", ".csv")
-"""Suffixes of their files: with pyarrow, and without."""
 
 
 def write_data(series: Series, folder: Path) -> list[Path]:

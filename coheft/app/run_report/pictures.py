@@ -12,10 +12,6 @@ from coheft.app.run_report.convergence import ALL_SHOWN, draw_convergence, grid_
 from coheft.app.run_report.panels import robots_shown
 from coheft.app.run_report.series import Series
 
-PICTURES = ["mass-over-time", *(shown.name for shown in ALL_SHOWN)]
-PICTURES += ["load-changes", "consensus", "observability", "pace"]
-"""Names of all pictures that there may be."""
-
 
 @dataclass(frozen=True)
 class Picture:
