@@ -175,21 +175,16 @@ def locate_run(folder: Path | None = None, *, acts: bool = False) -> tuple[Path,
 
 
 def _running(folder: Path) -> RunFile | None:
-    """Return the run file of a folder whose run is in progress. A killed run leaves its file behind, so the file alone
-    proves nothing.
+    """Return the run file of a folder whose run is in progress, with absolute paths.
+
+    A killed run leaves its file behind, so the file alone proves nothing.
     """
-    run_file = read_run_file(folder)
-    return run_file if run_file is not None and _dial(run_file.server) is None else None
-
-
-def read_run_file(folder: Path) -> RunFile | None:
-    """Return the run file in a folder, with absolute paths; None if it is missing or incomplete."""
     try:
         run_file = msgspec.json.decode((folder / RUN_FILE).read_bytes(), type=RunFile)
     except (OSError, msgspec.DecodeError):
         return None
     keys = str(folder / run_file.keys) if run_file.keys is not None else None
-    return msgspec.structs.replace(run_file, keys=keys)
+    return msgspec.structs.replace(run_file, keys=keys) if _dial(run_file.server) is None else None
 
 
 def has_gone(run_file: RunFile) -> bool:
