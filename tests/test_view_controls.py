@@ -38,7 +38,7 @@ def test_the_choice_stays_while_a_load_leaks(choice):
         choice.show([load(1, 3.0), load(2, mass)])
         assert choice.number == 2
         assert choice.dropdown.options == ("#1", "#2")
-        assert f"#2 of {mass:.1f} kg" in choice.masses
+        assert f"#2 of {mass:.1f} kg" in choice.masses.content
 
 
 def test_the_choice_stays_while_other_loads_come_and_go(choice):
