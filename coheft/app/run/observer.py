@@ -134,12 +134,16 @@ class Observer:
             MessageError: The answer is invalid.
             CoheftError: The server refuses; the message says why.
         """
+        silence = LinkError(f"the run's server does not answer within {_ANSWER_LIMIT:g} s")
         deadline = time.monotonic() + _ANSWER_LIMIT
         while self.status() is None:
             if time.monotonic() > deadline:
-                raise LinkError(f"the run's server does not answer within {_ANSWER_LIMIT:g} s")
+                raise silence
             time.sleep(_RETRY_EVERY)
-        answer = ask(self._session, self._request, request, timeout=_ANSWER_LIMIT)
+        try:
+            answer = ask(self._session, self._request, request, timeout=_ANSWER_LIMIT)
+        except LinkError as error:
+            raise silence from error
         if isinstance(answer, Refusal):
             raise CoheftError(f"refused: {answer.reason}")
         check_status(answer)
@@ -200,9 +204,9 @@ def _ask_agent(run_file: RunFile, name: str, request: Message, expected: type[Me
             try:
                 answer = ask_for(expected, session, key, request, timeout=0.5)
                 break
-            except LinkError:  # the link to it may not be up yet
+            except LinkError as error:  # the link to it may not be up yet
                 if time.monotonic() > deadline:
-                    raise
+                    raise LinkError(f"{name} does not answer within {_ANSWER_LIMIT:g} s") from error
                 time.sleep(_RETRY_EVERY)
     if isinstance(answer, Refusal):
         raise CoheftError(f"refused: {answer.reason}")
