@@ -14,7 +14,6 @@ from coheft.app.cli.cart import log_folders
 from coheft.app.run.folder import (
     END_FILE,
     RUN_FILE,
-    RunEnd,
     RunFile,
     announced,
     find_run,
@@ -155,8 +154,8 @@ def test_how_a_run_has_ended_stays_in_its_folder_until_the_next_one_begins(tmp_p
     run_file = RunFile("run", "tcp/127.0.0.1:1", {})
     with announced(tmp_path, run_file):
         assert noted_end(tmp_path) is None
-        note_end(tmp_path, RunEnd(12.5))
-    assert noted_end(tmp_path) == RunEnd(12.5)
+        note_end(tmp_path, 12.5)
+    assert noted_end(tmp_path) == 12.5
     with announced(tmp_path, run_file):
         assert noted_end(tmp_path) is None
     (tmp_path / END_FILE).write_text("{")

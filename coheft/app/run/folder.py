@@ -41,14 +41,6 @@ class RunFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     began: float = 0.0
 
 
-class RunEnd(msgspec.Struct, frozen=True):
-    """Simulated time [s] at which a run ended that was not aborted. It stays in the run's folder, for those that have
-    missed the server's last message.
-    """
-
-    time: float
-
-
 def runs_folder() -> Path:
     """Return the folder of this user's runs, at the platform's usual place, or raise a ``CoheftError``."""
     if sys.platform == "win32":
@@ -110,20 +102,23 @@ def announce(folder: Path, run_file: RunFile) -> None:
     _write(folder / RUN_FILE, run_file)
 
 
-def note_end(folder: Path, end: RunEnd) -> None:
-    """Write down how a run has ended, atomically, or raise a ``CoheftError``."""
-    _write(folder / END_FILE, end)
+def note_end(folder: Path, time: float) -> None:
+    """Write down when a run has ended [s] that was not aborted, atomically, or raise a ``CoheftError``.
+
+    This stays in the run's folder, for those that have missed the server's last message.
+    """
+    _write(folder / END_FILE, {"time": time})
 
 
-def noted_end(folder: Path) -> RunEnd | None:
-    """Return how the run in a folder has ended; None if it goes on, or was aborted."""
+def noted_end(folder: Path) -> float | None:
+    """Return when the run in a folder has ended [s]; None if it goes on, or was aborted."""
     try:
-        return msgspec.json.decode((folder / END_FILE).read_bytes(), type=RunEnd)
-    except (OSError, msgspec.DecodeError):
+        return msgspec.json.decode((folder / END_FILE).read_bytes(), type=dict[str, float])["time"]
+    except (OSError, msgspec.DecodeError, KeyError):
         return None
 
 
-def _write(file: Path, content: msgspec.Struct) -> None:
+def _write(file: Path, content: object) -> None:
     folder, draft = file.parent, file.with_name(f"{file.name}.new")
     with file_errors(CoheftError, f"cannot write {draft}", "; name another folder for the run: --logs DIR"):
         folder.mkdir(parents=True, exist_ok=True)  # it may have been removed during the run

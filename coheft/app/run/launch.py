@@ -14,7 +14,7 @@ from coheft.agents.process.heartbeat import Heartbeat
 from coheft.app.names import few
 from coheft.app.results.record import Record
 from coheft.app.results.report import Report, build_report
-from coheft.app.run.folder import RunEnd, RunFile, announce, announced, has_gone, note_end, noted_end
+from coheft.app.run.folder import RunFile, announce, announced, has_gone, note_end, noted_end
 from coheft.app.run.follower import Follower
 from coheft.app.run.fork_server import ForkServer
 from coheft.app.run.observer import Observer, observe
@@ -86,7 +86,7 @@ def launch(
                 follower.begin(first)
             status = _follow(audience, observer, processes, again, is_saving=plan.server.save_data is not None)
             with suppress(CoheftError):  # for instance a full disk, which must not cost the report
-                note_end(folder, RunEnd(status.time))
+                note_end(folder, status.time)
             for follower in followers:
                 follower.end(status)
     if record.truth is None or record.silent:
@@ -241,7 +241,7 @@ def watch(folder: Path, run_file: RunFile, display: Display) -> str:
                 continue
             if run_file.pids and has_gone(run_file):  # a supervisor never restarts its server
                 if (end := noted_end(folder)) is not None:  # a process that is busy or stopped misses last messages
-                    return _ended_at(end.time)
+                    return _ended_at(end)
                 raise LinkError(f"the run was aborted: its server ended after {audience.record.time:.1f} s")
             observer.check_server()
             display.note("the server does not answer")

@@ -61,7 +61,8 @@ def show_run(
         page = Page(server, model)
         controls: Controls | None = None
         if read_only or not may_operate(run_file):
-            page.tell_that_it_only_shows(words.READ_ONLY if read_only else words.NO_OPERATOR)
+            with page.controls:
+                server.gui.add_html(words.small(words.READ_ONLY if read_only else words.NO_OPERATOR))
         else:
             controls = Controls(page, model, run_file, folder)
         shown()

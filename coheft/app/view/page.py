@@ -52,11 +52,6 @@ class Page:
             self.stage.doubt_scale = float(doubt.value.split()[0])
             self._legend.content = words.legend(self.stage.doubt_scale)
 
-    def tell_that_it_only_shows(self, why: str) -> None:
-        """Show why there are no controls."""
-        with self.controls:
-            self.server.gui.add_html(words.small(why))
-
     @property
     def chosen(self) -> str:
         """The robot whose estimate is shown."""

@@ -103,7 +103,7 @@ def belief(found: tuple[RobotReport, Estimate] | None) -> str:
     rows += _rows("centre of mass", "mm", "xyz", (com.truth, com.estimate, com.std), 1e3, 1)
     rows += _rows("inertia", "kg·m²", ["xx", "yy", "zz"], diagonals, 1.0, 3)
     off = [
-        f"{name} {_small_number(error)} {unit}"
+        f"{name} {significant(error, 2) if error >= 0.01 else 'below 0.01'} {unit}"
         for name, error, unit in (
             ("mass", mass.error_pct, "%"),
             ("centre of mass", com.error_mm, "mm"),
@@ -114,10 +114,6 @@ def belief(found: tuple[RobotReport, Estimate] | None) -> str:
     noticed = [f"{notice.noticed_at:.2f} s" for notice in estimate.load_changes]
     slipped = [f"{slip.robot} at {slip.named_at:.2f} s" for slip in estimate.slips]
     return _filled("belief", report, MEANINGS[report.state], rows, off, noticed, slipped)
-
-
-def _small_number(value: float) -> str:
-    return significant(value, 2) if value >= 0.01 else "below 0.01"
 
 
 def team(model: ViewModel, chosen: str) -> str:
