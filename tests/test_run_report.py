@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import csv
 import dataclasses
+import io
 import json
 import re
 import shutil
@@ -15,16 +16,17 @@ import msgspec
 import numpy as np
 import pytest
 
-from coheft.app.figures import LIGHT, picture_folder
+from coheft.app.figures import LIGHT, figure_to, picture_folder
 from coheft.app.results.judge import Contradiction
 from coheft.app.results.record import Record
 from coheft.app.results.report import Report, build_report
+from coheft.app.results.states import State
 from coheft.app.run.inprocess import run_in_process
 from coheft.app.run_report import data
 from coheft.app.run_report.convergence import ALL_SHOWN, curves
 from coheft.app.run_report.drawings import draw_overview
 from coheft.app.run_report.folder import write_folder
-from coheft.app.run_report.limited import Spans, Thinned
+from coheft.app.run_report.limited import Span, Spans, Thinned
 from coheft.app.run_report.page import SECTIONS, render_page
 from coheft.app.run_report.pictures import pictures_of
 from coheft.app.run_report.series import Series, SeriesFollower
@@ -231,6 +233,21 @@ def test_a_recording_with_a_gap_where_the_load_changed_has_a_page(made: Made, tm
     report = build_report(scenario, record)
     assert len(report.load_changes) == 1
     assert "load change at" in write_folder(tmp_path, scenario, None, follower.series, report).read_text()
+
+
+def test_legends_fit_into_their_pictures(made: Made, monkeypatch: pytest.MonkeyPatch) -> None:
+    every = [Span(float(k), k + 1.0, state, (), ()) for k, state in enumerate(State)]
+    monkeypatch.setattr(made.series.robots["r1"].states, "spans", every)
+    for picture in pictures_of(made.series, made.report):
+        with figure_to(io.BytesIO(), 10.0, picture.height) as figure:
+            picture.draw(figure, LIGHT, made.series, made.report)
+            figure.canvas.draw()
+            low, high = figure.bbox.get_points()
+            for legend in figure.legends:
+                box = legend.get_window_extent().get_points()
+                assert (low <= box).all(), picture.name
+                assert (box <= high).all(), picture.name
+            assert all(axes.get_window_extent().height > 50.0 for axes in figure.axes if axes.get_visible())
 
 
 def test_masses_that_are_stale_are_drawn_thin_and_dotted(made: Made) -> None:

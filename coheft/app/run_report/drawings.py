@@ -184,7 +184,7 @@ def draw_observability(figure: Any, theme: Theme, series: Series, report: Report
         [used[state] for state in states],
         [f"{state}: {MEANINGS[state]}" for state in states],
         loc="outside upper left",
-        ncols=3,
+        ncols=2,
         handlelength=1.2,
         handleheight=1.0,
     )
