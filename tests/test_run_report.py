@@ -152,6 +152,16 @@ def test_the_page_is_not_good_above_an_error_that_its_std_rules_out(made: Made) 
     assert verdicts(bad) == ['bad">Further off than they claim: r1']
 
 
+def test_numbers_stand_on_the_right_of_their_columns_and_words_on_the_left(made: Made) -> None:
+    report = msgspec.structs.replace(made.report, beside={"fan2017": made.report})
+    page = render_page(made.scenario, "lockstep", made.series, report, [], [])
+    headings = re.findall(r'<th scope="col"( class="number")?>(robot|truth|estimator|estimate|own std)</th>', page)
+    is_number = {name: bool(number) for number, name in headings}
+    assert is_number == {"robot": False, "truth": True, "estimator": False, "estimate": True, "own std": True}
+    for name in ("efficient", "fan2017"):
+        assert page.count(f'<td>{name}</td><td class="number">') == 6
+
+
 def test_the_page_needs_nothing_but_itself(made: Made) -> None:
     assert all(image.startswith("data:image/png;base64,") for image in made.page.images)
     without_images = re.sub(r"data:image/png;base64,[A-Za-z0-9+/=]*", "", made.text)

@@ -15,7 +15,7 @@ from coheft.app.run_report.panels import MOST_ROBOTS
 from coheft.app.run_report.pictures import Picture
 from coheft.app.run_report.scene import scene_json
 from coheft.app.run_report.series import Series
-from coheft.app.terminal.final_table import headings, legend, sentences, table_rows
+from coheft.app.terminal.final_table import TEXT_HEADINGS, headings, legend, sentences, table_rows
 from coheft.app.versions import versions
 from coheft.wire.scenario.schema import MAX_DURATION, Scenario
 
@@ -61,6 +61,7 @@ def render_page(
             poses=[pose for robot in report.robots.values() for pose in robot.poses.values()],
             sentences=sentences(report),
             headings=headings(report),
+            text_headings=TEXT_HEADINGS,
             rows=table_rows(report),
             legend=legend(report),
             pictures=[(picture, _data_url(light), _data_url(dark)) for picture, light, dark in drawn],

@@ -29,7 +29,7 @@ BOUND = (
     "Bound: the smallest root mean square error of any unbiased estimator that has all "
     "samples of all robots' sensors up to then (Cramér and Rao).",
 )
-_TEXTS = ("robot", "quantity", "estimator")
+TEXT_HEADINGS = ("robot", "quantity", "estimator")
 _SHOWN = 3
 """Largest number of sentences of a kind, and of robots named in a sentence."""
 RECOVERED = "Recovered: mass within 3 %, centre of mass within 20 mm at every robot."
@@ -53,7 +53,7 @@ def _final_table(report: Report) -> Table:
     run = f"{report.duration_s:.1f} s, {', '.join(report.by_estimator)}"
     table = bare_table(f"What each robot found out about the payload ({run})", gap=1)
     for heading in headings(report):
-        is_text = heading in _TEXTS
+        is_text = heading in TEXT_HEADINGS
         table.add_column(heading, justify="left" if is_text else "right", no_wrap=not is_text)
     for name, rows in table_rows(report).items():
         for row in rows:
