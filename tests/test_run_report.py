@@ -38,7 +38,7 @@ from coheft.wire.messages.requests import Status
 from coheft.wire.messages.states import RunState
 from coheft.wire.messages.structs import Problem
 from coheft.wire.scenario.file import parse_scenario
-from coheft.wire.scenario.schema import Scenario
+from coheft.wire.scenario.schema import Graph, Scenario
 from tests.synthetic_run import HEAVY, estimate
 
 pytest.importorskip("matplotlib")
@@ -160,6 +160,13 @@ def test_numbers_stand_on_the_right_of_their_columns_and_words_on_the_left(made:
     assert is_number == {"robot": False, "truth": True, "estimator": False, "estimate": True, "own std": True}
     for name in ("efficient", "fan2017"):
         assert page.count(f'<td>{name}</td><td class="number">') == 6
+
+
+def test_the_page_tells_what_was_run(made: Made) -> None:
+    scenario = msgspec.structs.replace(made.scenario, graph=Graph(kind="complete"), estimator="efficient,fan2017")
+    page = render_page(scenario, "lockstep", made.series, made.report, [], [])
+    pairs = dict(re.findall(r"<dt>([^<]*)</dt><dd>([^<]*)</dd>", page))
+    assert (pairs["robots"], pairs["links between them"], pairs["estimator"]) == ("2", "complete", "efficient,fan2017")
 
 
 def test_the_page_needs_nothing_but_itself(made: Made) -> None:
