@@ -97,7 +97,7 @@ def _bounds(report: Report, name: str) -> tuple[str, ...]:
         return ()
     bound = report.bound[name]
     return tuple(
-        f"{significant(x, 2)} {unit}"
+        error_and_std(x, x, unit)[1]
         for x, unit in ((bound.mass_pct, "%"), (bound.com_mm, "mm"), (bound.inertia_pct, "%"))
     )
 
