@@ -20,9 +20,8 @@ from coheft.app.run.fork_server import Forked, ForkServer, can_fork
 from coheft.errors import CoheftError, one_line
 from coheft.wire.process.supervised import KILLED_BY, ONE_THREAD, TERMINATED, UNUSABLE
 
-# Nothing is rendered, so MuJoCo need not load a graphics library. Files in the user's current folder, such as queue.py,
-# must not take the place of modules.
-ENVIRONMENT = {**ONE_THREAD, "MUJOCO_GL": "disable", "PYTHONSAFEPATH": "1"}
+# Nothing is rendered, so MuJoCo need not load a graphics library.
+ENVIRONMENT = {**ONE_THREAD, "MUJOCO_GL": "disable"}
 FORKED = ("coheft.agents.process.main", "coheft.physics_server.server")
 """Modules that a fork server can start for a run."""
 _EXIT_TIMEOUT = 1.0
@@ -205,7 +204,7 @@ def _spawned(module: str, output: IO[bytes] | None = None) -> subprocess.Popen[b
         stdin=subprocess.PIPE,
         stdout=output,
         stderr=output,
-        env={**os.environ, **ENVIRONMENT},
+        env=_environment(),
         start_new_session=True,  # otherwise Ctrl-C would reach it before its stdin is closed
     )
 
@@ -220,7 +219,18 @@ def _configure(process: subprocess.Popen[bytes] | Forked, config: bytes) -> None
 
 def make_fork_server() -> ForkServer | None:
     """Start a process that imports what those of a run need; None on platforms without fork."""
-    return ForkServer(FORKED, {**os.environ, **ENVIRONMENT}) if can_fork() else None
+    return ForkServer(FORKED, _environment()) if can_fork() else None
+
+
+def _environment() -> dict[str, str]:
+    """Return the environment of a new process, which imports modules from where this one does.
+
+    Files in the user's current folder, such as queue.py, take the place of modules only if they do so here.
+    """
+    with suppress(FileNotFoundError):  # the folder was removed
+        if {"", os.getcwd()} & set(sys.path):
+            return {**os.environ, **ENVIRONMENT}
+    return {**os.environ, **ENVIRONMENT, "PYTHONSAFEPATH": "1"}
 
 
 def _close_stdin(process: subprocess.Popen[bytes] | Forked) -> None:
