@@ -202,7 +202,7 @@ def run(
                 recorder = stack.enter_context(Recorder(record, chosen))
             asked = {"json": json, "report": report, "save_data": save_data, "record": record}
             broken_off = BrokenOff(asked, folder, recorder)
-            beside: list[Follower | None] = [page, viewer, recorder, broken_off]
+            beside: list[Follower | None] = [page, recorder, broken_off]
             try:
                 found = launch(
                     plan,

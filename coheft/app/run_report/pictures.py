@@ -44,6 +44,6 @@ def pictures_of(series: Series, report: Report) -> list[Picture]:
         pictures.append(Picture("consensus", "consensus", 3.8, drawings.draw_consensus))
     height = 1.8 + 0.28 * robots
     pictures.append(Picture("observability", "observability", height, drawings.draw_observability))
-    if len(series.pace):  # else it is a recording
+    if list(series.pace):  # else it is a recording
         pictures.append(Picture("pace", "timing", 2.6, drawings.draw_pace))
     return pictures

@@ -13,7 +13,6 @@ from typing import NoReturn, Self
 import msgspec
 
 from coheft.app.run.folder import find_run
-from coheft.app.run.follower import Follower
 from coheft.app.run.processes import ProcessError, Processes
 from coheft.app.view.place import Place
 from coheft.errors import CoheftError
@@ -40,7 +39,7 @@ class ViewConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     offers_another: bool = False
 
 
-class ViewBeside(Follower):
+class ViewBeside:
     """The process of a view, with its own links to the run; it starts before the run, and ends with the context."""
 
     def __init__(self, config: ViewConfig) -> None:
