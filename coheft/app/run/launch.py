@@ -21,6 +21,7 @@ from coheft.app.run.observer import Observer, observe
 from coheft.app.run.plan import Plan
 from coheft.app.run.processes import Processes, make_fork_server
 from coheft.app.run.restarts import Restarts
+from coheft.app.terminal.digits import seconds_of
 from coheft.app.terminal.screen import Display
 from coheft.app.terminal.standard_output import check_standard_output
 from coheft.errors import CoheftError, LinkError
@@ -221,7 +222,7 @@ def watch(folder: Path, run_file: RunFile, display: Display) -> str:
         display.note("waiting for the server of the run to answer")
         observer = links.enter_context(observe(run_file))
         status = observer.ask(StatusRequest())
-        display.note(f"watching {status.scenario}, {status.time:.1f} s of {status.duration:g} s are over")
+        display.note(f"watching {status.scenario}, which is at {seconds_of(status.time, status.duration)}")
         display.begin(status)
         if status.state is not RunState.RUNNING:
             _explain_silence(status, display)
