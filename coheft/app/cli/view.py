@@ -1,6 +1,9 @@
 """The command that shows a run in a browser."""
 
 from contextlib import suppress
+from typing import Annotated
+
+from cyclopts import Parameter
 
 from coheft.app.cli import options
 from coheft.app.cli.base import RUN, app
@@ -8,7 +11,7 @@ from coheft.app.cli.base import RUN, app
 
 @app.command(group=RUN)
 def view(
-    what: options.GivenPath | None = None,
+    what: Annotated[options.GivenPath | None, Parameter(name=("--what", "--run"))] = None,
     *,
     host: str = "127.0.0.1",
     port: options.Port = None,
