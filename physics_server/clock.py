@@ -33,9 +33,7 @@ class Clock:
     def delay(self, block: int, answered: int) -> float:
         """Return the time until a block may be simulated [s]; infinite if that depends on answers.
 
-        Args:
-            block: The block's index.
-            answered: The last block that every robot has answered.
+        ``answered`` is the last block that every robot has answered.
         """
         last = block - block % self._burst + self._burst - 1  # references of a pair have to be here together
         if self.waits_for_robots and answered < last - self._lag:

@@ -21,10 +21,7 @@ def check_controls(controls: Array, pushed: Array, names: Sequence[str], time: f
         controls: Controls of the springs of N arms, shape (steps, 6 N).
         pushed: Feed-forward wrenches of the arms, shape (N, 6).
         names: The robots' names.
-        time: Start of the block [s].
-
-    Raises:
-        SimulationError: They are not.
+        time: Start of the block [s], for the ``SimulationError``.
     """
     if max(np.abs(controls).max(), np.abs(pushed).max()) < mujoco.mjMAXVAL:
         return
@@ -43,10 +40,7 @@ def check_held(position: Array, others: Iterable[Array], time: float) -> None:
     Args:
         position: Position [m] and quaternion of the payload, shape (7,).
         others: Other arrays that have to be finite.
-        time: End of the block [s].
-
-    Raises:
-        SimulationError: They have lost it.
+        time: End of the block [s], for the ``SimulationError``.
     """
     distance = math.dist(position[:3], PAYLOAD_HOME.translation)
     angle = 2.0 * math.atan2(math.hypot(*position[4:]), abs(position[3]))

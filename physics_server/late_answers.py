@@ -18,8 +18,7 @@ class LateAnswers:
     def add(self, names: Sequence[str], time: float) -> str | None:
         """Count the robots whose references are late for a block that starts at ``time`` [s].
 
-        Returns:
-            The text to report now, None if there is none: the first late answer at once, later ones as a number.
+        It returns the text to report now, if any: the first late answer at once, later ones as a number.
         """
         self.count += len(names)
         self._unreported.update(names)

@@ -118,11 +118,7 @@ class Loads:
         return load
 
     def take(self, load_id: int) -> LoadState:
-        """Remove a load. The payload keeps its twist: the load leaves with the velocity that it has.
-
-        Raises:
-            LoadError: There is no load with this number.
-        """
+        """Remove a load, or raise a ``LoadError``; the payload keeps its twist: the load leaves with its velocity."""
         for slot, load in enumerate(self._slots):
             if load is not None and load.id == load_id:
                 self._fill(slot, None)

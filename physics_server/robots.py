@@ -123,8 +123,7 @@ class Robots:
     def check(self) -> None:
         """Report robots that have not answered for long, and continue without those that have been away for too long.
 
-        Raises:
-            LinkError: All robots have been away for too long.
+        It raises a ``LinkError`` if all robots have.
         """
         self._report_silence()
         now = time.monotonic()

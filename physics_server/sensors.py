@@ -63,7 +63,7 @@ class Sensors:
         self._rate = scenario.sensors.rate
         self._late = errors.delays * self._rate  # in samples
         # Exact samples of the last blocks, as many as the largest delay may need.
-        longest = max(LATEST * self._rate, self._late.max())
+        longest = LATEST * self._rate + self._late.max()
         self._past: deque[Array] = deque(maxlen=1 + int(longest) // scenario.sensors.block)
 
     def measure(self, kinematics: Array, wrenches: Array) -> Array:

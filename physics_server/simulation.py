@@ -66,16 +66,12 @@ class Simulation:
     Attributes:
         scene: The robots, their grasps and the payload's shape.
         block: Index of the next block.
-        model: The engine's model, for views.
-        data: The engine's state, for views.
+        loads: The loads on the payload.
+        model, data: The engine's model and state, for views.
     """
 
     def __init__(self, scenario: Scenario, neighbours: Mapping[str, Sequence[str]] | None = None) -> None:
-        """Build the scene, with the payload at rest where the robots hold it.
-
-        Args:
-            scenario: The scenario to simulate.
-            neighbours: The graph, for ``scene`` only.
+        """Build the scene, with the payload at rest where the robots hold it; the graph is for ``scene`` only.
 
         Raises:
             ScenarioError: The scenario's load changes cannot all be made, or its arms are too stiff for its payload.
@@ -117,9 +113,7 @@ class Simulation:
         self._sensors, self._compliances = Sensors(scenario, errors), errors.compliances
         self._encoders = _encoders_of(scenario)
         payload_body = self.model.body(PAYLOAD).id
-        self._loads = Loads(
-            self.model, self.data, payload_body, scenario.payload.inertia(), scenario.payload.load_slots
-        )
+        self.loads = Loads(self.model, self.data, payload_body, scenario.payload.inertia(), scenario.payload.load_slots)
         self._loads_since = 0.0
         self._changes = by_border(scenario.load_changes, scenario.block_duration)
         self._slips = by_border(scenario.slips, scenario.block_duration)
@@ -131,16 +125,6 @@ class Simulation:
         return self.block * self._scenario.block_duration
 
     @property
-    def loads(self) -> list[LoadState]:
-        """The loads on the payload, oldest first."""
-        return self._loads.states
-
-    @property
-    def slots_free(self) -> int:
-        """Number of loads that can still be added."""
-        return self._loads.slots_free
-
-    @property
     def holders(self) -> list[str]:
         """Robots that hold the payload."""
         return [name for name, is_holding in zip(self._names, self._is_holding, strict=True) if is_holding]
@@ -150,46 +134,31 @@ class Simulation:
         return bool(self._is_holding[self._number(robot)])
 
     def inject(self, mass: float, position: Vector, size: Vector = (0.1, 0.1, 0.1), leak: float = 0.0) -> LoadState:
-        """Add a load to the payload before the next block, see ``Loads.put``.
-
-        Raises:
-            LoadError: The load is invalid, no slot is free, or the robots cannot hold it.
-        """
+        """Add a load to the payload before the next block, or raise a ``LoadError``, see ``Loads.put``."""
         holding = list(compress(self._grasps.poses, self._is_holding))
-        load = self._loads.put(mass, position, size, leak, Strength.of(holding, self._scenario.robots))
+        load = self.loads.put(mass, position, size, leak, Strength.of(holding, self._scenario.robots))
         self._loads_since = self._now
         return load
 
     def remove(self, load_id: int) -> LoadState:
         """Remove a load before the next block; raise ``LoadError`` if there is none with this number."""
-        load = self._loads.take(load_id)
+        load = self.loads.take(load_id)
         self._loads_since = self._now
         return load
 
     def release(self, robot: str) -> None:
-        """Let a robot release the payload before the next block.
+        """Let a robot release the payload before the next block; raise ``SimulationError`` if there is no such robot.
 
         From then on it exerts no wrench, and its sensors read an arm at rest at its home.
-
-        Raises:
-            SimulationError: There is no such robot.
         """
         self._set_holding(robot, False)
 
     def grasp(self, robot: str) -> None:
-        """Let a robot grasp the payload again, at its own grasp, before the next block.
-
-        Raises:
-            SimulationError: There is no such robot.
-        """
+        """Let a robot grasp the payload again, at its own grasp; errors as of ``release``."""
         self._set_holding(robot, True)
 
     def set_clock(self, robot: str, ahead: float) -> None:
-        """Set a robot's clock before the next block.
-
-        Args:
-            robot: The robot.
-            ahead: How far it is ahead [s], see ``ClockRequest``.
+        """Set before the next block how far a robot's clock is ahead [s], see ``ClockRequest``.
 
         Raises:
             SimulationError: There is no such robot, or ``ahead`` is not from 0 to 1 s.
@@ -242,7 +211,7 @@ class Simulation:
             for name, rows, is_holding in zip(self._names, samples, self._is_holding, strict=True)
         }
         truth = self._truth(readings.positions[-1], samples[:, -1])
-        self._loads.leak(self._scenario.block_duration)
+        self.loads.leak(self._scenario.block_duration)
         self.block += 1
         return BlockResult(measurements, truth, problems, self._measure_wrists(readings.positions, rotations, wrenches))
 
@@ -281,13 +250,13 @@ class Simulation:
 
     def _truth(self, position: Array, samples: Array) -> Truth:
         """Return the truth at the block's last sample, from the payload's position (7,) and measurements (N, 15)."""
-        payload = self._loads.inertia
+        payload = self.loads.inertia
         holding = self._is_holding
         return Truth(
             block=self.block,
             time=(self.block + 1) * self._scenario.block_duration,
             payload=PayloadTruth(payload.mass, payload.com, payload.tensor),
-            loads=self.loads,
+            loads=self.loads.states,
             loads_since=self._loads_since,
             position=position[:3],
             quaternion=position[3:],

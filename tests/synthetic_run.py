@@ -107,11 +107,11 @@ def recorded(
     record = Record(SCENE, truths[-1].time, with_history=with_history)
     remaining = sorted((each for series in estimates.values() for each in series), key=lambda each: each.block)
     for truth in truths:
-        record.add_truth(truth)
+        record.receive(truth)
         while remaining and remaining[0].block <= truth.block:
-            record.add_estimate(remaining.pop(0))
+            record.receive(remaining.pop(0))
     for each in remaining:
-        record.add_estimate(each)
+        record.receive(each)
     return record
 
 

@@ -47,10 +47,9 @@ def carrying(**changes: object) -> Scenario:
 
 
 def carried(scenario: Scenario) -> CarryReport:
-    record = CarryRecord(scenario)
-    record.look_at(Simulation(scenario).scene)
+    record = CarryRecord(scenario, Simulation(scenario).scene)
     for block in run_in_process(scenario):
-        record.receive(block.truth)
+        record.add(block.truth)
     return record.report()
 
 

@@ -171,6 +171,8 @@ def test_help_can_be_asked_for_by_name(capfd: pytest.CaptureFixture[str]) -> Non
     assert "--mass" in capfd.readouterr().out
     assert run_command_line(["help", "injekt"]) == EXIT_USAGE
     assert "there is no command 'injekt'" in capfd.readouterr().err
+    assert run_command_line(["help", "cart", "identify"]) == EXIT_CONVERGED
+    assert "--force-noise" in capfd.readouterr().out
 
 
 def test_the_reference_of_commands_is_up_to_date() -> None:
@@ -274,3 +276,13 @@ def test_scenarios_lists_every_shipped_one(capfd: pytest.CaptureFixture[str]) ->
 def test_commands_for_a_run_need_one(capfd: pytest.CaptureFixture[str]) -> None:
     assert run_command_line(["inject", "--mass", "3", "--at", "0", "0", "0.1"]) == EXIT_ERROR
     assert "no run is in progress" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("command", ["watch", "stop", "view", "ros2-bridge"])
+def test_all_commands_for_a_run_find_it_as_their_errors_advise(
+    command: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    if command == "view":
+        pytest.importorskip("viser")
+    assert run_command_line([command, "--run", str(tmp_path)]) == EXIT_ERROR
+    assert f"no run is in progress in {tmp_path}" in capfd.readouterr().err

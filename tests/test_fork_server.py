@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import subprocess
@@ -86,6 +87,7 @@ def test_processes_end_with_a_fork_server_that_is_killed_and_others_are_started_
         child = processes.start("r1", "part", StatusRequest())
         assert isinstance(child.process, Forked)
         wait_until(lambda: len(child.lines) == 1, "its words")
+        assert fork_server._process is not None
         os.kill(fork_server._process.pid, signal.SIGKILL)
         assert child.process.wait(LIMIT) == -signal.SIGKILL
         processes.start_again(child)
@@ -122,6 +124,16 @@ def test_who_changes_their_mind_does_not_wait_for_modules(tmp_path: Path, monkey
     began = time.monotonic()
     fork_server.close()
     assert time.monotonic() - began < 0.9
+
+
+def test_ctrl_c_while_it_is_started_leaves_no_words(monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(subprocess, "Popen", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        ForkServer(["part"], os.environ)
+    gc.collect()  # which makes errors of finalizers failures of this test
 
 
 def _goes_on(pid: int) -> bool:

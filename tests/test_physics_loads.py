@@ -80,7 +80,7 @@ def test_a_load_that_leaves_takes_its_momentum_along():
     twist = simulation.data.qvel.copy()
     assert simulation.remove(load.id) == load
     np.testing.assert_array_equal(simulation.data.qvel, twist)
-    assert simulation.loads == []
+    assert simulation.loads.states == []
 
 
 def test_a_slot_that_was_emptied_is_as_if_never_used():
@@ -138,13 +138,13 @@ def test_a_load_that_has_leaked_away_is_as_if_taken_away():
 
 def test_loads_are_numbered_as_they_come_and_slots_used_again():
     simulation = Simulation(scenario())
-    assert simulation.slots_free == 4
+    assert simulation.loads.slots_free == 4
     assert [simulation.inject(1.0, (0.0, 0.0, 0.1)).id for _ in range(4)] == [1, 2, 3, 4]
     simulation.remove(2)
-    assert simulation.slots_free == 1
+    assert simulation.loads.slots_free == 1
     assert simulation.inject(2.5, (0.1, 0.0, 0.1), (0.2, 0.2, 0.2)).id == 5
-    assert [load.id for load in simulation.loads] == [1, 3, 4, 5]
-    assert simulation.advance({}).truth.loads == simulation.loads
+    assert [load.id for load in simulation.loads.states] == [1, 3, 4, 5]
+    assert simulation.advance({}).truth.loads == simulation.loads.states
     assert simulation.advance({}).truth.payload.mass == pytest.approx(5.0 + 3 * 1.0 + 2.5)
 
 
@@ -189,7 +189,7 @@ def test_impossible_loads_are_refused_and_change_nothing(mass, position, size, m
     twist = simulation.data.qvel.copy()
     with pytest.raises(LoadError, match=message):
         simulation.inject(mass, position, size)
-    assert simulation.loads == []
+    assert simulation.loads.states == []
     np.testing.assert_array_equal(simulation.data.qvel, twist)
     assert simulation.inject(1.0, (0.0, 0.0, 0.0)).id == 1
 
@@ -244,7 +244,7 @@ def test_impossible_leaks_are_refused(leak):
     simulation = Simulation(scenario())
     with pytest.raises(LoadError, match=rf"leak of a load is {leak} kg/s but expected"):
         simulation.inject(1.0, (0.0, 0.0, 0.0), leak=leak)
-    assert simulation.loads == []
+    assert simulation.loads.states == []
 
 
 def test_too_many_loads_and_unknown_loads_are_refused():
@@ -276,7 +276,7 @@ def test_a_change_that_found_no_slot_is_told_and_the_run_goes_on():
     problems = [result.problems for result in run(simulation, excitation(chosen), 3)]
     assert [len(told) for told in problems] == [0, 1, 0]
     assert "the load change at 0.02 s was skipped: all 4 load slots" in problems[1][0]
-    assert len(simulation.loads) == 4
+    assert len(simulation.loads.states) == 4
 
 
 def test_scenarios_whose_changes_cannot_be_made_are_refused():

@@ -195,6 +195,19 @@ def test_a_clock_that_is_set_during_a_run_delays_one_robot_from_the_next_block_o
             np.testing.assert_allclose(np.hstack(read)[robot, :, column], expected, atol=1e-9)
 
 
+def test_the_largest_clock_comes_on_top_of_the_delays():
+    chosen = with_errors(scenario(rate=100, block=2), errors=SensorTolerance(clock=0.05, wrench_delay=0.05))
+    now, latest = Simulation(chosen), SensorErrors.drawn(chosen, 3).delays.max(axis=1).argmax()
+    before = samples(run(now, excitation(chosen), 60))
+    now.set_clock(chosen.robot_names[latest], 1.0)
+    read = np.hstack([before, samples(run(now, excitation(chosen), 10))])
+    delays = SensorErrors.drawn(chosen, 3).delays[latest] + 1.0
+    truth, times = measured(scenario(rate=100, block=2), 140), np.arange(140) / 100
+    for column in range(15):
+        expected = np.interp(times - delays[int(column >= 9)], times, truth[latest, :, column])
+        np.testing.assert_allclose(read[latest, 120:, column], expected[120:], atol=1e-9)
+
+
 def test_a_clock_that_cannot_be_set_is_explained():
     simulation = Simulation(scenario())
     for ahead in (-0.001, 1.5, np.nan):

@@ -32,13 +32,13 @@ def test_the_order_of_arrival_does_not_matter() -> None:
     truths, estimates = changing_run({"r1": 110, "r2": 120, "r3": 115}, {"r1": 2.06, "r2": 2.04, "r3": 2.1})
     truths_first, estimates_first = (Record(SCENE, duration=4.0, with_history=True) for _ in range(2))
     for each in truths:
-        truths_first.add_truth(each)
+        truths_first.receive(each)
     for record in (truths_first, estimates_first):
         for name in reversed(ROBOTS):
             for belief in estimates[name]:
-                record.add_estimate(belief)
+                record.receive(belief)
     for each in truths:
-        estimates_first.add_truth(each)
+        estimates_first.receive(each)
     expected = built_report(recorded(truths, estimates, with_history=True))
     assert expected.load_changes[0].detected_at_s == pytest.approx(2.1)
     assert built_report(truths_first) == expected
@@ -48,25 +48,25 @@ def test_the_order_of_arrival_does_not_matter() -> None:
 def test_a_record_is_complete_when_all_robots_have_spoken_of_the_newest_block() -> None:
     record = Record(SCENE, duration=1.0)
     assert not record.complete
-    record.add_truth(truth(0, LIGHT))
-    record.add_truth(truth(1, LIGHT))
-    record.add_estimate(estimate("r1", 1, LIGHT))
-    record.add_estimate(estimate("r2", 0, LIGHT))
+    record.receive(truth(0, LIGHT))
+    record.receive(truth(1, LIGHT))
+    record.receive(estimate("r1", 1, LIGHT))
+    record.receive(estimate("r2", 0, LIGHT))
     assert record.silent == ["r3"]
-    record.add_estimate(estimate("r3", 1, LIGHT))
+    record.receive(estimate("r3", 1, LIGHT))
     assert not record.complete
-    record.add_estimate(estimate("r2", 1, LIGHT))
+    record.receive(estimate("r2", 1, LIGHT))
     assert record.complete
     assert record.silent == []
 
 
 def test_estimates_of_a_block_whose_truth_has_not_come_wait() -> None:
     record = Record(SCENE, duration=1.0)
-    record.add_truth(truth(0, LIGHT))
-    record.add_estimate(estimate("r1", 7, HEAVY))
+    record.receive(truth(0, LIGHT))
+    record.receive(estimate("r1", 7, HEAVY))
     assert record.latest["r1"].block == 7
     assert "r1" in record.silent
-    record.add_truth(truth(7, HEAVY))
+    record.receive(truth(7, HEAVY))
     report = record.robots["r1"].report
     assert report is not None
     assert report.mass.error_pct == pytest.approx(0.0, abs=1e-9)
@@ -82,9 +82,9 @@ def test_estimators_change_once_though_what_was_said_before_comes_later() -> Non
         ("r3", 5, "fan2017"),
     ]
     for block in range(10):
-        record.add_truth(truth(block, LIGHT))
+        record.receive(truth(block, LIGHT))
     for name, block, estimator in said:
-        record.add_estimate(msgspec.structs.replace(estimate(name, block, LIGHT), estimator=estimator))
+        record.receive(msgspec.structs.replace(estimate(name, block, LIGHT), estimator=estimator))
     assert record.estimators == [EstimatorUse(4 * BLOCK, "fan2017"), EstimatorUse(7 * BLOCK, "efficient")]
     report = built_report(record)
     assert report.estimator_changes == record.estimators[1:]
@@ -94,10 +94,10 @@ def test_estimators_change_once_though_what_was_said_before_comes_later() -> Non
 def test_who_falls_silent_is_stale() -> None:
     record = Record(SCENE, duration=10.0)
     for block in range(300):
-        record.add_truth(truth(block, LIGHT))
+        record.receive(truth(block, LIGHT))
         for name in ROBOTS:
             if name != "r2" or block <= 150:
-                record.add_estimate(estimate(name, block, LIGHT))
+                record.receive(estimate(name, block, LIGHT))
         is_silent = block > 150 + SILENT
         assert [name for name, belief in record.beliefs.items() if belief.status == "stale"] == ["r2"] * is_silent
     report = built_report(record)
@@ -114,10 +114,10 @@ def test_memory_does_not_grow_with_time() -> None:
 
     def run(start: int, count: int) -> None:
         for block in range(start, start + count):
-            record.add_truth(truth(block, LIGHT if block < 250 else HEAVY))
+            record.receive(truth(block, LIGHT if block < 250 else HEAVY))
             for name in ROBOTS:
                 if block % 5 == 4 and block > 10 and not (name == "r3" and block > 3000):
-                    record.add_estimate(estimate(name, block - 3, HEAVY, changes=[change]))
+                    record.receive(estimate(name, block - 3, HEAVY, changes=[change]))
 
     run(0, 3 * REMEMBERED)
     tracemalloc.start()
@@ -136,12 +136,12 @@ def test_memory_does_not_grow_with_time() -> None:
 def test_a_change_is_dated_rightly_by_who_missed_it() -> None:
     """An observer that was stopped for a while hears of it later."""
     record = Record(SCENE, duration=4.0)
-    record.add_truth(truth(49, LIGHT))
+    record.receive(truth(49, LIGHT))
     changed_at = 60 * BLOCK
-    record.add_truth(msgspec.structs.replace(truth(99, HEAVY), loads_since=changed_at))
+    record.receive(msgspec.structs.replace(truth(99, HEAVY), loads_since=changed_at))
     notice = LoadChangeNotice(noticed_at=changed_at + BLOCK, changed_at=changed_at)
     for name in ROBOTS:
-        record.add_estimate(estimate(name, 99, HEAVY, changes=[notice]))
+        record.receive(estimate(name, 99, HEAVY, changes=[notice]))
     (change,) = built_report(record).load_changes
     assert change.at_s == pytest.approx(changed_at)
     assert change.detected_at_s == pytest.approx(changed_at + BLOCK)
@@ -152,11 +152,11 @@ def test_a_slip_is_told_with_when_the_last_robot_had_named_it() -> None:
     grasp = SlippedGrasp(SCENE.rotations[1], SCENE.translations[1] + np.array([0.003, 0.0, 0.004]))
     for block in range(10):
         slipped = {"r2": grasp} if block >= 5 else {}
-        record.add_truth(msgspec.structs.replace(truth(block, LIGHT), slipped=slipped))
+        record.receive(msgspec.structs.replace(truth(block, LIGHT), slipped=slipped))
     named = {"r1": 0.14, "r2": 0.16, "r3": 0.15}
     for name, moment in named.items():
         slips = [SlipNotice("r2", 0.12, moment, 0.1)]
-        record.add_estimate(msgspec.structs.replace(estimate(name, 9, LIGHT), slips=slips))
+        record.receive(msgspec.structs.replace(estimate(name, 9, LIGHT), slips=slips))
     report = built_report(record)
     (slip,) = report.slips
     assert (slip.at_s, slip.robot, slip.named_at_s) == (pytest.approx(5 * BLOCK), "r2", 0.16)
@@ -164,5 +164,5 @@ def test_a_slip_is_told_with_when_the_last_robot_had_named_it() -> None:
     assert "At 0.1 s the grasp of r2 slipped by 5.0 mm and 0.0°. All robots had found that after 0.1 s." in sentences(
         report
     )
-    record.add_estimate(estimate("r3", 9, LIGHT))
+    record.receive(estimate("r3", 9, LIGHT))
     assert built_report(record).slips[0].named_at_s is None

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import socket
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,7 +14,6 @@ from coheft.app.cli.cart import log_folders
 from coheft.app.run.folder import (
     END_FILE,
     RUN_FILE,
-    RunEnd,
     RunFile,
     announced,
     find_run,
@@ -45,6 +46,16 @@ def test_the_newest_folders_are_kept_and_those_of_runs_that_go_on(endpoint: str)
     with announced(old[0], RunFile(run="coheft-0", server=endpoint, agents={})):
         new = make_run_folder("coheft-new")
     assert set(runs_folder().iterdir()) == {old[0], *old[-19:], new, other}
+
+
+def test_a_user_without_a_home_can_name_the_place_of_runs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(os.path, "expanduser", lambda path: path)  # as for a user who is in no list of users
+    monkeypatch.setattr(sys, "platform", "linux")
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    assert runs_folder() == tmp_path / "coheft" / "runs"
+    monkeypatch.delenv("XDG_STATE_HOME")
+    with pytest.raises(CoheftError, match="no home folder for runs: name a folder with --logs"):
+        runs_folder()
 
 
 def test_two_runs_have_no_folder_in_common(endpoint: str, tmp_path: Path) -> None:
@@ -143,8 +154,8 @@ def test_how_a_run_has_ended_stays_in_its_folder_until_the_next_one_begins(tmp_p
     run_file = RunFile("run", "tcp/127.0.0.1:1", {})
     with announced(tmp_path, run_file):
         assert noted_end(tmp_path) is None
-        note_end(tmp_path, RunEnd(12.5))
-    assert noted_end(tmp_path) == RunEnd(12.5)
+        note_end(tmp_path, 12.5)
+    assert noted_end(tmp_path) == 12.5
     with announced(tmp_path, run_file):
         assert noted_end(tmp_path) is None
     (tmp_path / END_FILE).write_text("{")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import csv
 import dataclasses
+import io
 import json
 import re
 import shutil
@@ -15,18 +16,19 @@ import msgspec
 import numpy as np
 import pytest
 
-from coheft.app.figures import LIGHT, picture_folder
+from coheft.app.figures import LIGHT, figure_to, picture_folder
 from coheft.app.results.judge import Contradiction
 from coheft.app.results.record import Record
 from coheft.app.results.report import Report, build_report
+from coheft.app.results.states import State
 from coheft.app.run.inprocess import run_in_process
 from coheft.app.run_report import data
 from coheft.app.run_report.convergence import ALL_SHOWN, curves
 from coheft.app.run_report.drawings import draw_overview
 from coheft.app.run_report.folder import write_folder
-from coheft.app.run_report.limited import Spans, Thinned
+from coheft.app.run_report.limited import Span, Spans, Thinned
 from coheft.app.run_report.page import SECTIONS, render_page
-from coheft.app.run_report.pictures import PICTURES, pictures_of
+from coheft.app.run_report.pictures import pictures_of
 from coheft.app.run_report.series import Series, SeriesFollower
 from coheft.app.terminal.digits import error_and_std
 from coheft.consensus.graph import build_graph
@@ -36,7 +38,7 @@ from coheft.wire.messages.requests import Status
 from coheft.wire.messages.states import RunState
 from coheft.wire.messages.structs import Problem
 from coheft.wire.scenario.file import parse_scenario
-from coheft.wire.scenario.schema import Scenario
+from coheft.wire.scenario.schema import Graph, Scenario
 from tests.synthetic_run import HEAVY, estimate
 
 pytest.importorskip("matplotlib")
@@ -102,7 +104,7 @@ class Made:
         self.scenario: Scenario = parse_scenario(SCENARIO, "two")
         graph = build_graph(self.scenario.graph, self.scenario.robot_names)
         scene = Simulation(self.scenario, graph).scene
-        status = Status(
+        self.status = status = Status(
             scenario="two",
             state=RunState.RUNNING, block=0, time=0.0, duration=9.0, real_time_factor=1.0, late_blocks=0,
             loads=[], slots_free=4, waiting_for=[], estimator="efficient",
@@ -148,6 +150,23 @@ def test_the_page_is_not_good_above_an_error_that_its_std_rules_out(made: Made) 
     robots["r1"] = msgspec.structs.replace(robots["r1"], contradictions=[Contradiction("mass", 4.1)])
     bad = msgspec.structs.replace(made.report, robots=robots)
     assert verdicts(bad) == ['bad">Further off than they claim: r1']
+
+
+def test_numbers_stand_on_the_right_of_their_columns_and_words_on_the_left(made: Made) -> None:
+    report = msgspec.structs.replace(made.report, beside={"fan2017": made.report})
+    page = render_page(made.scenario, "lockstep", made.series, report, [], [])
+    headings = re.findall(r'<th scope="col"( class="number")?>(robot|truth|estimator|estimate|own std)</th>', page)
+    is_number = {name: bool(number) for number, name in headings}
+    assert is_number == {"robot": False, "truth": True, "estimator": False, "estimate": True, "own std": True}
+    for name in ("efficient", "fan2017"):
+        assert page.count(f'<td>{name}</td><td class="number">') == 6
+
+
+def test_the_page_tells_what_was_run(made: Made) -> None:
+    scenario = msgspec.structs.replace(made.scenario, graph=Graph(kind="complete"), estimator="efficient,fan2017")
+    page = render_page(scenario, "lockstep", made.series, made.report, [], [])
+    pairs = dict(re.findall(r"<dt>([^<]*)</dt><dd>([^<]*)</dd>", page))
+    assert (pairs["robots"], pairs["links between them"], pairs["estimator"]) == ("2", "complete", "efficient,fan2017")
 
 
 def test_the_page_needs_nothing_but_itself(made: Made) -> None:
@@ -218,6 +237,36 @@ def test_the_change_is_shown_close_up_and_the_page_tells_who_was_stale(made: Mad
     assert "the load changed" in made.page.words.lower()
 
 
+def test_a_recording_with_a_gap_where_the_load_changed_has_a_page(made: Made, tmp_path: Path) -> None:
+    scenario = parse_scenario(SCENARIO.replace("9.0", "5.0").replace("6.0\nmass", "1.0\nmass"), "two")
+    follower, record = SeriesFollower(), Record(made.series.scene, scenario.duration)
+    follower.begin(made.status)
+    for block in run_in_process(scenario):
+        if 0.4 < block.truth.time < 4.5:
+            continue
+        for news in (block.truth, *block.estimates.values()):
+            follower.receive(news)
+            record.receive(news)
+    report = build_report(scenario, record)
+    assert len(report.load_changes) == 1
+    assert "load change at" in write_folder(tmp_path, scenario, None, follower.series, report).read_text()
+
+
+def test_legends_fit_into_their_pictures(made: Made, monkeypatch: pytest.MonkeyPatch) -> None:
+    every = [Span(float(k), k + 1.0, state, (), ()) for k, state in enumerate(State)]
+    monkeypatch.setattr(made.series.robots["r1"].states, "spans", every)
+    for picture in pictures_of(made.series, made.report):
+        with figure_to(io.BytesIO(), 10.0, picture.height) as figure:
+            picture.draw(figure, LIGHT, made.series, made.report)
+            figure.canvas.draw()
+            low, high = figure.bbox.get_points()
+            for legend in figure.legends:
+                box = legend.get_window_extent().get_points()
+                assert (low <= box).all(), picture.name
+                assert (box <= high).all(), picture.name
+            assert all(axes.get_window_extent().height > 50.0 for axes in figure.axes if axes.get_visible())
+
+
 def test_masses_that_are_stale_are_drawn_thin_and_dotted(made: Made) -> None:
     from matplotlib.figure import Figure
 
@@ -259,7 +308,6 @@ def test_without_pyarrow_the_data_is_csv(made: Made, tmp_path: Path, monkeypatch
 def test_a_report_takes_the_place_of_a_former_one_and_leaves_alone_what_is_not_of_it(
     made: Made, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert {picture.name for picture in pictures_of(made.series, made.report)} <= set(PICTURES)
     shutil.copytree(made.folder, tmp_path, dirs_exist_ok=True)
     former = {path.name for path in tmp_path.iterdir()}
     (tmp_path / "mine.png").write_text("")

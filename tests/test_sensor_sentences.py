@@ -40,6 +40,10 @@ def robot(*errors: SensorErrorEstimate) -> RobotReport:
             ("velocity_place", "y", 0.02, 0.001, 0.005),
             "r3's velocity sensor is 20 ± 1 mm (tolerance 5 mm) away along y.",
         ),
+        (
+            ("force_offset", "z", 1234.0, 11.0, 100.0),
+            "r3's force sensor reads 1230 ± 10 N (tolerance 100 N) too much along z.",
+        ),
         (("grasp_compliance", "", 6e-5, 1e-6, 2e-5), "r3's grasp yields by 0.06 ± 0.001 mm/N (tolerance 0.02 mm/N)."),
         (("clock", "", 0.003, 0.0001, 0.001), "r3's clock is 3 ± 0.1 ms (tolerance 1 ms) late."),
         (

@@ -19,6 +19,7 @@ from coheft.agents.side_by_side import SideBySide
 from coheft.api.tracks import RobotResult, Track
 from coheft.app.figures import LIGHT as LIGHT_THEME
 from coheft.app.figures import figure_to
+from coheft.app.results.report import BoundReport
 from coheft.app.run_report.convergence import ALL_SHOWN, curves, draw_convergence
 from coheft.app.run_report.data import write_data
 from coheft.app.run_report.drawings import draw_overview
@@ -93,6 +94,12 @@ def test_table_and_json_show_both_beside_the_bound(both: coheft.Result) -> None:
     report = msgspec.json.decode(msgspec.json.encode(both.report))
     assert report["beside"]["fan2017"]["robots"]["r1"]["mass"] != report["robots"]["r1"]["mass"]
     assert report["bound"].keys() == report["robots"].keys()
+
+
+def test_bounds_have_the_digits_of_std(both: coheft.Result) -> None:
+    bound = {name: BoundReport(0.0202, 151.7, 1.0) for name in both.report.robots}
+    rows = table_rows(msgspec.structs.replace(both.report, bound=bound))["r1"]
+    assert [row[-1] for row in rows[::2]] == ["0.020 %", "152 mm", "1.0 %"]
 
 
 def test_the_bound_is_that_of_a_study(both: coheft.Result) -> None:
@@ -234,7 +241,7 @@ def test_the_view_shows_both() -> None:
     model.receive(truth(0, LIGHT))
     model.receive(estimate("r1", 0, LIGHT))
     model.receive(EstimateBeside(msgspec.structs.replace(estimate("r1", 0, HEAVY), estimator="fan2017")))
-    own, beside = model.report("r1"), model.beside["fan2017"].report("r1")
+    own, beside = (None if found is None else found[0] for found in model.reports("r1").values())
     assert own is not None
     assert beside is not None
     assert (own.mass.estimate, beside.mass.estimate) == (pytest.approx(10.0), pytest.approx(13.0))

@@ -125,7 +125,7 @@ def test_a_load_in_grams_is_refused_and_the_run_goes_on() -> None:
     simulation = Simulation(scenario())
     with pytest.raises(LoadError, match=r"^mass of a load is 3000 kg at \(0.1, 0.0, 0.1\) m, which is more than 3"):
         simulation.inject(3000.0, (0.1, 0.0, 0.1))
-    assert simulation.loads == []
+    assert simulation.loads.states == []
     assert np.isfinite(simulation.advance({}).truth.samples).all()
     assert simulation.inject(3.0, (0.1, 0.0, 0.1)).id == 1
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import shutil
+import sys
 from pathlib import Path
 from typing import cast
 
@@ -10,12 +12,12 @@ import pytest
 
 from coheft.app.run.folder import RUN_FILE, RunFile, announce
 from coheft.app.run.observer import Observer
-from coheft.app.run.processes import ProcessError, Processes
+from coheft.app.run.processes import ProcessError, Processes, make_fork_server
 from coheft.app.run.restarts import Restarts
 from coheft.app.terminal.screen import Display
 from coheft.wire.messages.requests import StatusRequest
 from coheft.wire.process.supervised import UNUSABLE
-from tests.waiting import wait_until
+from tests.waiting import LIMIT, wait_until
 
 # Like a server that loses the link with a robot before the robot's process has ended.
 FOLLOWS = """
@@ -62,7 +64,21 @@ exec(lines[0])
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Where modules that are started are looked for."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), *filter(None, sys.path)]))
     return tmp_path
+
+
+def test_files_in_the_current_folder_do_not_take_the_place_of_modules(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(filter(None, sys.path)))
+    (tmp_path / "queue.py").write_text("raise ValueError('a file of the user')")
+    for fork_server in (None, make_fork_server()):
+        with Processes(tmp_path, fork_server) as processes:
+            child = processes.start("r1", "coheft.agents.process.main", StatusRequest())
+            assert child.process.wait(LIMIT) == UNUSABLE
+            assert "expected AgentProcessConfig" in child.how_and_why
 
 
 def test_a_process_that_fails_last_but_with_a_traceback_is_the_cause(

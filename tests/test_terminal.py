@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 from collections.abc import Callable
 
 import msgspec
@@ -11,7 +12,7 @@ import pytest
 from rich.console import Console
 
 from coheft.app.results.record import Record
-from coheft.app.terminal.digits import value_and_std
+from coheft.app.terminal.digits import significant, value_and_std
 from coheft.app.terminal.screen import Display, LineDisplay, LiveDisplay, make_display
 from coheft.wire.messages.scene import Scene
 from coheft.wire.messages.states import Validity
@@ -26,7 +27,7 @@ def record() -> Record:
     """Four seconds; the load changes at two, and r3 has not found out yet."""
     truths, estimates = changing_run({"r1": 110, "r2": 120, "r3": 500}, {})
     record = recorded(truths, estimates)
-    record.add_estimate(estimate("r1", 200, None, converged=False, phase="poses"))
+    record.receive(estimate("r1", 200, None, converged=False, phase="poses"))
     return record
 
 
@@ -78,7 +79,7 @@ def stale(robot: str, block: int, reason: str) -> Estimate:
 
 def test_a_terminal_shows_who_is_stale_and_why(record: Record) -> None:
     for robot in ("r1", "r2"):
-        record.add_estimate(stale(robot, 201, "r3 is silent since 3.98 s, and " + 80 * "!"))
+        record.receive(stale(robot, 201, "r3 is silent since 3.98 s, and " + 80 * "!"))
     console = terminal(is_terminal=True)
     with LiveDisplay(console) as display:
         display.update(record)
@@ -100,7 +101,7 @@ def large_team() -> Record:
     poses = {"rotations": np.tile(np.eye(3), (robots, 1, 1)), "translations": np.zeros((robots, 3))}
     record = Record(Scene(robots=TEAM, neighbours=neighbours, **poses), duration=20.0)
     samples = np.zeros((robots, 15))
-    record.add_truth(msgspec.structs.replace(truth(9, HEAVY), samples=samples))
+    record.receive(msgspec.structs.replace(truth(9, HEAVY), samples=samples))
     likes = {
         "stale": stale("r1", 9, "r3 is silent"),
         "finding neighbours": estimate("r1", 9, None, converged=False, phase="poses"),
@@ -110,7 +111,7 @@ def large_team() -> Record:
     states = [state for state, count in reversed(STATES.items()) for _ in range(count)]
     for name, state in zip(TEAM, states, strict=True):
         reasons = [f"{name} feels something"] if state == "stale" else []
-        record.add_estimate(msgspec.structs.replace(likes[state], robot=name, poses={}, reasons=reasons))
+        record.receive(msgspec.structs.replace(likes[state], robot=name, poses={}, reasons=reasons))
     return record
 
 
@@ -168,18 +169,30 @@ def test_plain_lines_tell_how_things_stand_before_what_has_happened_since() -> N
     display = LineDisplay(console)
     at = round(5.0 / BLOCK)
     for block in range(at + 1):
-        record.add_truth(truth(block, LIGHT if block < at else HEAVY))
+        record.receive(truth(block, LIGHT if block < at else HEAVY))
     display.update(record)
     first, second = drawn(console).splitlines()
     assert first.startswith("  5.0 s of 20 s")
     assert second == "  5.0 s: the payload is 13.00 kg now"
 
 
+def test_plain_lines_tell_why_a_run_waits_each_time_that_it_does() -> None:
+    record, console = Record(SCENE, duration=20.0), terminal(is_terminal=False)
+    display = LineDisplay(console)
+    for block in range(2):
+        for _ in range(3):
+            display.note("waiting for r1")
+            display.update(record)
+        record.receive(truth(block, LIGHT))
+        display.update(record)
+    assert drawn(console).splitlines() == ["waiting for r1"] * 2
+
+
 def test_what_robots_say_in_their_own_coordinates_is_told_as_one() -> None:
     record = Record(SCENE, duration=20.0)
-    record.add_truth(truth(0, HEAVY))
+    record.receive(truth(0, HEAVY))
     for robot, axis in (("r1", "(0.52, 0.79, 0.32)"), ("r3", "(1.00, 0.00, 0.00)")):
-        record.add_estimate(stale(robot, 0, f"centre of mass along {axis}: tilt the load"))
+        record.receive(stale(robot, 0, f"centre of mass along {axis}: tilt the load"))
     console = terminal(is_terminal=True)
     with LiveDisplay(console) as display:
         display.update(record)
@@ -192,10 +205,10 @@ def test_plain_lines_tell_when_estimates_stay_stale_and_when_none_is_any_more() 
     console = terminal(is_terminal=False)
     display = LineDisplay(console)
     for block in range(200):
-        record.add_truth(truth(block, HEAVY))
+        record.receive(truth(block, HEAVY))
         for robot in ("r1", "r2"):
             is_stale = 10 <= block < 45 or 60 <= block < 130
-            record.add_estimate(stale(robot, block, "r3 is silent") if is_stale else estimate(robot, block, HEAVY))
+            record.receive(stale(robot, block, "r3 is silent") if is_stale else estimate(robot, block, HEAVY))
             display.update(record)
     assert drawn(console).splitlines() == [
         "  2.5 s: stale r1, r2: r3 is silent",
@@ -206,6 +219,11 @@ def test_plain_lines_tell_when_estimates_stay_stale_and_when_none_is_any_more() 
 def test_a_std_that_stands_beside_its_value_has_two_digits() -> None:
     assert value_and_std(13.00004, 0.00113) == "13.0000 ± 0.0011"
     assert value_and_std(13.00004, 0.1) == "13.000 ± 0.100"
+
+
+def test_large_and_small_numbers_have_no_exponent() -> None:
+    shown = [significant(value, 2) for value in (0.0, 0.000012, 0.018, 1.0, 9.96, 152.0, 12345.0, math.inf)]
+    assert shown == ["0", "0.000012", "0.018", "1", "10", "150", "12000", "inf"]
 
 
 @pytest.mark.parametrize(

@@ -12,9 +12,9 @@ from coheft.wire.messages.truth import LoadState
 pytest.importorskip("viser", reason="the view needs viser: install 'coheft[view]'")
 
 from coheft.app.view.disturbing import Disturbing
-from coheft.app.view.door import Door
 from coheft.app.view.load_choice import LoadChoice
 from coheft.app.view.model import ViewModel
+from coheft.app.view.place import Place
 from coheft.app.view.server import open_server
 from tests.ports import free_port
 from tests.test_view_model import STATUS
@@ -27,7 +27,7 @@ def load(number: int, mass: float) -> LoadState:
 
 @pytest.fixture
 def choice():
-    with open_server(Door("127.0.0.1"), free_port()) as server:
+    with open_server(Place.choose("127.0.0.1", free_port())) as server:
         yield LoadChoice(server.gui)
 
 
@@ -38,7 +38,7 @@ def test_the_choice_stays_while_a_load_leaks(choice):
         choice.show([load(1, 3.0), load(2, mass)])
         assert choice.number == 2
         assert choice.dropdown.options == ("#1", "#2")
-        assert f"#2 of {mass:.1f} kg" in choice.masses
+        assert f"#2 of {mass:.1f} kg" in choice.masses.content
 
 
 def test_the_choice_stays_while_other_loads_come_and_go(choice):
@@ -78,7 +78,7 @@ def test_a_load_has_its_number_and_its_mass_wherever_it_is_shown():
 
 def test_a_clock_belongs_to_a_robot_and_not_to_a_link():
     run_file = RunFile("run", "tcp/127.0.0.1:1", {})
-    with open_server(Door("127.0.0.1"), free_port()) as server:
+    with open_server(Place.choose("127.0.0.1", free_port())) as server:
         disturbing = Disturbing(server.gui, ViewModel(STATUS), run_file, lambda *_: None)
         assert disturbing.where.options == ("r1-r2", "r2-r3", "r1", "r2", "r3")
         assert disturbing.clock.disabled

@@ -18,7 +18,8 @@ from websockets.sync.client import connect
 from websockets.typing import Origin, Subprotocol
 
 from coheft.app.view import server as server_module
-from coheft.app.view.door import REFUSAL, Door
+from coheft.app.view.door import REFUSAL
+from coheft.app.view.place import Place
 from coheft.app.view.server import open_server
 from coheft.errors import CoheftError
 from tests.ports import free_port
@@ -29,7 +30,7 @@ VISER = [Subprotocol(f"viser-v{viser.__version__}")]
 
 @pytest.fixture(scope="module")
 def port() -> Iterator[int]:
-    with open_server(Door("127.0.0.1", TOKEN), free_port()) as server:
+    with open_server(Place("127.0.0.1", free_port(), TOKEN)) as server:
         server.gui.add_markdown("a secret state")
         yield server.get_port()
 
@@ -139,7 +140,7 @@ def test_no_other_page_gets_address_or_content(port: int) -> None:
 
 
 def test_no_page_can_make_the_view_public() -> None:
-    with open_server(Door("127.0.0.1"), free_port()) as server:
+    with open_server(Place.choose("127.0.0.1", free_port())) as server:
         assert ShareUrlRequest not in server._websock_server._incoming_handlers
 
 
@@ -149,13 +150,13 @@ def test_who_is_refused_is_told_where_the_address_is() -> None:
 
 
 def test_each_view_has_a_secret_of_its_own(port: int) -> None:
-    urls = {Door("127.0.0.1").url(port) for _ in range(100)}
+    urls = {Place.choose("127.0.0.1").url for _ in range(100)}
     assert len(urls) == 100
     assert min(map(len, urls)) > len(f"http://127.0.0.1:{port}/") + 20
 
 
 def test_all_addresses_of_this_machine_are_its_own_but_no_names_of_others() -> None:
-    with open_server(Door("0.0.0.0", TOKEN), free_port()) as server:
+    with open_server(Place("0.0.0.0", free_port(), TOKEN)) as server:
         port = server.get_port()
         for host in ("127.0.0.1", "127.0.0.2", socket.gethostname()):
             dialled = host if host.startswith("127") else "127.0.0.1"
@@ -171,7 +172,7 @@ def test_a_release_of_viser_that_cannot_be_guarded_shows_nothing(monkeypatch: py
     port = free_port()
     monkeypatch.setattr(server_module, "sockets", Elsewhere)
     Elsewhere.serve = None
-    with pytest.raises(CoheftError, match="cannot be guarded"), open_server(Door("127.0.0.1"), port):
+    with pytest.raises(CoheftError, match="cannot be guarded"), open_server(Place("127.0.0.1", port, TOKEN)):
         pytest.fail("it shows something")
     with pytest.raises(ConnectionRefusedError):
         socket.create_connection(("127.0.0.1", port), timeout=1.0)

@@ -1,6 +1,6 @@
 """Collects the estimates of a run for its result."""
 
-from collections.abc import Sequence
+from dataclasses import replace
 
 from coheft.api.result import Result
 from coheft.api.tracks import robot_result
@@ -11,8 +11,7 @@ from coheft.app.run.pairing import Pairing
 from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.wire.messages.requests import Status
 from coheft.wire.messages.scene import Scene
-from coheft.wire.messages.structs import Estimate, EstimateBeside
-from coheft.wire.messages.truth import Truth
+from coheft.wire.messages.structs import Estimate
 from coheft.wire.scenario.plugins import estimator_names
 from coheft.wire.scenario.schema import Scenario
 
@@ -22,33 +21,29 @@ class Collector(Follower):
 
     def begin(self, status: Status) -> None:
         """See ``Follower.begin``."""
-        self.look_at(status.scene, estimator_names(status.estimator)[1:])
+        self.look_at(status.scene, status.estimator)
 
-    def look_at(self, scene: Scene, beside: Sequence[str] = ()) -> None:
-        """Use the robots and grasps of a scene; ``beside`` names the estimators that run beside the robots' own."""
-        self._pairing = Pairing(scene)
-        self._kept: dict[str, list[tuple[Estimate, Inertia]]] = {name: [] for name in scene.robots}
-        self._beside = {name: Collector() for name in beside}
-        for other in self._beside.values():
-            other.look_at(scene)
+    def look_at(self, scene: Scene, estimator: str) -> None:
+        """Use the robots and grasps of a scene, and the estimators that a scenario names."""
+        names = estimator_names(estimator)
+        self._pairing = Pairing(scene, names)
+        self._kept: dict[str, dict[str, list[tuple[Estimate, Inertia]]]] = {
+            name: {robot: [] for robot in scene.robots} for name in names
+        }
 
     def receive(self, news: News) -> None:
         """See ``Follower.receive``."""
-        ready: list[Estimate] = []
-        if isinstance(news, Truth):
-            ready = self._pairing.add_truth(news)
-            for other in self._beside.values():
-                other.receive(news)
-        elif isinstance(news, Estimate):
-            ready = self._pairing.add_estimate(news)
-        elif isinstance(news, EstimateBeside) and news.estimate.estimator in self._beside:
-            self._beside[news.estimate.estimator].receive(news.estimate)
-        for estimate in ready:
+        for name, estimate in self._pairing.receive(news):
             truth = self._pairing.judge.payload(estimate.robot, estimate.block)
-            self._kept[estimate.robot].append((estimate, truth))
+            self._kept[name][estimate.robot].append((estimate, truth))
 
     def result(self, scenario: Scenario, report: Report) -> Result:
         """Return the result so far, with the report of the same run."""
-        beside = {name: self._beside[name].result(scenario, each) for name, each in report.beside.items()}
-        robots = {name: robot_result(self._pairing.judge, name, kept) for name, kept in self._kept.items()}
-        return Result(scenario, robots, report, beside)
+        own, *_ = self._kept
+        beside = {name: self._result(scenario, name, each) for name, each in report.beside.items()}
+        return replace(self._result(scenario, own, report), beside=beside)
+
+    def _result(self, scenario: Scenario, estimator: str, report: Report) -> Result:
+        kept = self._kept[estimator].items()
+        robots = {robot: robot_result(self._pairing.judge, robot, found) for robot, found in kept}
+        return Result(scenario, robots, report)

@@ -8,7 +8,6 @@ from coheft.agents.agent import Outbox
 from coheft.api.collector import Collector
 from coheft.api.result import Result
 from coheft.app.names import check_link
-from coheft.app.results.carry_record import CarryRecord
 from coheft.app.results.record import Record
 from coheft.app.results.report import build_report
 from coheft.app.run.heard import News
@@ -16,7 +15,6 @@ from coheft.app.run.inprocess import TeamInProcess, measured
 from coheft.errors import CoheftError
 from coheft.wire.messages.structs import Estimate
 from coheft.wire.messages.truth import Truth
-from coheft.wire.scenario.plugins import estimator_names
 from coheft.wire.scenario.schema import Scenario
 from coheft.wire.scenario.section import Vector
 
@@ -36,13 +34,9 @@ class Simulation:
         self.truth: Truth | None = None
         self._team = TeamInProcess(scenario)
         scene = self._team.simulation.scene
-        beside = estimator_names(scenario.estimator)[1:]
-        self._record = Record(scene, scenario.duration, beside=beside)
+        self._record = Record.of(scenario, scene)
         self._collector = Collector()
-        self._collector.look_at(scene, beside)
-        self._carried = None if scenario.carry is None else CarryRecord(scenario)
-        if self._carried is not None:
-            self._carried.look_at(scene)
+        self._collector.look_at(scene, scenario.estimator)
         self._cut: set[frozenset[str]] = set()
         self._is_holding = dict.fromkeys(scene.robots, True)
         self._began = time.monotonic()
@@ -159,14 +153,11 @@ class Simulation:
             build_report(self.scenario, self._record, real_time_factor=pace),
             processes=1,
             messages_per_s=0.0,
-            carry=None if self._carried is None else self._carried.report(),
         )
         return self._collector.result(self.scenario, report)
 
     def _keep(self, truth: Truth, outboxes: dict[str, Outbox]) -> None:
         self.truth = truth
-        if self._carried is not None:
-            self._carried.receive(truth)
         estimates = [outbox.estimate for outbox in outboxes.values() if outbox.estimate is not None]
         all_news: list[News] = [truth, *estimates, *(each for outbox in outboxes.values() for each in outbox.beside)]
         for news in all_news:

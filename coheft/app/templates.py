@@ -4,13 +4,17 @@ from pathlib import Path
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
+from coheft.app.terminal.digits import significant
+
 
 def templates_beside(module: str) -> Environment:
     """Return the templates in the folder of a module, given by its ``__file__``."""
-    return Environment(
+    templates = Environment(
         loader=FileSystemLoader(Path(module).parent),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    templates.filters["significant"] = significant
+    return templates

@@ -69,12 +69,9 @@ class Encoders:
         self.force_offset = np.array([errors.force_offset * rng.uniform(-1, 1, 3) for rng in own])
 
     def measure(self, positions: Array, rotations: Array, forces: Array) -> WristSamples:
-        """Return the readings of one block of exact samples; draws the noise of the robots' next B samples.
+        """Return the readings of a block of exact ones; both as in ``WristSamples``.
 
-        Args:
-            positions: Exact positions, as in ``WristSamples``.
-            rotations: Exact rotations, as in ``WristSamples``.
-            forces: Exact forces, as in ``WristSamples``.
+        Draws the noise of the robots' next B samples.
         """
         samples = len(positions)
         noise = np.stack([stream.standard_normal((samples, 9)) for stream in self._streams], axis=1)

@@ -64,8 +64,7 @@ class CartSimulation:
 
     Attributes:
         block: Index of the next sample.
-        model: The engine's model, for views.
-        data: The engine's state, for views.
+        model, data: The engine's model and state, for views.
     """
 
     def __init__(self, scenario: CartScenario) -> None:
@@ -84,8 +83,7 @@ class CartSimulation:
     def advance(self, pushes: Mapping[str, CartPush]) -> CartSample:
         """Advance to the next sample with the pushes of the hands until then; a missing hand exerts no wrench.
 
-        Raises:
-            SimulationError: The cart has moved out of bounds.
+        It raises a ``SimulationError`` if the cart has moved out of bounds.
         """
         for load in self._loads.get(self.block, ()):
             self._change(load)

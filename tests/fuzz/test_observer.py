@@ -49,9 +49,9 @@ SOUND: list[Message] = [
 def record_of_a_run() -> Record:
     record = Record(SCENE, duration=4.0, with_history=True)
     for block in range(10):
-        record.add_truth(truth(block, LIGHT if block < 5 else HEAVY))
+        record.receive(truth(block, LIGHT if block < 5 else HEAVY))
         for name in ROBOTS:
-            record.add_estimate(estimate(name, block, LIGHT))
+            record.receive(estimate(name, block, LIGHT))
     return record
 
 
@@ -81,8 +81,8 @@ def receive_show_and_report(message: Message) -> None:
                 assert news.source == "r1"
                 display.problem(news)
     for name in ROBOTS:
-        record.add_estimate(estimate(name, 12, HEAVY))
-    record.add_truth(truth(20, LIGHT))
+        record.receive(estimate(name, 12, HEAVY))
+    record.receive(truth(20, LIGHT))
     report = built_report(record)
     msgspec.json.encode(report)
     print_report(console, report, Path("logs"))

@@ -135,7 +135,7 @@ def test_loads_that_cannot_be_are_refused(
             else:
                 simulation.remove(request.load)
         assert np.isfinite(simulation.data.qvel).all()
-        assert all(np.isfinite([load.mass, *load.position]).all() for load in simulation.loads)
-    for load in simulation.loads:
+        assert all(np.isfinite([load.mass, *load.position]).all() for load in simulation.loads.states)
+    for load in simulation.loads.states:
         simulation.remove(load.id)
-    assert simulation.slots_free == 4
+    assert simulation.loads.slots_free == 4

@@ -24,10 +24,9 @@ def test_the_same_way_in_one_process_and_in_many(tmp_path: Path) -> None:
     file, report = tmp_path / "carry3.toml", tmp_path / "report.json"
     file.write_text(text + "\n[carry]\nstart = 4.5\nramp = 0.5\nfeedforward_at = 5.5\n")
     scenario = load_scenario(file)
-    record = CarryRecord(scenario)
-    record.look_at(Simulation(scenario).scene)
+    record = CarryRecord(scenario, Simulation(scenario).scene)
     for block in run_in_process(scenario):
-        record.receive(received(block.truth))
+        record.add(received(block.truth))
     command = [
         sys.executable,
         "-m",

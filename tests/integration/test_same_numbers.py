@@ -55,9 +55,9 @@ def in_one_process(scenario: Scenario, blocks: Iterable[BlockRecord]) -> dict[st
     )
     record = Record(scene, scenario.duration, with_history=True)
     for block in blocks:
-        record.add_truth(received(block.truth))
+        record.receive(received(block.truth))
         for estimate in block.estimates.values():
-            record.add_estimate(received(estimate))
+            record.receive(received(estimate))
     report = build_report(scenario, record, real_time_factor=1.0)
     loaded: dict[str, object] = json.loads(msgspec.json.encode(report))
     return loaded

@@ -30,7 +30,7 @@ def test_processes_and_their_recording_give_the_numbers_of_one_process(tmp_path:
     assert done.returncode in (0, 3), done.stderr
     expected = coheft.run("ring3", duration=SECONDS, estimator=BOTH)
     recording = read_recording(path)
-    collector, record = Collector(), Record(recording.begin.scene, SECONDS, beside=["fan2017"])
+    collector, record = Collector(), Record(recording.begin.scene, SECONDS, BOTH)
     collector.begin(recording.begin)
     for _, news in recording.news:
         collector.receive(news)

@@ -38,7 +38,7 @@ def watching(run: Run) -> Iterator[tuple[subprocess.Popen[str], IO[str]]]:
     assert watcher.stdout is not None
     try:
         assert watcher.stdout.readline() == "waiting for the server of the run to answer\n"
-        assert re.fullmatch(r"watching ring3, .* s of 10000 s are over\n", watcher.stdout.readline())
+        assert re.fullmatch(r"watching ring3, which is at .* of 10000 s\n", watcher.stdout.readline())
         assert any(" s of 10000 s: " in line for line in watcher.stdout)
         yield watcher, watcher.stdout
     finally:

@@ -5,10 +5,14 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from coheft.app.cli.base import EXIT_ERROR
 from coheft.app.cli.main import run_command_line
+from coheft.app.run_report.of_recording import report_recording
+from coheft.wire.scenario.motion import Carry
+from tests.recording import runs
 from tests.recording.runs import news_of_a_run, record
 
 pytest.importorskip("matplotlib")
@@ -37,6 +41,15 @@ def test_it_says_nothing_about_time_on_the_wall(made: Path) -> None:
     assert not (made / "pace.png").exists()
     assert "real-time factor" not in page
     assert "real time</p>" not in page
+
+
+def test_it_tells_how_the_load_was_carried(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(runs, "SCENARIO", msgspec.structs.replace(runs.SCENARIO, carry=Carry(start=0.1)))
+    recording = record(tmp_path / "run.mcap", news_of_a_run())
+    page = report_recording(recording, tmp_path / "report")
+    carried = json.loads((page.parent / "report.json").read_text())["carry"]
+    assert carried["noise_force_n"] > 0.0
+    assert carried["drops"][0]["at_s"] == pytest.approx(0.2)
 
 
 def test_the_scene_is_in_the_page(made: Path) -> None:

@@ -116,21 +116,16 @@ def faults(
         if done:
             print_campaign(console, summarise(done), sorted(done, key=lambda outcome: outcome.seed), mutant, values)
         unwritten = [what for what, place in (("summary (--json)", json), ("table (--table)", table)) if place]
-        raise KeyboardInterrupt(_broken_off(len(done), len(chosen), unwritten, kept)) from None
+        clauses = [f"stopped after {len(done)} of {len(chosen)} schedules"]
+        clauses += [f"no {what} was written" for what in unwritten]
+        clauses += [] if kept is None else [f"the same command continues with the outcomes in {kept}"]
+        raise KeyboardInterrupt("; ".join(clauses)) from None
     summary = summarise(outcomes)
     print_campaign(console, summary, outcomes, mutant, values)
     write_outputs(
         (json, lambda target: write_report(summary, target)), (table, lambda path: write_text(path, markdown(summary)))
     )
     return EXIT_BROKEN_PROMISE if summary.violations else EXIT_CONVERGED
-
-
-def _broken_off(done: int, of: int, unwritten: list[str], kept: Path | None) -> str:
-    """Return the message after Ctrl-C."""
-    clauses = [f"no {what} was written" for what in unwritten]
-    if kept is not None:
-        clauses.append(f"the same command continues with the outcomes in {kept}")
-    return "; ".join([f"stopped after {done} of {of} schedules", *clauses])
 
 
 def _keep_failed(seed: int, values: list[str], folder: Path) -> None:

@@ -1,5 +1,6 @@
 """Types of arguments and options: how they are converted, checked and described."""
 
+import math
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -32,6 +33,11 @@ def _path(_: object, tokens: Sequence[cyclopts.Token]) -> Path:
     if not tokens[0].value:
         raise ValueError("expected the name of a file or folder; found ''")
     return Path(tokens[0].value)
+
+
+def _check_finite(_: object, value: float | None) -> None:
+    if value is not None and not math.isfinite(value):
+        raise ValueError(f"expected a finite number; found {value}")
 
 
 def _if_given(check: Callable[[T], None]) -> Callable[[object, T | None], None]:
@@ -135,8 +141,8 @@ def check_outputs(*inputs: Path, **targets: str | Path | None) -> None:
 Whole = Annotated[int, Parameter(converter=_whole)]
 Count = Annotated[int, Parameter(converter=_whole, validator=Number(gte=1))]
 NotNegative = Annotated[int, Parameter(converter=_whole, validator=Number(gte=0))]
-Positive = Annotated[float, Parameter(validator=Number(gt=0))]
-NotNegativeNumber = Annotated[float, Parameter(validator=Number(gte=0))]
+Positive = Annotated[float, Parameter(validator=(Number(gt=0), _check_finite))]
+NotNegativeNumber = Annotated[float, Parameter(validator=(Number(gte=0), _check_finite))]
 Quiet = Annotated[bool, Parameter(negative=(), show_default=False, help="Print only errors.")]
 Jobs = Annotated[
     int | None,

@@ -21,7 +21,8 @@ if TYPE_CHECKING:  # loaded only by runs that need them
     from coheft.app.run.hosts import Hosts
     from coheft.app.run.plan import Plan
     from coheft.app.run_report.series import SeriesFollower
-    from coheft.app.view.process import Place, ViewBeside
+    from coheft.app.view.place import Place
+    from coheft.app.view.process import ViewBeside
     from coheft.wire.config import ClockKind
     from coheft.wire.scenario.schema import Scenario
 
@@ -168,7 +169,7 @@ def run(
     place: Place | None = None
     if view:
         from coheft.app.run.hosts import LOOPBACK
-        from coheft.app.view.process import Place
+        from coheft.app.view.place import Place
 
         place = Place.choose(LOOPBACK)
 
@@ -201,7 +202,7 @@ def run(
                 recorder = stack.enter_context(Recorder(record, chosen))
             asked = {"json": json, "report": report, "save_data": save_data, "record": record}
             broken_off = BrokenOff(asked, folder, recorder)
-            beside: list[Follower | None] = [page, viewer, recorder, broken_off]
+            beside: list[Follower | None] = [page, recorder, broken_off]
             try:
                 found = launch(
                     plan,
@@ -241,7 +242,7 @@ def run(
                 _tell(console, "The view stays until Ctrl-C", place.url)
                 wants_another = viewer.wait_for_another()
             elif viewer is not None:
-                _tell(always, "No view was ready before the end of the run; its log", viewer.log)
+                _tell(always, "The view has ended before the run; its log", viewer.log)
         if recorder is not None and not recorder.problem:
             _tell(console, "Recording", record)
         if lost := _lost(broken_off, recorder):
@@ -279,8 +280,7 @@ def _credentials(keys: Path | None, folder: Path, scenario: Scenario, places: Ho
 
 def _wait_for_view(console: Console, viewer: ViewBeside, place: Place, *, waits: bool) -> None:
     """Print the address of the view as soon as it is ready, before anything else, and wait until it is opened."""
-    if not viewer.wait_until_there():
-        return
+    viewer.wait_until_there()
     console.print(f"The view is at {place.url}", markup=False, highlight=False, soft_wrap=True)
     if waits:
         console.print("The run begins when a browser has opened it; with --no-wait, at once.", highlight=False)

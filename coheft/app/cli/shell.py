@@ -1,9 +1,7 @@
 """Commands about the command line itself."""
 
 from pathlib import Path
-from typing import Annotated, Literal
-
-from cyclopts import Parameter
+from typing import Literal
 
 from coheft.app.cli import options
 from coheft.app.cli.base import SHELL, app
@@ -13,15 +11,16 @@ Shell = Literal["bash", "zsh", "fish"]
 
 
 @app.command(name="help", group=SHELL)
-def help_(command: Annotated[str | None, Parameter(show_default=False)] = None) -> None:
+def help_(*command: str) -> None:
     """Show what a command does and its options; without a name, list all commands.
 
     Args:
-        command: Name of the command.
+        command: Name of the command, for instance run, or cart identify.
     """
-    if command is not None and command not in list(app):
-        raise UsageError(f"there is no command {command!r}; 'coheft help' lists all")
-    app.help_print([command] if command else [])
+    _, _, unknown = app.parse_commands(command)
+    if unknown:
+        raise UsageError(f"there is no command {' '.join(command)!r}; 'coheft help' lists all")
+    app.help_print(command)
 
 
 @app.command(group=SHELL)

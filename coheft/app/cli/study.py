@@ -62,7 +62,7 @@ def study(
     at: Factors = "20",
     after: options.Positive = 1.0,
     first_seed: options.NotNegative = 1,
-    sensor_rate: Annotated[int | None, Parameter(validator=_is_rate)] = None,
+    sensor_rate: Annotated[options.Whole | None, Parameter(validator=_is_rate)] = None,
     jobs: options.Jobs = None,
     dask: str | None = None,
     json: options.ReportTarget = None,

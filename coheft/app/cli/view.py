@@ -1,6 +1,9 @@
 """The command that shows a run in a browser."""
 
 from contextlib import suppress
+from typing import Annotated
+
+from cyclopts import Parameter
 
 from coheft.app.cli import options
 from coheft.app.cli.base import RUN, app
@@ -8,7 +11,7 @@ from coheft.app.cli.base import RUN, app
 
 @app.command(group=RUN)
 def view(
-    what: options.GivenPath | None = None,
+    what: Annotated[options.GivenPath | None, Parameter(name=("--what", "--run"))] = None,
     *,
     host: str = "127.0.0.1",
     port: options.Port = None,
@@ -23,17 +26,19 @@ def view(
         port: Port to listen on; by default 8010 or the next free one.
         read_only: Read-only: without buttons.
     """
-    from coheft.app.view.door import Door
+    from coheft.app.view.place import Place
 
-    def tell(url: str) -> None:
-        print(f"The view is at {url} (Ctrl-C ends it)", flush=True)
+    place = Place.choose(host, port)
+
+    def shown() -> None:
+        print(f"The view is at {place.url} (Ctrl-C ends it)", flush=True)
 
     with suppress(KeyboardInterrupt):  # the only way to end it
         if what is not None and what.suffix == ".mcap":
             from coheft.app.view.replay import view_recording
 
-            view_recording(what, Door(host), port, tell)
+            view_recording(what, place, shown)
         else:
             from coheft.app.view.live import view_run
 
-            view_run(what, Door(host), port, tell, read_only=read_only)
+            view_run(what, place, shown, read_only=read_only)

@@ -33,8 +33,9 @@ class RunWriter:
         self._scenario = scenario
         self._sample = 10**9 // scenario.sensors.rate
         self._scene = begin.scene
-        beside = estimator_names(begin.estimator)[1:]
-        self._pairings = {"": Pairing(begin.scene), **{f"/{name}": Pairing(begin.scene) for name in beside}}
+        own, *beside = estimator_names(begin.estimator)
+        self._under = {own: "", **{name: f"/{name}" for name in beside}}
+        self._pairing = Pairing(begin.scene, list(self._under))
         self._log = LogBook()
         self._loads: list[int] | None = None
         self._newest = _nanoseconds(begin.time)
@@ -54,8 +55,10 @@ class RunWriter:
                 self._write_truth(time, news)
             case Estimate():
                 self._write_estimate(time, news, "")
-            case EstimateBeside(estimate=estimate) if f"/{estimate.estimator}" in self._pairings:
-                self._write_estimate(time, estimate, f"/{estimate.estimator}")
+            case EstimateBeside(estimate=estimate) if estimate.estimator in self._under:
+                self._write_estimate(time, estimate, self._under[estimate.estimator])
+        for name, estimate in self._pairing.receive(news):
+            self._write_errors(estimate, self._under[name])
         for line in self._log.lines(news):
             self._out.write("/rosout", time, ros.log(time, *line))
 
@@ -66,21 +69,17 @@ class RunWriter:
         if loads != self._loads:
             self._loads = loads
             self._write(time, box_messages(sampled, self._scenario.payload, truth.loads))
-        for under, pairing in self._pairings.items():
-            self._write_errors(pairing.add_truth(truth), under)
 
     def _write_estimate(self, time: int, estimate: Estimate, under: str) -> None:
         """Write an estimate; topics of an estimator that runs beside the robots' own begin with its name, ``under``."""
         messages = estimate_messages(time, estimate, self._total_time(estimate))
         self._write(time, ((under + topic, message) for topic, message in messages))
-        self._write_errors(self._pairings[under].add_estimate(estimate), under)
 
-    def _write_errors(self, estimates: Iterable[Estimate], under: str) -> None:
-        """Write the errors of estimates whose truth has arrived."""
-        for estimate in estimates:
-            time = _nanoseconds(estimate.time)
-            messages = error_messages(time, estimate, self._pairings[under].judge, self._total_time(estimate))
-            self._write(time, ((under + topic, message) for topic, message in messages))
+    def _write_errors(self, estimate: Estimate, under: str) -> None:
+        """Write the errors of an estimate whose truth has arrived."""
+        time = _nanoseconds(estimate.time)
+        messages = error_messages(time, estimate, self._pairing.judge, self._total_time(estimate))
+        self._write(time, ((under + topic, message) for topic, message in messages))
 
     def _total_time(self, estimate: Estimate) -> int:
         """Return the time of the sample to which the total wrench of an estimate belongs [ns]."""

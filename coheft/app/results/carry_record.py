@@ -8,13 +8,10 @@ import numpy as np
 from coheft.agents.motion.common_path import CommonPath
 from coheft.app.results.record import load_ids, loads_since
 from coheft.app.results.report import CarryPhaseReport, CarryReport, LoadDropReport
-from coheft.app.run.follower import Follower
-from coheft.app.run.heard import News
 from coheft.estimation.geometry.spatial import Array, Pose, rotation_exp, rotation_from_quaternion, rotation_log
 from coheft.estimation.measurement import WRENCH
 from coheft.estimation.rigid_body.feedforward import internal_wrenches
 from coheft.physics_server.scene import PAYLOAD_HOME
-from coheft.wire.messages.requests import Status
 from coheft.wire.messages.scene import Scene
 from coheft.wire.messages.truth import Truth
 from coheft.wire.scenario.schema import Scenario
@@ -52,34 +49,22 @@ class _Drop:
     last_exceeded: float | None = None
 
 
-class CarryRecord(Follower):
+class CarryRecord:
     """Evaluates a run that carries its load along the common path of its scenario."""
 
-    def __init__(self, scenario: Scenario) -> None:
+    def __init__(self, scenario: Scenario, scene: Scene) -> None:
         assert scenario.carry is not None
         self._scenario = scenario
         self._carry = scenario.carry
         self._path = CommonPath(self._carry, self._carry.start)
-        self._grasps: list[Pose] = []
+        self._grasps = [Pose(r, p) for r, p in zip(scene.rotations, scene.translations, strict=True)]
         self._loads: list[int] | None = None
         self._changed_at = -np.inf
         self._phases: dict[tuple[_What, int], _Sums] = {}
         self._drops: list[_Drop] = []
 
-    def begin(self, status: Status) -> None:
-        """See ``Follower.begin``."""
-        self.look_at(status.scene)
-
-    def look_at(self, scene: Scene) -> None:
-        """Use the grasps of a scene."""
-        self._grasps = [Pose(r, p) for r, p in zip(scene.rotations, scene.translations, strict=True)]
-
-    def receive(self, news: News) -> None:
-        """See ``Follower.receive``; uses truths only."""
-        if isinstance(news, Truth):
-            self._add(news)
-
-    def _add(self, truth: Truth) -> None:
+    def add(self, truth: Truth) -> None:
+        """Add the truth of one more block."""
         block_duration = self._scenario.block_duration
         loads = load_ids(truth)
         if self._loads is not None and loads != self._loads:

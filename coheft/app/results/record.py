@@ -1,6 +1,8 @@
 """An observer's record of a run: all data of the report, in memory that does not grow with time."""
 
-from collections.abc import Iterable, Sequence
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Self
 
 import msgspec
 
@@ -12,6 +14,11 @@ from coheft.wire.messages.scene import Scene
 from coheft.wire.messages.states import Validity
 from coheft.wire.messages.structs import Estimate, EstimateBeside
 from coheft.wire.messages.truth import Truth
+from coheft.wire.scenario.plugins import estimator_names
+from coheft.wire.scenario.schema import Scenario
+
+if TYPE_CHECKING:  # loads the physics
+    from coheft.app.results.carry_record import CarryRecord
 
 SILENT = 100
 """Number of blocks behind the truth after which a robot is silent; no server runs so far ahead of its robots."""
@@ -34,8 +41,9 @@ class Record:
     Args:
         scene: The scene, with the grasps.
         duration: Duration of the whole run [s].
+        estimator: Estimators that run side by side, the robots' own first, as in a scenario.
         with_history: Whether to keep every robot's errors about once a second, too; this grows with time.
-        beside: Names of the estimators that run beside the robots' own.
+        pairing: That of the record that this one is beside.
 
     Attributes:
         judge: Compares estimates with the newest truths.
@@ -45,15 +53,23 @@ class Record:
         latest: The newest estimate of each robot, as received.
         estimators: The estimators that the robots have used, the newest last.
         slips: Grasps that have slipped.
+        carried: How the load is carried along the common path; None if there is no path.
         beside: The same of the estimators that run beside the robots' own, by name.
     """
 
     def __init__(
-        self, scene: Scene, duration: float, *, with_history: bool = False, beside: Sequence[str] = ()
+        self,
+        scene: Scene,
+        duration: float,
+        estimator: str = "",
+        *,
+        with_history: bool = False,
+        pairing: Pairing | None = None,
     ) -> None:
+        names = estimator_names(estimator)
         self.scene = scene
         self.duration = duration
-        self._pairing = Pairing(scene)
+        self._pairing = pairing or Pairing(scene, names)
         self.judge = self._pairing.judge
         self.blocks = 0
         self.with_history = with_history
@@ -62,7 +78,20 @@ class Record:
         self.latest: dict[str, Estimate] = {}
         self.estimators: list[EstimatorUse] = []
         self.slips = SlipRecord(self.judge)
-        self.beside = {name: Record(scene, duration, with_history=with_history) for name in beside}
+        self.carried: CarryRecord | None = None
+        self.beside = {
+            name: Record(scene, duration, with_history=with_history, pairing=self._pairing) for name in names[1:]
+        }
+
+    @classmethod
+    def of(cls, scenario: Scenario, scene: Scene, *, with_history: bool = False) -> Self:
+        """Begin the record of a run of a scenario."""
+        record = cls(scene, scenario.duration, scenario.estimator, with_history=with_history)
+        if scenario.carry is not None:
+            from coheft.app.results.carry_record import CarryRecord
+
+            record.carried = CarryRecord(scenario, scene)
+        return record
 
     @property
     def truth(self) -> Truth | None:
@@ -92,46 +121,40 @@ class Record:
             return False
         return newest is not None and not self.silent and all(e.block >= newest.block for e in self.latest.values())
 
-    def receive(self, news: News) -> None:
-        """Process a received message."""
+    def receive(self, news: News) -> list[tuple[str, Estimate]]:
+        """Process a received message; return what ``Pairing.receive`` does."""
         match news:
             case Truth():
-                self.add_truth(news)
+                for record in (self, *self.beside.values()):
+                    record._note_truth(news)
             case Estimate():
-                self.add_estimate(news)
-            case EstimateBeside(estimate=estimate):
-                if (other := self.beside.get(estimate.estimator)) is not None:
-                    other.add_estimate(estimate)
-            case _:
-                pass
+                self._note_estimate(news)
+            case EstimateBeside(estimate=estimate) if estimate.estimator in self.beside:
+                self.beside[estimate.estimator]._note_estimate(estimate)
+        ready = self._pairing.receive(news)
+        for name, estimate in ready:
+            self.beside.get(name, self).robots[estimate.robot].compare(estimate)
+        return ready
 
-    def add_truth(self, truth: Truth) -> None:
-        """Add the truth of one more block."""
+    def _note_truth(self, truth: Truth) -> None:
+        """Note the truth of one more block, which is not paired yet."""
         if self.truth is None or load_ids(truth) != load_ids(self.truth):
             self.periods.append(LoadPeriod(loads_since(truth), truth))
         self.blocks += 1
         self.slips.follow(truth)
-        self._compare(self._pairing.add_truth(truth))
-        for other in self.beside.values():
-            other.add_truth(truth)
+        if self.carried is not None:
+            self.carried.add(truth)
 
-    def add_estimate(self, estimate: Estimate) -> None:
-        """Add a robot's estimate."""
+    def _note_estimate(self, estimate: Estimate) -> None:
+        """Note an estimate, and whether the estimator has changed.
+
+        All robots change it at the same block; older estimates may arrive later.
+        """
         self.latest[estimate.robot] = estimate
-        self._note_estimator(estimate)
-        self._compare(self._pairing.add_estimate(estimate))
-
-    def _note_estimator(self, estimate: Estimate) -> None:
-        """Note a change of estimator. All robots change it at the same block; older estimates may arrive later."""
         since = estimate.time * estimate.block / (estimate.block + 1)
         newest = self.estimators[-1] if self.estimators else None
         if newest is None or (since > newest.since_s and estimate.estimator != newest.estimator):
             self.estimators.append(EstimatorUse(round(since, 9), estimate.estimator))
-
-    def _compare(self, estimates: Iterable[Estimate]) -> None:
-        """Compare estimates whose truth has arrived."""
-        for estimate in estimates:
-            self.robots[estimate.robot].compare(estimate)
 
 
 def loads_since(truth: Truth) -> float:

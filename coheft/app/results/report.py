@@ -237,6 +237,7 @@ def build_report(scenario: Scenario, record: Record, *, real_time_factor: float 
         messages_per_s=messages_per_block * real_time_factor / scenario.block_duration,
         late_blocks=late_blocks,
         slips=record.slips.reports(record.latest.values()),
+        carry=None if record.carried is None else record.carried.report(),
         history={name: robot.history for name, robot in record.robots.items()} if record.with_history else None,
         beside={
             name: build_report(scenario, other, real_time_factor=real_time_factor, late_blocks=late_blocks)

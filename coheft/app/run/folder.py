@@ -41,24 +41,20 @@ class RunFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     began: float = 0.0
 
 
-class RunEnd(msgspec.Struct, frozen=True):
-    """Simulated time [s] at which a run ended that was not aborted. It stays in the run's folder, for those that have
-    missed the server's last message.
-    """
-
-    time: float
-
-
 def runs_folder() -> Path:
-    """Return the folder of this user's runs, at the platform's usual place."""
-    home = Path.home()
+    """Return the folder of this user's runs, at the platform's usual place, or raise a ``CoheftError``."""
     if sys.platform == "win32":
-        base = Path(os.environ.get("LOCALAPPDATA") or home / "AppData" / "Local")
+        base = os.environ.get("LOCALAPPDATA") or "~/AppData/Local"
     elif sys.platform == "darwin":
-        base = home / "Library" / "Application Support"
+        base = "~/Library/Application Support"
     else:
-        base = Path(os.environ.get("XDG_STATE_HOME") or home / ".local" / "state")
-    return base / "coheft" / "runs"
+        base = os.environ.get("XDG_STATE_HOME") or "~/.local/state"
+    try:
+        return Path(base).expanduser() / "coheft" / "runs"
+    except RuntimeError as error:
+        raise CoheftError(
+            "this user has no home folder for runs: name a folder with --logs DIR or --run DIR"
+        ) from error
 
 
 def make_run_folder(run: str, logs: Path | None = None) -> Path:
@@ -106,20 +102,23 @@ def announce(folder: Path, run_file: RunFile) -> None:
     _write(folder / RUN_FILE, run_file)
 
 
-def note_end(folder: Path, end: RunEnd) -> None:
-    """Write down how a run has ended, atomically, or raise a ``CoheftError``."""
-    _write(folder / END_FILE, end)
+def note_end(folder: Path, time: float) -> None:
+    """Write down when a run has ended [s] that was not aborted, atomically, or raise a ``CoheftError``.
+
+    This stays in the run's folder, for those that have missed the server's last message.
+    """
+    _write(folder / END_FILE, {"time": time})
 
 
-def noted_end(folder: Path) -> RunEnd | None:
-    """Return how the run in a folder has ended; None if it goes on, or was aborted."""
+def noted_end(folder: Path) -> float | None:
+    """Return when the run in a folder has ended [s]; None if it goes on, or was aborted."""
     try:
-        return msgspec.json.decode((folder / END_FILE).read_bytes(), type=RunEnd)
-    except (OSError, msgspec.DecodeError):
+        return msgspec.json.decode((folder / END_FILE).read_bytes(), type=dict[str, float])["time"]
+    except (OSError, msgspec.DecodeError, KeyError):
         return None
 
 
-def _write(file: Path, content: msgspec.Struct) -> None:
+def _write(file: Path, content: object) -> None:
     folder, draft = file.parent, file.with_name(f"{file.name}.new")
     with file_errors(CoheftError, f"cannot write {draft}", "; name another folder for the run: --logs DIR"):
         folder.mkdir(parents=True, exist_ok=True)  # it may have been removed during the run
@@ -171,21 +170,16 @@ def locate_run(folder: Path | None = None, *, acts: bool = False) -> tuple[Path,
 
 
 def _running(folder: Path) -> RunFile | None:
-    """Return the run file of a folder whose run is in progress. A killed run leaves its file behind, so the file alone
-    proves nothing.
+    """Return the run file of a folder whose run is in progress, with absolute paths.
+
+    A killed run leaves its file behind, so the file alone proves nothing.
     """
-    run_file = read_run_file(folder)
-    return run_file if run_file is not None and _dial(run_file.server) is None else None
-
-
-def read_run_file(folder: Path) -> RunFile | None:
-    """Return the run file in a folder, with absolute paths; None if it is missing or incomplete."""
     try:
         run_file = msgspec.json.decode((folder / RUN_FILE).read_bytes(), type=RunFile)
     except (OSError, msgspec.DecodeError):
         return None
     keys = str(folder / run_file.keys) if run_file.keys is not None else None
-    return msgspec.structs.replace(run_file, keys=keys)
+    return msgspec.structs.replace(run_file, keys=keys) if _dial(run_file.server) is None else None
 
 
 def has_gone(run_file: RunFile) -> bool:

@@ -86,6 +86,7 @@ class ForkServer:
         self._children: dict[int, Forked] = {}
         self._newest: Forked | None = None
         self._is_there = True
+        self._process: subprocess.Popen[bytes] | None = None
         self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with theirs:
             self._process = subprocess.Popen(
@@ -151,8 +152,9 @@ class ForkServer:
         """End the fork server; its processes continue."""
         self._is_there = False
         self._socket.close()
-        self._process.kill()  # it may still be importing, which takes long on a busy machine
-        self._process.wait()
+        if self._process is not None:  # otherwise Ctrl-C came before it was started
+            self._process.kill()  # it may still be importing, which takes long on a busy machine
+            self._process.wait()
 
 
 def _main() -> None:

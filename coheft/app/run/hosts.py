@@ -52,8 +52,7 @@ class Hosts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 def places_on(hosts: Hosts, names: Iterable[str]) -> Iterator[str]:
     """Yield a new ``host:port`` for each part that is named: consecutive ports, so that a firewall can be configured.
 
-    Raises:
-        LinkError: There is no port left.
+    It raises a ``LinkError`` if there is no port left.
     """
     ports: defaultdict[str, count[int]] = defaultdict(lambda: count(hosts.port))
     for name in names:
@@ -96,13 +95,10 @@ def load_hosts(path: Path, scenario: Scenario) -> Hosts:
 
 
 def free_ports(number: int) -> list[int]:
-    """Return different ports of the loopback interface at which no process listens now.
+    """Return different ports of the loopback interface at which no process listens now, or raise a ``LinkError``.
 
     The environment variable ``COHEFT_PORTS`` may restrict the range, such as ``21000-21999``: two runs that start at
     the same moment could otherwise choose the same port.
-
-    Raises:
-        LinkError: There are not enough free ports.
     """
     ports, found = _usable_ports(), list[int]()
     for port in random.sample(ports, len(ports)):

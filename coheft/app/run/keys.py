@@ -57,10 +57,7 @@ class Authority:
         """Write ``<name>.key`` and ``<name>.crt`` of a participant that listens at this address or host name.
 
         The lifetime is by default that of the authority's certificate; if it is not positive, the certificate has
-        already expired.
-
-        Raises:
-            CoheftError: The files exist already, or cannot be written.
+        already expired. Errors are those of ``make_keys``.
         """
         key = ec.generate_private_key(ec.SECP256R1())
         end = self.certificate.not_valid_after_utc if lifetime is None else datetime.now(UTC) + lifetime
@@ -87,9 +84,7 @@ def make_keys(
     """Make an authority and one certificate per participant; return the participants' names.
 
     Without hosts, all listen at the loopback interface. The authority's key is needed only for more certificates later.
-
-    Raises:
-        CoheftError: The folder contains an authority already, or cannot be written to.
+    Files that exist already, or cannot be written, raise a ``CoheftError``.
     """
     authority = Authority.new(lifetime)
     if keeps_authority:
@@ -105,8 +100,7 @@ def make_keys(
 def check_keys(folder: Path, scenario: Scenario, hosts: Hosts | None = None) -> None:
     """Check that all certificates are valid now, signed by the authority, and for the right host and participant.
 
-    Raises:
-        CoheftError: One is not, or its key is another's.
+    A ``CoheftError`` says which one is not, or that its key is another's.
     """
     for name in (SERVER, *scenario.robot_names, *ROLES):
         files = credentials_in(folder, name)

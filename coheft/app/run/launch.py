@@ -14,13 +14,14 @@ from coheft.agents.process.heartbeat import Heartbeat
 from coheft.app.names import few
 from coheft.app.results.record import Record
 from coheft.app.results.report import Report, build_report
-from coheft.app.run.folder import RunEnd, RunFile, announce, announced, has_gone, note_end, noted_end
+from coheft.app.run.folder import RunFile, announce, announced, has_gone, note_end, noted_end
 from coheft.app.run.follower import Follower
 from coheft.app.run.fork_server import ForkServer
 from coheft.app.run.observer import Observer, observe
 from coheft.app.run.plan import Plan
 from coheft.app.run.processes import Processes, make_fork_server
 from coheft.app.run.restarts import Restarts
+from coheft.app.terminal.digits import seconds_of
 from coheft.app.terminal.screen import Display
 from coheft.app.terminal.standard_output import check_standard_output
 from coheft.errors import CoheftError, LinkError
@@ -28,7 +29,6 @@ from coheft.wire.messages.requests import Status, StatusRequest
 from coheft.wire.messages.states import RunState
 from coheft.wire.messages.structs import Problem
 from coheft.wire.process.supervised import BEAT
-from coheft.wire.scenario.plugins import estimator_names
 from coheft.wire.transport.planes import SERVER
 
 _POLL = 0.02
@@ -68,12 +68,6 @@ def launch(
         KeyboardInterrupt: The user pressed Ctrl-C.
     """
     scenario = plan.server.scenario
-    carried = None
-    if scenario.carry is not None:
-        from coheft.app.results.carry_record import CarryRecord
-
-        carried = CarryRecord(scenario)
-        followers = [*followers, carried]
     fork_server = fork_server or make_fork_server()
     # Processes end before the observer's links, which a frozen process would keep from closing.
     with observe(plan.run_file()) as observer, Processes(folder, fork_server) as processes, display:
@@ -87,14 +81,13 @@ def launch(
             )
             first = _wait_for_start(observer, again, display)
             display.begin(first)
-            beside = estimator_names(scenario.estimator)[1:]
-            record = Record(first.scene, scenario.duration, with_history=with_history, beside=beside)
+            record = Record.of(scenario, first.scene, with_history=with_history)
             audience = Audience(record, display, followers, is_told_end=False)
             for follower in followers:
                 follower.begin(first)
             status = _follow(audience, observer, processes, again, is_saving=plan.server.save_data is not None)
             with suppress(CoheftError):  # for instance a full disk, which must not cost the report
-                note_end(folder, RunEnd(status.time))
+                note_end(folder, status.time)
             for follower in followers:
                 follower.end(status)
     if record.truth is None or record.silent:
@@ -104,7 +97,7 @@ def launch(
         from coheft.app.study.run_bound import with_bound  # which loads the physics
 
         report = with_bound(report, scenario, record.truth)
-    return report if carried is None else msgspec.structs.replace(report, carry=carried.report())
+    return report
 
 
 @dataclass(frozen=True)
@@ -229,12 +222,11 @@ def watch(folder: Path, run_file: RunFile, display: Display) -> str:
         display.note("waiting for the server of the run to answer")
         observer = links.enter_context(observe(run_file))
         status = observer.ask(StatusRequest())
-        display.note(f"watching {status.scenario}, {status.time:.1f} s of {status.duration:g} s are over")
+        display.note(f"watching {status.scenario}, which is at {seconds_of(status.time, status.duration)}")
         display.begin(status)
         if status.state is not RunState.RUNNING:
             _explain_silence(status, display)
-        beside = estimator_names(status.estimator)[1:]
-        audience = Audience(Record(status.scene, status.duration, beside=beside), display)
+        audience = Audience(Record(status.scene, status.duration, status.estimator), display)
         news = time.monotonic()
         while status.state is not RunState.FINISHED:
             check_standard_output()
@@ -250,7 +242,7 @@ def watch(folder: Path, run_file: RunFile, display: Display) -> str:
                 continue
             if run_file.pids and has_gone(run_file):  # a supervisor never restarts its server
                 if (end := noted_end(folder)) is not None:  # a process that is busy or stopped misses last messages
-                    return _ended_at(end.time)
+                    return _ended_at(end)
                 raise LinkError(f"the run was aborted: its server ended after {audience.record.time:.1f} s")
             observer.check_server()
             display.note("the server does not answer")

@@ -96,8 +96,7 @@ class Observer:
     def status(self) -> Status | None:
         """Return the present or final status of the run; None if the server does not answer (yet, or any more).
 
-        Raises:
-            MessageError: The answer is invalid, for instance because the server is of another release.
+        An invalid answer, for instance of a server of another release, raises a ``MessageError``.
         """
         if self._last_word is not None:
             return self._last_word
@@ -135,12 +134,16 @@ class Observer:
             MessageError: The answer is invalid.
             CoheftError: The server refuses; the message says why.
         """
+        silence = LinkError(f"the run's server does not answer within {_ANSWER_LIMIT:g} s")
         deadline = time.monotonic() + _ANSWER_LIMIT
         while self.status() is None:
             if time.monotonic() > deadline:
-                raise LinkError(f"the run's server does not answer within {_ANSWER_LIMIT:g} s")
+                raise silence
             time.sleep(_RETRY_EVERY)
-        answer = ask(Status, self._session, self._request, request, timeout=_ANSWER_LIMIT)
+        try:
+            answer = ask(Status, self._session, self._request, request, timeout=_ANSWER_LIMIT)
+        except LinkError as error:
+            raise silence from error
         if isinstance(answer, Refusal):
             raise CoheftError(f"refused: {answer.reason}")
         check_status(answer)
@@ -155,8 +158,7 @@ def _refusal(source: str, reason: MessageError) -> Problem:
 def observe(run_file: RunFile) -> Iterator[Observer]:
     """Dial the server and every agent of a run as an observer, while the context lasts.
 
-    Raises:
-        CoheftError: The run is secure, and there are no observer's keys.
+    Without observer's keys, a secure run raises a ``CoheftError``.
     """
     endpoints = [run_file.server, *run_file.agents.values()]
     with open_session(connect=endpoints, guard=_guard(run_file, "observer")) as session:
@@ -202,29 +204,23 @@ def _ask_agent(run_file: RunFile, name: str, request: Message, expected: type[Me
             try:
                 answer = ask(expected, session, key, request, timeout=0.5)
                 break
-            except LinkError:  # the link to it may not be up yet
+            except LinkError as error:  # the link to it may not be up yet
                 if time.monotonic() > deadline:
-                    raise
+                    raise LinkError(f"{name} does not answer within {_ANSWER_LIMIT:g} s") from error
                 time.sleep(_RETRY_EVERY)
     if isinstance(answer, Refusal):
         raise CoheftError(f"refused: {answer.reason}")
 
 
 def ask_run(request: Request, folder: Path | None) -> Status:
-    """Send a request to the server of the run in a folder, or else of the newest run, as the operator.
-
-    Raises:
-        CoheftError: There is no such run, it is not clear which of several is meant, the server refuses, or the run is
-            secure and there are no operator's keys.
-    """
+    """Send a request to the server of the run that ``find_run`` finds; errors are those of both."""
     return ask_server(find_run(folder, acts=not isinstance(request, StatusRequest)), request)
 
 
 def ask_server(run_file: RunFile, request: Request) -> Status:
     """Send a request to the server of a run, as the operator.
 
-    Raises:
-        CoheftError: The server refuses, or the run is secure and there are no operator's keys.
+    A ``CoheftError`` says why the server refuses, or that the run is secure and there are no operator's keys.
     """
     with open_session(connect=[run_file.server], guard=_guard(run_file, "operator")) as session:
         return Observer(run_file, session, "operator").ask(request)

@@ -39,8 +39,7 @@ def workers(jobs: int | None = None, dask: str | None = None) -> Iterator[None]:
         raise MissingPackageError("joblib", "study") from error
     if dask is None:
         # Threads only slow down linear algebra with small matrices. A terminal sends Ctrl-C to workers, too; they
-        # ignore it
-        # and are ended by this process, because they would print tracebacks.
+        # ignore it and are ended by this process, because they would print tracebacks.
         ignore_interrupts = {"initializer": signal.signal, "initargs": (signal.SIGINT, signal.SIG_IGN)}
         with joblib.parallel_config("loky", n_jobs=jobs or usual_jobs(), inner_max_num_threads=1, **ignore_interrupts):
             try:

@@ -125,10 +125,9 @@ class Processes:
         return [child for child in self.children if child.process.poll() not in (None, 0)]
 
     def check(self, limit: int | None = None) -> None:
-        """Check that no process has failed; ``limit`` is the number of restarts, if that is why there was no other.
+        """Raise a ``ProcessError``, with the end of its log, if a process has failed.
 
-        Raises:
-            ProcessError: One has failed; the message names it and shows the end of its log.
+        ``limit`` is the number of restarts, if that is why there was no other.
         """
         if self.failed:
             self._wait(_FURTHER_FAILURES)
@@ -205,7 +204,7 @@ def _spawned(module: str, output: IO[bytes] | None = None) -> subprocess.Popen[b
         stdin=subprocess.PIPE,
         stdout=output,
         stderr=output,
-        env={**os.environ, **ENVIRONMENT},
+        env=_environment(),
         start_new_session=True,  # otherwise Ctrl-C would reach it before its stdin is closed
     )
 
@@ -220,7 +219,18 @@ def _configure(process: subprocess.Popen[bytes] | Forked, config: bytes) -> None
 
 def make_fork_server() -> ForkServer | None:
     """Start a process that imports what those of a run need; None on platforms without fork."""
-    return ForkServer(FORKED, {**os.environ, **ENVIRONMENT}) if can_fork() else None
+    return ForkServer(FORKED, _environment()) if can_fork() else None
+
+
+def _environment() -> dict[str, str]:
+    """Return the environment of a new process, which imports modules from where this one does.
+
+    Files in the user's current folder, such as queue.py, take the place of modules only if they do so here.
+    """
+    with suppress(FileNotFoundError):  # the folder was removed
+        if {"", os.getcwd()} & set(sys.path):
+            return {**os.environ, **ENVIRONMENT}
+    return {**os.environ, **ENVIRONMENT, "PYTHONSAFEPATH": "1"}
 
 
 def _close_stdin(process: subprocess.Popen[bytes] | Forked) -> None:
@@ -267,8 +277,7 @@ def read_config(config: Path) -> bytes:
 def run_in_foreground(module: str, config: Path) -> int:
     """Run one part of a team until it ends, with its output on ours; return its exit status.
 
-    Raises:
-        CoheftError: The configuration cannot be read, or is for another part.
+    A configuration that cannot be read, or is for another part, raises a ``CoheftError``.
     """
     line = read_config(config)
     _check_part(module, config, line)

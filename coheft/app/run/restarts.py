@@ -24,12 +24,9 @@ class Restarts:
     announce: Callable[[], None]
 
     def check(self, *, has_begun: bool = True) -> None:
-        """Restart agents that have failed.
+        """Restart agents that have failed; a ``ProcessError`` says why that is not possible (any more).
 
         Before the run has begun, it is enough that the server's process runs, which may answer late.
-
-        Raises:
-            ProcessError: A failed process cannot be restarted, has failed too often, or the run is over.
         """
         failed = self.processes.failed
         if not failed:

@@ -7,12 +7,13 @@ from typing import Any
 import numpy as np
 
 from coheft.app.figures import Theme
+from coheft.app.results.points import sizes
 from coheft.app.results.quantities import QUANTITIES, Quantity
 from coheft.app.results.report import Report
 from coheft.app.results.states import State
 from coheft.app.run_report.panels import mark_changes, robots_shown, use_logarithm
-from coheft.app.run_report.points import sizes
 from coheft.app.run_report.series import Series
+from coheft.app.terminal.digits import significant
 from coheft.estimation.geometry.spatial import Array
 
 
@@ -118,7 +119,7 @@ def draw_convergence(figure: Any, theme: Theme, series: Series, report: Report, 
         if first.neighbour is not None or others.get(name):
             axes.legend(loc="upper right", ncols=2, handlelength=1.0, borderaxespad=0.0)
         elif len(first.error) and np.isfinite(first.error[-1]):
-            text = f"at the end {first.error[-1]:.2g} {shown.unit}, own std {first.std[-1]:.2g}"
+            text = f"at the end {significant(first.error[-1], 2)} {shown.unit}, own std {significant(first.std[-1], 2)}"
             axes.set_title(text, loc="right", fontsize=8, color=theme.muted)
     for axes in grid[len(names) :]:
         axes.set_visible(False)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from coheft.app.run_report.points import Point
+from coheft.app.results.points import Point
 from coheft.app.run_report.series import Series
 from coheft.estimation.geometry.spatial import Array
 
@@ -27,8 +27,6 @@ TABLES = {
     "load-changes": "every report of every robot around changes of the load",
     "pace": "simulated time, and the clock on the wall",
 }
-SUFFIXES = (".parquet", ".csv")
-"""Suffixes of their files: with pyarrow, and without."""
 
 
 def write_data(series: Series, folder: Path) -> list[Path]:

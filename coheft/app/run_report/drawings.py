@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 
 from coheft.app.figures import Theme
+from coheft.app.results.points import Point, sizes
 from coheft.app.results.report import Report
 from coheft.app.results.states import MEANINGS, State
 from coheft.app.run_report.convergence import COM_SHOWN
 from coheft.app.run_report.panels import mark_changes, robots_shown, use_logarithm
-from coheft.app.run_report.points import Point, sizes
 from coheft.app.run_report.series import AFTER, BEFORE, Series
 from coheft.estimation.geometry.spatial import Array
 
@@ -184,7 +184,7 @@ def draw_observability(figure: Any, theme: Theme, series: Series, report: Report
         [used[state] for state in states],
         [f"{state}: {MEANINGS[state]}" for state in states],
         loc="outside upper left",
-        ncols=3,
+        ncols=2,
         handlelength=1.2,
         handleheight=1.0,
     )

@@ -5,9 +5,9 @@ from pathlib import Path
 
 from coheft.app.figures import DARK, LIGHT, Theme, figure_to
 from coheft.app.results.report import Report, write_report
-from coheft.app.run_report.data import SUFFIXES, TABLES, write_data
-from coheft.app.run_report.page import Drawn, render_page
-from coheft.app.run_report.pictures import PICTURES, Picture, pictures_of
+from coheft.app.run_report.data import write_data
+from coheft.app.run_report.page import render_page
+from coheft.app.run_report.pictures import Picture, pictures_of
 from coheft.app.run_report.series import Series
 from coheft.errors import CoheftError, file_errors
 from coheft.wire.scenario.schema import Scenario
@@ -31,7 +31,7 @@ def write_folder(folder: Path, scenario: Scenario, clock: str | None, series: Se
         for picture in pictures_of(series, report):
             light, dark = (_draw(picture, theme, series, report) for theme in (LIGHT, DARK))
             (folder / f"{picture.name}.png").write_bytes(light)
-            drawn.append(Drawn(picture, light, dark))
+            drawn.append((picture, light, dark))
         page.write_text(render_page(scenario, clock, series, report, drawn, data), encoding="utf-8")
     return page
 
@@ -48,7 +48,7 @@ def _remove_former(page: Path) -> None:
     if not page.is_file():
         return
     text = page.read_text(encoding="utf-8", errors="replace")
-    pictures = [f"{name}.png" for name in PICTURES if f'id="figure-{name}"' in text]
-    tables = [f"{name}{suffix}" for name in TABLES for suffix in SUFFIXES if f"<dt>{name}{suffix}</dt>" in text]
-    for name in (*pictures, *tables):
-        (page.parent / name).unlink(missing_ok=True)
+    marks = {".png": 'id="figure-{0.stem}"', ".parquet": "<dt>{0.name}</dt>", ".csv": "<dt>{0.name}</dt>"}
+    for file in page.parent.iterdir():
+        if file.suffix in marks and marks[file.suffix].format(file) in text:
+            file.unlink()

@@ -43,9 +43,6 @@ class Thinned(Generic[T]):
         if self._items and self._last is not None and self._last is not self._items[-1]:
             yield self._last
 
-    def __len__(self) -> int:
-        return sum(1 for _ in self)
-
 
 @dataclass(frozen=True, slots=True)
 class Span:

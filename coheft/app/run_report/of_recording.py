@@ -13,26 +13,20 @@ from coheft.app.run_report.series import SeriesFollower
 from coheft.app.study.run_bound import with_bound
 from coheft.errors import RecordingError
 from coheft.wire.scenario.former import as_present
-from coheft.wire.scenario.plugins import estimator_names
 from coheft.wire.scenario.schema import Scenario
 
 
 def report_recording(path: Path, folder: Path) -> Path:
     """Write the page, pictures and data of a recording into a folder; return the path of the page.
 
-    Raises:
-        RecordingError: It cannot be read, or holds too little of a run.
-        CoheftError: The folder cannot be written.
-        MissingPackageError: A package that reads, draws or writes is not installed.
+    A recording that cannot be read, or holds too little of a run, raises a ``RecordingError``.
     """
     recording = read_recording(path)
     scenario = _scenario(path, recording.scenario)
-    begin = recording.begin
-    beside = estimator_names(begin.estimator)[1:]
-    record = Record(begin.scene, begin.duration, with_history=True, beside=beside)
+    record = Record.of(scenario, recording.begin.scene, with_history=True)
     follower = SeriesFollower()
     follower.is_live = False
-    follower.begin(begin)
+    follower.begin(recording.begin)
     for _, news in recording.news:
         follower.receive(news)
         record.receive(news)

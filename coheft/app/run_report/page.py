@@ -2,7 +2,6 @@
 
 import base64
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
@@ -16,7 +15,7 @@ from coheft.app.run_report.panels import MOST_ROBOTS
 from coheft.app.run_report.pictures import Picture
 from coheft.app.run_report.scene import scene_json
 from coheft.app.run_report.series import Series
-from coheft.app.terminal.final_table import headings, legend, sentences, table_rows
+from coheft.app.terminal.final_table import TEXT_HEADINGS, headings, legend, sentences, table_rows
 from coheft.app.versions import versions
 from coheft.wire.scenario.schema import MAX_DURATION, Scenario
 
@@ -34,19 +33,8 @@ SECTIONS = {
 }
 
 
-@dataclass(frozen=True)
-class Drawn:
-    """A picture, drawn on light and on dark paper (PNG)."""
-
-    picture: Picture
-    light: bytes
-    dark: bytes
-
-    @property
-    def sources(self) -> tuple[str, str]:
-        """Both as data URLs."""
-        light, dark = (base64.b64encode(image).decode() for image in (self.light, self.dark))
-        return f"data:image/png;base64,{light}", f"data:image/png;base64,{dark}"
+Drawn = tuple[Picture, bytes, bytes]
+"""A picture, drawn on light and on dark paper (PNG)."""
 
 
 def render_page(
@@ -73,9 +61,10 @@ def render_page(
             poses=[pose for robot in report.robots.values() for pose in robot.poses.values()],
             sentences=sentences(report),
             headings=headings(report),
+            text_headings=TEXT_HEADINGS,
             rows=table_rows(report),
             legend=legend(report),
-            pictures=drawn,
+            pictures=[(picture, _data_url(light), _data_url(dark)) for picture, light, dark in drawn],
             scene=scene_json(series),
             boxes=series.scene.boxes,
             unobservable=unobservable[:_MOST_ROWS],
@@ -92,6 +81,10 @@ def render_page(
             thinned=max(robot.points.every for robot in series.robots.values()),
         )
     )
+
+
+def _data_url(image: bytes) -> str:
+    return f"data:image/png;base64,{base64.b64encode(image).decode()}"
 
 
 def unobservable_rows(series: Series) -> Iterable[tuple[str, str, str, str, str]]:

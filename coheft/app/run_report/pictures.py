@@ -12,10 +12,6 @@ from coheft.app.run_report.convergence import ALL_SHOWN, draw_convergence, grid_
 from coheft.app.run_report.panels import robots_shown
 from coheft.app.run_report.series import Series
 
-PICTURES = ["mass-over-time", *(shown.name for shown in ALL_SHOWN)]
-PICTURES += ["load-changes", "consensus", "observability", "pace"]
-"""Names of all pictures that there may be."""
-
 
 @dataclass(frozen=True)
 class Picture:
@@ -46,8 +42,8 @@ def pictures_of(series: Series, report: Report) -> list[Picture]:
         pictures.append(Picture("load-changes", "changes", height, drawings.draw_close_ups))
     if report.consensus.force_rel_error is not None:
         pictures.append(Picture("consensus", "consensus", 3.8, drawings.draw_consensus))
-    height = 1.5 + 0.28 * robots
+    height = 1.8 + 0.28 * robots
     pictures.append(Picture("observability", "observability", height, drawings.draw_observability))
-    if len(series.pace):  # else it is a recording
+    if list(series.pace):  # else it is a recording
         pictures.append(Picture("pace", "timing", 2.6, drawings.draw_pace))
     return pictures

@@ -4,15 +4,15 @@ import time
 from collections import deque
 from dataclasses import dataclass, field
 
+from coheft.app.results.points import Point, make_point
 from coheft.app.results.record import load_ids, loads_since
 from coheft.app.run.follower import Follower
 from coheft.app.run.heard import News
 from coheft.app.run.pairing import Pairing
 from coheft.app.run_report.limited import Spans, Thinned
-from coheft.app.run_report.points import Point, make_point
 from coheft.wire.messages.requests import Status
 from coheft.wire.messages.scene import Scene
-from coheft.wire.messages.structs import Estimate, EstimateBeside, Problem
+from coheft.wire.messages.structs import Estimate, Problem
 from coheft.wire.messages.truth import Truth
 from coheft.wire.scenario.plugins import estimator_names
 
@@ -102,29 +102,27 @@ class SeriesFollower(Follower):
         robots, estimators = status.scene.robots, estimator_names(status.estimator)
         capacity = max(100, _POINTS // (len(robots) * len(estimators)))
         self.series = Series(status.scene, {e: {r: RobotSeries(capacity) for r in robots} for e in estimators})
-        self._pairings = {estimator: Pairing(status.scene) for estimator in estimators}
-        self._pairing = self._pairings[self.series.estimator]
+        self._pairing = Pairing(status.scene, estimators)
         self._masses: deque[tuple[float, float]] = deque(maxlen=500)
 
     def receive(self, news: News) -> None:
         """See ``Follower.receive``."""
         match news:
             case Truth():
-                self._add_truth(news)
-            case Estimate():
-                self._keep(self.series.estimator, self._pairing.add_estimate(news))
-            case EstimateBeside(estimate=estimate) if estimate.estimator in self.series.beside:
-                self._keep(estimate.estimator, self._pairings[estimate.estimator].add_estimate(estimate))
+                self._note_truth(news)
             case Problem():
                 self.series.problem_count += 1
                 if len(self.series.problems) < _PROBLEMS:
                     now = self._pairing.truth
                     self.series.problems.append((0.0 if now is None else now.time, news))
+        for estimator, estimate in self._pairing.receive(news):
+            self._keep(estimator, estimate)
 
-    def _add_truth(self, truth: Truth) -> None:
-        before, series = self._pairing.truth, self.series
-        if before is not None and load_ids(before) != load_ids(truth) and len(series.close_ups) < _CLOSE_UPS:
-            start = loads_since(truth)
+    def _note_truth(self, truth: Truth) -> None:
+        before, series, start = self._pairing.truth, self.series, loads_since(truth)
+        is_changed = before is not None and load_ids(before) != load_ids(truth)
+        # A recording that was damaged may have a gap instead of what a close-up shows.
+        if is_changed and truth.time <= start + AFTER and len(series.close_ups) < _CLOSE_UPS:
             points = {
                 name: [p for p in robot.recent if p.time >= start - BEFORE] for name, robot in series.robots.items()
             }
@@ -136,20 +134,14 @@ class SeriesFollower(Follower):
         series.moments.add(truth)
         if self.is_live:
             series.pace.add((truth.time, time.monotonic()))
-        for estimator, pairing in self._pairings.items():
-            self._keep(estimator, pairing.add_truth(truth))
 
-    def _keep(self, estimator: str, estimates: list[Estimate]) -> None:
-        """Keep estimates that can be compared; close-ups show the robots' own only."""
-        close_ups = self.series.close_ups if estimator == self.series.estimator else []
-        for estimate in estimates:
-            robot, point = (
-                self.series.by_estimator[estimator][estimate.robot],
-                make_point(self._pairing.judge, estimate),
-            )
-            robot.points.add(point)
-            robot.recent.append(point)
-            robot.states.add(estimate)
-            for close_up in close_ups:
-                if close_up.at - BEFORE <= point.time <= close_up.at + AFTER:
-                    close_up.points[estimate.robot].append(point)
+    def _keep(self, estimator: str, estimate: Estimate) -> None:
+        """Keep an estimate that can be compared; close-ups show the robots' own only."""
+        robot = self.series.by_estimator[estimator][estimate.robot]
+        point = make_point(self._pairing.judge, estimate)
+        robot.points.add(point)
+        robot.recent.append(point)
+        robot.states.add(estimate)
+        for close_up in self.series.close_ups if estimator == self.series.estimator else ():
+            if close_up.at - BEFORE <= point.time <= close_up.at + AFTER:
+                close_up.points[estimate.robot].append(point)

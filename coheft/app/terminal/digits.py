@@ -2,6 +2,8 @@
 
 import math
 
+import numpy as np
+
 from coheft.wire.scenario.schema import MAX_DURATION
 
 _MOST_DECIMALS = 6
@@ -12,6 +14,11 @@ def decimals_for(value: float, digits: int, at_least: int = 0) -> int:
     if not (math.isfinite(value) and value != 0.0):
         return at_least
     return max(at_least, digits - 1 - math.floor(math.log10(abs(value))))
+
+
+def significant(value: float, digits: int) -> str:
+    """Format a number with so many significant digits, without an exponent."""
+    return np.format_float_positional(value, digits, unique=False, fractional=False, trim="-")
 
 
 def seconds_of(time: float, duration: float) -> str:

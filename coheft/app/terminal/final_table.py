@@ -13,7 +13,7 @@ from coheft.app.results.report import LoadChangeReport, Report
 from coheft.app.results.slips import SlipReport
 from coheft.app.results.states import LACKS, State
 from coheft.app.terminal.carry_table import print_carry
-from coheft.app.terminal.digits import decimals_for, error_and_std
+from coheft.app.terminal.digits import decimals_for, error_and_std, significant
 from coheft.app.terminal.sensor_sentences import sensor_sentences
 from coheft.app.terminal.wide_table import bare_table, print_table
 from coheft.estimation.geometry.spatial import Array
@@ -29,7 +29,7 @@ BOUND = (
     "Bound: the smallest root mean square error of any unbiased estimator that has all "
     "samples of all robots' sensors up to then (Cramér and Rao).",
 )
-_TEXTS = ("robot", "quantity", "estimator")
+TEXT_HEADINGS = ("robot", "quantity", "estimator")
 _SHOWN = 3
 """Largest number of sentences of a kind, and of robots named in a sentence."""
 RECOVERED = "Recovered: mass within 3 %, centre of mass within 20 mm at every robot."
@@ -53,7 +53,7 @@ def _final_table(report: Report) -> Table:
     run = f"{report.duration_s:.1f} s, {', '.join(report.by_estimator)}"
     table = bare_table(f"What each robot found out about the payload ({run})", gap=1)
     for heading in headings(report):
-        is_text = heading in _TEXTS
+        is_text = heading in TEXT_HEADINGS
         table.add_column(heading, justify="left" if is_text else "right", no_wrap=not is_text)
     for name, rows in table_rows(report).items():
         for row in rows:
@@ -97,7 +97,8 @@ def _bounds(report: Report, name: str) -> tuple[str, ...]:
         return ()
     bound = report.bound[name]
     return tuple(
-        f"{x:.2g} {unit}" for x, unit in ((bound.mass_pct, "%"), (bound.com_mm, "mm"), (bound.inertia_pct, "%"))
+        error_and_std(x, x, unit)[1]
+        for x, unit in ((bound.mass_pct, "%"), (bound.com_mm, "mm"), (bound.inertia_pct, "%"))
     )
 
 
@@ -111,7 +112,7 @@ def robot_rows(robot: RobotReport) -> list[tuple[str, str, str, str, str]]:
     rows = {"mass": _mass_row(robot), "centre of mass": _com_row(robot), "inertia": _inertia_row(robot)}
     too_far = {each.quantity: each.stds for each in robot.contradictions}
     return [
-        (*row[:4], f"{row[4]} ({too_far[quantity]:.3g}×)") if quantity in too_far else row
+        (*row[:4], f"{row[4]} ({significant(too_far[quantity], 3)}×)") if quantity in too_far else row
         for quantity, row in rows.items()
     ]
 
@@ -268,7 +269,7 @@ def _contradictions(robots: Mapping[str, RobotReport]) -> list[str]:
     for name, robot in robots.items():
         if robot.contradictions:
             worst = max(robot.contradictions, key=lambda each: each.stds)
-            found.append((worst.stds, f"{name} ({worst.quantity}, by {worst.stds:.3g} own std)"))
+            found.append((worst.stds, f"{name} ({worst.quantity}, by {significant(worst.stds, 3)} own std)"))
     if not found:
         return []
     texts = [text for _, text in sorted(found, reverse=True)]

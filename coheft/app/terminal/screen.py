@@ -73,7 +73,7 @@ class LineDisplay(Display):
     def __init__(self, console: Console) -> None:
         self._console = console
         self._lines = 0
-        self._note = ""
+        self._note, self._noted_at = "", 0.0
         self._periods, self._is_noticed = 1, True
         # Since when there has been a reason for being stale, and the robots for which it has been printed.
         self._since: dict[str, float] = {}
@@ -85,13 +85,15 @@ class LineDisplay(Display):
         self._print(_first_line(status))
 
     def note(self, text: str) -> None:
-        """Print a note, once."""
+        """Print a note, once until the run has gone on."""
         if text != self._note:
             self._print(text)
         self._note = text
 
     def update(self, record: Record) -> None:
         """Print a line if one is due, and events: changes of the load, and why estimates are stale."""
+        if record.time > self._noted_at:
+            self._note, self._noted_at = "", record.time
         if record.time >= (self._lines + 1) * _LINE_EVERY:
             self._lines = int(record.time / _LINE_EVERY)
             self._print(_summary_line(record))

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 
 from coheft.app.results.judge import RobotReport
+from coheft.app.terminal.digits import significant
 from coheft.estimation.tolerance import SENSOR_NAMES
 from coheft.wire.messages.structs import SensorErrorEstimate
 
@@ -54,4 +55,5 @@ def _late(error: SensorErrorEstimate) -> str:
 def _amount(error: SensorErrorEstimate, unit: str, scale: float = 1.0, *, signed: bool = False) -> str:
     value = scale * (error.value if signed else abs(error.value))
     space = "" if unit == "°" else " "
-    return f"{value:.3g} ± {scale * error.std:.1g}{space}{unit} (tolerance {scale * error.told:.3g}{space}{unit})"
+    std, tolerance = significant(scale * error.std, 1), significant(scale * error.told, 3)
+    return f"{significant(value, 3)} ± {std}{space}{unit} (tolerance {tolerance}{space}{unit})"

@@ -20,8 +20,7 @@ class Disturbing:
     """A list of links and robots, how they are to be disturbed, and what is disturbed now.
 
     Attributes:
-        buttons: The buttons.
-        clock: How far a robot's clock is ahead [ms].
+        clock: Slider of how far a robot's clock is ahead [ms].
         where: The list. For a robot, all of its links are disturbed, and its clock.
     """
 

@@ -14,7 +14,7 @@ from websockets.asyncio.server import ServerConnection
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
-from coheft.app.view.ports import bracketed, is_wildcard, new_token, url
+from coheft.app.view.place import Place, bracketed, is_wildcard
 
 Answer = Callable[[ServerConnection, Request], Response | None]
 """Returns the response to a request; None to open a socket."""
@@ -41,14 +41,9 @@ REFUSAL = b"""<!doctype html>
 class Door:
     """Accepts requests with the secret, to an address of this view, from no other page."""
 
-    def __init__(self, host: str, token: str | None = None) -> None:
-        self.host = host
-        self._token = token if token is not None else new_token()
-        self._names = {*_LOOPBACK, socket.gethostname() if is_wildcard(host) else host}
-
-    def url(self, port: int) -> str:
-        """Return the URL of the view, with the secret."""
-        return url(self.host, port, self._token)
+    def __init__(self, place: Place) -> None:
+        self._secret = place.secret
+        self._names = {*_LOOPBACK, socket.gethostname() if is_wildcard(place.host) else place.host}
 
     def guard(self, inner: Answer) -> Answer:
         """Return a function that answers accepted requests like ``inner``, with the secret removed from the path."""
@@ -71,7 +66,7 @@ class Door:
         if len(hosts) != 1 or not self._is_ours(hosts[0], str(address), int(port)):
             return None  # a foreign name for this address (DNS rebinding)
         token, _, path = request.path.removeprefix("/").partition("/")
-        if not secrets.compare_digest(_bytes(token.partition("?")[0]), _bytes(self._token)):
+        if not secrets.compare_digest(_bytes(token.partition("?")[0]), _bytes(self._secret)):
             return None
         wants_socket = "Upgrade" in request.headers  # browsers always send an origin with these
         if (origins or wants_socket) and [each.lower() for each in origins] != [f"http://{hosts[0]}".lower()]:

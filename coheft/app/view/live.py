@@ -12,9 +12,9 @@ from coheft.app.run.folder import locate_run
 from coheft.app.run.observer import Observer, may_operate, observe
 from coheft.app.view import words
 from coheft.app.view.controls import Controls
-from coheft.app.view.door import Door
 from coheft.app.view.model import ViewModel
 from coheft.app.view.page import FRAME, Page
+from coheft.app.view.place import Place
 from coheft.app.view.server import open_server
 from coheft.wire.messages.requests import Status, StatusRequest
 from coheft.wire.messages.states import RunState
@@ -26,25 +26,15 @@ _LAST_NEWS = 1.0
 """Time after the end of the run in which last estimates may arrive [s]."""
 
 
-def view_run(
-    folder: Path | None, door: Door, port: int | None, tell: Callable[[str], None], *, read_only: bool = False
-) -> None:
-    """Show a run until Ctrl-C; after its end, the last state stays visible.
-
-    Args:
-        folder: Folder of the run; None for the newest run in progress.
-        door: Access control.
-        port: Port; None for any free one.
-        tell: Called with the URL of the view.
-        read_only: Whether to show no controls, as without the operator's keys.
+def view_run(folder: Path | None, place: Place, shown: Callable[[], None], *, read_only: bool = False) -> None:
+    """Show a run, or without a folder the newest one in progress, at a place; otherwise as ``show_run``.
 
     Raises:
         CoheftError: There is no such run, or it does not answer, or the port is taken.
-        KeyboardInterrupt: Ctrl-C.
     """
     folder, _ = locate_run(folder)
-    with open_server(door, port) as server:
-        show_run(server, folder, lambda: tell(door.url(server.get_port())), read_only=read_only)
+    with open_server(place) as server:
+        show_run(server, folder, shown, read_only=read_only)
 
 
 def show_run(
@@ -62,7 +52,7 @@ def show_run(
         folder: Folder of the run.
         shown: Called when the page is complete.
         read_only: Whether to show no controls, as without the operator's keys.
-        ask_again: Requests another run after the end of this one; None if there cannot be one.
+        ask_again: Requests another run when this one has ended; None if there cannot be one.
     """
     folder, run_file = locate_run(folder)
     with observe(run_file) as observer:
@@ -71,7 +61,8 @@ def show_run(
         page = Page(server, model)
         controls: Controls | None = None
         if read_only or not may_operate(run_file):
-            page.tell_that_it_only_shows(words.READ_ONLY if read_only else words.NO_OPERATOR)
+            with page.controls:
+                server.gui.add_html(words.small(words.READ_ONLY if read_only else words.NO_OPERATOR))
         else:
             controls = Controls(page, model, run_file, folder)
         shown()

@@ -18,16 +18,12 @@ class LoadChoice:
     Attributes:
         dropdown: The list. It has numbers only: with a leaking mass in it, an option would change, and viser would
             select the first one instead.
+        masses: The line with the masses.
     """
 
     def __init__(self, gui: viser.GuiApi) -> None:
         self.dropdown: viser.GuiDropdownHandle[str] = gui.add_dropdown("Loads", (_NO_LOAD,))
-        self._masses = gui.add_html("")
-
-    @property
-    def masses(self) -> str:
-        """The line with the masses, as HTML."""
-        return self._masses.content
+        self.masses = gui.add_html("")
 
     @property
     def number(self) -> int:
@@ -48,4 +44,4 @@ class LoadChoice:
         options = ((_CHOOSE, *names) if is_gone else names) if names else (_NO_LOAD,)
         if self.dropdown.options != options:
             self.dropdown.options = options
-        self._masses.content = words.loads(loads)
+        self.masses.content = words.loads(loads)

@@ -1,20 +1,17 @@
 """The state of a run that the view shows, live or in replay, independent of a browser."""
 
 from collections import deque
-from collections.abc import Iterable
 from typing import Literal
 
-import msgspec
-
 from coheft.app.results.judge import RobotReport
-from coheft.app.results.record import SILENT, as_of_now
+from coheft.app.results.points import make_point
+from coheft.app.results.record import SILENT, Record
 from coheft.app.run.heard import News
-from coheft.app.run.pairing import Pairing
 from coheft.app.view.traces import Trace
 from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.wire.messages.requests import Status
 from coheft.wire.messages.states import RunState
-from coheft.wire.messages.structs import Estimate, EstimateBeside, Problem
+from coheft.wire.messages.structs import Estimate, Problem
 from coheft.wire.messages.truth import LoadState, Truth
 from coheft.wire.scenario.plugins import estimator_names
 
@@ -33,10 +30,7 @@ class ViewModel:
         status: The latest status.
         scene: The scene.
         edges: Edges of the graph, each once.
-        truth: The latest truth.
         problems: Problems with the time of their arrival [s], latest last.
-        beside: The same model for the estimators that run beside the robots' own, by name.
-        by_estimator: This model and those of ``beside``, by the names with which the run was begun.
         changes: Number of changes so far; a drawing is up to date while it stays the same.
     """
 
@@ -50,36 +44,20 @@ class ViewModel:
             for other in sorted(self.scene.neighbours[name], key=lambda neighbour: order[neighbour])
             if order[name] < order[other]
         ]
-        self._pairing = Pairing(self.scene)
-        self.truth: Truth | None = None
-        self._latest: dict[str, Estimate] = {}
-        self._reports: dict[str, RobotReport] = {}
-        self._traces = {name: Trace() for name in order}
+        self._record = Record(self.scene, status.duration, status.estimator)
+        own, *_ = estimator_names(status.estimator)
+        self._records = {own: self._record, **self._record.beside}
+        self._traces = {name: {estimator: Trace() for estimator in self._records} for name in order}
         self.problems: deque[tuple[float, Problem]] = deque(maxlen=_PROBLEMS)
-        self.beside = {
-            name: ViewModel(msgspec.structs.replace(status, estimator=name))
-            for name in estimator_names(status.estimator)[1:]
-        }
-        self.by_estimator = {estimator_names(status.estimator)[0]: self, **self.beside}
         self.changes = 0
 
     def receive(self, news: News) -> None:
         """Add a received message."""
         self.changes += 1
-        match news:
-            case Truth():
-                self.truth = news
-                self._compare(self._pairing.add_truth(news))
-                for other in self.beside.values():
-                    other.receive(news)
-            case Estimate():
-                self._latest[news.robot] = news
-                self._compare(self._pairing.add_estimate(news))
-            case EstimateBeside(estimate=estimate):
-                if (beside := self.beside.get(estimate.estimator)) is not None:
-                    beside.receive(estimate)
-            case Problem():
-                self.problems.append((self.time, news))
+        if isinstance(news, Problem):
+            self.problems.append((self.time, news))
+        for estimator, estimate in self._record.receive(news):
+            self._traces[estimate.robot][estimator].add(make_point(self._record.judge, estimate))
 
     def note_status(self, status: Status) -> None:
         """Set the status."""
@@ -87,17 +65,15 @@ class ViewModel:
             self.changes += 1
         self.status = status
 
-    def _compare(self, estimates: Iterable[Estimate]) -> None:
-        """Compare estimates with the truth of their block."""
-        for estimate in estimates:
-            report = self._pairing.judge.robot(estimate)
-            self._reports[estimate.robot] = report
-            self._traces[estimate.robot].add(report)
+    @property
+    def truth(self) -> Truth | None:
+        """The latest truth."""
+        return self._record.truth
 
     @property
     def time(self) -> float:
         """Simulated time of the latest truth [s]."""
-        return 0.0 if self.truth is None else self.truth.time
+        return self._record.time
 
     @property
     def loads(self) -> list[LoadState]:
@@ -112,7 +88,7 @@ class ViewModel:
         """What the operator has disturbed, in words, by sender and receiver of messages, or by a clock's robot."""
         found: dict[tuple[str, ...], str] = {
             (sender, name): quality.in_words
-            for name, estimate in self._latest.items()
+            for name, estimate in self._record.latest.items()
             for sender, quality in estimate.disturbed.items()
         }
         clocks = {} if self.truth is None else self.truth.clocks
@@ -121,37 +97,42 @@ class ViewModel:
     @property
     def estimator(self) -> str:
         """Name of the estimator in use."""
-        newest = max(self._latest.values(), key=lambda estimate: estimate.block, default=None)
+        newest = max(self._record.latest.values(), key=lambda estimate: estimate.block, default=None)
         return self.status.estimator if newest is None else newest.estimator
 
     @property
     def beliefs(self) -> dict[str, Estimate]:
         """Latest estimate of each robot, in the scene's order; stale if the robot is silent."""
-        return {name: as_of_now(self._latest[name], self.truth) for name in self.scene.robots if name in self._latest}
+        return self._record.beliefs
 
-    def report(self, robot: str) -> RobotReport | None:
-        """Return the comparison of a robot's latest estimate with the truth; None if there is none yet."""
-        report = self._reports.get(robot)
-        if report is None:
-            return None
-        return report.as_of_now(as_of_now(self._latest[robot], self.truth))
+    def reports(self, robot: str) -> dict[str, tuple[RobotReport, Estimate] | None]:
+        """Return a robot's latest estimate, after its comparison with the truth; None if there is none yet.
+
+        There is one by each estimator with which the run was begun, the robots' own first.
+        """
+        found: dict[str, tuple[RobotReport, Estimate] | None] = {}
+        for estimator, record in self._records.items():
+            report = record.robots[robot].report
+            belief = record.beliefs.get(robot)
+            found[estimator] = None if report is None or belief is None else (report.as_of_now(belief), belief)
+        return found
 
     def traces(self, robot: str) -> dict[str, Trace]:
-        """Return a robot's errors over time, by each estimator with which the run was begun, the robots' own first."""
-        return {name: model._traces[robot] for name, model in self.by_estimator.items()}
+        """Return a robot's errors over time, by estimator as in ``reports``."""
+        return self._traces[robot]
 
     def believed_payload(self, robot: str) -> Inertia | None:
         """Return a robot's estimate of the payload in the payload's frame; None while it is not complete."""
-        estimate = self._latest.get(robot)
+        estimate = self._record.latest.get(robot)
         payload = estimate.payload if estimate is not None else None
         if estimate is None or payload is None or payload.com is None or payload.tensor is None:
             return None
-        pose_robot_in_payload = self._pairing.judge.pose_payload_in(robot, estimate.block).inverse()
+        pose_robot_in_payload = self._record.judge.pose_payload_in(robot, estimate.block).inverse()
         return Inertia(payload.mass, payload.com, payload.tensor).carried(pose_robot_in_payload)
 
     def link(self, edge: Edge) -> LinkHealth:
         """Return the state of a link, as reported by the robots at its ends."""
-        ends = [self._latest.get(name) for name in edge]
+        ends = [self._record.latest.get(name) for name in edge]
         if any(end is not None and other in end.silent for end, other in zip(ends, reversed(edge), strict=True)):
             return "silent"
         if any(end is None or (self.truth is not None and self.truth.block - end.block > SILENT) for end in ends):

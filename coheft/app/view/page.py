@@ -30,7 +30,7 @@ class Page:
         gui = server.gui
         self._header = gui.add_html(words.header(model))
         self._choice = gui.add_dropdown("Robot", model.scene.robots, hint="The robot whose estimate is shown")
-        self._belief = gui.add_html(words.belief(None, None))
+        self._belief = gui.add_html(words.belief(None))
         self._plots = Plots(server, estimator_names(model.status.estimator))
         self._texts_at = self._plots_at = 0.0
         self._drawn: object = None
@@ -51,11 +51,6 @@ class Page:
         def _(_: object) -> None:
             self.stage.doubt_scale = float(doubt.value.split()[0])
             self._legend.content = words.legend(self.stage.doubt_scale)
-
-    def tell_that_it_only_shows(self, why: str) -> None:
-        """Show why there are no controls."""
-        with self.controls:
-            self.server.gui.add_html(words.small(why))
 
     @property
     def chosen(self) -> str:

@@ -20,6 +20,8 @@ _BAND_EDGE = "rgba(148,163,184,0.55)"
 _GRID: uplot.Axis_Grid = {"stroke": "rgba(148,163,184,0.14)", "width": 1}
 _INK = "#94a3b8"
 _HEIGHT = 105
+_BEYOND = 100.0
+"""Half width of the band where nothing is known, relative to the limit of the axis."""
 
 
 class Plots:
@@ -45,7 +47,7 @@ def _add_plot(server: viser.ViserServer, name: str, of_estimator: str, *, is_las
     nothing = Curves(np.empty(0), np.empty((len(_AXES[name]), 0)), np.empty(0))
     edge: uplot.Series = {"stroke": _BAND_EDGE, "width": 1, "points": {"show": False}}
     lines: list[uplot.Series] = [
-        {"label": axis, "stroke": css(colour), "width": 1.5, "points": {"show": False}}
+        {"label": axis, "width": 0, "points": {"show": True, "size": 2.5, "fill": css(colour), "width": 0}}
         for axis, colour in zip(_AXES[name], _LINES, strict=False)
     ]
     label: uplot.Axis = {"label": "time, s", "labelSize": 14, "labelFont": "11px sans-serif"} if is_last else {}
@@ -65,7 +67,12 @@ def _add_plot(server: viser.ViserServer, name: str, of_estimator: str, *, is_las
 
 
 def _data(curves: Curves) -> tuple[Array, ...]:
-    return curves.times, curves.band, -curves.band, *curves.errors
+    """Return the data of a plot: errors as points, since lines would bridge times at which nothing is known.
+
+    At these times the band covers everything.
+    """
+    band = np.where(np.isfinite(curves.band), curves.band, _BEYOND * curves.limit)
+    return curves.times, band, -band, *curves.errors
 
 
 def _scales(curves: Curves, time: float) -> dict[str, uplot.Scale]:

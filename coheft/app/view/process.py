@@ -13,33 +13,14 @@ from typing import NoReturn, Self
 import msgspec
 
 from coheft.app.run.folder import find_run
-from coheft.app.run.follower import Follower
-from coheft.app.run.processes import Processes
-from coheft.app.view.ports import choose_port, new_token, url
+from coheft.app.run.processes import ProcessError, Processes
+from coheft.app.view.place import Place
 from coheft.errors import CoheftError
 from coheft.wire.process.supervised import supervised_main
 
 _LOOK_EVERY = 0.2
 _READY, _SEEN, _AGAIN = "the view is ready", "a browser is connected", "again"
 """Lines of its log, which does not contain the secret, because others may read it."""
-
-
-class Place(msgspec.Struct, frozen=True):
-    """Address of a view; the next run may have its view at the same one."""
-
-    host: str
-    port: int
-    token: str
-
-    @classmethod
-    def choose(cls, host: str, port: int | None = None) -> Place:
-        """Return a place with a new secret, without a port at any free one; raise ``LinkError`` if it is taken."""
-        return cls(host, choose_port(host, port), new_token())
-
-    @property
-    def url(self) -> str:
-        """URL of the view."""
-        return url(self.host, self.port, self.token)
 
 
 class ViewConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -58,7 +39,7 @@ class ViewConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     offers_another: bool = False
 
 
-class ViewBeside(Follower):
+class ViewBeside:
     """The process of a view, with its own links to the run; it starts before the run, and ends with the context."""
 
     def __init__(self, config: ViewConfig) -> None:
@@ -75,27 +56,26 @@ class ViewBeside(Follower):
         """Path of its log."""
         return Path(self._config.folder) / "view.log"
 
-    def wait_until_there(self) -> bool:
-        """Wait until the view is ready; return False if it has ended."""
-        return self._wait_for(_READY)
+    def wait_until_there(self) -> None:
+        """Wait until the view is ready; raise a ``ProcessError`` if it fails."""
+        self._wait_for(_READY)
 
-    def wait_until_seen(self) -> bool:
-        """Wait until a browser is connected; return False if the view has ended."""
-        return self._wait_for(_SEEN)
+    def wait_until_seen(self) -> None:
+        """Wait until a browser is connected; raise a ``ProcessError`` if the view fails."""
+        self._wait_for(_SEEN)
 
     def wait_for_another(self) -> bool:
         """Show the view until Ctrl-C or a request for another run; return whether there was such a request."""
         try:
-            return self._wait_for(_AGAIN)
-        except KeyboardInterrupt:
+            self._wait_for(_AGAIN)
+        except (KeyboardInterrupt, ProcessError):
             return False
-
-    def _wait_for(self, line: str) -> bool:
-        while not self._has_said(line):
-            if self._processes.ended("view"):
-                return False
-            time.sleep(_LOOK_EVERY)
         return True
+
+    def _wait_for(self, line: str) -> None:
+        while not self._has_said(line):
+            self._processes.check()
+            time.sleep(_LOOK_EVERY)
 
     def _has_said(self, line: str) -> bool:
         return any(line in child.lines for child in self._processes.children)
@@ -110,13 +90,12 @@ class ViewBeside(Follower):
 
 def _view(config: ViewConfig) -> None:
     # the import of viser takes a second, and the parent does not need it
-    from coheft.app.view.door import Door
     from coheft.app.view.live import show_run
     from coheft.app.view.server import open_server
 
-    folder, place, is_seen = Path(config.folder), config.place, False
+    folder, is_seen = Path(config.folder), False
     ask_again = partial(_say, _AGAIN) if config.offers_another else None
-    with open_server(Door(place.host, place.token), place.port) as server:
+    with open_server(config.place) as server:
         _say(_READY)
         waiting = server.gui.add_markdown("Waiting for the robots …")
         while not _goes_on(folder):

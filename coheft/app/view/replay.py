@@ -9,8 +9,8 @@ from typing import Any
 import viser
 
 from coheft.app.recording.reader import read_recording
-from coheft.app.view.door import Door
 from coheft.app.view.page import FRAME, Page
+from coheft.app.view.place import Place
 from coheft.app.view.server import open_server
 from coheft.app.view.timeline import Timeline
 
@@ -19,20 +19,19 @@ _STEP = 0.05
 """Step of the time slider [s]."""
 
 
-def view_recording(path: Path, door: Door, port: int | None, tell: Callable[[str], None]) -> None:
+def view_recording(path: Path, place: Place, shown: Callable[[], None]) -> None:
     """Show a recording of 'coheft run --record' until Ctrl-C; other arguments as for ``live.view_run``.
 
     Raises:
         RecordingError: It cannot be read.
         LinkError: The port is taken.
-        KeyboardInterrupt: Ctrl-C.
     """
     recording = read_recording(path)
     timeline = Timeline(recording.begin, recording.news)
-    with open_server(door, port) as server:
+    with open_server(place) as server:
         page = Page(server, timeline.model)
         player = Player(page, timeline.end)
-        tell(door.url(server.get_port()))
+        shown()
         before = time.monotonic()
         while True:
             now = time.monotonic()

@@ -12,21 +12,21 @@ import websockets.asyncio.server as sockets
 from viser._messages import ShareUrlDisconnect, ShareUrlRequest
 
 from coheft.app.view.door import Door
-from coheft.app.view.ports import choose_port
+from coheft.app.view.place import Place, choose_port
 from coheft.errors import CoheftError
 
 
 @contextmanager
-def open_server(door: Door, port: int | None) -> Iterator[viser.ViserServer]:
-    """Run a server for browsers at a door, on a port or, if that is None, on any free one.
+def open_server(place: Place) -> Iterator[viser.ViserServer]:
+    """Run a server for browsers that have the secret of a place.
 
     Raises:
         LinkError: It cannot listen there.
         CoheftError: Access to this release of viser cannot be controlled.
     """
-    port = choose_port(door.host, port)
-    with contextlib.redirect_stdout(io.StringIO()), _behind(door) as doors:  # viser prints a banner
-        server = viser.ViserServer(host=door.host, port=port, verbose=False)
+    port = choose_port(place.host, place.port)  # viser itself would try others
+    with contextlib.redirect_stdout(io.StringIO()), _behind(Door(place)) as doors:  # viser prints a banner
+        server = viser.ViserServer(host=place.host, port=port, verbose=False)
     try:
         if not doors:
             raise CoheftError(f"viser {viser.__version__} cannot be guarded: install one that coheft knows, viser 1.1")

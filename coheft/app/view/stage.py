@@ -177,7 +177,9 @@ class Stage:
         if truth is not None:
             self._move(Pose(rotation_from_quaternion(truth.quaternion), truth.position))
             self._draw_wrenches(truth)
-            self._draw_truth(truth)
+            payload = Inertia(truth.payload.mass, truth.payload.com, truth.payload.tensor)
+            self._true_com.position = payload.com
+            self._true_box.points = box_edges(*equivalent_box(payload))
         self._draw_loads(model.loads)
         self._draw_belief(model.believed_payload(chosen), model.beliefs.get(chosen))
         self._arms.paint(model, chosen)
@@ -224,11 +226,6 @@ class Stage:
             f"/payload/loads/{load.id}_label", words.load(load), position=above, anchor="bottom-center"
         )
         return [box, label]
-
-    def _draw_truth(self, truth: Truth) -> None:
-        payload = truth.payload
-        self._true_com.position = payload.com
-        self._true_box.points = box_edges(*equivalent_box(Inertia(payload.mass, payload.com, payload.tensor)))
 
     def _draw_belief(self, believed: Inertia | None, estimate: Estimate | None) -> None:
         for handle in (self._doubt, self._cross, self._belief_box):

@@ -4,9 +4,9 @@ from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from coheft.app.results.judge import RobotReport
+from coheft.app.results.errors import PAYLOAD_SIZE
+from coheft.app.results.points import Point
 from coheft.app.view.geometry import SIGMAS
 from coheft.estimation.geometry.spatial import Array
 
@@ -14,9 +14,8 @@ WINDOW = 30.0
 """Time that curves cover [s]."""
 _MOST = 1200
 """Largest number of points of a curve; robots report about ten times a second."""
-_COLUMNS = {"mass": slice(1, 3), "com": slice(3, 7), "inertia": slice(7, 11)}
-"""Columns of each quantity after the time: mass [kg], centre of mass [mm] along x, y, z, inertia [kg·m²] about x, y, z;
-the last column of each is its band."""
+_PARTS = {"mass": (slice(0, 1), 1.0), "com": (slice(1, 4), 1e3), "inertia": (slice(4, 7), 1.0)}
+"""Elements of ``(m, h, J packed)`` of each quantity, and a factor: kg, mm along x, y, z, kg·m² about x, y, z."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,29 +47,17 @@ class Trace:
     """The newest errors of one robot."""
 
     def __init__(self) -> None:
-        self._rows: deque[Array] = deque(maxlen=_MOST)
+        self._points: deque[Point] = deque(maxlen=_MOST)
 
-    def add(self, report: RobotReport) -> None:
+    def add(self, point: Point) -> None:
         """Add one comparison with the truth."""
-        com, inertia = report.com, report.inertia
-        errors = (
-            _errors(report.mass.truth, report.mass.estimate, report.mass.std),
-            1e3 * _errors(com.truth, com.estimate, com.std),
-            _errors(*(None if m is None else np.diagonal(m) for m in (inertia.truth, inertia.estimate, inertia.std))),
-        )
-        self._rows.append(np.concatenate([[report.time_s], *errors]))
-        while self._rows[0][0] < report.time_s - WINDOW:
-            self._rows.popleft()
+        self._points.append(point)
+        while self._points[0].time < point.time - WINDOW:
+            self._points.popleft()
 
     def curves(self) -> dict[str, Curves]:
         """Return the curves of ``mass`` [kg], ``com`` [mm] and ``inertia`` [kg·m²]."""
-        rows = np.array(self._rows).reshape(-1, _COLUMNS["inertia"].stop).T
-        return {name: Curves(rows[0], rows[own][:-1], rows[own][-1]) for name, own in _COLUMNS.items()}
-
-
-def _errors(truth: ArrayLike | None, estimate: ArrayLike | None, std: ArrayLike | None) -> Array:
-    """Return the errors of a quantity, then the band of the worst axis, shape (k + 1,); NaN if it is not known."""
-    true = np.atleast_1d(np.asarray(truth, dtype=np.float64))
-    if estimate is None or std is None:
-        return np.full(len(true) + 1, np.nan)
-    return np.append(np.asarray(estimate) - true, SIGMAS * np.max(std))
+        times = np.array([point.time for point in self._points])
+        rows = np.array([(-point.error, SIGMAS * point.std) for point in self._points]).reshape(-1, 2, PAYLOAD_SIZE)
+        found = {name: factor * rows[..., part] for name, (part, factor) in _PARTS.items()}
+        return {name: Curves(times, part[:, 0].T, part[:, 1].max(axis=1)) for name, part in found.items()}

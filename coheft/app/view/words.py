@@ -8,7 +8,7 @@ from coheft.app.names import few
 from coheft.app.results.judge import RobotReport
 from coheft.app.results.states import MEANINGS, State
 from coheft.app.templates import templates_beside
-from coheft.app.terminal.digits import decimals_for, seconds_of, std_text, value_and_std
+from coheft.app.terminal.digits import decimals_for, seconds_of, significant, std_text, value_and_std
 from coheft.app.view import colours
 from coheft.app.view.model import ViewModel
 from coheft.wire.messages.requests import Status
@@ -86,16 +86,15 @@ def small(text: str) -> str:
 
 def beliefs(model: ViewModel, robot: str) -> str:
     """One robot's estimate, and below it those of the estimators that run beside its own."""
-    return "".join(
-        (small(name) if model.beside else "") + belief(found.report(robot), found.beliefs.get(robot))
-        for name, found in model.by_estimator.items()
-    )
+    reports = model.reports(robot)
+    return "".join((small(name) if len(reports) > 1 else "") + belief(found) for name, found in reports.items())
 
 
-def belief(report: RobotReport | None, estimate: Estimate | None) -> str:
+def belief(found: tuple[RobotReport, Estimate] | None) -> str:
     """Return a table of one robot's estimate and the truth, with the numbers of the run's report."""
-    if report is None or estimate is None:
+    if found is None:
         return _filled("belief", None)
+    report, estimate = found
     mass, com, inertia = report.mass, report.com, report.inertia
     masses = [None if value is None else [value] for value in (mass.truth, mass.estimate, mass.std)]
     matrices = (inertia.truth, inertia.estimate, inertia.std)
@@ -104,7 +103,7 @@ def belief(report: RobotReport | None, estimate: Estimate | None) -> str:
     rows += _rows("centre of mass", "mm", "xyz", (com.truth, com.estimate, com.std), 1e3, 1)
     rows += _rows("inertia", "kg·m²", ["xx", "yy", "zz"], diagonals, 1.0, 3)
     off = [
-        f"{name} {_small_number(error)} {unit}"
+        f"{name} {significant(error, 2) if error >= 0.01 else 'below 0.01'} {unit}"
         for name, error, unit in (
             ("mass", mass.error_pct, "%"),
             ("centre of mass", com.error_mm, "mm"),
@@ -115,10 +114,6 @@ def belief(report: RobotReport | None, estimate: Estimate | None) -> str:
     noticed = [f"{notice.noticed_at:.2f} s" for notice in estimate.load_changes]
     slipped = [f"{slip.robot} at {slip.named_at:.2f} s" for slip in estimate.slips]
     return _filled("belief", report, MEANINGS[report.state], rows, off, noticed, slipped)
-
-
-def _small_number(value: float) -> str:
-    return f"{value:.2g}" if value >= 0.01 else "below 0.01"
 
 
 def team(model: ViewModel, chosen: str) -> str:

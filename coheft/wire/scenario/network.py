@@ -32,4 +32,7 @@ class LinkQuality(Section, frozen=True):
     def in_words(self) -> str:
         """What happens to the messages."""
         late = f"{self.delay:g} to {self.delay + self.jitter:g}" if self.jitter else f"{self.delay:g}"
-        return f"{100 * self.loss:g} % lost, others {late} s late"
+        if not self.loss:
+            return f"{late} s late"
+        lost = f"{100 * self.loss:g} % lost"
+        return f"{lost}, others {late} s late" if self.delay or self.jitter else lost

@@ -109,7 +109,10 @@ def open_session(
     try:
         session = zenoh.open(zenoh.Config.from_json5(json.dumps(settings)))
     except zenoh.ZError as error:
-        raise LinkError(f"cannot listen at {listen} and dial {connect}: {error}") from error
+        places = {"listen at": listen, "dial": connect}
+        what = " and ".join(f"{verb} {', '.join(these)}" for verb, these in places.items() if these)
+        reason = re.sub(r" at \S+\.rs:\d+\.?", "", str(error))  # places in Zenoh's source
+        raise LinkError(f"cannot {what}: {reason}") from error
     try:
         yield session
     finally:

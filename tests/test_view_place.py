@@ -7,8 +7,10 @@ import socket
 
 import pytest
 
-from coheft.app.view import ports
-from coheft.app.view.ports import PORT, choose_port, url
+from coheft.app.run.processes import ProcessError
+from coheft.app.view import place
+from coheft.app.view.place import PORT, Place, choose_port
+from coheft.app.view.process import ViewBeside, ViewConfig
 from coheft.errors import LinkError
 from tests.ports import free_port
 
@@ -35,6 +37,15 @@ def taken(request):
         yield request.param, listener.getsockname()[1]
 
 
+@pytest.mark.slow
+def test_a_run_does_not_begin_without_the_view_that_it_was_asked_for(taken, tmp_path):
+    with ViewBeside(ViewConfig(str(tmp_path), Place(*taken, "secret"))) as view:
+        with pytest.raises(ProcessError, match=r"view ended with status 1(?s:.*)the view cannot listen at"):
+            view.wait_until_there()
+        assert not view.is_there
+        assert not view.wait_for_another()
+
+
 @pytest.mark.parametrize("host", ["", "localhost", "0.0.0.0", *HOSTS, pytest.param("::", marks=needs_ipv6)])
 def test_a_free_port_is_taken_as_it_was_asked_for(host):
     port = free_port()
@@ -46,7 +57,7 @@ def test_a_port_where_somebody_listens_is_refused_or_passed_over(taken, monkeypa
     host, port = taken
     with pytest.raises(LinkError, match=r"cannot listen at .*127.0.0.1:\d+:|cannot listen at \[::1\]:\d+:"):
         choose_port(host, port)
-    monkeypatch.setattr(ports, "PORT", port)
+    monkeypatch.setattr(place, "PORT", port)
     assert choose_port(host, None) > port
 
 
@@ -82,22 +93,24 @@ def test_an_address_that_is_none_of_this_machines_is_refused_with_a_reason():
 
 
 def test_browsers_get_addresses_that_they_understand():
-    assert url("127.0.0.1", 8010, "x") == "http://127.0.0.1:8010/x/"
-    assert url("::1", 8010, "x") == "http://[::1]:8010/x/"
-    assert url("lab.example", 8010, "x") == "http://lab.example:8010/x/"
-    assert url("0.0.0.0", 8010, "x") == url("::", 8010, "x") == f"http://{socket.gethostname()}:8010/x/"
+    own = socket.gethostname()
+    for host, shown in {
+        "127.0.0.1": "127.0.0.1",
+        "::1": "[::1]",
+        "a.example": "a.example",
+        "0.0.0.0": own,
+        "::": own,
+    }.items():
+        assert Place(host, 8010, "x").url == f"http://{shown}:8010/x/"
 
 
 @needs_ipv6
 def test_a_view_can_be_had_at_an_ipv6_address():
     pytest.importorskip("viser", reason="the view needs viser: install 'coheft[view]'")
-    from coheft.app.view.door import Door
     from coheft.app.view.server import open_server
 
-    door = Door("::1", "secret")
     port = free_port()
-    with open_server(door, port):
-        assert door.url(port) == f"http://[::1]:{port}/secret/"
+    with open_server(Place("::1", port, "secret")):
         connection = http.client.HTTPConnection("::1", port, timeout=30.0)
         try:
             connection.request("GET", "/secret/")

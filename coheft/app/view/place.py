@@ -1,9 +1,12 @@
-"""Host, port and URL of the view."""
+"""Where a view is: host, port and a secret."""
 
 import asyncio
 import secrets
 import socket
 from collections.abc import Iterable
+from typing import Self
+
+import msgspec
 
 from coheft.errors import LinkError
 
@@ -12,12 +15,27 @@ PORT = 8010
 _TRIED = 100
 
 
-def choose_port(host: str, port: int | None) -> int:
-    """Return a free port: ``port``, or if it is None, the first free one from ``PORT`` on.
+class Place(msgspec.Struct, frozen=True):
+    """Address of a view, whose URL contains the secret; the next run may have its view at the same one."""
 
-    Raises:
-        LinkError: No port is free, or there is no such host.
-    """
+    host: str
+    port: int
+    secret: str
+
+    @classmethod
+    def choose(cls, host: str, port: int | None = None) -> Self:
+        """Return a place with a new secret, at a port as ``choose_port`` returns it."""
+        return cls(host, choose_port(host, port), secrets.token_urlsafe(16))
+
+    @property
+    def url(self) -> str:
+        """The URL; it has this machine's name if the view listens at all addresses."""
+        host = socket.gethostname() if is_wildcard(self.host) else self.host
+        return f"http://{bracketed(host)}:{self.port}/{self.secret}/"
+
+
+def choose_port(host: str, port: int | None) -> int:
+    """Return a free port, ``port`` or the first one from ``PORT`` on; ``LinkError`` if none is, or no such host."""
     try:
         return asyncio.run(_first_free(host, [port] if port is not None else range(PORT, PORT + _TRIED)))
     except OSError as error:
@@ -28,11 +46,7 @@ def choose_port(host: str, port: int | None) -> int:
 
 
 async def _first_free(host: str, candidates: Iterable[int]) -> int:
-    """Return the first port at which a server, as viser's, can listen at all addresses of a host.
-
-    Raises:
-        OSError: There is none, or no such host.
-    """
+    """Return the first port at which a server, as viser's, can listen at all addresses of a host, or ``OSError``."""
     failure = OSError()
     for port in candidates:
         try:
@@ -47,16 +61,6 @@ async def _first_free(host: str, candidates: Iterable[int]) -> int:
         server.close()
         return port
     raise failure
-
-
-def new_token() -> str:
-    """Return a secret for one view."""
-    return secrets.token_urlsafe(16)
-
-
-def url(host: str, port: int, token: str) -> str:
-    """Return the URL with the secret; it has this machine's name if the view listens at all addresses."""
-    return f"http://{bracketed(socket.gethostname() if is_wildcard(host) else host)}:{port}/{token}/"
 
 
 def is_wildcard(host: str) -> bool:
