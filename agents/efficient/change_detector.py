@@ -34,11 +34,13 @@ class Detected(NamedTuple):
         event: ``LOAD_CHANGED``; ``MISFIT`` if a load that was to be confirmed has not fitted for too long.
         at: Index of the first row that does not belong to the load; after ``MISFIT``, of the first that may not.
         before: Fit to the rows before.
+        surprise: Statistic of the change over the threshold.
     """
 
     event: Event
     at: int
     before: Estimate
+    surprise: float = 1.0
 
 
 class ChangeDetector:
@@ -146,7 +148,7 @@ class ChangeDetector:
             if before.state.load is not None:
                 surprise = max(surprise, known.surprise(first, before))
             if surprise > 1.0:
-                return Detected(Event.LOAD_CHANGED, first, before)
+                return Detected(Event.LOAD_CHANGED, first, before, surprise)
             index = first
         self._is_likely, rows = surprise > least, known.buffer.count - index
         until_detected = math.ceil(rows / max(surprise, least)) - rows  # the statistic grows with the rows
@@ -171,8 +173,9 @@ class ChangeDetector:
         kept = min(index, since)
         before = known.fit(end=kept, keeps_motion=True)
         index = buffer.start + known.innovations.look_for_change(buffer).first
-        if before.state.load is not None and known.surprise(index, before) > 1.0:
-            return Detected(Event.LOAD_CHANGED, kept, before)
+        surprise = 0.0 if before.state.load is None else known.surprise(index, before)
+        if surprise > 1.0:
+            return Detected(Event.LOAD_CHANGED, kept, before, surprise)
         if self._confirmation.fits_badly(number):
             return Detected(Event.MISFIT, since, before)
         self._refine(known, number)

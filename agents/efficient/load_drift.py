@@ -18,6 +18,8 @@ from coheft.estimation.moments.unknowns import THETA
 
 _ALIKE = 3.0
 """Two changes of the mass belong to one drift if neither is more than so many times the other."""
+_ABRUPT = 5.0
+"""A change is abrupt if its statistic exceeds the threshold so many times: that of a drift is noticed on the way."""
 _GONE_ON = 3
 """After so many times the rows from one change to the next without another one, the drift has not gone on."""
 _PUBLISHED, _KEPT, _STEP = 1.5, 6.0, 2.0
@@ -33,11 +35,13 @@ class LoadChange(NamedTuple):
         first: Number of the first row of the new load.
         noticed: Number of the row at which the change was noticed.
         former: Theta before the change, shape (10,).
+        surprise: Its statistic over the threshold when it was noticed.
     """
 
     first: int
     noticed: int
     former: Array
+    surprise: float = 1.0
 
 
 class LoadDrift(NamedTuple):
@@ -55,7 +59,8 @@ class LoadDrift(NamedTuple):
 
     @staticmethod
     def before(changes: Sequence[LoadChange], longest: int) -> LoadDrift | None:
-        """The drift from the second last change to the last one, None if these are too few or too far apart.
+        """The drift from the second last change to the last one, None if these are too few or too far apart, or if the
+        former was abrupt.
 
         Args:
             changes: Load changes so far, oldest first.
@@ -64,6 +69,8 @@ class LoadDrift(NamedTuple):
         if len(changes) < 2:
             return None
         second_last, last = changes[-2:]
+        if second_last.surprise > _ABRUPT:
+            return None
         rows = max(1, last.first - second_last.first)
         step = float(last.former[0] - second_last.former[0])
         return LoadDrift(step, rows, second_last.first) if rows <= longest else None

@@ -207,14 +207,14 @@ class Session:
         match found:
             case None:
                 return False
-            case (Event.LOAD_CHANGED, index, before):
-                self._change_load(index, before, number)
-            case (event, index, before):
+            case (Event.LOAD_CHANGED, index, before, surprise):
+                self._change_load(index, before, number, surprise)
+            case (event, index, before, _):
                 self._forget_load(index, event, before)
         return True
 
-    def _change_load(self, index: int, before: Estimate, number: int) -> None:
-        """The load has changed at this index, as is noticed at this row; ``before`` is the fit to the rows before."""
+    def _change_load(self, index: int, before: Estimate, number: int, surprise: float) -> None:
+        """The load has changed at this index, as is noticed at this row; for the others, see ``Detected``."""
         known, load, unknowns = self._known, before.state.load, before.body.unknowns
         assert load is not None
         self._suspect(index, is_load=True)
@@ -225,7 +225,7 @@ class Session:
         self._acceptance.load_changes(KnownLoad(load, covered.covariance[known_before, known_before]))
         first = int(known.buffer.numbers[index])
         if first > self.causes.changed_at:
-            self.causes.changes.append(LoadChange(first, number, load[THETA]))
+            self.causes.changes.append(LoadChange(first, number, load[THETA], surprise))
         self._forget_load(index, Event.LOAD_CHANGED, before)
 
     def _drifts_on(self) -> bool:
