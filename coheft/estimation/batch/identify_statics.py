@@ -49,7 +49,7 @@ def identify_statics(statics: Statics) -> Identification:
     holds = statics.as_holds()
     check_weight(statics.as_recording(), statics.wrench, -holds.down.swapaxes(0, 1))
     starts = [Pose.identity(), *(_grasp(statics.pose[0], pose) for pose in statics.pose[1:])]
-    grasps = fit_hand_eye(WristPoses.without_gimbals(statics.pose), starts, is_independent=True)
+    grasps = fit_hand_eye(WristPoses.of(statics.pose, 1.0, at_home=False), starts, is_independent=True)
     team = grasps.team
     if not team.is_observable:
         raise RecordingError(
