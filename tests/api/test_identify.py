@@ -32,6 +32,8 @@ def test_files_and_arrays_give_the_same(file):
 
 def test_what_cannot_be_used_is_refused(file):
     arrays = load_arrays(file)
+    with pytest.raises(RecordingError, match=r"^arrays: 'r1/t': expected an array of numbers: .* inhomogeneous"):
+        coheft.identify({**arrays, "r1/t": [[0.0, 0.1], [0.2]]})
     with pytest.raises(RecordingError, match=r"^arrays: found 1 robot"):
         coheft.identify({key: values for key, values in arrays.items() if key.startswith("r1/")})
     with pytest.raises(RecordingError, match=r"^arrays: not a recording: 'r1/t' holds values of type"):

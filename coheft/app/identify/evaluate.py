@@ -1,11 +1,13 @@
 """Identification of a load from a recording in a file or in arrays, for the command and the Python interface."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from math import inf
 from pathlib import Path
 
 import numpy.typing as npt
 
-from coheft.app.identify.choices import Options
+from coheft.app.identify.choices import Bounds, Options
 from coheft.app.identify.inputs import read_any, read_holds
 from coheft.app.identify.methods import identify, part_of
 from coheft.errors import RecordingError, UsageError
@@ -16,6 +18,8 @@ from coheft.wire.data.file import recording_of
 
 ARRAYS = "arrays"
 """Name of a recording without a file, in errors and reports."""
+_MOST = {"misalignment_deg": 90.0, "force_offset": inf}
+"""Limits of bounds [degrees, N]; those of scales are less than 1."""
 
 
 def evaluate(recording: Path | Mapping[str, npt.ArrayLike], options: Options) -> tuple[Recording, Identification]:
@@ -31,6 +35,10 @@ def evaluate(recording: Path | Mapping[str, npt.ArrayLike], options: Options) ->
     holds, is_static = options.holds, options.method == "static"
     if options.bounds is not None and not options.calibrate:
         raise UsageError("bounds are of errors that --calibrate estimates: add it, or leave them out")
+    for name, bound in asdict(options.bounds or Bounds()).items():
+        most = _MOST.get(name, 1.0)
+        if not 0.0 <= bound < most:
+            raise UsageError(f"--{name.replace('_', '-')} {bound:g}: expected a bound from 0 to less than {most:g}")
     if is_static and (holds is not None or options.from_ is not None or options.to is not None):
         raise UsageError("--method static takes all holds of RECORDING: leave --holds, --from and --to out")
     statics: Statics | None = None

@@ -10,7 +10,7 @@ import numpy as np
 from coheft.errors import RecordingError
 from coheft.estimation.batch.pose_conventions import check_conventions
 from coheft.estimation.batch.recording import CHANNELS, Recording, check_recording
-from coheft.estimation.batch.signals import Signals, signals_of
+from coheft.estimation.batch.signals import Signals, signals_of, turns
 from coheft.estimation.batch.twist_order import check_twists
 from coheft.estimation.geometry.spatial import Array
 
@@ -39,11 +39,7 @@ def plausible_signals(recording: Recording, cutoff: float) -> Signals:
     Raises:
         RecordingError: Something is impossible, or missing; the message says what may be wrong.
     """
-    check_recording(recording)
-    check_robots(recording)
-    check_units(recording)
-    check_twists(recording)
-    check_jumps(recording)
+    check_plausible(recording)
     signals = signals_of(recording, cutoff)
     if recording.has("pose"):
         check_conventions(recording, cutoff, signals)
@@ -52,12 +48,21 @@ def plausible_signals(recording: Recording, cutoff: float) -> Signals:
     return signals
 
 
-def check_robots(recording: Recording) -> None:
-    """Check that no robot is there twice; made-up ones at rest may be equal.
+def check_plausible(recording: Recording) -> None:
+    """Check shapes, units and order of a recording's samples.
 
     Raises:
-        RecordingError: One is.
+        RecordingError: Something is impossible; the message says what may be wrong.
     """
+    check_recording(recording)
+    _check_robots(recording)
+    check_units(recording)
+    check_twists(recording)
+    _check_jumps(recording)
+
+
+def _check_robots(recording: Recording) -> None:
+    """Check that no robot is there twice; made-up ones at rest may be equal."""
     for (one, own), (other, others) in combinations(recording.robots.items(), 2):
         channels = [(getattr(own, channel), getattr(others, channel)) for channel in CHANNELS]
         if all(np.array_equal(samples, same) for samples, same in channels) and any(
@@ -107,20 +112,15 @@ def _check_speed(channel: str, name: str, velocities: Array) -> None:
         )
 
 
-def check_jumps(recording: Recording) -> None:
-    """Check that no robot's pose jumps: trackers lose sight, and logs have gaps or are joined.
-
-    Raises:
-        RecordingError: One does; the message says when, and by how much.
-    """
+def _check_jumps(recording: Recording) -> None:
+    """Check that no robot's pose jumps: trackers lose sight, and logs have gaps or are joined."""
     steps = max(1, round(_JUMP_SPAN * recording.rate))
     seconds = steps / recording.rate
     for name, robot in recording.robots.items():
         if robot.pose is None:
             continue
         before, after = robot.pose[:-steps], robot.pose[steps:]
-        along = np.abs(np.einsum("ki,ki->k", before[:, 3:], after[:, 3:]))
-        turn = 2.0 * np.arccos(np.minimum(along, 1.0))
+        turn = turns(before, after)
         shift = np.linalg.norm(after[:, :3] - before[:, :3], axis=1)
         is_jump = (turn > _JUMP_TURN * seconds) | (shift > _JUMP_SPEED * seconds)
         if is_jump.any():

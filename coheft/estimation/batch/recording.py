@@ -97,7 +97,11 @@ class Recording:
 
     def has(self, channel: str) -> bool:
         """Whether all robots recorded a channel."""
-        return all(getattr(robot, channel) is not None for robot in self.robots.values())
+        return not self.without(channel)
+
+    def without(self, channel: str) -> list[str]:
+        """Names of the robots that did not record a channel."""
+        return [name for name, robot in self.robots.items() if getattr(robot, channel) is None]
 
     def stacked(self, channel: str) -> Array:
         """One channel of all robots, shape (N, n, width).
@@ -105,8 +109,7 @@ class Recording:
         Raises:
             RecordingError: A robot did not record it.
         """
-        missing = [name for name, robot in self.robots.items() if getattr(robot, channel) is None]
-        if missing:
+        if missing := self.without(channel):
             raise RecordingError(f"'{channel}' of {', '.join(missing)} is missing, but needed")
         return np.array([getattr(robot, channel) for robot in self.robots.values()])
 

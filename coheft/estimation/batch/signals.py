@@ -116,6 +116,13 @@ def without_jumps(quaternions: Array) -> Array:
     return continuous
 
 
+def turns(before: Array, after: Array) -> Array:
+    """Angles between poses (n, 7) of one frame, shape (n,) [rad]; their quaternions may be rounded."""
+    one, other = (Rotation.from_quat(poses[:, 3:]) for poses in (before, after))
+    result: Array = (one.inv() * other).magnitude()
+    return result
+
+
 def body_rates(rotations: Array, rate: float) -> Array:
     """Angular velocity (N, n - 4, 3) in axes with rotations (N, n, 3, 3), by ``log(R_before^T R_after)``."""
 
@@ -151,7 +158,9 @@ def signals_of(recording: Recording, cutoff: float = PAPER_CUTOFF) -> Signals:
         twist = np.concatenate([body_rates(rotation, rate), velocity], axis=-1)
         time, rotation = time[2:-2], rotation[:, 2:-2]
     else:
-        raise RecordingError("found neither 'pose' nor 'twist' of all robots: one of them is needed")
+        raise RecordingError(
+            f"found neither {_lacks(recording, 'pose')} nor {_lacks(recording, 'twist')}: one is needed"
+        )
     lost = (len(recording.time) - len(time)) // 2
     if recording.has("dtwist"):
         dtwist = low_pass(recording.stacked("dtwist"), rate, cutoff, axis=1)[:, lost : lost + len(time)]
@@ -167,7 +176,10 @@ def signals_of(recording: Recording, cutoff: float = PAPER_CUTOFF) -> Signals:
     elif rotation is not None:
         a = moved - recording.gravity @ rotation
     else:
-        raise RecordingError("found neither 'pose' nor 'acceleration' of all robots: nothing tells where down is")
+        raise RecordingError(
+            f"found neither {_lacks(recording, 'pose')} nor {_lacks(recording, 'acceleration')}: nothing tells where "
+            f"down is"
+        )
     wrench = low_pass(recording.stacked("wrench"), rate, cutoff, axis=1)[:, inner] if recording.has("wrench") else None
     inner_time = (time >= recording.time[0] + EDGE) & (time <= recording.time[-1] - EDGE)
     # There is nothing above the cutoff: fewer samples suffice.
@@ -189,6 +201,10 @@ def signals_of(recording: Recording, cutoff: float = PAPER_CUTOFF) -> Signals:
         wrench=None if wrench is None else wrench[:, kept],
         rotation=None if rotation is None else rotation[:, kept],
     )
+
+
+def _lacks(recording: Recording, channel: str) -> str:
+    return f"'{channel}' of all robots (not of {', '.join(recording.without(channel))})"
 
 
 def _turned(vectors: Array, rotations: Array) -> Array:

@@ -122,7 +122,12 @@ def recording_of(arrays: Mapping[str, npt.ArrayLike]) -> Recording:
     Raises:
         RecordingError: There are no robots, or arrays are not numbers, or have unknown names.
     """
-    given = {key: np.asarray(values) for key, values in arrays.items()}
+    given = {}
+    for key, values in arrays.items():
+        try:
+            given[key] = np.asarray(values)
+        except ValueError as error:  # rows of different lengths
+            raise RecordingError(f"'{one_line(key)}': expected an array of numbers: {one_line(str(error))}") from error
     tables, shared = _parts(_as_numbers(given, "not a recording"))
     truth = tables.pop(TRUTH, {})
     if not tables:

@@ -7,9 +7,10 @@ import numpy as np
 
 from coheft.errors import RecordingError, one_line
 from coheft.estimation.batch.recording import GRAVITY, Recording, check_samples
+from coheft.estimation.batch.signals import turns
 from coheft.estimation.batch.statics import Statics
 from coheft.estimation.geometry.spatial import Array
-from coheft.wire.data.checks import TIME, robot_of
+from coheft.wire.data.checks import TIME, record_at
 from coheft.wire.data.file import read_arrays, read_recording
 from coheft.wire.data.folder import read_channels
 
@@ -46,7 +47,7 @@ def read_statics(path: Path) -> Statics:
         raise RecordingError(f"found different numbers of lines: {counts}; expected one for each hold of every robot")
     first = next(iter(tables))
     time = np.arange(lengths[first], dtype=np.float64)
-    robots = {name: robot_of(name, {**table, TIME: time}) for name, table in tables.items()}
+    robots = {name: record_at(time, name, table) for name, table in tables.items()}
     for name, robot in robots.items():
         check_samples(name, robot)
     spans = _spans(tables[first].get(TIME), tables[first]["pose"], first)
@@ -64,7 +65,7 @@ def _spans(time: Array | None, pose: Array, name: str) -> list[tuple[int, int]] 
         name: Name of the robot in messages.
     """
     count = len(pose)
-    if time is None or count < 2 or np.median(_turns(pose)) > _TURN:
+    if time is None or count < 2 or np.median(turns(pose[:-1], pose[1:])) > _TURN:
         return [(k, k + 1) for k in range(count)]
     steps = np.diff(time)
     if not (steps > 0.0).all():
@@ -73,10 +74,3 @@ def _spans(time: Array | None, pose: Array, name: str) -> list[tuple[int, int]] 
     if not len(gaps):
         return None
     return list(pairwise([0, *gaps.tolist(), count]))
-
-
-def _turns(pose: Array) -> Array:
-    """Return the rotation of each line relative to the one before, shape (n - 1,) [rad]."""
-    along = np.abs(np.einsum("ki,ki->k", pose[:-1, 3:], pose[1:, 3:]))
-    turns: Array = 2.0 * np.arccos(np.minimum(along, 1.0))
-    return turns
