@@ -119,8 +119,7 @@ def without_jumps(quaternions: Array) -> Array:
 def turns(before: Array, after: Array) -> Array:
     """Angles between poses (n, 7) of one frame, shape (n,) [rad]; their quaternions may be rounded."""
     one, other = (Rotation.from_quat(poses[:, 3:]) for poses in (before, after))
-    result: Array = (one.inv() * other).magnitude()
-    return result
+    return np.asarray((one.inv() * other).magnitude())
 
 
 def body_rates(rotations: Array, rate: float) -> Array:
