@@ -95,6 +95,8 @@ def test_noise_that_is_larger_than_was_said_is_told(tmp_path: Path, capsys: pyte
     [
         (lambda a: {**a, "pose": a["pose"] * [1.0, 1.0, 180.0 / np.pi]}, "theta were in degrees"),
         (lambda a: {**a, "pose": a["pose"] * [1e3, 1e3, 1.0]}, "x, y were in millimetres"),
+        (lambda a: {**a, "pose": 0.0 * a["pose"], "rates": 0.0 * a["rates"]}, "the cart is never faster than 0 m/s"),
+        (lambda a: {**a, **{k: a[k] * [0.0, 0.0, 1.0] for k in ("pose", "rates")}}, "the cart is never faster than 0"),
         (lambda a: {**a, "push": -a["push"]}, "turn the signs of fx, fy, mz"),
         (lambda a: {**a, "pose": a["pose"][:, [1, 0, 2]]}, "would fit if x and y, or vx and vy, were exchanged"),
         (lambda a: {**a, "t": 1.1 * a["t"]}, "poses change 0.909 times as much as rates say"),
