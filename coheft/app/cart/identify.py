@@ -198,8 +198,7 @@ def _check_motion(recording: CartRecording) -> None:
     best = min(misfits, key=lambda words: misfits[words])
     reason = best if misfits[best] < _SAME else "check units, axes, and that both have the same clock"
     raise RecordingError(
-        f"rates are not those of poses: over {_WAY:g} s they differ by {100 * max(given):.0f} % of "
-        f"the motion; {reason}"
+        f"rates are not those of poses: over {_WAY:g} s they differ by {100 * max(given):.0f} % of the motion; {reason}"
     )
 
 
