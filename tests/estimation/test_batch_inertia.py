@@ -53,7 +53,7 @@ def test_both_fits_are_exact_without_noise(count: int) -> None:
     np.testing.assert_allclose(
         fit_tensor(motions[0], wrench, LOAD.com, RATE).solution, pack_symmetric(LOAD.tensor), atol=1e-8
     )
-    np.testing.assert_allclose(parameters_fit(signals, team).numbers, LOAD.central(), atol=1e-8)
+    np.testing.assert_allclose(parameters_fit(signals, team)[0], LOAD.central(), atol=1e-8)
 
 
 def test_one_robot_has_no_instruments() -> None:
@@ -109,9 +109,9 @@ def test_covariance_says_how_much_parameters_scatter() -> None:
     squares = []
     for _ in range(60):
         noisy = with_noise(rng, exact, w=0.0, v=0.0, alpha=0.3, a=0.05)
-        fit = parameters_fit(noisy, team)
-        error = fit.numbers - LOAD.central()
-        squares.append(float(np.mean(error**2 / np.diag(fit.covariance))))
+        numbers, covariance, _ = parameters_fit(noisy, team)
+        error = numbers - LOAD.central()
+        squares.append(float(np.mean(error**2 / np.diag(covariance))))
     assert 0.7 < np.mean(squares) < 1.5
 
 
@@ -120,11 +120,11 @@ def test_derivative_by_poses_predicts_a_fit_with_other_poses() -> None:
     team = grasps(rng)
     # Without noise the weights would be all about the poses' error.
     signals = with_noise(rng, exact_signals(rng, team), w=0.0, v=0.0, alpha=0.3, a=0.3)
-    derivative = derivative_by_poses(lambda poses: parameters_fit(signals, poses).numbers, team)
+    derivative = derivative_by_poses(lambda poses: parameters_fit(signals, poses)[0], team)
     assert not derivative[:, :6].any()
     moved = 3e-4 * rng.normal(size=6)
     changed = (team[0], Pose(rotation_exp(moved[:3]) @ team[1].rotation, team[1].translation + moved[3:]), team[2])
-    change = parameters_fit(signals, changed).numbers - parameters_fit(signals, team).numbers
+    change = parameters_fit(signals, changed)[0] - parameters_fit(signals, team)[0]
     np.testing.assert_allclose(derivative[:, 6:12] @ moved, change, atol=0.02 * np.abs(change).max())
 
 
@@ -189,10 +189,9 @@ def test_static_estimate_is_exact_from_two_orientations_on(seed: int) -> None:
     team = grasps(rng)
     directions = np.vstack([[0.0, 0.0, -1.0], [0.3, 0.0, -1.0], rng.normal(size=(2, 3))])
     for count in (2, 4):
-        found = static_estimate(resting(team, directions[:count], rng), team)
-        assert found.mass == pytest.approx(LOAD.mass)
-        np.testing.assert_allclose(found.com, LOAD.com, atol=1e-9)
-        assert np.linalg.eigvalsh(found.covariance)[0] > 0.0
+        found, covariance = static_estimate(resting(team, directions[:count], rng), team)
+        np.testing.assert_allclose(found, [LOAD.mass, *LOAD.com], rtol=1e-6, atol=1e-9)
+        assert np.linalg.eigvalsh(covariance)[0] > 0.0
 
 
 def test_mass_and_centre_of_mass_at_rest_have_the_noise_of_each_force() -> None:
@@ -205,9 +204,9 @@ def test_mass_and_centre_of_mass_at_rest_have_the_noise_of_each_force() -> None:
     squares = []
     for _ in range(300):
         noise = np.sqrt(scatter) * rng.normal(size=scatter.shape)
-        found = static_estimate(replace(exact, wrench=exact.wrench + noise, scatter=scatter), team)
-        error = np.concatenate([[found.mass - LOAD.mass], found.com - LOAD.com])
-        squares.append([*error**2 / np.diag(found.covariance), error @ np.linalg.solve(found.covariance, error) / 4.0])
+        found, spread = static_estimate(replace(exact, wrench=exact.wrench + noise, scatter=scatter), team)
+        error = found - [LOAD.mass, *LOAD.com]
+        squares.append([*error**2 / np.diag(spread), error @ np.linalg.solve(spread, error) / 4.0])
     np.testing.assert_allclose(np.mean(squares, axis=0), 1.0, atol=0.3)
 
 
@@ -216,9 +215,9 @@ def test_residuals_at_rest_that_are_no_chance_count() -> None:
     team = grasps(rng)
     exact = resting(team, rng.normal(size=(12, 3)), rng)
     noise = 0.5 * rng.normal(size=exact.wrench.shape)
-    found = static_estimate(replace(exact, wrench=exact.wrench + noise), team)
-    calm = static_estimate(exact, team)
-    assert (np.diag(found.covariance) > 30.0 * np.diag(calm.covariance)).all()
+    _, found = static_estimate(replace(exact, wrench=exact.wrench + noise), team)
+    _, calm = static_estimate(exact, team)
+    assert (np.diag(found) > 30.0 * np.diag(calm)).all()
 
 
 def test_one_orientation_is_not_enough_and_said_so() -> None:
@@ -226,7 +225,7 @@ def test_one_orientation_is_not_enough_and_said_so() -> None:
     team = grasps(rng)
     same = np.array([[0.0, 0.0, -1.0], [0.0, 0.01, -1.0], [0.0, 0.0, -2.0]])
     assert orientations(same) == 1
-    with pytest.raises(RecordingError, match=r"at least 2 orientations.*found 1 \(held: 0.0 to 7.0 s, 10.0 to"):
+    with pytest.raises(RecordingError, match=r"at least 2 orientations.*found 1 in 3 holds, 0.0 to 7.0 s, 10.0 to"):
         static_estimate(resting(team, same, rng), team)
 
 

@@ -42,15 +42,6 @@ class Holds:
     scatter: Array
 
 
-@dataclass(frozen=True, eq=False)
-class StaticEstimate:
-    """Mass [kg], centre of mass [m] in the first robot's frame, and the covariance of both, shape (4, 4)."""
-
-    mass: float
-    com: Array
-    covariance: Array
-
-
 def held_spans(recording: Recording) -> list[tuple[int, int]]:
     """First and one past the last sample of each hold: those that the recording names, or else those that are found."""
     if recording.holds is None:
@@ -136,12 +127,15 @@ def orientations(directions: Array) -> int:
     return len(different)
 
 
-def static_estimate(holds: Holds, poses: Sequence[Pose]) -> StaticEstimate:
+def static_estimate(holds: Holds, poses: Sequence[Pose]) -> tuple[Array, Array]:
     """Mass and centre of mass from forces at rest: ``sum f = -m g`` and ``sum (p x f + t) = -m h x g`` (eqs 9, 10).
 
     Args:
         holds: At least two orientations.
         poses: Of all robots in the first one's frame.
+
+    Returns:
+        ``(m, h)`` in the first robot's frame, shape (4,) [kg, m], and their covariance (4, 4).
 
     Raises:
         RecordingError: There are too few orientations.
@@ -178,7 +172,7 @@ def static_estimate(holds: Holds, poses: Sequence[Pose]) -> StaticEstimate:
     covariance[0, 0] += excess / len(weights) / strength**2
     excess = _excess(torque - matrix @ com, len(torque) - 3, float(torques.mean()))
     covariance[1:, 1:] += excess * np.linalg.inv(matrix.T @ matrix)
-    return StaticEstimate(mass, com, covariance)
+    return np.concatenate([[mass], com]), covariance
 
 
 def _excess(residuals: Array, degrees: int, variance: float) -> float:

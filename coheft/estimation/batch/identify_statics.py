@@ -133,13 +133,11 @@ def _changes(poses: Array) -> tuple[Rotation, Array]:
 
 def _estimate(holds: Holds, poses: Sequence[Pose]) -> tuple[Array, Array]:
     """``(m, h)`` (4,), and their covariance (4, 4), which allows for the uncertain size of the noise of few holds."""
-    static = static_estimate(holds, poses)
-    numbers = np.concatenate([[static.mass], static.com])
+    numbers, covariance = static_estimate(holds, poses)
     residual, count = _residual(holds, poses, numbers), len(holds.down)
     of_force, of_torque = 3 * count - 1, 3 * count - 3
     strength = float(np.linalg.norm(holds.down[0, 0]))
     force = float(np.square(residual[:, :3]).sum()) / of_force / count / strength**2
-    covariance = static.covariance.copy()
     # Variances of Student's t.
     covariance[0, 0] = max(covariance[0, 0], force * of_force / (of_force - 2.0))
     covariance[1:, 1:] *= of_torque / (of_torque - 2.0)
