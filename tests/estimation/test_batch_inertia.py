@@ -225,7 +225,7 @@ def test_one_orientation_is_not_enough_and_said_so() -> None:
     team = grasps(rng)
     same = np.array([[0.0, 0.0, -1.0], [0.0, 0.01, -1.0], [0.0, 0.0, -2.0]])
     assert orientations(same) == 1
-    with pytest.raises(RecordingError, match=r"at least 2 orientations.*found 1 in 3 holds, 0.0 to 7.0 s, 10.0 to"):
+    with pytest.raises(RecordingError, match=r"at least 2 orientations.*found 1 in 3 holds: 0.0 to 7.0 s, 10.0 to"):
         static_estimate(resting(team, same, rng), team)
 
 

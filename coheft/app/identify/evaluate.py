@@ -1,6 +1,6 @@
 """Identification of a load from a recording in a file or in arrays, for the command and the Python interface."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict
 from math import inf
 from pathlib import Path
@@ -10,7 +10,7 @@ import numpy.typing as npt
 from coheft.app.identify.choices import Bounds, Options
 from coheft.app.identify.inputs import read_any, read_holds
 from coheft.app.identify.methods import identify, part_of
-from coheft.errors import RecordingError, UsageError
+from coheft.errors import UsageError, recording_errors
 from coheft.estimation.batch.identification import Identification
 from coheft.estimation.batch.recording import Recording, check_recording
 from coheft.estimation.batch.statics import Statics
@@ -43,7 +43,11 @@ def evaluate(recording: Path | Mapping[str, npt.ArrayLike], options: Options) ->
         raise UsageError("--method static takes all holds of RECORDING: leave --holds, --from and --to out")
     statics: Statics | None = None
     if isinstance(recording, Mapping):
-        recorded = _of_arrays(recording, options.topics)
+        if options.topics:
+            raise UsageError("--topics chooses among those of an MCAP file or a bag of ROS, but arrays have none")
+        with recording_errors(ARRAYS):
+            recorded = recording_of(recording)
+            check_recording(recorded)
     elif is_static and not options.topics:
         statics = read_holds(recording)
         recorded = statics.as_recording()
@@ -51,19 +55,6 @@ def evaluate(recording: Path | Mapping[str, npt.ArrayLike], options: Options) ->
         recorded = read_any(recording, options.topics)
     if holds is not None:
         statics = read_holds(holds, recorded.names)
-    try:
+    with recording_errors(ARRAYS if isinstance(recording, Mapping) else recording):
         recorded = part_of(recorded, options.from_, options.to)
         return recorded, identify(recorded, options, statics)
-    except RecordingError as error:
-        raise RecordingError(f"{ARRAYS if isinstance(recording, Mapping) else recording}: {error}") from error
-
-
-def _of_arrays(arrays: Mapping[str, npt.ArrayLike], topics: Sequence[str]) -> Recording:
-    if topics:
-        raise UsageError("--topics chooses among those of an MCAP file or a bag of ROS, but arrays have none")
-    try:
-        recorded = recording_of(arrays)
-        check_recording(recorded)
-    except RecordingError as error:
-        raise RecordingError(f"{ARRAYS}: {error}") from error
-    return recorded

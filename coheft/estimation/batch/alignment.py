@@ -187,7 +187,7 @@ def _at(stream: Stream, time: Array, is_pose: bool) -> Array:
 
     own, values = stream.time, stream.values
     if is_pose:
-        values = np.hstack([values[:, :3], without_jumps(values[None, :, 3:])[0]])
+        values = without_jumps(values)
     own, values = _merged(own, values, _CLOSE * stream.step)
     step = float((time[-1] - time[0]) / (len(time) - 1))
     if step > _FASTER * stream.step:

@@ -143,12 +143,12 @@ def static_estimate(holds: Holds, poses: Sequence[Pose]) -> tuple[Array, Array]:
     down = holds.down[:, 0]
     found = orientations(down)
     if found < 2:
-        spans = "".join(f", {start:.1f} to {end:.1f} s" for start, end in holds.spans)
+        spans = ", ".join(f"{start:.1f} to {end:.1f} s" for start, end in holds.spans)
+        held = f"{len(down)} holds: {spans}" if spans else f"{len(down)} holds"
         raise RecordingError(
             f"the centre of mass needs the load to be held still in at least 2 orientations, {np.degrees(_SAME):g} "
-            f"degrees or more apart; found {found} in {len(down)} holds{spans}. Hold it in others as well, "
-            f"{_DURATION:g} s each; or use --method instruments without --holds, which takes mass and centre of mass "
-            f"from the motion"
+            f"degrees or more apart; found {found} in {held}. Hold it in others as well, {_DURATION:g} s each; or "
+            f"use --method instruments without --holds, which takes mass and centre of mass from the motion"
         )
     total = total_wrench(holds.wrench.swapaxes(0, 1), poses)
     adjoints = np.array([pose.adjoint() for pose in poses])

@@ -102,17 +102,16 @@ def rates(samples: Array, rate: float) -> Array:
 
 def smooth_poses(poses: Array, rate: float, cutoff: float = PAPER_CUTOFF) -> tuple[Array, Array]:
     """Filtered rotations (N, n, 3, 3) and positions (N, n, 3) of poses ``x y z qx qy qz qw``, shape (N, n, 7)."""
-    quaternions = without_jumps(poses[..., 3:])
-    smooth = low_pass(quaternions, rate, cutoff, axis=1)
-    rotations = Rotation.from_quat(smooth.reshape(-1, 4)).as_matrix()
-    return rotations.reshape(*poses.shape[:2], 3, 3), low_pass(poses[..., :3], rate, cutoff, axis=1)
+    smooth = low_pass(without_jumps(poses), rate, cutoff, axis=1)
+    rotations = Rotation.from_quat(smooth[..., 3:].reshape(-1, 4)).as_matrix()
+    return rotations.reshape(*poses.shape[:2], 3, 3), smooth[..., :3]
 
 
-def without_jumps(quaternions: Array) -> Array:
-    """The same rotations (N, n, 4), with signs of the quaternions such that none jumps."""
-    signs = np.sign(np.einsum("nki,nki->nk", quaternions[:, 1:], quaternions[:, :-1]))
-    continuous = quaternions.copy()
-    continuous[:, 1:] *= np.cumprod(np.where(signs == 0.0, 1.0, signs), axis=1)[..., None]
+def without_jumps(poses: Array) -> Array:
+    """The same poses ``x y z qx qy qz qw``, shape (..., n, 7), with signs such that no quaternion jumps."""
+    changes = np.sum(poses[..., 1:, 3:] * poses[..., :-1, 3:], axis=-1)
+    continuous = poses.copy()
+    continuous[..., 1:, 3:] *= np.cumprod(np.where(changes < 0.0, -1.0, 1.0), axis=-1)[..., None]
     return continuous
 
 

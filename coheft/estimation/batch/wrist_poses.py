@@ -66,7 +66,8 @@ class WristPoses:
         length = max(1, int(self.rate / rate))
         first = self.rotations(0)
         turns = Rotation.from_matrix(first[:-length].swapaxes(-1, -2) @ first[length:]).magnitude()
-        length = max(1, int(length * min(1.0, _LONGEST_ARC / float(np.sqrt(np.mean(turns**2))))))
+        arc = max(_LONGEST_ARC, float(np.sqrt(np.mean(turns**2))))
+        length = max(1, int(length * _LONGEST_ARC / arc))
         count = self.angles.shape[1] // length
 
         def batches(samples: Array) -> Array:

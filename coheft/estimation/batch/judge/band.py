@@ -34,10 +34,15 @@ def white_level(samples: Array, rate: float, cutoff: float) -> Array | None:
     chosen = (frequency >= _NOISE[0] * cutoff) & (frequency <= _NOISE[1] * cutoff)
     if _NOISE[1] * cutoff > 0.45 * rate or np.count_nonzero(chosen) < _FEW_ABOVE // 4:
         return None
-    window = np.hanning(len(samples))[:, None]
-    spectrum = np.abs(np.fft.rfft((samples - samples.mean(axis=0)) * window, axis=0)) ** 2 / np.sum(window**2)
-    level: Array = np.sqrt(np.median(spectrum[chosen], axis=0) / np.log(2.0))
+    level: Array = np.sqrt(np.median(periodogram(samples)[chosen], axis=0) / np.log(2.0))
     return level
+
+
+def periodogram(samples: Array) -> Array:
+    """Squared spectrum of samples (n, c) without their mean, shape (n // 2 + 1, c); of white noise, its variance."""
+    window = np.hanning(len(samples))[:, None]
+    result: Array = np.abs(np.fft.rfft((samples - samples.mean(axis=0)) * window, axis=0)) ** 2 / np.sum(window**2)
+    return result
 
 
 @dataclass(frozen=True, eq=False)

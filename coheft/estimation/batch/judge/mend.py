@@ -111,7 +111,7 @@ def _earlier(samples: Array, time: Array, delay: float) -> Array:
     """Shift samples (n, width) to an earlier time by ``delay`` [s]; at the ends, repeat the last one."""
     is_pose = samples.shape[1] == CHANNELS["pose"]
     if is_pose:
-        samples = np.hstack([samples[:, :3], without_jumps(samples[None, :, 3:])[0]])
+        samples = without_jumps(samples)
     moved = np.stack([np.interp(time + delay, time, column) for column in samples.T], axis=-1)
     if is_pose:
         moved[:, 3:] /= np.linalg.norm(moved[:, 3:], axis=1, keepdims=True)
