@@ -94,10 +94,10 @@ class WrenchMisfit:
             self._whiten(theta)
             theta = self.fit().solution
         self._whiten(theta)
-        unsure = unsure_parameters(evidence, motion, theta)
-        white = self._white(unsure.columns)
+        columns, maps = unsure_parameters(evidence, motion, theta)
+        white = self._white(columns)
         noticed = np.linalg.norm(white, axis=0) > _NOTICED
-        self._unsure, self._unsure_maps = white[:, noticed], unsure.maps[:, noticed]
+        self._unsure, self._unsure_maps = white[:, noticed], maps[:, noticed]
         self.plain = self.fit()
 
     def _whiten(self, theta: Array) -> None:
