@@ -74,7 +74,9 @@ def identify_batch(
         by_grasps = expected_bias(signals, team)
         bias = by_poses @ by_grasps
         bias[4:] += of_noise
-        remarks = _bias_remark(bias, covariance)
+        ratio = float(np.max(np.abs(bias) / np.sqrt(np.diag(covariance))))
+        if ratio >= _BIASED:
+            remarks = (f"Its bias is up to {ratio:.1f} standard deviations of noise: they include it.",)
         covariance += np.outer(bias, bias)
         team = replace(team, covariance=team.covariance + np.outer(by_grasps, by_grasps))
     return Identification(
@@ -93,14 +95,6 @@ def identify_batch(
         time=signals.time,
         residual=tensor.residual,
     )
-
-
-def _bias_remark(bias: Array, covariance: Array) -> tuple[str, ...]:
-    """Say how large the bias (10,) is compared with noise, if it is large."""
-    ratio = float(np.max(np.abs(bias) / np.sqrt(np.diag(covariance))))
-    if ratio < _BIASED:
-        return ()
-    return (f"Its bias is up to {ratio:.1f} standard deviations of noise: they include it.",)
 
 
 def identify_with_instruments(recording: Recording, cutoff: float = CUTOFF) -> Identification:

@@ -11,7 +11,6 @@ from coheft.errors import RecordingError
 from coheft.estimation.batch.pose_conventions import check_conventions
 from coheft.estimation.batch.recording import CHANNELS, Recording, check_recording
 from coheft.estimation.batch.signals import Signals, signals_of, turns
-from coheft.estimation.batch.twist_order import check_twists
 from coheft.estimation.geometry.spatial import Array
 
 _FASTEST = 5.0
@@ -24,11 +23,15 @@ _JUMP_TURN, _JUMP_SPEED = 20.0, 10.0
 """Poses that change faster jump [rad/s, m/s]: no filter across a jump tells how the load moved."""
 _SHARE = 0.9
 _STEP = 0.1
-"""Time over which speeds are measured [s]."""
+"""Time over which velocities are measured or averaged [s]."""
 _LEAST_GRAVITY, _MOST_GRAVITY = 0.5, 2.0
 """Range of the median acceleration, in multiples of gravity."""
 _OPPOSITE = 0.05
 """Share of all forces by which their sum may point downwards: scales of sensors differ by less."""
+_SLOWEST = 0.02
+"""Root mean square below which velocities may be nothing but noise [rad/s, m/s]."""
+_BETTER = 0.3
+"""Largest ratio of the differences between robots with another order of twists to those with the expected one."""
 _STEADY = 0.3
 """Largest relative variation of the upward force while a load is moved."""
 
@@ -110,6 +113,37 @@ def _check_speed(channel: str, name: str, velocities: Array) -> None:
             f"'{channel}' of {name} moves at {found:.3g} m/s, expected less than {_FASTEST:g} m/s: are its lengths in "
             f"another unit, as millimetres? Give them in metres"
         )
+
+
+def check_twists(recording: Recording) -> None:
+    """Check that the first three columns of twists, and not the last, may be angular velocities of one load.
+
+    Robots that hold one load turn equally fast, but their hands move at different velocities.
+
+    Raises:
+        RecordingError: The last three of one robot, or of all, fit better.
+    """
+    if not recording.has("twist"):
+        return
+    steps = max(1, round(_STEP * recording.rate))
+    twists = recording.stacked("twist")
+    count = twists.shape[1] // steps
+    means = twists[:, : count * steps].reshape(len(twists), count, steps, 6).mean(axis=2)
+    speeds = np.linalg.norm(means.reshape(len(twists), count, 2, 3), axis=-1)  # of both halves
+    if np.sqrt(np.mean(speeds**2, axis=1)).min() < _SLOWEST:
+        return
+    robots = np.arange(len(twists))
+    orders = [np.zeros_like(robots), np.ones_like(robots), *np.eye(len(robots), dtype=robots.dtype)]
+    angular = [speeds[robots, :, halves] for halves in orders]
+    apart = [np.sqrt(np.mean((sizes - sizes.mean(axis=0)) ** 2) / np.mean(sizes**2)) for sizes in angular]
+    best = int(np.argmin(apart))
+    if best == 0 or apart[best] > _BETTER * apart[0]:
+        return
+    wrong = ", ".join(name for name, half in zip(recording.names, orders[best], strict=True) if half)
+    raise RecordingError(
+        f"'twist' of {wrong}: robots that hold one load turn equally fast, but only with the last three columns as "
+        f"angular velocities these do. Give the angular velocity first, wx wy wz vx vy vz"
+    )
 
 
 def _check_jumps(recording: Recording) -> None:

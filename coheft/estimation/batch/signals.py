@@ -152,7 +152,7 @@ def signals_of(recording: Recording, cutoff: float = PAPER_CUTOFF) -> Signals:
     if recording.has("twist"):
         twist = low_pass(recording.stacked("twist"), rate, cutoff, axis=1)
     elif rotation is not None:
-        velocity = _turned(rates(position, rate), rotation[:, 2:-2])
+        velocity = (rates(position, rate)[..., None, :] @ rotation[:, 2:-2])[..., 0, :]  # in the grasp frame
         twist = np.concatenate([body_rates(rotation, rate), velocity], axis=-1)
         time, rotation = time[2:-2], rotation[:, 2:-2]
     else:
@@ -203,8 +203,3 @@ def signals_of(recording: Recording, cutoff: float = PAPER_CUTOFF) -> Signals:
 
 def _lacks(recording: Recording, channel: str) -> str:
     return f"'{channel}' of all robots (not of {', '.join(recording.without(channel))})"
-
-
-def _turned(vectors: Array, rotations: Array) -> Array:
-    """``R^T x`` for vectors (N, n, 3) of the home frame and rotations (N, n, 3, 3) of the grasp frame in it."""
-    return (vectors[..., None, :] @ rotations)[..., 0, :]

@@ -34,8 +34,7 @@ class UnobservableDirection:
         parts = []
         for name, vector in (("rotation about", self.rotation), ("translation along", self.translation)):
             if np.linalg.norm(vector) > _PURE:
-                x, y, z = _axis(vector)
-                parts.append(f"{name} ({x:.2f}, {y:.2f}, {z:.2f})")
+                parts.append(f"{name} {axis_in_words(vector)}")
         return " with ".join(parts)
 
 
@@ -110,9 +109,8 @@ def _named_basis(basis: Array) -> Array:
     return turned
 
 
-def _axis(vector: Array) -> Array:
-    """Return the unit vector with a positive largest component and without negative zeros."""
+def axis_in_words(vector: Array) -> str:
+    """Return an axis (3,) of any length and sign as text; its largest component is positive."""
     unit = vector / np.linalg.norm(vector)
-    unit = unit * np.sign(unit[np.argmax(np.abs(unit))])
-    result: Array = np.round(unit, 2) + 0.0
-    return result
+    x, y, z = np.round(unit * np.sign(unit[np.argmax(np.abs(unit))]), 2) + 0.0  # without negative zeros
+    return f"({x:.2f}, {y:.2f}, {z:.2f})"

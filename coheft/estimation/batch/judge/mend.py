@@ -14,22 +14,9 @@ from coheft.estimation.batch.signals import without_jumps
 from coheft.estimation.geometry.spatial import Array, Pose, skew
 
 MENDABLE = (
-    Cause.OFFSET,
-    Cause.DRIFT,
-    Cause.LEVER,
-    Cause.SCALE,
-    Cause.FORCE_SCALE,
-    Cause.MOMENT_SCALE,
-    Cause.AXIS_SCALE,
-    Cause.BASE_AXES,
-    Cause.TURNED,
-    Cause.EXCHANGED,
-    Cause.SWAPPED,
-    Cause.CLOCK,
-    Cause.LENGTH_SCALE,
-    Cause.GRAVITY,
-    Cause.NOT_LEVEL,
-    Cause.INVERSE,
+    *(Cause.OFFSET, Cause.DRIFT, Cause.LEVER, Cause.SCALE, Cause.FORCE_SCALE, Cause.MOMENT_SCALE, Cause.AXIS_SCALE),
+    *(Cause.BASE_AXES, Cause.TURNED, Cause.EXCHANGED, Cause.SWAPPED, Cause.CLOCK, Cause.LENGTH_SCALE),
+    *(Cause.GRAVITY, Cause.NOT_LEVEL, Cause.INVERSE),
 )
 """Faults whose parameters determine what sensors would have measured without them."""
 

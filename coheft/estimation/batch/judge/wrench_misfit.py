@@ -15,8 +15,8 @@ from coheft.estimation.batch.judge.evidence import Evidence
 from coheft.estimation.batch.judge.motion_noise import acceleration_noise, level_of
 from coheft.estimation.batch.judge.unsure import unsure_parameters
 from coheft.estimation.geometry.body_motion import BODY_A, BODY_V, BODY_W
-from coheft.estimation.geometry.spatial import Array, skew
-from coheft.estimation.rigid_body.mass_properties import unpack_symmetric
+from coheft.estimation.geometry.spatial import Array
+from coheft.estimation.rigid_body.regressor import spatial_inertia
 
 _FINEST = 5e-5
 """Share of the wrench to which filters and differences are exact."""
@@ -117,8 +117,7 @@ class WrenchMisfit:
 
     def _by_motion(self, theta: Array) -> Array:
         """Covariance of a body's wrench due to noise of its motion, shape (K, 6, 6)."""
-        mass, moment, about_origin = theta[0], theta[1:4], unpack_symmetric(theta[4:])
-        inertia = np.block([[-skew(moment), mass * np.eye(3)], [about_origin, skew(moment)]])
+        inertia = spatial_inertia(theta)[:, [3, 4, 5, 0, 1, 2]]  # times (alpha, a)
         result: Array = inertia @ self._motion_noise @ inertia.T
         return result
 
