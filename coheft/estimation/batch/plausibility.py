@@ -9,7 +9,7 @@ import numpy as np
 
 from coheft.errors import RecordingError
 from coheft.estimation.batch.pose_conventions import check_conventions
-from coheft.estimation.batch.recording import CHANNELS, Recording, check_recording
+from coheft.estimation.batch.recording import Recording, check_recording
 from coheft.estimation.batch.signals import Signals, signals_of, turns
 from coheft.estimation.geometry.spatial import Array
 
@@ -67,11 +67,11 @@ def check_plausible(recording: Recording) -> None:
 def _check_robots(recording: Recording) -> None:
     """Check that no robot is there twice; made-up ones at rest may be equal."""
     for (one, own), (other, others) in combinations(recording.robots.items(), 2):
-        channels = [(getattr(own, channel), getattr(others, channel)) for channel in CHANNELS]
-        if all(np.array_equal(samples, same) for samples, same in channels) and any(
-            samples is not None and np.median(np.abs(np.diff(samples, axis=0)).max(axis=1)) > 0.0
-            for samples, _ in channels
-        ):
+        is_same = own.channels.keys() == others.channels.keys() and all(
+            np.array_equal(samples, others.channels[channel]) for channel, samples in own.channels.items()
+        )
+        steps = (np.abs(np.diff(samples, axis=0)).max(axis=1) for samples in own.channels.values())
+        if is_same and any(np.median(step) > 0.0 for step in steps):
             raise RecordingError(
                 f"{one} and {other} recorded exactly the same: expected two robots, not one file twice"
             )

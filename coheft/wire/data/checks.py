@@ -27,12 +27,8 @@ _LEAST_GRAVITY, _MOST_GRAVITY = 1.5, 30.0
 
 def channels_of(robot: RobotRecord) -> dict[str, Array]:
     """Return a robot's recorded channels: arrays (n, width), in the order of ``COLUMNS``, without times."""
-    found = {channel: getattr(robot, channel) for channel in COLUMNS}
-    return {
-        channel: _swapped(samples) if channel == "wrench" else samples
-        for channel, samples in found.items()
-        if samples is not None
-    }
+    found = robot.channels
+    return found if robot.wrench is None else {**found, "wrench": _swapped(robot.wrench)}
 
 
 def robot_of(name: str, table: Mapping[str, Array]) -> RobotRecord:
