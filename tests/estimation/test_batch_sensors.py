@@ -90,6 +90,9 @@ def test_what_cannot_be_computed_with_is_told() -> None:
     recording = sensors_recording(rng, exact_signals(rng, grasps(rng)), NOISE)
     with pytest.raises(RecordingError, match=r"--method likelihood cannot compute with these numbers \("):
         identify(replace(recording, noise=NOISE.scaled(1e-170)), Options(method="likelihood"))
+    huge = recording.changed("wrench", lambda wrench: 1e200 * wrench, "r2")
+    with pytest.raises(RecordingError, match=r"--method instruments cannot compute with these numbers \("):
+        identify(huge, Options(method="instruments"))
 
 
 def test_impossible_bodies_are_made_possible_in_the_metric_of_all_errors() -> None:
