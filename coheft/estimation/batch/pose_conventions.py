@@ -35,33 +35,26 @@ def inverse_poses(poses: Array) -> Array:
     return np.hstack([-back.apply(poses[:, :3]), back.as_quat()])
 
 
-def _real_part_last(poses: Array) -> Array:
-    """Poses that were given as ``x y z qw qx qy qz``."""
-    return poses[:, [0, 1, 2, 4, 5, 6, 3]]
-
-
-def _inverse_quaternions(poses: Array) -> Array:
-    return poses * [1.0, 1.0, 1.0, -1.0, -1.0, -1.0, 1.0]
-
-
 def _other_axes() -> Iterator[tuple[Callable[[Array], Array], str, str]]:
     """Positions whose axes are exchanged, or have other signs."""
     for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
         if order == (0, 1, 2) and min(signs) > 0.0:
             continue
         names = " ".join(f"{'-' if sign < 0.0 else ''}{'xyz'[axis]}" for axis, sign in zip(order, signs, strict=True))
-        convert = partial(_with_axes, columns=[*order, 3, 4, 5, 6], signs=[*signs, 1.0, 1.0, 1.0, 1.0])
+        convert = partial(_rearranged, columns=[*order, 3, 4, 5, 6], signs=[*signs, 1.0, 1.0, 1.0, 1.0])
         yield convert, f"with positions {names} in place of x y z", "Exchange the columns, or change their signs"
 
 
-def _with_axes(poses: Array, columns: list[int], signs: list[float]) -> Array:
+def _rearranged(poses: Array, columns: list[int], signs: list[float]) -> Array:
     return poses[:, columns] * signs
 
 
+_REAL_PART_LAST = partial(_rearranged, columns=[0, 1, 2, 4, 5, 6, 3], signs=[1.0] * 7)
+_INVERSE_QUATERNIONS = partial(_rearranged, columns=list(range(7)), signs=[1.0, 1.0, 1.0, -1.0, -1.0, -1.0, 1.0])
 _CONVENTIONS: tuple[tuple[Callable[[Array], Array], str, str], ...] = (
-    (_real_part_last, "with quaternions in the order qw qx qy qz", "Move the real part to the end"),
+    (_REAL_PART_LAST, "with quaternions in the order qw qx qy qz", "Move the real part to the end"),
     (inverse_poses, "as inverses, poses of the home frame in the grasp frame,", "Invert them"),
-    (_inverse_quaternions, "with inverse quaternions", "Change the signs of qx qy qz"),
+    (_INVERSE_QUATERNIONS, "with inverse quaternions", "Change the signs of qx qy qz"),
 )
 """Conversions from other conventions, with words for the convention and the remedy."""
 
