@@ -12,9 +12,10 @@ from coheft.app.identify.inputs import read_any, read_holds
 from coheft.app.identify.methods import identify, part_of
 from coheft.errors import UsageError, recording_errors
 from coheft.estimation.batch.identification import Identification
-from coheft.estimation.batch.recording import Recording, check_recording
+from coheft.estimation.batch.recording import Recording
 from coheft.estimation.batch.statics import Statics
 from coheft.wire.data.file import recording_of
+from coheft.wire.data.statics import statics_of
 
 ARRAYS = "arrays"
 """Name of a recording without a file, in errors and reports."""
@@ -46,8 +47,8 @@ def evaluate(recording: Path | Mapping[str, npt.ArrayLike], options: Options) ->
         if options.topics:
             raise UsageError("--topics chooses among those of an MCAP file or a bag of ROS, but arrays have none")
         with recording_errors(ARRAYS):
-            recorded = recording_of(recording)
-            check_recording(recorded)
+            statics = statics_of(recording) if is_static else None
+            recorded = statics.as_recording() if statics else recording_of(recording)
     elif is_static and not options.topics:
         statics = read_holds(recording)
         recorded = statics.as_recording()
