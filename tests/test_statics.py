@@ -99,7 +99,9 @@ def test_holds_without_motion_are_identified_by_command(tmp_path: Path, capsys: 
     write_lines(tmp_path, statics())
     command = ["identify", str(tmp_path), "--method", "static", "--json", str(tmp_path / "x.json")]
     assert run_command_line(command) == EXIT_NOT_CONVERGED
-    assert "3 robots, held still, method static" in " ".join(capsys.readouterr().out.split())
+    words = " ".join(capsys.readouterr().out.split())
+    assert "3 robots, held still, method static" in words
+    assert "The load was held still: 6 holds in 6 orientations." in words
     report = json.loads((tmp_path / "x.json").read_text())
     assert report["payload"]["mass_kg"] == pytest.approx(MASS, abs=5 * report["payload"]["mass_std_kg"])
     assert report["payload"]["inertia"] is None

@@ -65,7 +65,7 @@ def identify_statics(statics: Statics) -> Identification:
         names=statics.names,
         team=team,
         payload=make_payload(of_central_numbers(numbers), whole, team.poses),
-        remarks=(_held(holds),),
+        remarks=(f"The load was held still: {_held(holds)}.",),
         not_judged="a load that is held still shows too little of what may be wrong with sensors",
         suspicions=(*_not_along(holds, team.poses), *unsettled(team)),
         time=np.arange(count, dtype=np.float64),
@@ -109,7 +109,7 @@ def with_statics(found: Identification, statics: Statics) -> Identification:
     return replace(
         found,
         payload=make_payload(of_central_numbers(numbers), whole, team.poses),
-        remarks=(*found.remarks, _held(holds)),
+        remarks=(*found.remarks, f"Apart from the motion, the load was held still: {_held(holds)}."),
         suspicions=(*found.suspicions, *((suspicion,) if apart > _APART else ()), *_not_along(holds, team.poses)),
     )
 
@@ -175,4 +175,4 @@ def _not_along(holds: Holds, poses: Sequence[Pose]) -> tuple[str, ...]:
 
 def _held(holds: Holds) -> str:
     down = holds.down[:, 0]
-    return f"Holds apart from the motion: {len(down)}, in {orientations(down)} orientations."
+    return f"{len(down)} holds in {orientations(down)} orientations"

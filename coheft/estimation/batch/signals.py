@@ -71,12 +71,15 @@ def low_pass(samples: Array, rate: float, cutoff: float = PAPER_CUTOFF, axis: in
         RecordingError: There are too few samples, or too few per second.
     """
     if cutoff >= 0.5 * rate:
-        raise RecordingError(f"{rate:g} samples per second cannot be filtered at {cutoff:g} Hz: choose less than half")
+        raise RecordingError(
+            f"{rate:g} samples per second cannot be filtered at {cutoff:g} Hz: record more, or choose a --cutoff below "
+            f"{0.5 * rate:g}"
+        )
     shortest = int(np.ceil(3.0 * rate / cutoff))
     if samples.shape[axis] <= shortest:
         raise RecordingError(
-            f"found {samples.shape[axis]} samples, but the filter takes more than {shortest}: record for longer, or "
-            f"choose a longer part with --from and --to"
+            f"found {samples.shape[axis]} samples, but the filter takes more than {shortest}: record for longer, "
+            f"choose a longer part with --from and --to, or a higher --cutoff than {cutoff:g}"
         )
     sections = butter(ORDER, cutoff, fs=rate, output="sos")
     return sosfiltfilt(sections, samples, axis=axis, padlen=shortest)
