@@ -64,8 +64,8 @@ class WristPoses:
         The mean of positions on an arc lies inside of it, by the square of the angle / 24 as a share of the radius.
         """
         length = max(1, int(self.rate / rate))
-        first = self.rotations(0)
-        turns = Rotation.from_matrix(first[:-length].swapaxes(-1, -2) @ first[length:]).magnitude()
+        ends = self.some(slice(None, None, length)).rotations(0)
+        turns = Rotation.from_matrix(ends[:-1].swapaxes(-1, -2) @ ends[1:]).magnitude()
         arc = max(_LONGEST_ARC, float(np.sqrt(np.mean(turns**2))))
         length = max(1, int(length * _LONGEST_ARC / arc))
         count = self.angles.shape[1] // length
