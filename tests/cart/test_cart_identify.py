@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import io
 import json
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from coheft.app.cart.explain import explanation
+from coheft.app.cart.identify import CartIdentification
+from coheft.app.cart.terminal import print_identification
 from coheft.app.cli.base import EXIT_ERROR
 from coheft.app.cli.main import run_command_line
 from coheft.errors import RecordingError
@@ -151,6 +155,12 @@ def test_what_fits_with_another_meaning_is_told(change: object, words: str, tmp_
     kept = []
     explanation(recording, HAND, lambda thin, _: bool(kept.append(len(thin.times))))
     assert max(kept) == 200
+
+
+def test_a_cart_that_seems_to_change_all_the_time_is_told_in_short() -> None:
+    console = Console(record=True, width=200, file=io.StringIO())
+    print_identification(console, CartIdentification(100, 10.0, {}, [0.1 * k for k in range(20)], []))
+    assert "changed at about 0.00, 0.10, 0.20, 0.30, 0.40, 0.50, 0.60, 0.70 and 12 times more;" in console.export_text()
 
 
 def test_other_files_are_refused(tmp_path: Path) -> None:
