@@ -78,8 +78,8 @@ def low_pass(samples: Array, rate: float, cutoff: float = PAPER_CUTOFF, axis: in
     shortest = int(np.ceil(3.0 * rate / cutoff))
     if samples.shape[axis] <= shortest:
         raise RecordingError(
-            f"found {samples.shape[axis]} samples, but the filter takes more than {shortest}: record for longer, "
-            f"choose a longer part with --from and --to, or a higher --cutoff than {cutoff:g}"
+            f"found {samples.shape[axis]} samples, but the filter takes more than {shortest}: record for longer, or "
+            f"choose a longer part with --from and --to"
         )
     sections = butter(ORDER, cutoff, fs=rate, output="sos")
     return sosfiltfilt(sections, samples, axis=axis, padlen=shortest)
