@@ -14,7 +14,7 @@ from rich.console import Console
 from coheft.app.cart.explain import explanation
 from coheft.app.cart.identify import CartIdentification
 from coheft.app.cart.terminal import print_identification
-from coheft.app.cli.base import EXIT_ERROR
+from coheft.app.cli.base import EXIT_ERROR, EXIT_USAGE
 from coheft.app.cli.main import run_command_line
 from coheft.errors import RecordingError
 from coheft.estimation.cart.contact import grasp_map
@@ -155,6 +155,15 @@ def test_what_fits_with_another_meaning_is_told(change: object, words: str, tmp_
     kept = []
     explanation(recording, HAND, lambda thin, _: bool(kept.append(len(thin.times))))
     assert max(kept) == 200
+
+
+@pytest.mark.parametrize("option", [["--hand", "nan", "0"], ["--noise", "inf"]])
+def test_numbers_that_are_not_finite_are_refused(
+    option: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = write_csv(tmp_path / "cart.csv", without_plan())
+    assert run_command_line(["cart", "identify", str(path), *option]) == EXIT_USAGE
+    assert f"{option[0]}: found" in capsys.readouterr().err
 
 
 def test_a_cart_that_seems_to_change_all_the_time_is_told_in_short() -> None:

@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 
 from coheft.app.cart.explain import explanation
-from coheft.errors import RecordingError
+from coheft.errors import RecordingError, UsageError
 from coheft.estimation.cart.contact import grasp_map
 from coheft.estimation.cart.filter import MOTION_SIZE, Push, Sighting
 from coheft.estimation.cart.learner import CartLearner
@@ -100,7 +100,12 @@ def identify_cart(
 
     Raises:
         RecordingError: Poses, rates and pushes are not those of one cart.
+        UsageError: An argument is not finite.
     """
+    given = {"--mass": mass, "--com": com, "--hand": hand, "--noise": noise, "--force-noise": force_noise}
+    for option, value in given.items():
+        if not np.isfinite(value).all():
+            raise UsageError(f"{option}: found {value}, expected finite numbers")
     run = partial(_identified, mass=mass, com=com, noise=noise, force_noise=force_noise)
 
     def is_known(given: CartRecording, point: tuple[float, float]) -> bool:
