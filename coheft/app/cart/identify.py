@@ -104,7 +104,7 @@ def identify_cart(
     """
     given = {"--mass": mass, "--com": com, "--hand": hand, "--noise": noise, "--force-noise": force_noise}
     for option, value in given.items():
-        if not np.isfinite(value).all():
+        if not np.all(np.isfinite(np.asarray(value))):
             raise UsageError(f"{option}: found {value}, expected finite numbers")
     run = partial(_identified, mass=mass, com=com, noise=noise, force_noise=force_noise)
 
