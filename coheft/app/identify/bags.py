@@ -160,9 +160,7 @@ def _check_stamps(name: str, stamps: list[int], received: list[int]) -> None:
     fault = pace.fault(1.0)
     if fault is None or fault.kind not in ("still", "equal", "bunched", "unit"):
         return
-    is_slow = max(stamps) - min(stamps) < max(received) - min(
-        received
-    )  # times of writing tell nothing if they are fast
+    is_slow = np.ptp(stamps) < np.ptp(received)  # times of writing tell nothing if they are fast
     is_double = fault.kind == "equal" and len(set(stamps)) > _DISTINCT * len(stamps)
     if not is_double and (is_slow or fault.kind != "unit"):
         raise RecordingError(f"{one_line(name)}: {fault.words}")
