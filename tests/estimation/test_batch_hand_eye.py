@@ -231,6 +231,14 @@ def test_means_over_arcs_do_not_shorten_levers(speed: float, rate: float) -> Non
     np.testing.assert_allclose(in_hand, np.tile([0.5, 0.0, 0.0], (len(in_hand), 1)), atol=1e-5)
 
 
+def test_of_very_many_means_some_are_kept() -> None:
+    turns = Rotation.from_euler("z", 0.025 * np.arange(120_000)[:, None])
+    poses = np.hstack([turns.apply([0.5, 0.0, 0.0]), turns.as_quat()])
+    found = WristPoses.of(np.array([poses, poses]), RATE, at_home=False).averaged(25.0)
+    assert (found.rate, found.positions.shape) == (RATE / 3.0, (2, 40_000, 3))
+    np.testing.assert_allclose(found.positions[0], poses[::3, :3], atol=1e-12)
+
+
 def test_robots_with_orientations_of_no_gimbal_have_no_errors_of_angles() -> None:
     poses = np.zeros((2, 5, 7))
     poses[..., 3:] = Rotation.from_euler("XYZ", [[0.1, 1.5, 0.2], [0.1, 1.2, 0.2]]).as_quat()[:, None]

@@ -15,6 +15,8 @@ LARGEST_TILT = 70.0
 """Largest second angle of a gimbal [degrees]; at 90 degrees it is singular."""
 _LONGEST_ARC = 0.02
 """Root mean square angle by which a load may turn while samples are averaged [rad]."""
+_MOST_MEANS = 50_000
+"""Largest number of means: a fit of four robots to so many takes 200 MB."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +63,8 @@ class WristPoses:
     def averaged(self, rate: float) -> WristPoses:
         """Means of neighbouring samples, about ``rate`` of them per second, or more if the load turns fast.
 
-        The mean of positions on an arc lies inside of it, by the square of the angle / 24 as a share of the radius.
+        The mean of positions on an arc lies inside of it, by the square of the angle / 24 as a share of the radius. Of
+        very many means only some are kept.
         """
         length = max(1, int(self.rate / rate))
         ends = self.some(slice(None, None, length)).rotations(0)
@@ -76,13 +79,15 @@ class WristPoses:
         zeros = batches(self.zeros)
         middle = zeros[:, :, length // 2]
         angles = batches(self.angles) + gimbal_angles(middle[:, :, None].swapaxes(-1, -2) @ zeros)
-        return replace(
+        every = -(-count // _MOST_MEANS)
+        means = replace(
             self,
             angles=angles.mean(axis=2),
             positions=batches(self.positions).mean(axis=2),
             zeros=middle,
-            rate=self.rate / length,
+            rate=self.rate / length / every,
         )
+        return means.some(slice(None, None, every))
 
     def rotations(self, robot: int) -> Array:
         """Measured orientations of a grasp frame in its home frame, shape (n, 3, 3)."""
