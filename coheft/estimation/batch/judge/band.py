@@ -79,16 +79,11 @@ class Band:
         kept = dct(signals, axis=0, norm="ortho")[: len(self.frequency)]
         return kept / self.gain.reshape(-1, *[1] * (signals.ndim - 1))
 
-    def spectrum(self, residual: Array) -> Array:
-        """Mean square of whitened residuals (K, g, c) by interval and group, at least that of noise, shape (B, g)."""
+    def spread(self, residual: Array) -> Array:
+        """Mean square of whitened residuals (K, g, c) in each coefficient's interval, at least that of noise, (K, g)."""
         sizes = np.diff([*self.starts, len(residual)])
         measured = np.add.reduceat(np.mean(residual**2, axis=-1), self.starts, axis=0) / sizes[:, None]
-        return np.maximum(1.0, measured)
-
-    def spread(self, residual: Array) -> Array:
-        """The spectrum of residuals (K, g, c) at every coefficient, shape (K, g)."""
-        sizes = np.diff([*self.starts, len(residual)])
-        return np.repeat(self.spectrum(residual), sizes, axis=0)
+        return np.repeat(np.maximum(1.0, measured), sizes, axis=0)
 
     def misfit(self, residual: Array) -> float:
         """-2 log likelihood of whitened residuals (K, g, c) with an unknown spectrum, at least that of noise."""
