@@ -80,7 +80,7 @@ class Band:
         return kept / self.gain.reshape(-1, *[1] * (signals.ndim - 1))
 
     def spread(self, residual: Array) -> Array:
-        """Mean square of whitened residuals (K, g, c) in each coefficient's interval, at least that of noise, (K, g)."""
+        """Mean square of whitened residuals (K, g, c) in the interval of each coefficient, at least 1, shape (K, g)."""
         sizes = np.diff([*self.starts, len(residual)])
         measured = np.add.reduceat(np.mean(residual**2, axis=-1), self.starts, axis=0) / sizes[:, None]
         return np.repeat(np.maximum(1.0, measured), sizes, axis=0)
