@@ -55,7 +55,7 @@ def _late(robot: RobotRecord, delay: float, channels: Sequence[str]) -> dict[str
     for channel in channels:
         samples: Array = getattr(robot, channel)
         if channel == "pose":
-            samples = np.hstack([samples[:, :3], without_jumps(samples[None, :, 3:])[0]])
+            samples = without_jumps(samples)
         moved[channel] = CubicSpline(robot.time, samples)(robot.time - delay)
         if channel == "pose":
             moved[channel][:, 3:] /= np.linalg.norm(moved[channel][:, 3:], axis=1, keepdims=True)

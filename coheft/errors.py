@@ -85,10 +85,11 @@ def file_errors(kind: type[CoheftError], failure: str, advice: str = "") -> Iter
 
 @contextmanager
 def recording_errors(path: object, failure: str = "cannot be read", advice: str = "") -> Iterator[None]:
-    """Begin each ``RecordingError`` with the path, and raise errors of the file system as such."""
+    """Begin each ``RecordingError`` with the path, once, and raise errors of the file system as such."""
     try:
         yield
     except RecordingError as error:
-        raise RecordingError(f"{path}: {error}") from error
+        begin = f"{path}: "
+        raise RecordingError(begin + str(error).removeprefix(begin)) from error
     except OSError as error:
         raise RecordingError(f"{path}: {failure}: {error.strerror or error}{advice}") from error

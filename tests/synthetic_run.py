@@ -18,10 +18,11 @@ from coheft.wire.messages.structs import Estimate, LoadChangeNotice, PayloadEsti
 from coheft.wire.messages.truth import LoadState, PayloadTruth, Truth
 from coheft.wire.scenario.file import load_scenario
 from coheft.wire.scenario.schema import Sensors
+from tests.estimation.team import random_pose
 
 BLOCK = 0.02
 ROBOTS = ["r1", "r2", "r3"]
-GRASPS = {name: Pose.exp(np.random.default_rng(k).normal(size=6)) for k, name in enumerate(ROBOTS)}
+GRASPS = {name: random_pose(np.random.default_rng(k)) for k, name in enumerate(ROBOTS)}
 SCENE = Scene(
     robots=ROBOTS,
     rotations=np.array([GRASPS[name].rotation for name in ROBOTS]),
@@ -48,7 +49,7 @@ def total_wrench(block: int) -> Array:
 def truth(block: int, payload: Inertia) -> Truth:
     """No two numbers of it are the same, so that none is taken for another."""
     rng = np.random.default_rng(block)
-    pose = Pose.exp(rng.normal(scale=0.3, size=6))
+    pose = random_pose(rng, 0.3, 0.3)
     return Truth(
         block=block,
         time=(block + 1) * BLOCK,

@@ -105,6 +105,12 @@ def refused(line: str, complaint: str, capfd: pytest.CaptureFixture[str], place:
         ("run mine.toml --json ./mine.toml", "--json names './mine.toml', which is an input: give another path"),
         ("study mine.toml --json mine.toml", "--json names 'mine.toml', which is an input"),
         ("identify file --force-scale 0.1", "bounds are of errors that --calibrate estimates: add it"),
+        ("identify file --calibrate --position-scale 1", "--position-scale 1: expected a bound from 0 to less than 1"),
+        ("identify file --calibrate --force-scale=-0.1", "--force-scale -0.1: expected a bound from 0 to less than 1"),
+        (
+            "identify file --calibrate --force-offset nan",
+            "--force-offset nan: expected a bound from 0 to less than inf",
+        ),
         ("identify file --json file", "--json names 'file', which is an input"),
         ("identify samples --json samples/r1.csv", "--json names 'samples/r1.csv', which is an input"),
         ("recover r.mcap --output folder", "--output: expected a file; found the folder 'folder'"),

@@ -102,6 +102,10 @@ def test_gaps_are_told_and_the_longest_part_is_used(tmp_path: Path, caplog: pyte
     [
         (lambda k: REGULAR + 1000.0 * k, "'pose' of right begins at 1000 s, when 'pose' of left has ended, at 19.99 s"),
         (lambda _: np.floor(REGULAR), "expected times that grow"),
+        (
+            lambda _: 0.1 * (np.arange(2000) // 10) + 0.001 * (np.arange(2000) % 10),
+            "'pose' of left: samples come in bunches, 1 ms after one another and then not for 91 ms: expected times of",
+        ),
     ],
 )
 def test_times_that_fit_no_clock_are_refused(tmp_path: Path, times: Callable[[int], Array], words: str) -> None:

@@ -246,7 +246,7 @@ def test_the_cutoff_is_that_of_the_filter(
 
 
 def test_without_holds_the_papers_method_says_what_is_missing(ring6: tuple[Recording, dict[str, Estimate]]) -> None:
-    with pytest.raises(RecordingError, match=r"at least 2 orientations.*found 0 \(held: none\)"):
+    with pytest.raises(RecordingError, match=r"at least 2 orientations.*found 0 in 0 holds\."):
         identify(ring6[0], Options(method="batch"))
 
 

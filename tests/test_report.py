@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from coheft.app.results.judge import Verdict
-from coheft.estimation.geometry.spatial import Pose
+from coheft.estimation.geometry.spatial import Pose, rotation_exp
 from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.wire.messages.truth import Truth
 from tests.synthetic_run import (
@@ -45,7 +45,7 @@ def test_a_perfect_run_has_no_errors() -> None:
 
 def test_errors_are_measured_in_the_robots_own_frame() -> None:
     wrong = Inertia(10.5, LIGHT.com + [0.003, 0.0, 0.004], 1.1 * LIGHT.tensor)
-    turned = Pose.exp([0.01, 0.0, 0.0, 0.0, 0.0, 0.0])
+    turned = Pose(rotation_exp([0.01, 0.0, 0.0]), np.zeros(3))
     shifted = Pose(turned.rotation, np.array([0.0, 0.002, 0.0]))
     last = {r: [estimate(r, 99, wrong, wrench_error=0.05, pose_error=shifted)] for r in ROBOTS}
     report = built_report(recorded([truth(block, LIGHT) for block in range(100)], last))

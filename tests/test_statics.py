@@ -75,11 +75,33 @@ def test_holds_are_read_as_people_record_them(tmp_path: Path, time: Array | None
     np.testing.assert_allclose(read.wrench, written.wrench)
 
 
+def test_quaternions_of_three_digits_do_not_turn_from_line_to_line(tmp_path: Path) -> None:
+    """Their norms differ from one, by more than the cosine of small angles does."""
+    held = statics()
+    write_lines(tmp_path, replace(held, pose=np.round(held.pose, 3)), still_seconds(), 50)
+    assert read_holds(tmp_path, NAMES).pose.shape == (3, 6, 7)
+
+
+def test_lines_without_times_are_in_no_unit(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    write_lines(tmp_path, statics())
+    read_holds(tmp_path, NAMES)
+    assert caplog.text == ""
+
+
+def test_holds_in_one_orientation_are_counted(tmp_path: Path) -> None:
+    held = bar_held()
+    same = replace(held, pose=held.pose[:, [0, 0, 0]], wrench=held.wrench[:, [0, 0, 0]])
+    with pytest.raises(RecordingError, match=r"found 1 in 3 holds\. Hold it in others as well, .* without --holds"):
+        identify(moving(0.2), Options(method="pose"), statics=same)
+
+
 def test_holds_without_motion_are_identified_by_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_lines(tmp_path, statics())
     command = ["identify", str(tmp_path), "--method", "static", "--json", str(tmp_path / "x.json")]
     assert run_command_line(command) == EXIT_NOT_CONVERGED
-    assert "3 robots, held still, method static" in " ".join(capsys.readouterr().out.split())
+    words = " ".join(capsys.readouterr().out.split())
+    assert "3 robots, held still, method static" in words
+    assert "The load was held still: 6 holds in 6 orientations." in words
     report = json.loads((tmp_path / "x.json").read_text())
     assert report["payload"]["mass_kg"] == pytest.approx(MASS, abs=5 * report["payload"]["mass_std_kg"])
     assert report["payload"]["inertia"] is None

@@ -12,6 +12,8 @@ import coheft
 from coheft.errors import RecordingError, UsageError
 from coheft.wire.data.file import load_arrays
 from tests.ring3_recording import MASS, ring3_arrays
+from tests.statics import MASS as HELD_MASS
+from tests.statics import statics
 
 
 @pytest.fixture(scope="module")
@@ -30,8 +32,22 @@ def test_files_and_arrays_give_the_same(file):
     assert msgspec.structs.replace(of_arrays, recording=of_file.recording) == of_file
 
 
+def test_holds_without_times_are_identified():
+    held = statics()
+    arrays = {f"{name}/pose": pose for name, pose in zip(held.names, held.pose, strict=True)}
+    arrays |= {f"{name}/wrench": own[:, [3, 4, 5, 0, 1, 2]] for name, own in zip(held.names, held.wrench, strict=True)}
+    found = coheft.identify(arrays, method="static")
+    assert found.payload.mass_kg == pytest.approx(HELD_MASS, abs=5.0 * found.payload.mass_std_kg)
+    with pytest.raises(RecordingError, match=r"^arrays: 't' of a: found shape \(5,\), expected \(6,\), or none"):
+        coheft.identify(arrays | {"a/t": np.arange(5.0)}, method="static")
+    with pytest.raises(RecordingError, match=r"^arrays: 'pose' of a: found shape \(\), expected \(1, 7\)"):
+        coheft.identify({**arrays, **{f"{name}/pose": 0.0 for name in held.names}}, method="static")
+
+
 def test_what_cannot_be_used_is_refused(file):
     arrays = load_arrays(file)
+    with pytest.raises(RecordingError, match=r"^arrays: 'r1/t': expected an array of numbers: .* inhomogeneous"):
+        coheft.identify({**arrays, "r1/t": [[0.0, 0.1], [0.2]]})
     with pytest.raises(RecordingError, match=r"^arrays: found 1 robot"):
         coheft.identify({key: values for key, values in arrays.items() if key.startswith("r1/")})
     with pytest.raises(RecordingError, match=r"^arrays: not a recording: 'r1/t' holds values of type"):

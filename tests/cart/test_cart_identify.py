@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import io
 import json
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from coheft.app.cart.explain import explanation
-from coheft.app.cli.base import EXIT_ERROR
+from coheft.app.cart.identify import CartIdentification
+from coheft.app.cart.terminal import print_identification
+from coheft.app.cli.base import EXIT_ERROR, EXIT_USAGE
 from coheft.app.cli.main import run_command_line
 from coheft.errors import RecordingError
 from coheft.estimation.cart.contact import grasp_map
@@ -95,6 +99,8 @@ def test_noise_that_is_larger_than_was_said_is_told(tmp_path: Path, capsys: pyte
     [
         (lambda a: {**a, "pose": a["pose"] * [1.0, 1.0, 180.0 / np.pi]}, "theta were in degrees"),
         (lambda a: {**a, "pose": a["pose"] * [1e3, 1e3, 1.0]}, "x, y were in millimetres"),
+        (lambda a: {**a, "pose": 0.0 * a["pose"], "rates": 0.0 * a["rates"]}, "the cart is never faster than 0 m/s"),
+        (lambda a: {**a, **{k: a[k] * [0.0, 0.0, 1.0] for k in ("pose", "rates")}}, "the cart is never faster than 0"),
         (lambda a: {**a, "push": -a["push"]}, "turn the signs of fx, fy, mz"),
         (lambda a: {**a, "pose": a["pose"][:, [1, 0, 2]]}, "would fit if x and y, or vx and vy, were exchanged"),
         (lambda a: {**a, "t": 1.1 * a["t"]}, "poses change 0.909 times as much as rates say"),
@@ -149,6 +155,21 @@ def test_what_fits_with_another_meaning_is_told(change: object, words: str, tmp_
     kept = []
     explanation(recording, HAND, lambda thin, _: bool(kept.append(len(thin.times))))
     assert max(kept) == 200
+
+
+@pytest.mark.parametrize("option", [["--hand", "nan", "0"], ["--noise", "inf"]])
+def test_numbers_that_are_not_finite_are_refused(
+    option: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = write_csv(tmp_path / "cart.csv", without_plan())
+    assert run_command_line(["cart", "identify", str(path), *option]) == EXIT_USAGE
+    assert f"{option[0]}: found" in capsys.readouterr().err
+
+
+def test_a_cart_that_seems_to_change_all_the_time_is_told_in_short() -> None:
+    console = Console(record=True, width=200, file=io.StringIO())
+    print_identification(console, CartIdentification(100, 10.0, {}, [0.1 * k for k in range(20)], []))
+    assert "changed at about 0.00, 0.10, 0.20, 0.30, 0.40, 0.50, 0.60, 0.70 and 12 times more;" in console.export_text()
 
 
 def test_other_files_are_refused(tmp_path: Path) -> None:

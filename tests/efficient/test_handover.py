@@ -19,6 +19,7 @@ from coheft.estimation.moments.unknowns import State, Unknowns
 from tests.estimation.moments.fitting import IDEAL as MOVING
 from tests.estimation.moments.fitting import fit
 from tests.estimation.moments.moving_team import make_team
+from tests.estimation.team import random_pose
 
 TEAM, COUNT, ANCHOR = 9, 3, 1
 SETTINGS = FitSettings(RowNoise.of_samples(SensorNoise(), 10, 500.0), 0.02, SensorErrors({"force_gain": 0.01}))
@@ -33,7 +34,7 @@ SCALE = 4 + 10 + COUNT * (Pose.SIZE + SETTINGS.errors.count) + 3 + 16
 
 def some_prior(rng: np.random.Generator, errors: SensorErrors = SETTINGS.errors) -> Prior:
     unknowns = Unknowns(COUNT, errors)
-    poses = [Pose.exp(rng.normal(size=6)) for _ in range(COUNT)]
+    poses = [random_pose(rng) for _ in range(COUNT)]
     state = State.first(poses, errors).with_load(rng.normal(size=16))
     state = state.moved(0.01 * rng.normal(size=unknowns.size), unknowns, 6.0)
     root, noise = rng.normal(size=(2, unknowns.size, unknowns.size))

@@ -10,6 +10,7 @@ from coheft.app.identify.methods import identify
 from coheft.errors import RecordingError
 from coheft.estimation.batch.judge.verdict import Cause
 from coheft.estimation.batch.pose_conventions import inverse_poses
+from coheft.estimation.geometry.spatial import Array
 from tests.estimation.batch_team import held_recording
 from tests.estimation.recorded_faults import (
     Fault,
@@ -26,6 +27,14 @@ from tests.estimation.recorded_faults import (
     with_fault,
 )
 from tests.estimation.test_batch_judge import SEED, deviations, slipped
+
+
+def late_with_other_signs(pose: Array) -> Array:
+    """Late by 25 ms, with quaternions that change their signs every half second."""
+    moved = np.concatenate([np.repeat(pose[:1], 3, axis=0), 0.5 * (pose[1:-2] + pose[:-3])])
+    moved[:, 3:] /= np.linalg.norm(moved[:, 3:], axis=1, keepdims=True)
+    moved[np.arange(len(moved)) // 50 % 2 == 0, 3:] *= -1.0
+    return moved
 
 
 @pytest.mark.parametrize(
@@ -47,6 +56,7 @@ from tests.estimation.test_batch_judge import SEED, deviations, slipped
         (to_wrench(late), (), Cause.CLOCK),
         (lambda pose, wrench: (late(pose), wrench), (), Cause.CLOCK),
         (lambda pose, wrench: (late(pose), late(wrench)), (), Cause.CLOCK),
+        (lambda pose, wrench: (late_with_other_signs(pose), wrench), (), Cause.CLOCK),
         (home_turned(np.array([0.05, 0.0, 0.0])), (), Cause.NOT_LEVEL),
         (lambda pose, wrench: (inverse_poses(pose), wrench), ("r1", "r2", "r3"), Cause.INVERSE),
     ],

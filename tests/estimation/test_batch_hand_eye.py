@@ -141,10 +141,11 @@ def test_poses_of_different_loads_do_not_settle() -> None:
     rng = np.random.default_rng(8)
     team = grasps(rng)
     several = [wrists(rng, team, 10.0) for _ in team]
-    angles, positions = (
-        np.array([getattr(own, x)[k] for k, own in enumerate(several)]) for x in ("angles", "positions")
-    )
-    assert not fit_hand_eye(replace(several[0], angles=angles, positions=positions), team).team.is_settled
+    mixed = {
+        name: np.array([getattr(own, name)[k] for k, own in enumerate(several)])
+        for name in ("angles", "positions", "zeros")
+    }
+    assert not fit_hand_eye(replace(several[0], **mixed), team).team.is_settled
 
 
 def test_every_sample_says_as_much_about_the_noise() -> None:
@@ -217,6 +218,25 @@ def test_angles_do_not_jump_at_half_a_turn() -> None:
     )
     assert np.abs(residual).max() < 1e-12
     np.testing.assert_allclose(derivative[:, 0, 15], -measured.angles[0, :, 0], atol=1e-12)
+
+
+@pytest.mark.parametrize(("speed", "rate"), [(0.2, 25.0), (2.5, 100.0)])
+def test_means_over_arcs_do_not_shorten_levers(speed: float, rate: float) -> None:
+    turns = Rotation.from_euler("z", speed * np.arange(200)[:, None] / RATE)
+    poses = np.hstack([turns.apply([0.5, 0.0, 0.0]), turns.as_quat()])
+    found = WristPoses.of(np.array([poses, poses]), RATE, at_home=False).averaged(25.0)
+    assert found.rate == rate
+    np.testing.assert_allclose(np.linalg.norm(found.positions, axis=-1), 0.5, atol=1e-5)
+    in_hand = np.einsum("ni,nij->nj", found.positions[0], found.rotations(0))
+    np.testing.assert_allclose(in_hand, np.tile([0.5, 0.0, 0.0], (len(in_hand), 1)), atol=1e-5)
+
+
+def test_of_very_many_means_some_are_kept() -> None:
+    turns = Rotation.from_euler("z", 0.025 * np.arange(120_000)[:, None])
+    poses = np.hstack([turns.apply([0.5, 0.0, 0.0]), turns.as_quat()])
+    found = WristPoses.of(np.array([poses, poses]), RATE, at_home=False).averaged(25.0)
+    assert (found.rate, found.positions.shape) == (RATE / 3.0, (2, 40_000, 3))
+    np.testing.assert_allclose(found.positions[0], poses[::3, :3], atol=1e-12)
 
 
 def test_robots_with_orientations_of_no_gimbal_have_no_errors_of_angles() -> None:

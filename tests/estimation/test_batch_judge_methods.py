@@ -14,8 +14,8 @@ from benchmarks.recordings import deviations, try_recording
 from coheft.app.identify.choices import Method, Options
 from coheft.app.identify.methods import fitted, identify
 from coheft.errors import RecordingError
+from coheft.estimation.batch.plausibility import check_twists
 from coheft.estimation.batch.recording import Recording
-from coheft.estimation.batch.twist_order import check_twists
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import SensorNoise
 from tests.estimation.batch_team import (

@@ -62,7 +62,26 @@ def test_what_is_not_seen_need_not_settle() -> None:
     recording = sensors_recording(rng, exact_signals(rng, grasps(rng), motion=spinning), NOISE)
     found = identify(recording, Options(method="instruments"))
     assert found.team.relative(0, 1).unobservable
-    assert not any("still changing" in doubt for doubt in found.doubts)
+    assert not any("did not converge" in doubt for doubt in found.doubts)
+
+
+@pytest.mark.parametrize(
+    ("factor", "advice"), [(0.3, "are the sensors worse than"), (4.0, "deviations of single samp")]
+)
+def test_noise_that_is_not_that_of_the_samples_is_suspected(factor: float, advice: str) -> None:
+    rng = np.random.default_rng(3)
+    recording = sensors_recording(rng, exact_signals(rng, grasps(rng)), NOISE)
+    assert not identify_sensors(recording).doubts
+    (doubt,) = identify_sensors(replace(recording, noise=NOISE.scaled(factor))).doubts
+    assert advice in doubt
+
+
+def test_a_robot_that_is_there_twice_is_refused() -> None:
+    rng = np.random.default_rng(3)
+    recording = sensors_recording(rng, exact_signals(rng, grasps(rng)), NOISE)
+    twice = replace(recording, robots={**recording.robots, "r2": recording.robots["r1"]})
+    with pytest.raises(RecordingError, match="r1 and r2 recorded exactly the same"):
+        identify(twice, Options(method="likelihood"))
 
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
@@ -71,6 +90,9 @@ def test_what_cannot_be_computed_with_is_told() -> None:
     recording = sensors_recording(rng, exact_signals(rng, grasps(rng)), NOISE)
     with pytest.raises(RecordingError, match=r"--method likelihood cannot compute with these numbers \("):
         identify(replace(recording, noise=NOISE.scaled(1e-170)), Options(method="likelihood"))
+    huge = recording.changed("wrench", lambda wrench: 1e200 * wrench, "r2")
+    with pytest.raises(RecordingError, match=r"--method instruments cannot compute with these numbers \("):
+        identify(huge, Options(method="instruments"))
 
 
 def test_impossible_bodies_are_made_possible_in_the_metric_of_all_errors() -> None:

@@ -75,6 +75,23 @@ def test_no_other_body_is_more_likely() -> None:
             assert 0.5 * np.einsum("ni,ij,nj->n", error, information, error).min() > cost * (1.0 - 1e-5) - 1e-5
 
 
+def test_moments_in_another_unit_are_no_obstacle() -> None:
+    """A fit of moments in N·mm: directions differ by many powers of ten, and no body is far from impossible."""
+    fit = np.array([1.9, 1e3, 230.0, -800.0, -2e3, 2.2e3, -1.2e3, -520.0, -1.9e3, 660.0])
+    root = np.zeros((10, 10))
+    root[np.tril_indices(10)] = 1e-6 * np.array(
+        [
+            *(380000, -25000, 77000, 33000, -42000, 62000, 100000, -250000, 100000, 51000, 350, 450, 370, -400, 970),
+            *(170, -38, -28, -330, -150, 530, -85, 490, 230, -140, 430, -310, 760, -51, 440, 660, -1500, -81, -410),
+            *(460, 1300, -220, -1500, -320, 1100, -880, -630, -860, 170, 310, -420, 200, 430, -1200, -1000, -730),
+            *(-140, 840, -1400, 6.9),
+        ]
+    )
+    for seed in range(10):
+        estimate = fit * (1.0 + 1e-3 * np.random.default_rng(seed).normal(size=10))
+        assert is_possible(nearest_possible(estimate, root @ root.T, 0.5))
+
+
 def test_agrees_with_a_general_purpose_optimiser() -> None:
     lower = np.tril_indices(4)
 

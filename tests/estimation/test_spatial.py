@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from hypothesis import given
-from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 from coheft.estimation.geometry.spatial import (
@@ -47,27 +46,6 @@ def test_poses_have_inverse_and_identity(pose: Pose) -> None:
 @given(poses, poses, vectors(3.0))
 def test_points_follow_composition(a: Pose, b: Pose, point: Array) -> None:
     np.testing.assert_allclose((a @ b).apply(point), a.apply(b.apply(point)), atol=1e-12)
-
-
-@given(poses)
-def test_pose_is_exp_of_its_log(pose: Pose) -> None:
-    assert_same(Pose.exp(pose.log()), pose, atol=1e-11)
-
-
-@given(rotation_vectors, vectors(2.0))
-def test_log_undoes_exp(rotation_vector: Array, v: Array) -> None:
-    # At pi itself both signs of the axis are right.
-    tangent = np.concatenate([rotation_vector * (1.0 - 1e-6), v])
-    np.testing.assert_allclose(Pose.exp(tangent).log(), tangent, atol=1e-9)
-
-
-@given(rotation_vectors, vectors(2.0))
-def test_exp_is_the_matrix_exponential(rotation_vector: Array, v: Array) -> None:
-    generator = np.zeros((4, 4))
-    generator[:3, :3] = skew(rotation_vector)
-    generator[:3, 3] = v
-    matrix = expm(generator)
-    assert_same(Pose.exp(np.concatenate([rotation_vector, v])), Pose(matrix[:3, :3], matrix[:3, 3]), atol=1e-11)
 
 
 @given(rotation_vectors)

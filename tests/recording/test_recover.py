@@ -151,6 +151,18 @@ def test_all_chunks_that_damage_has_not_touched_are_saved_and_the_loss_is_told(
         assert read_recording(output)
 
 
+def test_what_has_lost_its_end_does_not_take_the_next_chunk_along(whole: Path, tmp_path: Path) -> None:
+    """Four zeros in that chunk would pass for a checksum that was not computed; an index has none at all."""
+    content = whole.read_bytes()
+    chunks = chunks_in(content)
+    gone, saved = tmp_path / "gone.mcap", tmp_path / "saved.mcap"
+    for start, end in [(306, 3759), *((chunk.start - lost, chunk.start) for chunk in chunks for lost in (20, 40, 60))]:
+        gone.write_bytes(content[:start] + content[end:])
+        assert recover(gone, saved, overwrite=True)
+        found = {(message.log_time, message.data) for message in messages_in(saved)}
+        assert found >= {(message.log_time, message.data) for chunk in chunks for message in chunk.messages}
+
+
 @pytest.mark.parametrize("name", ["whole", "cut"])
 def test_no_flipped_bit_leaves_a_recording_that_cannot_be_shown(
     name: str, request: pytest.FixtureRequest, tmp_path: Path

@@ -7,7 +7,6 @@ import numpy as np
 
 from coheft.errors import RecordingError
 from coheft.estimation.cart.model import axes
-from coheft.estimation.geometry.spatial import Array
 from coheft.wire.cart.recording import CartRecording
 
 _MOST_SAMPLES, _LEAST_RATE = 200, 10.0
@@ -60,22 +59,9 @@ def _meanings(recording: CartRecording, hand: Hand) -> Iterator[tuple[str, CartR
         yield f"lengths were in {words}", moved, hand
     for samples in (1, 3, -1, -3):
         late = recording.times[abs(samples)] - recording.times[0]
-        shifted = np.roll(pushes, -samples, axis=0)[4:-4]
-        words = f"pushes were {1e3 * late:.0f} ms too {'late' if samples > 0 else 'early'}"
-        yield words, _part(replace(recording, pushes=pushes), shifted), hand
-
-
-def _part(recording: CartRecording, pushes: Array) -> CartRecording:
-    """Other pushes of all samples but the first and the last four."""
-    inner = slice(4, -4)
-    return replace(
-        recording,
-        times=recording.times[inner],
-        poses=recording.poses[inner],
-        rates=recording.rates[inner],
-        pushes=pushes,
-        planned=None,
-    )
+        words, inner = f"pushes were {1e3 * late:.0f} ms too {'late' if samples > 0 else 'early'}", slice(4, -4)
+        shifted = np.roll(pushes, -samples, axis=0)[inner]
+        yield words, CartRecording(recording.times[inner], poses[inner], recording.rates[inner], shifted), hand
 
 
 def _thinned(recording: CartRecording) -> CartRecording:

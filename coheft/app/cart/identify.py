@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 
 from coheft.app.cart.explain import explanation
-from coheft.errors import RecordingError
+from coheft.errors import RecordingError, UsageError
 from coheft.estimation.cart.contact import grasp_map
 from coheft.estimation.cart.filter import MOTION_SIZE, Push, Sighting
 from coheft.estimation.cart.learner import CartLearner
@@ -100,7 +100,12 @@ def identify_cart(
 
     Raises:
         RecordingError: Poses, rates and pushes are not those of one cart.
+        UsageError: An argument is not finite.
     """
+    given = {"--mass": mass, "--com": com, "--hand": hand, "--noise": noise, "--force-noise": force_noise}
+    for option, value in given.items():
+        if not np.all(np.isfinite(np.asarray(value))):
+            raise UsageError(f"{option}: found {value}, expected finite numbers")
     run = partial(_identified, mass=mass, com=com, noise=noise, force_noise=force_noise)
 
     def is_known(given: CartRecording, point: tuple[float, float]) -> bool:
@@ -170,10 +175,13 @@ def _identified(
 def _check_motion(recording: CartRecording) -> None:
     """Check that rates are those of poses."""
     times, poses, rates = recording.times, recording.poses, recording.rates
-    if _misfit(times, poses, rates) < _SAME:
+    given = _misfits(times, poses, rates)
+    if not given:
+        return  # it stands still
+    if max(given) < _SAME:
         factor = _pace(times, poses, rates)
-        least, better = (min(_misfits(t, poses, rates), default=0.0) for t in (times, factor * times))
-        if abs(factor - 1.0) > _OTHER_PACE and _BETTER * better < least:
+        better = min(_misfits(factor * times, poses, rates), default=0.0)
+        if abs(factor - 1.0) > _OTHER_PACE and _BETTER * better < min(given):
             raise RecordingError(
                 f"poses change {factor:.3g} times as much as rates say: times, or the rates, are in another unit"
             )
@@ -190,21 +198,19 @@ def _check_motion(recording: CartRecording) -> None:
         "they would fit if x and y, or vx and vy, were exchanged": (poses[:, [1, 0, 2]], rates),
         "they would fit if x, y were in millimetres: give them in metres": (poses * meters, rates),
     }
-    moving = len(_misfits(times, poses, rates))
     shares = {words: _misfits(times, *each) for words, each in explanations.items()}
-    misfits = {words: max(each, default=0.0) if len(each) == moving else np.inf for words, each in shares.items()}
+    misfits = {words: max(each) if len(each) == len(given) else np.inf for words, each in shares.items()}
     best = min(misfits, key=lambda words: misfits[words])
     reason = best if misfits[best] < _SAME else "check units, axes, and that both have the same clock"
     raise RecordingError(
-        f"rates are not those of poses: over {_WAY:g} s they differ by {100 * _misfit(times, poses, rates):.0f} % of "
-        f"the motion; {reason}"
+        f"rates are not those of poses: over {_WAY:g} s they differ by {100 * max(given):.0f} % of the motion; {reason}"
     )
 
 
 def _pace(times: Array, poses: Array, rates: Array) -> float:
-    """How much poses change, in multiples of what rates say."""
-    moved, said = _changes(times, poses, rates)
-    return float(np.sum(moved[:, :2] * said[:, :2]) / max(float(np.sum(said[:, :2] ** 2)), 1e-300))
+    """How far the cart goes by its poses, in multiples of what rates say; 1 if it hardly goes anywhere."""
+    moved, said = (changes[:, :2] for changes in _changes(times, poses, rates))
+    return float(np.sum(moved * said) / np.sum(said**2)) if _rms(said) > _LITTLE else 1.0
 
 
 def _check_axle(recording: CartRecording, noise: float) -> None:
@@ -235,13 +241,11 @@ def _in_cart(poses: Array, rates: Array) -> tuple[Array, Array]:
     return c * rates[:, 0] + s * rates[:, 1], c * rates[:, 1] - s * rates[:, 0]
 
 
-def _misfit(times: Array, poses: Array, rates: Array) -> float:
-    """Root mean square difference between changes of poses and integrals of rates, as a share of the motion."""
-    return max(_misfits(times, poses, rates), default=0.0)
-
-
 def _misfits(times: Array, poses: Array, rates: Array) -> list[float]:
-    """The same for translations and for rotations, without those that are too small."""
+    """Root mean square differences between changes of poses and integrals of rates, as shares of the motion.
+
+    Of translations and of rotations, but not of those that are too small.
+    """
     moved, said = _changes(times, poses, rates)
     shares = []
     for part in (slice(0, 2), slice(2, 3)):

@@ -8,6 +8,9 @@ from coheft.app.cart.identify import CartIdentification
 from coheft.app.cart.table import CLAIMS, HEADER, CartStudy, rows, sentences
 from coheft.app.terminal.wide_table import print_table
 
+_SHOWN = 8
+"""Largest number of changes that are listed."""
+
 
 def print_study(console: Console, study: CartStudy) -> None:
     """Print a table with the worst run of each test, below the paper's claims."""
@@ -39,7 +42,9 @@ def print_identification(console: Console, found: CartIdentification) -> None:
     for advice in dict.fromkeys(quantity.not_known for quantity in found.quantities.values() if quantity.not_known):
         console.print(f"{advice}.", highlight=False)
     if found.changes_s:
-        times = ", ".join(f"{time:.2f}" for time in found.changes_s)
-        console.print(f"The cart changed at about {times} s; the values are those at the end.", highlight=False)
+        times = ", ".join(f"{time:.2f}" for time in found.changes_s[:_SHOWN])
+        more = len(found.changes_s) - _SHOWN
+        times += f" and {more} times more" if more > 0 else " s"
+        console.print(f"The cart changed at about {times}; the values are those at the end.", highlight=False)
     for doubt in found.doubts:
         console.print(f"Does not fit: {doubt}", style="red", highlight=False)

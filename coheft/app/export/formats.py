@@ -12,7 +12,6 @@ from scipy.spatial.transform import Rotation
 from coheft.app.export.found_load import FoundLoad
 from coheft.app.export.verdict import Answer, Limits, judge_load
 from coheft.errors import CoheftError, UsageError
-from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.linear_algebra import principal_axes
 from coheft.estimation.rigid_body.mass_properties import pack_symmetric
 from coheft.wire.scenario.section import pose_of
@@ -117,16 +116,11 @@ def _kuka(load: FoundLoad) -> str:
     """KRL: mass [kg], centre of mass in the flange's frame [mm], principal axes as angles [°], moments [kg·m²]."""
     inertia = load.inertia
     moments, axes = principal_axes(inertia.tensor)
-    centre = _named("XYZ", 1e3 * inertia.com) + "," + _named("ABC", _kuka_angles(axes))
-    return f"LOAD_DATA[1]={{M {_decimal(inertia.mass)},CM {{{centre}}},J {{{_named('XYZ', moments)}}}}}\n"
-
-
-def _kuka_angles(rotation: Array) -> Array:
-    """Return ``A, B, C`` [°], shape (3,), of a rotation ``Rz(A) Ry(B) Rx(C)``."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # if B is ±90°, one of the other two can be chosen
-        angles: Array = Rotation.from_matrix(rotation).as_euler("ZYX", degrees=True)
-    return angles
+        angles = Rotation.from_matrix(axes).as_euler("ZYX", degrees=True)  # axes = Rz(A) Ry(B) Rx(C)
+    centre = _named("XYZ", 1e3 * inertia.com) + "," + _named("ABC", angles)
+    return f"LOAD_DATA[1]={{M {_decimal(inertia.mass)},CM {{{centre}}},J {{{_named('XYZ', moments)}}}}}\n"
 
 
 def _number(value: float) -> str:

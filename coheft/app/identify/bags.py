@@ -38,12 +38,8 @@ class Kind:
     numbers: Callable[[Any], Sequence[float]]
 
 
-def _xyz(part: Any) -> tuple[float, float, float]:
-    return part.x, part.y, part.z
-
-
 def _pose(pose: Any) -> tuple[float, ...]:
-    return *_xyz(pose.position), *_xyz(pose.orientation), pose.orientation.w
+    return *ros.xyz(pose.position), *ros.xyz(pose.orientation), pose.orientation.w
 
 
 _LOOKED_AT = 500
@@ -55,16 +51,16 @@ _OUT_OF_ORDER = 5 * 10**8
 IN_PLACE_OF_POSES = frozenset({"nav_msgs/msg/Odometry", "sensor_msgs/msg/Imu"})
 """Types that are used, unless ``--topics`` names them, only of robots without poses of other types."""
 KINDS = {
-    "geometry_msgs/msg/WrenchStamped": Kind("wrench", lambda m: _xyz(m.wrench.force) + _xyz(m.wrench.torque)),
+    "geometry_msgs/msg/WrenchStamped": Kind("wrench", ros.wrench_in),
     "geometry_msgs/msg/PoseStamped": Kind("pose", lambda m: _pose(m.pose)),
     "geometry_msgs/msg/PoseWithCovarianceStamped": Kind("pose", lambda m: _pose(m.pose.pose)),
     "geometry_msgs/msg/TransformStamped": Kind(
-        "pose", lambda m: (*_xyz(m.transform.translation), *_xyz(m.transform.rotation), m.transform.rotation.w)
+        "pose", lambda m: (*ros.xyz(m.transform.translation), *ros.xyz(m.transform.rotation), m.transform.rotation.w)
     ),
-    "geometry_msgs/msg/TwistStamped": Kind("twist", lambda m: _xyz(m.twist.angular) + _xyz(m.twist.linear)),
+    "geometry_msgs/msg/TwistStamped": Kind("twist", ros.twist_in),
     "nav_msgs/msg/Odometry": Kind("pose", lambda m: _pose(m.pose.pose)),
-    "sensor_msgs/msg/Imu": Kind("acceleration", lambda m: _xyz(m.linear_acceleration)),
-    "geometry_msgs/msg/AccelStamped": Kind("acceleration", lambda m: _xyz(m.accel.linear)),
+    "sensor_msgs/msg/Imu": Kind("acceleration", lambda m: ros.xyz(m.linear_acceleration)),
+    "geometry_msgs/msg/AccelStamped": Kind("acceleration", ros.acceleration_in),
 }
 """Kinds by names of types."""
 
@@ -164,9 +160,7 @@ def _check_stamps(name: str, stamps: list[int], received: list[int]) -> None:
     fault = pace.fault(1.0)
     if fault is None or fault.kind not in ("still", "equal", "bunched", "unit"):
         return
-    is_slow = max(stamps) - min(stamps) < max(received) - min(
-        received
-    )  # times of writing tell nothing if they are fast
+    is_slow = np.ptp(stamps) < np.ptp(received)  # times of writing tell nothing if they are fast
     is_double = fault.kind == "equal" and len(set(stamps)) > _DISTINCT * len(stamps)
     if not is_double and (is_slow or fault.kind != "unit"):
         raise RecordingError(f"{one_line(name)}: {fault.words}")

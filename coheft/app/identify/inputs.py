@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
 
-from coheft.errors import RecordingError, UsageError
+from coheft.errors import RecordingError, UsageError, recording_errors
 from coheft.estimation.batch.recording import Recording
 from coheft.estimation.batch.statics import Statics
 from coheft.wire.data.file import read_recording
@@ -53,14 +53,9 @@ def read_holds(path: Path, names: Sequence[str] | None = None) -> Statics:
     Raises:
         RecordingError: It cannot be read or used, or its robots are others; the message says why.
     """
-    try:
+    with recording_errors(path):
         statics = Statics.of_recording(read_any(path)) if _is_of_topics(path) else read_statics(path)
         return statics if names is None else statics.of(names)
-    except RecordingError as error:
-        text = str(error)
-        raise RecordingError(text if text.startswith(f"{path}: ") else f"{path}: {text}") from error
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from error
 
 
 def files_of(path: Path) -> list[Path]:

@@ -73,7 +73,7 @@ def identify(recording: Recording, options: Options = _BEST, statics: Statics | 
         if method != "batch":  # the cutoff of the paper
             options = replace(options, cutoff=cutoff)
         found = judged(recording, fit, cutoff, options.assume)
-    except (np.linalg.LinAlgError, OverflowError) as error:
+    except (np.linalg.LinAlgError, ArithmeticError) as error:
         raise RecordingError(
             f"--method {method} cannot compute with these numbers ({error}): are some of them huge, or constant "
             f"all the time, or is 'noise' far from what the sensors have? Choose a part in which the load moves with "

@@ -1,4 +1,4 @@
-"""Pictures of an identification: residuals, forces and correlations."""
+"""Pictures of an identification: residuals, forces and correlations. Without matplotlib: ``MissingPackageError``."""
 
 from pathlib import Path
 
@@ -13,11 +13,7 @@ _AXES = ("x", "y", "z")
 
 
 def plot_residuals(found: Identification, path: Path) -> None:
-    """Plot the residual of the total wrench, or of the torque, over time.
-
-    Raises:
-        MissingPackageError: matplotlib is not installed.
-    """
+    """Plot the residual of the total wrench, or of the torque, over time."""
     with figure_to(path, 9.0, 4.5) as figure:
         width = found.residual.shape[1]
         parts = [("force [N]", slice(0, 3)), ("torque [N·m]", slice(width - 3, width))][-(width // 3) :]
@@ -28,15 +24,11 @@ def plot_residuals(found: Identification, path: Path) -> None:
             axes.set_ylabel(label)
         grid[0].set_title("Residual of the rigid body model")
         grid[0].legend(loc="upper right", ncols=3)
-        grid[-1].set_xlabel("time [s]")
+        grid[-1].set_xlabel("hold" if found.method == "static" else "time [s]")
 
 
 def plot_forces(recording: Recording, found: Identification, path: Path) -> None:
-    """Plot the forces of all robots over time, and when the load was held still.
-
-    Raises:
-        MissingPackageError: matplotlib is not installed.
-    """
+    """Plot the forces of all robots over time, and when the load was held still."""
     with figure_to(path, 9.0, 1.6 * len(found.names) + 0.8) as figure:
         grid = np.atleast_1d(figure.subplots(len(found.names), 1, sharex=True))
         every = max(1, len(recording.time) // 5000)
@@ -52,11 +44,7 @@ def plot_forces(recording: Recording, found: Identification, path: Path) -> None
 
 
 def plot_uncertainty(report: IdentifyReport, path: Path) -> None:
-    """Plot the correlations of the load's ten parameters.
-
-    Raises:
-        MissingPackageError: matplotlib is not installed.
-    """
+    """Plot the correlations of the load's ten parameters."""
     covariance = np.array(report.payload.covariance)
     spread = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     names = ["m", "hx", "hy", "hz", "Jxx", "Jyy", "Jzz", "Jxy", "Jxz", "Jyz"]

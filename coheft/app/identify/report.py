@@ -8,8 +8,7 @@ import numpy as np
 from coheft.estimation.batch.holds import orientations
 from coheft.estimation.batch.identification import CalibrationFinding, Identification
 from coheft.estimation.batch.loop_closure import LoopError
-from coheft.estimation.batch.payload import Payload
-from coheft.estimation.batch.principal_axes import PrincipalInertia
+from coheft.estimation.batch.payload import Payload, principal_inertia
 from coheft.estimation.batch.recording import Recording, Truth
 from coheft.estimation.geometry.body_motion import perturbation_between
 from coheft.estimation.geometry.spatial import rotation_log
@@ -195,7 +194,7 @@ def make_report(source: str, recording: Recording, found: Identification) -> Ide
 
 
 def _payload(payload: Payload) -> PayloadReport:
-    principal = PrincipalInertia.of(payload.inertia.tensor, payload.covariance[4:, 4:])
+    moments, axes, moments_std = principal_inertia(payload.inertia.tensor, payload.covariance[4:, 4:])
     mass, com, inertia = payload.is_seen("mass"), payload.is_seen("com"), payload.is_seen("inertia")
     return PayloadReport(
         mass_kg=payload.inertia.mass if mass else None,
@@ -203,9 +202,9 @@ def _payload(payload: Payload) -> PayloadReport:
         com_m=payload.inertia.com.tolist() if com else None,
         com_std_m=payload.std[1:4].tolist() if com else None,
         inertia=payload.inertia.tensor.tolist() if inertia else None,
-        principal=principal.moments.tolist() if inertia else None,
-        principal_std=principal.std.tolist() if inertia else None,
-        axes_deg=np.degrees(rotation_log(principal.axes)).tolist() if inertia else None,
+        principal=moments.tolist() if inertia else None,
+        principal_std=moments_std.tolist() if inertia else None,
+        axes_deg=np.degrees(rotation_log(axes)).tolist() if inertia else None,
         covariance=payload.covariance.tolist(),
         was_possible=payload.was_possible,
         deviations_off=payload.deviations_off,

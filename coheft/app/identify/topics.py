@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Mapping, Sequence
+from itertools import takewhile
 
 from coheft.app.identify.bags import IN_PLACE_OF_POSES, KINDS, BagTopic
 from coheft.errors import RecordingError, one_line
@@ -54,13 +55,8 @@ def found_topics(topics: Sequence[BagTopic]) -> Chosen:
     chosen: dict[str, dict[str, str]] = {}
     ours = [topic for topic in usable if _OURS.fullmatch(topic.name)]
     parts = {topic.name: topic.name.strip("/").split("/") for topic in usable}
-    shared = 0
-    while (
-        usable
-        and all(len(own) > shared + 1 for own in parts.values())
-        and len({p[shared] for p in parts.values()}) == 1
-    ):
-        shared += 1
+    levels = zip(*(own[:-1] for own in parts.values()), strict=False)
+    shared = sum(1 for _ in takewhile(lambda level: len(set(level)) == 1, levels))
     for topic in sorted(ours or usable, key=lambda topic: topic.kind in IN_PLACE_OF_POSES):
         robot = parts[topic.name][0 if ours else shared]
         if topic.kind not in IN_PLACE_OF_POSES or "pose" not in chosen.get(robot, {}):

@@ -139,7 +139,6 @@ def errors_of(recording: Recording, found: Identification) -> list[float]:
 def truth_of(recording: Recording) -> tuple[Truth, Inertia]:
     """The truth of a simulated recording, and the load, which does not change."""
     truth = recording.truth
-    load = None if truth is None else truth.load_between(float(recording.time[0]), float(recording.time[-1]))
-    if truth is None or load is None:
-        raise ValueError("expected a recording with the truth")
+    assert truth is not None
+    (_, load), *_ = truth.loads
     return truth, load

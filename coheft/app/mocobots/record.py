@@ -1,25 +1,21 @@
 """Simulated experiments with mocobots."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from itertools import islice
 
 import msgspec
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from coheft.agents.motion.reference import make_motion
-from coheft.consensus.graph import build_graph
+from coheft.app.study.samples import ReferenceOf, agents_references, reference_blocks
 from coheft.estimation.batch.recording import Recording
+from coheft.estimation.geometry.smooth_step import cubic_step
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.physics_server.data_recorder import DataRecorder
 from coheft.physics_server.simulation import Simulation
-from coheft.wire.config import agent_config
-from coheft.wire.messages.structs import Reference
 from coheft.wire.scenario.grasps import place_grasps
 from coheft.wire.scenario.motion import ViaPoints
 from coheft.wire.scenario.schema import Scenario
-
-ReferenceOf = Callable[[int], Array]
-"""Function from a block's number to its reference motion, see ``ReferenceMotion.reference``."""
 
 SPHERE_TIME = 60.0
 """Duration of the periodic motion [s]."""
@@ -33,25 +29,11 @@ _DERIVATIVE_STEP = 1e-4
 
 def record(scenario: Scenario, references: Mapping[str, ReferenceOf] | None = None) -> Recording:
     """Simulate a recording with these references by robot; None for those of the scenario's agents."""
-    names = scenario.robot_names
-    if references is None:
-        references = agents_references(scenario)
     simulation = Simulation(scenario)
     recorder = DataRecorder(scenario, simulation.scene)
-    for block in range(scenario.blocks):
-        given = {
-            name: Reference(robot=name, block=block, answers=block, motion=references[name](block), wrench=np.zeros(6))
-            for name in names
-            if block >= scenario.lookahead
-        }
-        recorder.add(simulation.advance(given))
+    for result in islice(reference_blocks(scenario, simulation, references), scenario.blocks):
+        recorder.add(result)
     return recorder.recording()
-
-
-def agents_references(scenario: Scenario) -> dict[str, ReferenceOf]:
-    """The references of the scenario's agents, by robot."""
-    graph = build_graph(scenario.graph, scenario.robot_names)
-    return {name: make_motion(agent_config(scenario, name, graph[name])).reference for name in graph}
 
 
 def record_sphere(scenario: Scenario) -> Recording:
@@ -92,8 +74,8 @@ def sphere_references(grasps: Sequence[Pose], seed: int, rate: int, block: int) 
 
     def displacement(grasp: Pose, time: Array) -> Array:
         swing = 0.5 * np.radians(_SWING_DEG) * np.sin(omegas * time[:, None, None] + phases).sum(axis=-1)
-        edge = np.clip(np.minimum(time, SPHERE_TIME - time) / _RAMP, 0.0, 1.0)[:, None]
-        turned = Rotation.from_rotvec(edge**2 * (3.0 - 2.0 * edge) * swing).apply(grasp.translation - centre)
+        edge, _ = cubic_step(np.clip(np.minimum(time, SPHERE_TIME - time) / _RAMP, 0.0, 1.0)[:, None])
+        turned = Rotation.from_rotvec(edge * swing).apply(grasp.translation - centre)
         return (turned - (grasp.translation - centre)) @ grasp.rotation
 
     def reference(grasp: Pose) -> ReferenceOf:

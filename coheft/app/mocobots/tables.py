@@ -7,6 +7,7 @@ import numpy as np
 from coheft.app.identify.choices import Method
 from coheft.app.mocobots.campaign import Mocobots, Noise
 from coheft.app.mocobots.paper import PAPER, ROWS
+from coheft.app.study.tables import markdown_table
 from coheft.estimation.geometry.spatial import Array
 
 _TABLES = (
@@ -39,8 +40,8 @@ def markdown(found: Mocobots) -> str:
     configurations = sorted({trial.configuration for trial in found.trials})
     parts = [_in_short(found, configurations)]
     for title, rows in _TABLES:
-        header = ["", "paper, hardware", *(name for name, _, _ in _COLUMNS)]
-        lines = [f"### {title}", "", _line(header), _line(["---"] * len(header))]
+        header = ("", "paper, hardware", *(name for name, _, _ in _COLUMNS))
+        lines = []
         for configuration in configurations:
             for row in range(*rows.indices(len(ROWS))):
                 label = ROWS[row].rpartition(",")[0]
@@ -48,23 +49,23 @@ def markdown(found: Mocobots) -> str:
                 for _, noise, method in _COLUMNS:
                     errors = found.rows(configuration, noise, method)[:, row]
                     cells.append(f"{typical(errors, row):.{_DIGITS[row]}f} ({np.abs(errors).max():.{_DIGITS[row]}f})")
-                lines.append(_line(cells))
-        parts.append("\n".join(lines))
+                lines.append(tuple(cells))
+        parts.append(f"### {title}\n\n{markdown_table(header, lines)}")
     return "\n\n".join(parts) + "\n"
 
 
 def _in_short(found: Mocobots, configurations: Sequence[str]) -> str:
     """Mean (worst) absolute errors of all configurations together."""
-    header = ["", *(kind for kind, _ in _KINDS)]
-    lines = ["### All configurations together", "", _line(header), _line(["---"] * len(header))]
+    lines = []
     for name, noise, method in _COLUMNS:
         errors = np.abs(np.concatenate([found.rows(configuration, noise, method) for configuration in configurations]))
         cells = [name]
         for _, rows in _KINDS:
             own, digits = errors[:, rows], _DIGITS[rows.start]
             cells.append(f"{own.mean():.{digits}f} ({own.max():.{digits}f})")
-        lines.append(_line(cells))
-    return "\n".join(lines)
+        lines.append(tuple(cells))
+    table = markdown_table(("", *(kind for kind, _ in _KINDS)), lines)
+    return f"### All configurations together\n\n{table}"
 
 
 def typical(errors: Array, row: int) -> float:
@@ -82,7 +83,3 @@ def worse_than_paper(found: Mocobots, noise: Noise, method: Method) -> list[str]
             if value > limit:
                 worse.append(f"{configuration}, {name}: {value:.3g}, paper {limit:.3g}")
     return worse
-
-
-def _line(cells: Sequence[str]) -> str:
-    return "| " + " | ".join(cells) + " |"

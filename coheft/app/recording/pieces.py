@@ -107,7 +107,26 @@ def _is_end(content: bytes, place: int) -> bool:
 
 
 def _piece_at(content: bytes, place: int) -> Piece | None:
-    """Return the record that begins at an offset; None if there is no undamaged one."""
+    """Return the record that begins at an offset; None if there is no undamaged one.
+
+    A record without a checksum may have lost its end: then it contains the start of a sealed piece.
+    """
+    found = _readable_at(content, place)
+    is_right = found is None or found.is_sealed or _next_sealed(content, place + 1, found.end) is None
+    return found if is_right else None
+
+
+def _next_sealed(content: bytes, start: int, end: int) -> int | None:
+    """Return where the first sealed piece between two offsets begins; None if there is none."""
+    for match in _MAY_BE_SEALED.finditer(content, start, min(end + _HEAD.size - 1, len(content))):
+        piece = _readable_at(content, match.start())
+        if piece is not None and piece.is_sealed:
+            return piece.start
+    return None
+
+
+def _readable_at(content: bytes, place: int) -> Piece | None:
+    """Return the record at an offset, if it can be read and has no wrong checksum."""
     if place + _HEAD.size > len(content):
         return None
     opcode, length = _HEAD.unpack(content[place : place + _HEAD.size])
@@ -161,14 +180,14 @@ def _chunk(content: bytes, place: int, end: int | None) -> Piece | None:
 
 def _next_place(content: bytes, place: int) -> int:
     """Return where to continue: after the damaged record if its length is right, or else at a sealed piece."""
+    sealed = _next_sealed(content, place + 1, len(content))
     if place + _HEAD.size <= len(content):
         behind: int = place + _HEAD.size + _HEAD.unpack(content[place : place + _HEAD.size])[1]
-        if behind == len(content) or (behind < len(content) and _piece_at(content, behind)):
+        is_near = behind <= (len(content) if sealed is None else sealed)
+        if is_near and (behind == len(content) or _piece_at(content, behind)):
             return behind
-    for match in _MAY_BE_SEALED.finditer(content, place + 1):
-        piece = _piece_at(content, match.start())
-        if piece is not None and piece.is_sealed:
-            return piece.start
+    if sealed is not None:
+        return sealed
     at_end = len(content) - len(MAGIC)
     return at_end if place < at_end and _is_end(content, at_end) else len(content)
 

@@ -170,9 +170,24 @@ def time_of(message: RosMessage) -> int:
     return int(stamp.sec) * 10**9 + int(stamp.nanosec)
 
 
-def vector(part: RosMessage) -> Array:
-    """Return a ``Vector3`` as an array (3,)."""
-    return np.array([part.x, part.y, part.z])
+def wrench_in(message: RosMessage) -> tuple[float, ...]:
+    """Return ``(f, t)`` of a ``WrenchStamped``."""
+    return *xyz(message.wrench.force), *xyz(message.wrench.torque)
+
+
+def twist_in(message: RosMessage) -> tuple[float, ...]:
+    """Return ``(w, v)`` of a ``TwistStamped``."""
+    return *xyz(message.twist.angular), *xyz(message.twist.linear)
+
+
+def acceleration_in(message: RosMessage) -> tuple[float, ...]:
+    """Return the linear acceleration of an ``AccelStamped``."""
+    return xyz(message.accel.linear)
+
+
+def xyz(part: RosMessage) -> tuple[float, float, float]:
+    """Return the numbers of a ``Vector3``, a ``Point``, or the imaginary part of a ``Quaternion``."""
+    return part.x, part.y, part.z
 
 
 def _stamp(time: int) -> RosMessage:

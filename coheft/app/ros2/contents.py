@@ -40,29 +40,15 @@ class Contents:
 
     def complaint(self, sample_rate: float) -> str:
         """What is impossible in the newest blocks, and what to do; empty if nothing is."""
-        robots = {}
-        for robot, blocks in self._blocks.items():
-            if len(blocks) == blocks.maxlen:
-                samples = np.concatenate([own for _, own in blocks])
-                time = np.arange(len(samples)) / sample_rate
-                record = RobotRecord(
-                    time,
-                    twist=samples[:, TWIST],
-                    acceleration=samples[:, ACCELERATION],
-                    wrench=samples[:, WRENCH],
-                )
-                own = self._sensors[robot].recorded(record)
-                if not self._sensors[robot].is_missing()[WRENCH].all():  # forces may be measured without moments
-                    own = replace(own, wrench=record.wrench)
-                robots[robot] = own
-        if not robots:
+        full = {robot: blocks for robot, blocks in self._blocks.items() if len(blocks) == blocks.maxlen}
+        if not full:
             return ""
+        recording = Recording({robot: self._record(robot, sample_rate) for robot in full})
         try:
-            check_units(Recording(robots))
+            check_units(recording)
             numbers = {tuple(number for number, _ in blocks) for blocks in self._blocks.values()}
-            recording = Recording(robots)
             is_whole = all(map(recording.has, ("twist", "acceleration", "wrench")))
-            if is_whole and len(robots) == len(self._blocks) and len(numbers) == 1:
+            if is_whole and len(full) == len(self._blocks) and len(numbers) == 1:
                 if stuck := stuck_sensor(recording):
                     return (
                         f"{stuck.words.partition(':')[0]}: its sensor does not work, or something repeats its reading"
@@ -72,6 +58,16 @@ class Contents:
         except RecordingError as error:
             return str(error)
         return ""
+
+    def _record(self, robot: str, rate: float) -> RobotRecord:
+        """The newest samples of a robot, without what it does not measure."""
+        samples = np.concatenate([own for _, own in self._blocks[robot]])
+        columns = {"twist": TWIST, "acceleration": ACCELERATION, "wrench": WRENCH}
+        record = RobotRecord(np.arange(len(samples)) / rate, **{name: samples[:, own] for name, own in columns.items()})
+        own = self._sensors[robot].recorded(record)
+        if self._sensors[robot].is_missing()[WRENCH].all():
+            return own
+        return replace(own, wrench=record.wrench)  # forces may be measured without moments
 
 
 def _unlike(names: Sequence[str], speeds: Array) -> str:

@@ -24,16 +24,17 @@ _ROOM = 2**16
 
 
 class Stream(NamedTuple):
-    """A stream of measurements of one kind of sensor: type of its messages, and columns in a sample."""
+    """A stream of measurements: type of its messages, columns in a sample, and the numbers of a message."""
 
     kind: str
     columns: slice
+    numbers: Callable[[ros.RosMessage], Sequence[float]]
 
 
 STREAMS = {
-    "wrench": Stream("geometry_msgs/msg/WrenchStamped", WRENCH),
-    "twist": Stream("geometry_msgs/msg/TwistStamped", TWIST),
-    "acceleration": Stream("geometry_msgs/msg/AccelStamped", ACCELERATION),
+    "wrench": Stream("geometry_msgs/msg/WrenchStamped", WRENCH, ros.wrench_in),
+    "twist": Stream("geometry_msgs/msg/TwistStamped", TWIST, ros.twist_in),
+    "acceleration": Stream("geometry_msgs/msg/AccelStamped", ACCELERATION, ros.acceleration_in),
 }
 """Streams by the last part of the topic's name."""
 
@@ -53,14 +54,7 @@ def read(stream: str, cdr: bytes) -> tuple[int, Array]:
     message = ros.from_cdr(cdr, STREAMS[stream].kind)
     if ros.time_of(message) == 0:
         raise MessageError("its stamp is zero: expected the time of the measurement in header.stamp")
-    match stream:
-        case "wrench":
-            parts = [message.wrench.force, message.wrench.torque]
-        case "twist":
-            parts = [message.twist.angular, message.twist.linear]
-        case _:
-            parts = [message.accel.linear]
-    values = np.concatenate([ros.vector(part) for part in parts])
+    values = np.array(STREAMS[stream].numbers(message))
     if not np.isfinite(values).all():
         raise MessageError(f"{stream} contains {int((~np.isfinite(values)).sum())} numbers that are not finite")
     return ros.time_of(message), values

@@ -258,19 +258,18 @@ class Team:
             self._had_router = not self._had_router
             self._tell("the router is back" if self._had_router else "the router of ROS 2 is gone; waiting for it")
         if self._had_router:
-            for line in shared(self._topics(), self._node.seen(), self._node.domain):
+            for line in shared(self._topics(self._streams), self._node.seen(), self._node.domain):
                 self._complain(line)
 
-    def _topics(self) -> list[Topic]:
-        """Return the topics of all robots."""
-        return [typed_topic(self._node.full(f"/{name}/{kind}"), STREAMS[kind].kind) for name, kind in self._streams]
+    def _topics(self, streams: Iterable[tuple[str, str]]) -> list[Topic]:
+        """Return the topics of streams, by robot and kind."""
+        return [typed_topic(self._node.full(f"/{name}/{kind}"), STREAMS[kind].kind) for name, kind in streams]
 
     def _tell_silence(self, streams: Iterable[tuple[str, str]]) -> None:
         """Report streams without measurements, and what is published instead."""
         if silent := [each for each in streams if each not in self._readings.came]:
-            topics = [typed_topic(self._node.full(f"/{name}/{kind}"), STREAMS[kind].kind) for name, kind in silent]
-            own = {topic.name for topic in self._topics()}
-            for reason in reasons(topics, self._node.seen(), self._node.domain, own):
+            own = {topic.name for topic in self._topics(self._streams)}
+            for reason in reasons(self._topics(silent), self._node.seen(), self._node.domain, own):
                 self._complain(f"nothing has come on {reason}")
 
 

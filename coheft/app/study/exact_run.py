@@ -7,12 +7,11 @@ from coheft.app.results.judge import Judge
 from coheft.app.results.quantities import Edges, TeamArrays
 from coheft.app.study.samples import TeamSamples
 from coheft.estimation.bounds import JointBound, JointInformation
-from coheft.estimation.measurement import GYRO, KINEMATICS, WRENCH, SensorNoise
-from coheft.wire.scenario.robot_sensors import RobotSensors
+from coheft.estimation.measurement import GYRO, KINEMATICS, WRENCH
 from coheft.wire.scenario.schema import Scenario
 
 _NO_SENSOR = 1e6
-"""Noise of a sensor that is missing [N, N·m]."""
+"""Noise of a sensor that is missing, so large that it shows nothing [N, N·m]."""
 _BOUND_RATE = 100
 """Samples per second used to integrate information over time; motions are much slower."""
 
@@ -47,7 +46,11 @@ class ExactRun:
         chosen = np.arange(first * block + step // 2, end * block, step)
         # Every chosen sample stands for ``step`` samples.
         sensors, factor = self._scenario.robot_sensors(), (_long_term_variance(self._scenario) / step) ** 0.5
-        noises, tolerances = [_measured(own).scaled(factor) for own in sensors], [own.tolerance for own in sensors]
+        noises = [
+            msgspec.structs.replace(own.noise, **dict.fromkeys(own.missing, _NO_SENSOR)).scaled(factor)
+            for own in sensors
+        ]
+        tolerances = [own.tolerance for own in sensors]
         payload = self._judge.payload(names[0], end - 1)
         motion, wrenches = self._motion[chosen], self._wrenches[chosen]
         motion_rates, wrench_rates = (each[chosen] for each in self._rates)
@@ -61,11 +64,6 @@ class ExactRun:
             poses=np.array([bound.relative_pose(names.index(i), names.index(j)) for i, j in self._edges]),
             payload=np.array([bound.inertia_seen_from(k) for k in range(len(names))]),
         )
-
-
-def _measured(sensors: RobotSensors) -> SensorNoise:
-    """Return the noise of a robot's sensors; one that is missing is so noisy that it shows nothing."""
-    return msgspec.structs.replace(sensors.noise, **dict.fromkeys(sensors.missing, _NO_SENSOR))
 
 
 def _long_term_variance(scenario: Scenario) -> float:

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TypeVar
+from itertools import chain
 
 import msgspec
 import numpy as np
@@ -14,8 +14,6 @@ from coheft.app.study.detection import Detection, judge_detection
 from coheft.app.study.statistics import Interval, normalised_square, ratio_of_roots, root_mean
 from coheft.app.study.trial import Moments, Outcome, Trial
 from coheft.estimation.geometry.spatial import Array
-
-T = TypeVar("T")
 
 Number = float | None
 """A number; None if there were no estimates to compute it from."""
@@ -197,7 +195,7 @@ def _estimator_result(
         all_ten=Consistency(**_named("nees", _nees(ALL_TEN, cells))),
         converged=float(np.mean([outcome.converged[k] for outcome in outcomes for k in times])),
         cells=_cells([*QUANTITIES, ALL_TEN], cells),
-        claimed=_claimed([one.errors for cell in cells for one in cell], outcomes),
+        claimed=_claimed([one.errors for one in chain.from_iterable(cells)], outcomes),
         detection=judge_detection([outcome.notices for outcome in outcomes], moments.change, moments.end),
         recovery=_recovery(name, groups, moments),
         impossible_payloads=sum(outcome.impossible_payloads for outcome in outcomes),
@@ -214,10 +212,10 @@ def _accuracy(quantity: Quantity, cells: Sequence[Sequence[_Judged]]) -> Accurac
 
     squares: _Squares = [[quantity.squares(one.errors.of(quantity)) for one in cell] for cell in cells]
     full, two_step = expected(lambda one: one.full), expected(lambda one: one.two_step or one.full)
-    known = [np.isfinite(each) for each in _flat(squares)]
+    known = [np.isfinite(each) for each in chain.from_iterable(squares)]
 
     def root_where_known(values: _Squares) -> Number:
-        return _number(root_mean([each[k] for each, k in zip(_flat(values), known, strict=True)]))
+        return _number(root_mean([each[k] for each, k in zip(chain.from_iterable(values), known, strict=True)]))
 
     return Accuracy(
         rms=root_where_known(squares),
@@ -228,11 +226,6 @@ def _accuracy(quantity: Quantity, cells: Sequence[Sequence[_Judged]]) -> Accurac
         **_named("nees", _nees(quantity, cells)),
         missing=int(sum(np.count_nonzero(~each) for each in known)),
     )
-
-
-def _flat(cells: Sequence[Sequence[T]]) -> list[T]:
-    """Return the items of all cells in one list."""
-    return [one for cell in cells for one in cell]
 
 
 def _scaled_ratio(squares: _Squares, bounds: _Squares) -> Interval:
@@ -251,7 +244,7 @@ def _scaled_ratio(squares: _Squares, bounds: _Squares) -> Interval:
 def _nees(quantity: Quantity, cells: Sequence[Sequence[_Judged]], confidence: float = 0.95) -> Interval:
     """Return the NEES of one robot or edge per run, each in turn, because those of one run are not independent."""
     errors, covariances = [], []
-    for one in _flat(cells):
+    for one in chain.from_iterable(cells):
         found, claimed = one.errors.of(quantity), one.errors.covariances.of(quantity)
         chosen, part = one.seed % len(found), quantity.components
         errors.append(found[chosen, part])

@@ -1,6 +1,6 @@
 """Readings of all sensors of a run without agents, as the robots' reference motions do not depend on estimates."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import count, islice
 
@@ -17,6 +17,9 @@ from coheft.wire.messages.scene import Scene
 from coheft.wire.messages.structs import Reference
 from coheft.wire.messages.truth import Truth
 from coheft.wire.scenario.schema import Scenario
+
+ReferenceOf = Callable[[int], Array]
+"""Function from a block's number to its reference motion, see ``ReferenceMotion.reference``."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,19 +55,26 @@ def simulate(scenario: Scenario) -> TeamSamples:
     return TeamSamples(simulation.scene, tuple(truths), np.concatenate(samples))
 
 
-def reference_blocks(scenario: Scenario, simulation: Simulation) -> Iterator[BlockResult]:
-    """Yield the blocks of a simulation with the agents' reference motions, without end."""
-    motions = {
-        name: make_motion(agent_config(scenario, name, tuple(neighbours)))
-        for name, neighbours in simulation.scene.neighbours.items()
-    }
+def agents_references(scenario: Scenario) -> dict[str, ReferenceOf]:
+    """The references of the scenario's agents, by robot."""
+    graph = build_graph(scenario.graph, scenario.robot_names)
+    return {name: make_motion(agent_config(scenario, name, tuple(graph[name]))).reference for name in graph}
+
+
+def reference_blocks(
+    scenario: Scenario, simulation: Simulation, references: Mapping[str, ReferenceOf] | None = None
+) -> Iterator[BlockResult]:
+    """Yield the blocks of a simulation with these references by robot, without end; None for those of its agents."""
+    if references is None:
+        references = agents_references(scenario)
     for block in count():
-        references = {
-            name: Reference(robot=name, block=block, answers=block, motion=motion.reference(block), wrench=np.zeros(6))
-            for name, motion in motions.items()
-            if block >= scenario.lookahead
-        }
-        yield simulation.advance(references)
+        yield simulation.advance(
+            {
+                name: Reference(robot=name, block=block, answers=block, motion=motion(block), wrench=np.zeros(6))
+                for name, motion in references.items()
+                if block >= scenario.lookahead
+            }
+        )
 
 
 def with_exact_sensors(scenario: Scenario) -> Scenario:

@@ -1,7 +1,7 @@
 """A study's report in tables and sentences."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 from coheft.app.results.errors import MOST_STDS, VALID_STDS
 from coheft.app.results.quantities import ALL_TEN, QUANTITIES
@@ -135,7 +135,7 @@ def markdown(report: StudyReport, pictures: dict[str, str]) -> str:
     parts = [f"# Study of {title(report)}"]
     for cell in report.cells:
         parts.append(f"## {caption(cell).capitalize()}")
-        parts.append(_markdown_table(HEADER, list(accuracy_rows(cell))))
+        parts.append(markdown_table(HEADER, accuracy_rows(cell)))
     if len(report.cells) > 1:
         parts.append("\n".join(f"- {line}" for line in together(report)))
     recovery = list(recovery_rows(report.results))
@@ -144,7 +144,7 @@ def markdown(report: StudyReport, pictures: dict[str, str]) -> str:
             f"{seconds_after(report):g} s after the load change, compared with the bound of an estimator that knows "
             f"its time:"
         )
-        parts.append(_markdown_table(RECOVERY_HEADER, recovery))
+        parts.append(markdown_table(RECOVERY_HEADER, recovery))
     parts.append("\n".join(f"- {line}" for name, result in report.results.items() for line in sentences(name, result)))
     parts.append("## How to read this\n\n" + "\n".join(f"- {line}" for line in EXPLANATION))
     parts.extend(f"![{caption}]({file})" for caption, file in pictures.items())
@@ -162,7 +162,8 @@ def _noticed(detection: Detection) -> str:
     return f"{noticed}; {missed}." if missed else f"{noticed}."
 
 
-def _markdown_table(header: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
+def markdown_table(header: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
+    """Return a table of these cells in Markdown."""
     lines = [header, tuple("---" for _ in header), *rows]
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 

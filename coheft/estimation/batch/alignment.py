@@ -21,6 +21,8 @@ _ALIAS = 0.4
 """with this share of the common rate as cutoff."""
 _CLOSE = 0.3
 """Samples that are closer than this share of the mean step are merged."""
+_BUNCHED = 0.05
+"""Share of steps that are gaps from which on samples come in bunches."""
 _FEWEST = 4
 _LOST = 0.1
 """Time at either end that only some sensors cover, which is left out without a remark [s]."""
@@ -69,7 +71,7 @@ def aligned(streams: Mapping[str, Mapping[str, Stream]]) -> tuple[dict[str, Robo
         The robots, all with the same times, and remarks on what was changed.
 
     Raises:
-        RecordingError: There are too few samples, or no time that all sensors cover.
+        RecordingError: There are too few samples, or they come in bunches, or there is no time that all sensors cover.
     """
     named = {f"'{channel}' of {robot}": s for robot, own in streams.items() for channel, s in own.items()}
     for name, stream in named.items():
@@ -77,6 +79,12 @@ def aligned(streams: Mapping[str, Mapping[str, Stream]]) -> tuple[dict[str, Robo
             raise RecordingError(f"{name}: found {len(stream.time)} samples, expected at least {_FEWEST}")
         if not (np.diff(stream.time) > 0.0).all():
             raise RecordingError(f"{name}: expected times that grow: sort the samples, and remove what is there twice")
+        if len(stream.gaps) > _BUNCHED * len(stream.time):
+            steps = 1e3 * np.diff(stream.time)
+            raise RecordingError(
+                f"{name}: samples come in bunches, {np.median(steps):.3g} ms after one another and then not for "
+                f"{steps.max():.3g} ms: expected times of measurement, not of arrival"
+            )
     start, end, remarks = _covered(named)
     streams = {robot: {c: s.between(start, end) for c, s in own.items()} for robot, own in streams.items()}
     named = {f"'{channel}' of {robot}": s for robot, own in streams.items() for channel, s in own.items()}
@@ -187,7 +195,7 @@ def _at(stream: Stream, time: Array, is_pose: bool) -> Array:
 
     own, values = stream.time, stream.values
     if is_pose:
-        values = np.hstack([values[:, :3], without_jumps(values[None, :, 3:])[0]])
+        values = without_jumps(values)
     own, values = _merged(own, values, _CLOSE * stream.step)
     step = float((time[-1] - time[0]) / (len(time) - 1))
     if step > _FASTER * stream.step:

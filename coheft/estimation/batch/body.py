@@ -12,11 +12,6 @@ from coheft.estimation.rigid_body.regressor import features, regressor_coefficie
 _COEFFICIENTS = regressor_coefficients(with_offset=False)[:, :, :-1]
 
 
-def own_motions(signals: Signals) -> Array:
-    """Motion ``(w, v, a, alpha)`` of each robot's grasp frame, shape (N, n, 12)."""
-    return np.concatenate([signals.w, signals.v, signals.a, signals.alpha], axis=-1)
-
-
 def body_motions(signals: Signals, poses: Sequence[Pose]) -> Array:
     """Motion ``(w, v, a, alpha)`` of the body frame, predicted by each robot's own signals, shape (N, n, 12).
 
@@ -25,7 +20,8 @@ def body_motions(signals: Signals, poses: Sequence[Pose]) -> Array:
         poses: Poses of their grasp frames in the body frame.
     """
     motions = []
-    for pose, motion in zip(poses, own_motions(signals), strict=True):
+    own = np.concatenate([signals.w, signals.v, signals.a, signals.alpha], axis=-1)
+    for pose, motion in zip(poses, own, strict=True):
         motions.append(np.hstack([grasp_measurements(pose.inverse(), motion), motion[:, 9:] @ pose.rotation.T]))
     return np.array(motions)
 

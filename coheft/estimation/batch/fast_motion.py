@@ -6,7 +6,7 @@ products of velocities. So a motion has to be slower than the filter.
 
 import numpy as np
 
-from coheft.estimation.batch.judge.band import HIGHEST, white_level
+from coheft.estimation.batch.judge.band import HIGHEST, periodogram, white_level
 from coheft.estimation.batch.recording import Recording, check_recording
 from coheft.estimation.batch.signals import CUTOFF, ORDER, without_jumps
 from coheft.estimation.geometry.spatial import Array
@@ -31,7 +31,7 @@ def cutoff_for(recording: Recording) -> float:
         return CUTOFF
     samples = recording.stacked(channel)
     if channel == "pose":
-        samples = np.concatenate([samples[..., :3], without_jumps(samples[..., 3:])], axis=-1)
+        samples = without_jumps(samples)
     # Places and orientations, or velocities along and about the axes, have units of their own.
     halves = [own[:, part] for own in samples for part in (slice(0, 3), slice(3, None))]
     cutoff = CUTOFF
@@ -48,11 +48,9 @@ def _is_fast(samples: Array, rate: float, cutoff: float, order: int) -> bool:
     if level is None:
         return False
     frequency = np.fft.rfftfreq(len(samples), 1.0 / rate)
-    window = np.hanning(len(samples))[:, None]
-    spectrum = np.abs(np.fft.rfft((samples - samples.mean(axis=0)) * window, axis=0)) ** 2 / np.sum(window**2)
     used = frequency < 2.0 * cutoff
     weights, ratio = frequency[used] ** order, (frequency[used] / cutoff) ** (2 * ORDER)
-    power, noise = weights * (spectrum[used] - level**2).sum(axis=1), weights * (level**2).sum()
+    power, noise = weights * (periodogram(samples)[used] - level**2).sum(axis=1), weights * (level**2).sum()
     taken = (ratio / (1.0 + ratio)) ** 2  # its gain is 1 / (1 + ratio)
     unsure = _SURE * float(np.sqrt(np.sum((taken * noise) ** 2)))
     return float(taken @ power) > _FAST * float(power.sum()) + unsure

@@ -94,8 +94,8 @@ def fit_hand_eye(
     for _ in range(_STEPS_OF_FEW if is_independent else _STEPS):
         equations = normal_equations(wrists, guess, noise)
         shown = _Shown.of(equations.matrix[np.ix_(free, free)], prior[free])
-        step = np.zeros(count * UNKNOWNS)
-        step[free] = shown.step(equations.scores.sum(axis=0)[free], _flat(guess)[free])
+        step, place = np.zeros(count * UNKNOWNS), np.hstack([np.zeros((count, ERRORS.start)), guess.errors]).ravel()
+        step[free] = shown.step(equations.scores.sum(axis=0)[free], place[free])
         guess = _moved(guess, step, equations.load_score - equations.load_gain @ step)
         found = np.maximum(equations.noise, _FINEST)
         is_noise_known = np.abs(np.log(found / noise)).max() < _SETTLED
@@ -181,13 +181,6 @@ def _start(wrists: WristPoses, grasps: Sequence[Pose]) -> Guess:
         home = Rotation.from_matrix(rotations @ grasp.rotation @ own.swapaxes(-1, -2)).mean().as_matrix()
         homes.append(Pose(home, np.mean(rotations @ grasp.translation + positions - measured @ home.T, axis=0)))
     return Guess(tuple(homes), tuple(grasps), errors, rotations, positions)
-
-
-def _flat(guess: Guess) -> Array:
-    """Distance (19 N,) of the guess from the prior's mean: the errors; zero for poses."""
-    flat = np.zeros((len(guess.errors), UNKNOWNS))
-    flat[:, ERRORS] = guess.errors
-    return flat.ravel()
 
 
 def _moved(guess: Guess, step: Array, load_step: Array) -> Guess:

@@ -42,15 +42,6 @@ class Holds:
     scatter: Array
 
 
-@dataclass(frozen=True, eq=False)
-class StaticEstimate:
-    """Mass [kg], centre of mass [m] in the first robot's frame, and the covariance of both, shape (4, 4)."""
-
-    mass: float
-    com: Array
-    covariance: Array
-
-
 def held_spans(recording: Recording) -> list[tuple[int, int]]:
     """First and one past the last sample of each hold: those that the recording names, or else those that are found."""
     if recording.holds is None:
@@ -136,12 +127,15 @@ def orientations(directions: Array) -> int:
     return len(different)
 
 
-def static_estimate(holds: Holds, poses: Sequence[Pose]) -> StaticEstimate:
+def static_estimate(holds: Holds, poses: Sequence[Pose]) -> tuple[Array, Array]:
     """Mass and centre of mass from forces at rest: ``sum f = -m g`` and ``sum (p x f + t) = -m h x g`` (eqs 9, 10).
 
     Args:
         holds: At least two orientations.
         poses: Of all robots in the first one's frame.
+
+    Returns:
+        ``(m, h)`` in the first robot's frame, shape (4,) [kg, m], and their covariance (4, 4).
 
     Raises:
         RecordingError: There are too few orientations.
@@ -149,11 +143,12 @@ def static_estimate(holds: Holds, poses: Sequence[Pose]) -> StaticEstimate:
     down = holds.down[:, 0]
     found = orientations(down)
     if found < 2:
-        held = ", ".join(f"{start:.1f} to {end:.1f} s" for start, end in holds.spans) or "none"
+        spans = ", ".join(f"{start:.1f} to {end:.1f} s" for start, end in holds.spans)
+        held = f"{len(down)} holds: {spans}" if spans else f"{len(down)} holds"
         raise RecordingError(
             f"the centre of mass needs the load to be held still in at least 2 orientations, {np.degrees(_SAME):g} "
-            f"degrees or more apart; found {found} (held: {held}). Hold it in others as well, {_DURATION:g} s each, or "
-            f"use --method instruments, which takes mass and centre of mass from the motion"
+            f"degrees or more apart; found {found} in {held}. Hold it in others as well, {_DURATION:g} s each; or "
+            f"use --method instruments without --holds, which takes mass and centre of mass from the motion"
         )
     total = total_wrench(holds.wrench.swapaxes(0, 1), poses)
     adjoints = np.array([pose.adjoint() for pose in poses])
@@ -177,7 +172,7 @@ def static_estimate(holds: Holds, poses: Sequence[Pose]) -> StaticEstimate:
     covariance[0, 0] += excess / len(weights) / strength**2
     excess = _excess(torque - matrix @ com, len(torque) - 3, float(torques.mean()))
     covariance[1:, 1:] += excess * np.linalg.inv(matrix.T @ matrix)
-    return StaticEstimate(mass, com, covariance)
+    return np.concatenate([[mass], com]), covariance
 
 
 def _excess(residuals: Array, degrees: int, variance: float) -> float:

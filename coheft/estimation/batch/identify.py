@@ -1,14 +1,14 @@
 """Identification from recorded twists: by least squares as in the paper, and with instrumental variables."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from coheft.errors import RecordingError
-from coheft.estimation.batch.body import body_motions, centre_of, own_motions, total_wrench
+from coheft.estimation.batch.body import body_motions, centre_of, total_wrench
 from coheft.estimation.batch.doubts import unsettled
-from coheft.estimation.batch.holds import StaticEstimate, both_holds, holds_of, static_estimate
+from coheft.estimation.batch.holds import both_holds, holds_of, static_estimate
 from coheft.estimation.batch.identification import Identification
 from coheft.estimation.batch.inertia_fit import LinearFit, bias_of_tensor, fit_parameters, fit_tensor
 from coheft.estimation.batch.pairs import expected_bias, grasps_from_twists
@@ -47,40 +47,43 @@ def identify_batch(
     holds = holds_of(recording, cutoff)
     if statics is not None:
         holds = both_holds(holds, statics.as_holds())
-    wrench = _wrench(signals)
+    wrench, motions = _wrench(signals), body_motions(signals, team.poses)
+    static, spread = static_estimate(holds, team.poses)
 
-    def solve(poses: Sequence[Pose], com: Array | None = None) -> tuple[Array, StaticEstimate, LinearFit]:
-        static = static_estimate(holds, poses)
-        com = static.com if com is None else com
-        tensor = fit_tensor(own_motions(signals)[0], total_wrench(wrench, poses), com, signals.rate)
-        return np.concatenate([[static.mass], com, tensor.solution]), static, tensor
+    def fit_at(com: Array, poses: Sequence[Pose]) -> LinearFit:
+        return fit_tensor(motions[0], total_wrench(wrench, poses), com, signals.rate)
 
-    numbers, static, tensor = solve(team.poses)
-    by_com = np.zeros((10, 4))
-    by_com[0, 0] = 1.0
+    def solve(poses: Sequence[Pose]) -> Array:
+        found, _ = static_estimate(holds, poses)
+        return np.concatenate([found, fit_at(found[1:], poses).solution])
+
+    tensor = fit_at(static[1:], team.poses)
+    by_static = np.eye(10, 4)
     for axis, step in enumerate(_COM_STEP * np.eye(3)):
-        ahead, behind = (solve(team.poses, com)[0] for com in (static.com + step, static.com - step))
-        by_com[:, 1 + axis] = (ahead - behind) / (2.0 * _COM_STEP)
-    by_poses = derivative_by_poses(lambda poses: solve(poses)[0], team.poses)
-    covariance = by_com @ static.covariance @ by_com.T + by_poses @ team.covariance @ by_poses.T
-    covariance += turned_covariance(lambda poses: solve(poses)[0], team)
+        ahead, behind = (fit_at(com, team.poses).solution for com in (static[1:] + step, static[1:] - step))
+        by_static[4:, 1 + axis] = (ahead - behind) / (2.0 * _COM_STEP)
+    by_poses = derivative_by_poses(solve, team.poses)
+    covariance = by_static @ spread @ by_static.T + by_poses @ team.covariance @ by_poses.T
+    covariance += turned_covariance(solve, team)
     of_noise, of_tensor = bias_of_tensor(
-        body_motions(signals, team.poses), total_wrench(wrench, team.poses), static.com, signals.rate, tensor.solution
+        motions, total_wrench(wrench, team.poses), static[1:], signals.rate, tensor.solution
     )
-    covariance[4:, 4:] += of_tensor + hidden_covariance(tensor.hidden, static.mass)
+    covariance[4:, 4:] += of_tensor + hidden_covariance(tensor.hidden, static[0])
     remarks: tuple[str, ...] = ()
     if team.is_observable:
         by_grasps = expected_bias(signals, team)
         bias = by_poses @ by_grasps
         bias[4:] += of_noise
-        remarks = _bias_remark(bias, covariance)
+        ratio = float(np.max(np.abs(bias) / np.sqrt(np.diag(covariance))))
+        if ratio >= _BIASED:
+            remarks = (f"Its bias is up to {ratio:.1f} standard deviations of noise: they include it.",)
         covariance += np.outer(bias, bias)
         team = replace(team, covariance=team.covariance + np.outer(by_grasps, by_grasps))
     return Identification(
         method="batch",
         names=recording.names,
         team=team,
-        payload=make_payload(of_central_numbers(numbers), covariance, team.poses),
+        payload=make_payload(of_central_numbers(np.concatenate([static, tensor.solution])), covariance, team.poses),
         loops=tuple(loops),
         holds=holds,
         remarks=(
@@ -92,14 +95,6 @@ def identify_batch(
         time=signals.time,
         residual=tensor.residual,
     )
-
-
-def _bias_remark(bias: Array, covariance: Array) -> tuple[str, ...]:
-    """Say how large the bias (10,) is compared with noise, if it is large."""
-    ratio = float(np.max(np.abs(bias) / np.sqrt(np.diag(covariance))))
-    if ratio < _BIASED:
-        return ()
-    return (f"Its bias is up to {ratio:.1f} standard deviations of noise: they include it.",)
 
 
 def identify_with_instruments(recording: Recording, cutoff: float = CUTOFF) -> Identification:
@@ -130,47 +125,36 @@ def identify_at_grasps(method: str, recording: Recording, signals: Signals, team
     Raises:
         RecordingError: Wrenches are missing.
     """
-    fit = parameters_fit(signals, team.poses)
+    numbers, covariance, fit = parameters_fit(signals, team.poses)
 
     def solve(poses: Sequence[Pose]) -> Array:
-        return parameters_fit(signals, poses, fit.weight).numbers
+        return parameters_fit(signals, poses, fit.weight)[0]
 
     by_poses = derivative_by_poses(solve, team.poses)
-    covariance = fit.covariance + by_poses @ team.covariance @ by_poses.T + turned_covariance(solve, team)
+    covariance = covariance + by_poses @ team.covariance @ by_poses.T + turned_covariance(solve, team)
     return Identification(
         method=method,
         names=recording.names,
         team=team,
-        payload=make_payload(of_central_numbers(fit.numbers), covariance, team.poses),
+        payload=make_payload(of_central_numbers(numbers), covariance, team.poses),
         time=signals.time,
         residual=fit.residual,
     )
 
 
-@dataclass(frozen=True, eq=False)
-class ParametersFit:
-    """All parameters of the load, at given grasp poses.
-
-    Attributes:
-        numbers: ``(m, h, J)`` in the first robot's frame, shape (10,).
-        covariance: Covariance of the numbers, without the uncertainty of the poses, shape (10, 10).
-        residual: Residual of the total wrench, shape (n, 6).
-        weight: Weights of the wrench's components, shape (6,).
-    """
-
-    numbers: Array
-    covariance: Array
-    residual: Array
-    weight: Array
-
-
-def parameters_fit(signals: Signals, poses: Sequence[Pose], weight: Array | None = None) -> ParametersFit:
+def parameters_fit(
+    signals: Signals, poses: Sequence[Pose], weight: Array | None = None
+) -> tuple[Array, Array, LinearFit]:
     """Fit all ten parameters from motion and gravity, each robot with the others as instruments.
 
     Args:
         signals: Signals of N robots.
         poses: Poses of their grasp frames in the first one.
         weight: Weights of the wrench's components, shape (6,); None: inverse variances of their residuals.
+
+    Returns:
+        ``(m, h, J)`` in the first robot's frame, shape (10,), their covariance without the uncertainty of the poses,
+        shape (10, 10), and the fit about the middle of the grasps.
 
     Raises:
         RecordingError: Wrenches are missing.
@@ -181,7 +165,7 @@ def parameters_fit(signals: Signals, poses: Sequence[Pose], weight: Array | None
     fit = fit_parameters(body_motions(signals, from_centre), total, signals.rate, weight)
     numbers, derivative = at_first_grasp(Inertia.from_barycentric(fit.solution), centre)
     covariance = fit.covariance + hidden_covariance(fit.hidden, float(fit.solution[0]))
-    return ParametersFit(numbers, derivative @ covariance @ derivative.T, fit.residual, fit.weight)
+    return numbers, derivative @ covariance @ derivative.T, fit
 
 
 def at_first_grasp(about_centre: Inertia, centre: Pose) -> tuple[Array, Array]:

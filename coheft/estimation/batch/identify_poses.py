@@ -69,7 +69,14 @@ def identify_poses(
     start, loops = grasps_from_twists(signals, with_instruments=True)
     grasps = fit_hand_eye(wrists.averaged(POSES_PER_SECOND), start.poses, tolerances)
     if tolerances is None:
-        found = _calibrated(recording, signals, grasps, cutoff)
+        found = replace(
+            identify_at_grasps("pose", recording, signals, grasps.team),
+            remarks=(
+                "Standard deviations hold only if the robots are perfectly calibrated; --calibrate estimates their "
+                "calibration errors.",
+            ),
+            evidence=Evidence.of_poses(recording, signals, cutoff, grasps),
+        )
     else:
         found = _with_calibration(recording, wrists, grasps, tolerances, cutoff)
     suspicions = (*suspicions_about(grasps), *unsettled(grasps.team))
@@ -84,17 +91,6 @@ def _check_duration(recording: Recording, signals: Signals) -> None:
             f"estimate calibration errors along. Record at least {2.0 * EDGE + SPAN:g} s, choose a longer part with "
             f"--from and --to, or leave --calibrate out"
         )
-
-
-def _calibrated(recording: Recording, signals: Signals, grasps: HandEye, cutoff: float) -> Identification:
-    return replace(
-        identify_at_grasps("pose", recording, signals, grasps.team),
-        remarks=(
-            "Standard deviations hold only if the robots are perfectly calibrated; --calibrate estimates their "
-            "calibration errors.",
-        ),
-        evidence=Evidence.of_poses(recording, signals, cutoff, grasps),
-    )
 
 
 def _with_calibration(

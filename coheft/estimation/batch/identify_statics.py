@@ -49,7 +49,7 @@ def identify_statics(statics: Statics) -> Identification:
     holds = statics.as_holds()
     check_weight(statics.as_recording(), statics.wrench, -holds.down.swapaxes(0, 1))
     starts = [Pose.identity(), *(_grasp(statics.pose[0], pose) for pose in statics.pose[1:])]
-    grasps = fit_hand_eye(WristPoses.without_gimbals(statics.pose), starts, is_independent=True)
+    grasps = fit_hand_eye(WristPoses.of(statics.pose, 1.0, at_home=False), starts, is_independent=True)
     team = grasps.team
     if not team.is_observable:
         raise RecordingError(
@@ -65,7 +65,7 @@ def identify_statics(statics: Statics) -> Identification:
         names=statics.names,
         team=team,
         payload=make_payload(of_central_numbers(numbers), whole, team.poses),
-        remarks=(_held(holds),),
+        remarks=(f"The load was held still: {_held(holds)}.",),
         not_judged="a load that is held still shows too little of what may be wrong with sensors",
         suspicions=(*_not_along(holds, team.poses), *unsettled(team)),
         time=np.arange(count, dtype=np.float64),
@@ -109,7 +109,7 @@ def with_statics(found: Identification, statics: Statics) -> Identification:
     return replace(
         found,
         payload=make_payload(of_central_numbers(numbers), whole, team.poses),
-        remarks=(*found.remarks, _held(holds)),
+        remarks=(*found.remarks, f"Apart from the motion, the load was held still: {_held(holds)}."),
         suspicions=(*found.suspicions, *((suspicion,) if apart > _APART else ()), *_not_along(holds, team.poses)),
     )
 
@@ -133,13 +133,11 @@ def _changes(poses: Array) -> tuple[Rotation, Array]:
 
 def _estimate(holds: Holds, poses: Sequence[Pose]) -> tuple[Array, Array]:
     """``(m, h)`` (4,), and their covariance (4, 4), which allows for the uncertain size of the noise of few holds."""
-    static = static_estimate(holds, poses)
-    numbers = np.concatenate([[static.mass], static.com])
+    numbers, covariance = static_estimate(holds, poses)
     residual, count = _residual(holds, poses, numbers), len(holds.down)
     of_force, of_torque = 3 * count - 1, 3 * count - 3
     strength = float(np.linalg.norm(holds.down[0, 0]))
     force = float(np.square(residual[:, :3]).sum()) / of_force / count / strength**2
-    covariance = static.covariance.copy()
     # Variances of Student's t.
     covariance[0, 0] = max(covariance[0, 0], force * of_force / (of_force - 2.0))
     covariance[1:, 1:] *= of_torque / (of_torque - 2.0)
@@ -177,4 +175,4 @@ def _not_along(holds: Holds, poses: Sequence[Pose]) -> tuple[str, ...]:
 
 def _held(holds: Holds) -> str:
     down = holds.down[:, 0]
-    return f"Holds apart from the motion: {len(down)}, in {orientations(down)} orientations."
+    return f"{len(down)} holds in {orientations(down)} orientations"

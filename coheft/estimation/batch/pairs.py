@@ -10,7 +10,7 @@ from coheft.estimation.batch.signals import Signals
 from coheft.estimation.batch.statistics import sandwich_information
 from coheft.estimation.batch.team_poses import TeamPoses
 from coheft.estimation.geometry.body_motion import perturbation_between
-from coheft.estimation.geometry.observability import PoseEstimate, Visibility, seen_information
+from coheft.estimation.geometry.observability import PoseEstimate, SeenInformation
 from coheft.estimation.geometry.spatial import Array, Pose, skew
 
 _SINGULAR = 1e-12
@@ -86,7 +86,7 @@ def pair_pose(twist_i: Array, twist_j: Array, rate: float, instrument: Array | N
     for rows, turning in ((slice(0, 3), turned_w), (slice(3, 6), z)):
         across = skew(turning)
         least[rows, rows] = _FINEST**2 * np.einsum("kab,kcb->ac", across, across)
-    seen = seen_information(sandwich_information(derivative, scores, rate, least), Visibility())
+    seen = SeenInformation.of(sandwich_information(derivative, scores, rate, least))
     return PoseEstimate(Pose(rotation, position), seen.inverse(), seen.unobservable())
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.rigid_body.consistency import is_possible, nearest_possible
 from coheft.estimation.rigid_body.derivatives import barycentric_derivative
-from coheft.estimation.rigid_body.mass_properties import Inertia, unpack_symmetric
+from coheft.estimation.rigid_body.mass_properties import TIMES_IN_MATRIX, Inertia, pack_symmetric, unpack_symmetric
 from coheft.estimation.rigid_body.unobservable import Quantity, Unobservable, middle_and_size, unobservable_quantities
 
 _HIDDEN = 100.0
@@ -56,6 +56,22 @@ class Payload:
     def std(self) -> Array:
         """Standard deviations of ``(m, h, J)``, shape (10,)."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+
+def principal_inertia(tensor: Array, covariance: Array) -> tuple[Array, Array, Array]:
+    """Moments along principal axes (Zhang et al., eq. 34) of an inertia (3, 3) with this covariance, packed (6, 6).
+
+    Returns:
+        Moments, ascending, shape (3,) [kg·m²], right-handed axes as columns, shape (3, 3), and the standard deviations
+        of the moments, shape (3,): to first order ``d moment = u^T dJ u``.
+    """
+    moments, axes = np.linalg.eigh(tensor)
+    # Signs are arbitrary: the largest components of the first two axes shall be positive.
+    axes *= np.sign(axes[np.argmax(np.abs(axes), axis=0), range(3)])
+    axes[:, 2] *= np.sign(np.linalg.det(axes))
+    gradients = pack_symmetric(np.einsum("ik,jk->kij", axes, axes)) * TIMES_IN_MATRIX
+    variances = np.einsum("ki,ij,kj->k", gradients, covariance, gradients)
+    return moments, axes, np.sqrt(np.maximum(variances, 0.0))
 
 
 def of_central_numbers(numbers: Array) -> Inertia:

@@ -9,9 +9,8 @@ import numpy as np
 
 from coheft.errors import RecordingError
 from coheft.estimation.batch.pose_conventions import check_conventions
-from coheft.estimation.batch.recording import CHANNELS, Recording, check_recording
-from coheft.estimation.batch.signals import Signals, signals_of
-from coheft.estimation.batch.twist_order import check_twists
+from coheft.estimation.batch.recording import Recording, check_recording
+from coheft.estimation.batch.signals import Signals, signals_of, turns
 from coheft.estimation.geometry.spatial import Array
 
 _FASTEST = 5.0
@@ -24,11 +23,15 @@ _JUMP_TURN, _JUMP_SPEED = 20.0, 10.0
 """Poses that change faster jump [rad/s, m/s]: no filter across a jump tells how the load moved."""
 _SHARE = 0.9
 _STEP = 0.1
-"""Time over which speeds are measured [s]."""
+"""Time over which velocities are measured or averaged [s]."""
 _LEAST_GRAVITY, _MOST_GRAVITY = 0.5, 2.0
 """Range of the median acceleration, in multiples of gravity."""
 _OPPOSITE = 0.05
 """Share of all forces by which their sum may point downwards: scales of sensors differ by less."""
+_SLOWEST = 0.02
+"""Root mean square below which velocities may be nothing but noise [rad/s, m/s]."""
+_BETTER = 0.3
+"""Largest ratio of the differences between robots with another order of twists to those with the expected one."""
 _STEADY = 0.3
 """Largest relative variation of the upward force while a load is moved."""
 
@@ -39,11 +42,7 @@ def plausible_signals(recording: Recording, cutoff: float) -> Signals:
     Raises:
         RecordingError: Something is impossible, or missing; the message says what may be wrong.
     """
-    check_recording(recording)
-    check_robots(recording)
-    check_units(recording)
-    check_twists(recording)
-    check_jumps(recording)
+    check_plausible(recording)
     signals = signals_of(recording, cutoff)
     if recording.has("pose"):
         check_conventions(recording, cutoff, signals)
@@ -52,18 +51,27 @@ def plausible_signals(recording: Recording, cutoff: float) -> Signals:
     return signals
 
 
-def check_robots(recording: Recording) -> None:
-    """Check that no robot is there twice; made-up ones at rest may be equal.
+def check_plausible(recording: Recording) -> None:
+    """Check shapes, units and order of a recording's samples.
 
     Raises:
-        RecordingError: One is.
+        RecordingError: Something is impossible; the message says what may be wrong.
     """
+    check_recording(recording)
+    _check_robots(recording)
+    check_units(recording)
+    check_twists(recording)
+    _check_jumps(recording)
+
+
+def _check_robots(recording: Recording) -> None:
+    """Check that no robot is there twice; made-up ones at rest may be equal."""
     for (one, own), (other, others) in combinations(recording.robots.items(), 2):
-        channels = [(getattr(own, channel), getattr(others, channel)) for channel in CHANNELS]
-        if all(np.array_equal(samples, same) for samples, same in channels) and any(
-            samples is not None and np.median(np.abs(np.diff(samples, axis=0)).max(axis=1)) > 0.0
-            for samples, _ in channels
-        ):
+        is_same = own.channels.keys() == others.channels.keys() and all(
+            np.array_equal(samples, others.channels[channel]) for channel, samples in own.channels.items()
+        )
+        steps = (np.abs(np.diff(samples, axis=0)).max(axis=1) for samples in own.channels.values())
+        if is_same and any(np.median(step) > 0.0 for step in steps):
             raise RecordingError(
                 f"{one} and {other} recorded exactly the same: expected two robots, not one file twice"
             )
@@ -107,20 +115,46 @@ def _check_speed(channel: str, name: str, velocities: Array) -> None:
         )
 
 
-def check_jumps(recording: Recording) -> None:
-    """Check that no robot's pose jumps: trackers lose sight, and logs have gaps or are joined.
+def check_twists(recording: Recording) -> None:
+    """Check that the first three columns of twists, and not the last, may be angular velocities of one load.
+
+    Robots that hold one load turn equally fast, but their hands move at different velocities.
 
     Raises:
-        RecordingError: One does; the message says when, and by how much.
+        RecordingError: The last three of one robot, or of all, fit better.
     """
+    if not recording.has("twist"):
+        return
+    steps = max(1, round(_STEP * recording.rate))
+    twists = recording.stacked("twist")
+    count = twists.shape[1] // steps
+    means = twists[:, : count * steps].reshape(len(twists), count, steps, 6).mean(axis=2)
+    speeds = np.linalg.norm(means.reshape(len(twists), count, 2, 3), axis=-1)  # of both halves
+    if np.sqrt(np.mean(speeds**2, axis=1)).min() < _SLOWEST:
+        return
+    robots = np.arange(len(twists))
+    orders = [np.zeros_like(robots), np.ones_like(robots), *np.eye(len(robots), dtype=robots.dtype)]
+    angular = [speeds[robots, :, halves] for halves in orders]
+    apart = [np.sqrt(np.mean((sizes - sizes.mean(axis=0)) ** 2) / np.mean(sizes**2)) for sizes in angular]
+    best = int(np.argmin(apart))
+    if best == 0 or apart[best] > _BETTER * apart[0]:
+        return
+    wrong = ", ".join(name for name, half in zip(recording.names, orders[best], strict=True) if half)
+    raise RecordingError(
+        f"'twist' of {wrong}: robots that hold one load turn equally fast, but only with the last three columns as "
+        f"angular velocities these do. Give the angular velocity first, wx wy wz vx vy vz"
+    )
+
+
+def _check_jumps(recording: Recording) -> None:
+    """Check that no robot's pose jumps: trackers lose sight, and logs have gaps or are joined."""
     steps = max(1, round(_JUMP_SPAN * recording.rate))
     seconds = steps / recording.rate
     for name, robot in recording.robots.items():
         if robot.pose is None:
             continue
         before, after = robot.pose[:-steps], robot.pose[steps:]
-        along = np.abs(np.einsum("ki,ki->k", before[:, 3:], after[:, 3:]))
-        turn = 2.0 * np.arccos(np.minimum(along, 1.0))
+        turn = turns(before, after)
         shift = np.linalg.norm(after[:, :3] - before[:, :3], axis=1)
         is_jump = (turn > _JUMP_TURN * seconds) | (shift > _JUMP_SPEED * seconds)
         if is_jump.any():

@@ -7,7 +7,6 @@ or only its quaternions, are inverse. If all robots' poses are inverse, only for
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from functools import partial
 from itertools import permutations, product
 
 import numpy as np
@@ -25,6 +24,8 @@ _BETTER = 3.0
 """Factor by which another convention has to reduce the unexplained share."""
 _EXPLAINED = 0.15
 """Largest share that another convention may leave unexplained."""
+_FINEST = 1e-6
+"""Velocities below this are rounding [m/s]."""
 _GOOD = 0.05
 """Choices that leave less are equivalent: either of two robots may have inverse poses."""
 
@@ -42,20 +43,6 @@ def _real_part_last(poses: Array) -> Array:
 
 def _inverse_quaternions(poses: Array) -> Array:
     return poses * [1.0, 1.0, 1.0, -1.0, -1.0, -1.0, 1.0]
-
-
-def _other_axes() -> Iterator[tuple[Callable[[Array], Array], str, str]]:
-    """Positions whose axes are exchanged, or have other signs."""
-    for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
-        if order == (0, 1, 2) and min(signs) > 0.0:
-            continue
-        names = " ".join(f"{'-' if sign < 0.0 else ''}{'xyz'[axis]}" for axis, sign in zip(order, signs, strict=True))
-        convert = partial(_with_axes, columns=[*order, 3, 4, 5, 6], signs=[*signs, 1.0, 1.0, 1.0, 1.0])
-        yield convert, f"with positions {names} in place of x y z", "Exchange the columns, or change their signs"
-
-
-def _with_axes(poses: Array, columns: list[int], signs: list[float]) -> Array:
-    return poses[:, columns] * signs
 
 
 _CONVENTIONS: tuple[tuple[Callable[[Array], Array], str, str], ...] = (
@@ -77,19 +64,20 @@ def check_conventions(recording: Recording, cutoff: float, signals: Signals) -> 
     Raises:
         RecordingError: Another convention does; the message says which, and whose poses have it.
     """
-    given = _twists(recording, cutoff) if recording.has("twist") else _twists_of(signals)
+    by_poses = _by_poses(recording, cutoff) if recording.has("twist") else signals
+    given = _twists(by_poses)
     found = _misfit(given)
     if found < _MISFIT:
         return
     count = len(given)
     choices = [np.ones(count, dtype=np.bool_), *np.eye(count, dtype=np.bool_)]
-    for conventions in (_CONVENTIONS, tuple(_other_axes())):  # mirrored positions of few robots may fit as well
-        tried = []
-        for convert, how, what_to_do in conventions:
-            other = _twists(recording.changed("pose", convert), cutoff)
-            tried += [
-                (_misfit(np.where(choice[:, None, None], other, given)), choice, how, what_to_do) for choice in choices
-            ]
+    # Mirrored positions of few robots may fit as well as other conventions.
+    for conventions in (_other_conventions(recording, cutoff), _other_axes(by_poses)):
+        tried = [
+            (_misfit(np.where(choice[:, None, None], other, given)), choice, how, what_to_do)
+            for other, how, what_to_do in conventions
+            for choice in choices
+        ]
         least, _, how, what_to_do = min(tried, key=lambda one: one[0])
         if least * _BETTER <= found and least <= _EXPLAINED:
             break
@@ -105,13 +93,33 @@ def check_conventions(recording: Recording, cutoff: float, signals: Signals) -> 
     )
 
 
-def _twists(recording: Recording, cutoff: float) -> Array:
-    """Twists from poses only, shape (N, n, 6)."""
+def _other_conventions(recording: Recording, cutoff: float) -> Iterator[tuple[Array, str, str]]:
+    """Twists (N, n, 6) of poses in other conventions, with words for the convention and the remedy."""
+    for convert, how, what_to_do in _CONVENTIONS:
+        yield _twists(_by_poses(recording.changed("pose", convert), cutoff)), how, what_to_do
+
+
+def _other_axes(signals: Signals) -> Iterator[tuple[Array, str, str]]:
+    """The same of positions whose axes are exchanged, or have other signs."""
+    assert signals.rotation is not None
+    in_home = (signals.rotation @ signals.v[..., None])[..., 0]
+    for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
+        if order == (0, 1, 2) and min(signs) > 0.0:
+            continue
+        names = " ".join(f"{'-' if sign < 0.0 else ''}{'xyz'[axis]}" for axis, sign in zip(order, signs, strict=True))
+        v = ((in_home[..., list(order)] * signs)[..., None, :] @ signals.rotation)[..., 0, :]
+        how = f"with positions {names} in place of x y z"
+        yield np.concatenate([signals.w, v], axis=-1), how, "Exchange the columns, or change their signs"
+
+
+def _by_poses(recording: Recording, cutoff: float) -> Signals:
+    """Signals with twists from poses only."""
     robots = {name: replace(robot, twist=None, dtwist=None) for name, robot in recording.robots.items()}
-    return _twists_of(signals_of(replace(recording, robots=robots), cutoff))
+    return signals_of(replace(recording, robots=robots), cutoff)
 
 
-def _twists_of(signals: Signals) -> Array:
+def _twists(signals: Signals) -> Array:
+    """Twists (N, n, 6)."""
     return np.concatenate([signals.w, signals.v], axis=-1)
 
 
@@ -124,5 +132,5 @@ def _misfit(twists: Array) -> float:
         position = position_between(rotation, w, v, other[:, 3:], w)
         left = v - other[:, 3:] @ rotation.T - np.cross(position, w)
         size = np.sum(v**2) + np.sum(other[:, 3:] ** 2)
-        shares.append(float(np.sqrt(2.0 * np.sum(left**2) / max(size, np.finfo(np.float64).tiny))))
+        shares.append(float(np.sqrt(2.0 * np.sum(left**2) / max(size, len(v) * _FINEST**2))))
     return max(shares)

@@ -43,6 +43,11 @@ class RobotRecord:
     acceleration: Array | None = None
     wrench: Array | None = None
 
+    @property
+    def channels(self) -> dict[str, Array]:
+        """All that was recorded, by attribute, in the order of ``CHANNELS``."""
+        return {name: samples for name in CHANNELS if (samples := getattr(self, name)) is not None}
+
 
 @dataclass(frozen=True, eq=False)
 class Truth:
@@ -97,7 +102,11 @@ class Recording:
 
     def has(self, channel: str) -> bool:
         """Whether all robots recorded a channel."""
-        return all(getattr(robot, channel) is not None for robot in self.robots.values())
+        return not self.without(channel)
+
+    def without(self, channel: str) -> list[str]:
+        """Names of the robots that did not record a channel."""
+        return [name for name, robot in self.robots.items() if getattr(robot, channel) is None]
 
     def stacked(self, channel: str) -> Array:
         """One channel of all robots, shape (N, n, width).
@@ -105,8 +114,7 @@ class Recording:
         Raises:
             RecordingError: A robot did not record it.
         """
-        missing = [name for name, robot in self.robots.items() if getattr(robot, channel) is None]
-        if missing:
+        if missing := self.without(channel):
             raise RecordingError(f"'{channel}' of {', '.join(missing)} is missing, but needed")
         return np.array([getattr(robot, channel) for robot in self.robots.values()])
 
@@ -134,9 +142,7 @@ class Recording:
                 f"found {found} samples from {start:g} s to {end:g} s, expected at least 2: they are from {self.span}"
             )
         robots = {
-            name: RobotRecord(
-                robot.time[kept], **{c: None if (x := getattr(robot, c)) is None else x[kept] for c in CHANNELS}
-            )
+            name: RobotRecord(robot.time[kept], **{c: samples[kept] for c, samples in robot.channels.items()})
             for name, robot in self.robots.items()
         }
         return replace(self, robots=robots)
@@ -205,14 +211,10 @@ def check_samples(name: str, robot: RobotRecord) -> None:
     Raises:
         RecordingError: They are not valid; the message says which channel, and why.
     """
-    for channel, width in CHANNELS.items():
-        samples = getattr(robot, channel)
-        if samples is None:
-            continue
-        if samples.shape != (len(robot.time), width):
-            raise RecordingError(
-                f"'{channel}' of {name}: found shape {samples.shape}, expected {(len(robot.time), width)}"
-            )
+    for channel, samples in robot.channels.items():
+        expected = len(robot.time), CHANNELS[channel]
+        if samples.shape != expected:
+            raise RecordingError(f"'{channel}' of {name}: found shape {samples.shape}, expected {expected}")
         if not np.isfinite(samples).all():
             bad = float(robot.time[~np.isfinite(samples).all(axis=1)][0])
             raise RecordingError(f"'{channel}' of {name}: not a finite number at {bad:g} s")

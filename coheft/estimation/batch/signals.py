@@ -71,7 +71,10 @@ def low_pass(samples: Array, rate: float, cutoff: float = PAPER_CUTOFF, axis: in
         RecordingError: There are too few samples, or too few per second.
     """
     if cutoff >= 0.5 * rate:
-        raise RecordingError(f"{rate:g} samples per second cannot be filtered at {cutoff:g} Hz: choose less than half")
+        raise RecordingError(
+            f"{rate:g} samples per second cannot be filtered at {cutoff:g} Hz: record more, or choose a --cutoff below "
+            f"{0.5 * rate:g}"
+        )
     shortest = int(np.ceil(3.0 * rate / cutoff))
     if samples.shape[axis] <= shortest:
         raise RecordingError(
@@ -102,18 +105,23 @@ def rates(samples: Array, rate: float) -> Array:
 
 def smooth_poses(poses: Array, rate: float, cutoff: float = PAPER_CUTOFF) -> tuple[Array, Array]:
     """Filtered rotations (N, n, 3, 3) and positions (N, n, 3) of poses ``x y z qx qy qz qw``, shape (N, n, 7)."""
-    quaternions = without_jumps(poses[..., 3:])
-    smooth = low_pass(quaternions, rate, cutoff, axis=1)
-    rotations = Rotation.from_quat(smooth.reshape(-1, 4)).as_matrix()
-    return rotations.reshape(*poses.shape[:2], 3, 3), low_pass(poses[..., :3], rate, cutoff, axis=1)
+    smooth = low_pass(without_jumps(poses), rate, cutoff, axis=1)
+    rotations = Rotation.from_quat(smooth[..., 3:].reshape(-1, 4)).as_matrix()
+    return rotations.reshape(*poses.shape[:2], 3, 3), smooth[..., :3]
 
 
-def without_jumps(quaternions: Array) -> Array:
-    """The same rotations (N, n, 4), with signs of the quaternions such that none jumps."""
-    signs = np.sign(np.einsum("nki,nki->nk", quaternions[:, 1:], quaternions[:, :-1]))
-    continuous = quaternions.copy()
-    continuous[:, 1:] *= np.cumprod(np.where(signs == 0.0, 1.0, signs), axis=1)[..., None]
+def without_jumps(poses: Array) -> Array:
+    """The same poses ``x y z qx qy qz qw``, shape (..., n, 7), with signs such that no quaternion jumps."""
+    changes = np.sum(poses[..., 1:, 3:] * poses[..., :-1, 3:], axis=-1)
+    continuous = poses.copy()
+    continuous[..., 1:, 3:] *= np.cumprod(np.where(changes < 0.0, -1.0, 1.0), axis=-1)[..., None]
     return continuous
+
+
+def turns(before: Array, after: Array) -> Array:
+    """Angles between poses (n, 7) of one frame, shape (n,) [rad]; their quaternions may be rounded."""
+    one, other = (Rotation.from_quat(poses[:, 3:]) for poses in (before, after))
+    return np.asarray((one.inv() * other).magnitude())
 
 
 def body_rates(rotations: Array, rate: float) -> Array:
@@ -147,11 +155,13 @@ def signals_of(recording: Recording, cutoff: float = PAPER_CUTOFF) -> Signals:
     if recording.has("twist"):
         twist = low_pass(recording.stacked("twist"), rate, cutoff, axis=1)
     elif rotation is not None:
-        velocity = _turned(rates(position, rate), rotation[:, 2:-2])
+        velocity = (rates(position, rate)[..., None, :] @ rotation[:, 2:-2])[..., 0, :]  # in the grasp frame
         twist = np.concatenate([body_rates(rotation, rate), velocity], axis=-1)
         time, rotation = time[2:-2], rotation[:, 2:-2]
     else:
-        raise RecordingError("found neither 'pose' nor 'twist' of all robots: one of them is needed")
+        raise RecordingError(
+            f"found neither {_lacks(recording, 'pose')} nor {_lacks(recording, 'twist')}: one is needed"
+        )
     lost = (len(recording.time) - len(time)) // 2
     if recording.has("dtwist"):
         dtwist = low_pass(recording.stacked("dtwist"), rate, cutoff, axis=1)[:, lost : lost + len(time)]
@@ -167,7 +177,10 @@ def signals_of(recording: Recording, cutoff: float = PAPER_CUTOFF) -> Signals:
     elif rotation is not None:
         a = moved - recording.gravity @ rotation
     else:
-        raise RecordingError("found neither 'pose' nor 'acceleration' of all robots: nothing tells where down is")
+        raise RecordingError(
+            f"found neither {_lacks(recording, 'pose')} nor {_lacks(recording, 'acceleration')}: nothing tells where "
+            f"down is"
+        )
     wrench = low_pass(recording.stacked("wrench"), rate, cutoff, axis=1)[:, inner] if recording.has("wrench") else None
     inner_time = (time >= recording.time[0] + EDGE) & (time <= recording.time[-1] - EDGE)
     # There is nothing above the cutoff: fewer samples suffice.
@@ -191,6 +204,5 @@ def signals_of(recording: Recording, cutoff: float = PAPER_CUTOFF) -> Signals:
     )
 
 
-def _turned(vectors: Array, rotations: Array) -> Array:
-    """``R^T x`` for vectors (N, n, 3) of the home frame and rotations (N, n, 3, 3) of the grasp frame in it."""
-    return (vectors[..., None, :] @ rotations)[..., 0, :]
+def _lacks(recording: Recording, channel: str) -> str:
+    return f"'{channel}' of all robots (not of {', '.join(recording.without(channel))})"

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from coheft.estimation.geometry.body_motion import relative_pose_derivative
-from coheft.estimation.geometry.observability import PoseEstimate, Visibility, seen_information
+from coheft.estimation.geometry.observability import PoseEstimate, SeenInformation
 from coheft.estimation.geometry.spatial import Array, Pose
 
 
@@ -33,5 +33,5 @@ class TeamPoses:
         derivative = relative_pose_derivative(self.poses[i], self.poses[j])
         by_robot = self.covariance.reshape(len(self.poses), 6, len(self.poses), 6)
         covariance = derivative @ by_robot[[i, j]][:, :, [i, j]].reshape(12, 12) @ derivative.T
-        seen = seen_information(np.linalg.inv(covariance).astype(np.float64), Visibility())
+        seen = SeenInformation.of(np.linalg.inv(covariance).astype(np.float64))
         return PoseEstimate(self.poses[i].inverse() @ self.poses[j], covariance, seen.unobservable())

@@ -7,7 +7,7 @@ measurement; process noise enters through the wrench. Steps may be linearised ab
 they can be repeated about a better one.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -94,6 +94,13 @@ def move(state: Array, wrench_b: Array, duration: float) -> Array:
     result[POSE] += duration * (state[RATES] + 0.5 * duration * accelerations)
     result[RATES] += duration * accelerations
     return result
+
+
+def ahead(state: Array, wrenches_b: Iterable[Array], duration: float) -> Array:
+    """``(q, qd)`` (6,) after steps from a state (12,) with these wrenches, of ``duration`` [s] each."""
+    for wrench_b in wrenches_b:
+        state = move(state, wrench_b, duration)
+    return state[:MOTION_SIZE].copy()
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from coheft.estimation.cart.filter import MOTION_SIZE, Push, Sighting, move
+from coheft.estimation.cart.filter import MOTION_SIZE, Push, Sighting, ahead
 from coheft.estimation.cart.model import CartBody
 from coheft.estimation.geometry.spatial import Array
 
@@ -35,7 +35,4 @@ class FixedCart:
 
     def ahead(self, wrenches_b: list[Array], duration: float) -> Array:
         """Predict ``(q, qd)`` after steps with these wrenches, of ``duration`` [s] each."""
-        state = np.concatenate([self._state, self.body.parameters])
-        for wrench_b in wrenches_b:
-            state = move(state, wrench_b, duration)
-        return state[:MOTION_SIZE]
+        return ahead(np.concatenate([self._state, self.body.parameters]), wrenches_b, duration)

@@ -21,7 +21,7 @@ from coheft.estimation.cart.filter import (
     Belief,
     Push,
     Sighting,
-    move,
+    ahead,
     predict,
     smooth,
     update,
@@ -127,9 +127,7 @@ class CartLearner:
         """Predict ``(q, qd)`` after steps with these wrenches, of ``duration`` [s] each."""
         state = self.belief.mean.copy()
         state[PARAMETERS] = self._parameters
-        for wrench_b in wrenches_b:
-            state = move(state, wrench_b, duration)
-        return state[:MOTION_SIZE].copy()
+        return ahead(state, wrenches_b, duration)
 
     def step(self, sighting: Sighting, push: Push) -> None:
         """Process a measurement, and the push after it."""

@@ -1,5 +1,7 @@
 """Observability of poses: which directions the data do not show, and their description."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,29 +9,14 @@ import numpy as np
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.geometry.uncertain_pose import UncertainPose
 
+_LIMITS = np.repeat([np.radians(5.0), 0.1], 3)
+"""Standard deviations of ``(rotation, translation)`` above which a direction counts as unobservable [rad, m]."""
 _FLOOR = 1e-6
 """Share of the required information that is assigned to unobservable directions, so that covariances stay finite."""
 _DOUBT = 5.0
 """Standard deviations of the noise in the information by which a direction must exceed it to count as observable."""
 _PURE = 0.1
 """A direction is called a rotation, or a translation, if the other part is below this share of it."""
-
-
-@dataclass(frozen=True)
-class Visibility:
-    """Standard deviations above which a direction counts as unobservable.
-
-    Attributes:
-        rotation: [rad].
-        translation: [m].
-    """
-
-    rotation: float = np.radians(5.0)
-    translation: float = 0.1
-
-    def scale(self) -> Array:
-        """Return the limit of each component of a pose's perturbation ``(rotation, translation)``, shape (6,)."""
-        return np.array([self.rotation] * 3 + [self.translation] * 3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,8 +34,7 @@ class UnobservableDirection:
         parts = []
         for name, vector in (("rotation about", self.rotation), ("translation along", self.translation)):
             if np.linalg.norm(vector) > _PURE:
-                x, y, z = _axis(vector)
-                parts.append(f"{name} ({x:.2f}, {y:.2f}, {z:.2f})")
+                parts.append(f"{name} {axis_in_words(vector)}")
         return " with ".join(parts)
 
 
@@ -66,19 +52,23 @@ class PoseEstimate(UncertainPose):
 
 @dataclass(frozen=True, eq=False)
 class SeenInformation:
-    """Information on one or several poses, divided into observable and unobservable directions.
+    """Information on a pose, divided into observable and unobservable directions.
 
     Attributes:
-        values: Eigenvalues in units of the required information, shape (6 k,), those of unobservable directions first.
-        directions: Their directions as columns, in units [rad, m], shape (6 k, 6 k).
+        values: Eigenvalues in units of the required information, shape (6,), those of unobservable directions first.
+        directions: Their directions as columns, in units [rad, m], shape (6, 6).
         unobservable_count: Number of unobservable directions.
-        limits: Limits that define the required information.
     """
 
     values: Array
     directions: Array
     unobservable_count: int
-    limits: Visibility
+
+    @staticmethod
+    def of(information: Array) -> SeenInformation:
+        """Divide the information (6, 6) on a perturbation, symmetric, not necessarily definite."""
+        values, vectors = np.linalg.eigh(information * np.outer(_LIMITS, _LIMITS))
+        return SeenInformation(values, _LIMITS[:, None] * vectors, int((values < 1.0).sum()))
 
     def inverse(self) -> Array:
         """Return the inverse of the information; unobservable directions get 1000 times the limit in place of
@@ -89,25 +79,9 @@ class SeenInformation:
         return result
 
     def unobservable(self) -> tuple[UnobservableDirection, ...]:
-        """Return the unobservable directions of a single pose, separated into rotations and translations if
-        possible.
-        """
-        basis = self.directions[:, : self.unobservable_count] / self.limits.scale()[:, None]
+        """Return the unobservable directions, separated into rotations and translations if possible."""
+        basis = self.directions[:, : self.unobservable_count] / _LIMITS[:, None]
         return tuple(UnobservableDirection(column[:3], column[3:]) for column in _named_basis(basis).T)
-
-
-def seen_information(information: Array, limits: Visibility) -> SeenInformation:
-    """Divide the information on k poses into observable and unobservable directions.
-
-    Args:
-        information: Information on the perturbations ``(rotation, translation)``, shape (6 k, 6 k), symmetric, not
-            necessarily definite.
-        limits: Standard deviations up to which a direction counts as observable.
-    """
-    scale = np.concatenate([limits.scale()] * (len(information) // 6))
-    scales = scale[:, None] * scale
-    values, vectors = np.linalg.eigh(information * scales)
-    return SeenInformation(values, scale[:, None] * vectors, int((values < 1.0).sum()), limits)
 
 
 def doubt_of(noise: Array, count: float) -> Array:
@@ -135,9 +109,8 @@ def _named_basis(basis: Array) -> Array:
     return turned
 
 
-def _axis(vector: Array) -> Array:
-    """Return the unit vector with a positive largest component and without negative zeros."""
+def axis_in_words(vector: Array) -> str:
+    """Return an axis (3,) of any length and sign as text; its largest component is positive."""
     unit = vector / np.linalg.norm(vector)
-    unit = unit * np.sign(unit[np.argmax(np.abs(unit))])
-    result: Array = np.round(unit, 2) + 0.0
-    return result
+    x, y, z = np.round(unit * np.sign(unit[np.argmax(np.abs(unit))]), 2) + 0.0  # without negative zeros
+    return f"({x:.2f}, {y:.2f}, {z:.2f})"

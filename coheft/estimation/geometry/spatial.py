@@ -144,17 +144,6 @@ class Pose:
         """Return the pose of a frame in itself."""
         return Pose(np.eye(3), np.zeros(3))
 
-    @staticmethod
-    def exp(tangent: npt.ArrayLike) -> Pose:
-        """Return the pose reached by moving for unit time with the constant twist ``(w, v)``, shape (6,)."""
-        tangent = np.asarray(tangent, dtype=np.float64)
-        return Pose(rotation_exp(tangent[:3]), _left_jacobian(tangent[:3]) @ tangent[3:])
-
-    def log(self) -> Array:
-        """Return the twist ``(w, v)``, shape (6,), whose exponential is this pose; the rotation angle is at most pi."""
-        rotation_vector = rotation_log(self.rotation)
-        return np.concatenate([rotation_vector, np.linalg.solve(_left_jacobian(rotation_vector), self.translation)])
-
     def inverse(self) -> Pose:
         """Return ``pose_i_in_j`` of ``pose_j_in_i``."""
         return self._inverse
@@ -208,10 +197,3 @@ class Pose:
         matrix[3:, :3] = skew(self.translation) @ self.rotation
         matrix.flags.writeable = False
         return matrix
-
-
-def _left_jacobian(rotation_vector: Array) -> Array:
-    """Return ``V`` (3, 3) with ``exp(w, v).translation == V(w) v``."""
-    _, twice, thrice = rotation_coefficients(rotation_vector)
-    cross = skew(rotation_vector)
-    return _AXES + twice * cross + thrice * cross @ cross

@@ -112,16 +112,20 @@ def _cost(point: Array, target: Array, metric: Array) -> float:
 
 
 def _centred(point: Array, target: Array, metric: Array, tolerance: float) -> Array:
-    """Minimize ``cost - log det`` with Newton's method from an interior point; the result is interior, too."""
+    """Minimize ``cost - log det`` with Newton's method from an interior point; the result is interior, too.
+
+    Each step is solved in coordinates in which the point is the identity, and the curvature of ``log det``, too: near
+    the border of what is possible, it would be nearly singular in others.
+    """
     for _ in range(_NEWTON_STEPS):
-        inverse = np.linalg.inv((point @ _FLAT_BASIS).reshape(4, 4))
-        gradient = metric @ (point - target) - _FLAT_BASIS @ inverse.ravel()
-        curvature = (inverse @ _BASIS @ inverse).reshape(10, 16) @ _FLAT_BASIS.T
-        step = -np.linalg.solve(metric + curvature, gradient)
+        root = np.linalg.cholesky((point @ _FLAT_BASIS).reshape(4, 4))
+        outwards = _FLAT_BASIS @ (root @ _BASIS @ root.T).reshape(10, 16).T
+        gradient = outwards.T @ metric @ (point - target) - _BASIS_TRACE
+        step = -np.linalg.solve(outwards.T @ metric @ outwards + np.eye(10), gradient)
         decrement = np.sqrt(max(-float(gradient @ step), 0.0))
         # The damped step of a self-concordant function stays inside (Nesterov, Nemirovskii 1994), and so do short
         # steps.
-        point = point + (step / (1.0 + decrement) if decrement > 0.25 else step)
+        point = point + outwards @ (step / (1.0 + decrement) if decrement > 0.25 else step)
         if decrement < tolerance:
             break
     return point

@@ -6,6 +6,7 @@ from typing import Literal
 
 import numpy as np
 
+from coheft.estimation.geometry.observability import axis_in_words
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.rigid_body.mass_properties import TIMES_IN_MATRIX, pack_symmetric, unpack_symmetric
 
@@ -86,6 +87,4 @@ def unobservable_quantities(covariance: Array, mass: float, length: float) -> tu
 def _named(quantity: str, preposition: str, axes: list[Array]) -> list[str]:
     if len(axes) == 3:
         return [quantity]
-    # The sign of an axis is arbitrary: make its largest component positive.
-    signed = [axis * np.sign(axis[np.argmax(np.abs(axis))]) for axis in axes]
-    return [f"{quantity} {preposition} ({x:.2f}, {y:.2f}, {z:.2f})" for x, y, z in np.round(signed, 2) + 0.0]
+    return [f"{quantity} {preposition} {axis_in_words(axis)}" for axis in axes]

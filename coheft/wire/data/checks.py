@@ -27,12 +27,8 @@ _LEAST_GRAVITY, _MOST_GRAVITY = 1.5, 30.0
 
 def channels_of(robot: RobotRecord) -> dict[str, Array]:
     """Return a robot's recorded channels: arrays (n, width), in the order of ``COLUMNS``, without times."""
-    found = {channel: getattr(robot, channel) for channel in COLUMNS}
-    return {
-        channel: _swapped(samples) if channel == "wrench" else samples
-        for channel, samples in found.items()
-        if samples is not None
-    }
+    found = robot.channels
+    return found if robot.wrench is None else {**found, "wrench": _swapped(robot.wrench)}
 
 
 def robot_of(name: str, table: Mapping[str, Array]) -> RobotRecord:
@@ -41,19 +37,28 @@ def robot_of(name: str, table: Mapping[str, Array]) -> RobotRecord:
     Raises:
         RecordingError: The times are invalid, or a channel is unknown.
     """
-    unknown = set(table) - set(COLUMNS) - {TIME}
-    if unknown:
-        allowed = ", ".join([TIME, *COLUMNS])
-        raise RecordingError(f"'{one_line(min(unknown))}' of {name} is unknown; allowed: {allowed}")
     if TIME not in table:
         raise RecordingError(
             f"'{TIME}' of {name} is missing: the times of its samples; if each line is a hold: --method static"
         )
     _check(f"'{TIME}' of {name}", table[TIME], (table[TIME].size,))
+    return record_at(samples_in_seconds(name, table[TIME]), name, table)
+
+
+def record_at(time: Array, name: str, table: Mapping[str, Array]) -> RobotRecord:
+    """Make a robot's record from channels, at other times (n,) [s] than those in ``table``, if any.
+
+    Raises:
+        RecordingError: A channel is unknown.
+    """
+    unknown = set(table) - set(COLUMNS) - {TIME}
+    if unknown:
+        allowed = ", ".join([TIME, *COLUMNS])
+        raise RecordingError(f"'{one_line(min(unknown))}' of {name} is unknown; allowed: {allowed}")
     channels = {channel: array for channel, array in table.items() if channel != TIME}
     if "wrench" in channels and channels["wrench"].ndim == 2:
         channels["wrench"] = _swapped(channels["wrench"])
-    return RobotRecord(samples_in_seconds(name, table[TIME]), **channels)
+    return RobotRecord(time, **channels)
 
 
 def gravity_of(array: Array) -> Array:

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from coheft.estimation.batch.alignment import Stream, aligned
-from coheft.estimation.batch.recording import CHANNELS, RobotRecord, check_samples, is_regular
+from coheft.estimation.batch.recording import RobotRecord, check_samples, is_regular
 from coheft.wire.process.log import LOG
 
 _EPOCH = 1e8
@@ -15,8 +15,7 @@ _EPOCH = 1e8
 
 def streams_of_robot(robot: RobotRecord) -> dict[str, Stream]:
     """Return a robot's recorded channels separately."""
-    found = {channel: getattr(robot, channel) for channel in CHANNELS}
-    return {channel: Stream(robot.time, values) for channel, values in found.items() if values is not None}
+    return {channel: Stream(robot.time, values) for channel, values in robot.channels.items()}
 
 
 def at_common_times(robots: Mapping[str, RobotRecord]) -> dict[str, RobotRecord]:
@@ -30,10 +29,7 @@ def at_common_times(robots: Mapping[str, RobotRecord]) -> dict[str, RobotRecord]
         return dict(robots)
     for name, robot in robots.items():
         check_samples(name, robot)
-    found, remarks = aligned({name: streams_of_robot(robot) for name, robot in robots.items()})
-    for remark in remarks:
-        LOG.warning(f"coheft: {remark}")
-    return found
+    return _aligned({name: streams_of_robot(robot) for name, robot in robots.items()})
 
 
 def align(streams: Mapping[str, Mapping[str, Stream]]) -> tuple[dict[str, RobotRecord], float]:
@@ -54,7 +50,11 @@ def align(streams: Mapping[str, Mapping[str, Stream]]) -> tuple[dict[str, RobotR
         }
     else:
         since = 0.0
+    return _aligned(streams), since
+
+
+def _aligned(streams: Mapping[str, Mapping[str, Stream]]) -> dict[str, RobotRecord]:
     robots, remarks = aligned(streams)
     for remark in remarks:
         LOG.warning(f"coheft: {remark}")
-    return robots, since
+    return robots

@@ -41,7 +41,9 @@ def read_recording(path: Path) -> Recording:
         RecordingError: It cannot be read or used; the message says why.
     """
     with recording_errors(path):
-        recording = read_folder(path) if path.is_dir() else recording_of(load_arrays(path))
+        if not path.is_dir():
+            return recording_of(load_arrays(path))
+        recording = read_folder(path)
         check_recording(recording)
     return recording
 
@@ -85,27 +87,21 @@ def _arrays(recording: Recording) -> dict[str, Array]:
     return arrays
 
 
-def read_arrays(path: Path) -> tuple[dict[str, dict[str, Array]], Array]:
-    """Return each robot's channels in an ``.npz`` file, unchanged, possibly without times, and gravity.
-
-    Raises:
-        RecordingError: It is not a recording.
-        OSError: It cannot be read.
-    """
-    tables, shared = _parts(load_arrays(path))
-    tables.pop(TRUTH, None)
-    return tables, _gravity(shared)
-
-
 def _gravity(shared: Mapping[str, Array]) -> Array:
     return gravity_of(shared["gravity"]) if "gravity" in shared else np.array(GRAVITY)
 
 
-def _parts(arrays: Mapping[str, Array]) -> tuple[dict[str, dict[str, Array]], dict[str, Array]]:
+def _tables(arrays: Mapping[str, npt.ArrayLike]) -> tuple[dict[str, dict[str, Array]], dict[str, Array]]:
     """Return the arrays of robots and of the truth, by name and channel, and those of the whole recording."""
+    given = {}
+    for key, values in arrays.items():
+        try:
+            given[key] = np.asarray(values)
+        except ValueError as error:  # rows of different lengths
+            raise RecordingError(f"'{one_line(key)}': expected an array of numbers: {one_line(str(error))}") from error
     tables: dict[str, dict[str, Array]] = {}
     shared: dict[str, Array] = {}
-    for key, array in arrays.items():
+    for key, array in _as_numbers(given, "not a recording").items():
         name, slash, channel = key.rpartition("/")
         if slash:
             tables.setdefault(name, {})[channel] = array
@@ -117,24 +113,36 @@ def _parts(arrays: Mapping[str, Array]) -> tuple[dict[str, dict[str, Array]], di
 
 
 def recording_of(arrays: Mapping[str, npt.ArrayLike]) -> Recording:
-    """Make a recording from arrays, by their names in an ``.npz`` file; not checked yet.
+    """Make and check a recording from arrays, by their names in an ``.npz`` file.
 
     Raises:
-        RecordingError: There are no robots, or arrays are not numbers, or have unknown names.
+        RecordingError: It cannot be used; the message says why.
     """
-    given = {key: np.asarray(values) for key, values in arrays.items()}
-    tables, shared = _parts(_as_numbers(given, "not a recording"))
+    tables, shared = _tables(arrays)
     truth = tables.pop(TRUTH, {})
     if not tables:
         raise RecordingError(f"no robots in it; expected arrays ROBOT/{TIME} and ROBOT/CHANNEL of each")
     robots = at_common_times({name: robot_of(name, table) for name, table in tables.items()})
-    return Recording(
+    recording = Recording(
         robots=robots,
         gravity=_gravity(shared),
         noise=noise_of(shared["noise"]) if "noise" in shared else None,
         holds=holds_in_seconds("'holds'", holds_of(shared["holds"]), span_of(robots)) if "holds" in shared else None,
         truth=truth_of(truth, len(tables)),
     )
+    check_recording(recording)
+    return recording
+
+
+def channels_in(arrays: Mapping[str, npt.ArrayLike]) -> tuple[dict[str, dict[str, Array]], Array]:
+    """Return each robot's channels in arrays as of an ``.npz`` file, unchanged, possibly without times, and gravity.
+
+    Raises:
+        RecordingError: They are not those of a recording.
+    """
+    tables, shared = _tables(arrays)
+    tables.pop(TRUTH, None)
+    return tables, _gravity(shared)
 
 
 def load_arrays(path: Path) -> dict[str, Array]:

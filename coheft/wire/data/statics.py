@@ -1,16 +1,20 @@
 """Holds that are recorded separately: a line, or an interval of samples, for each orientation of the load."""
 
+from collections.abc import Callable, Mapping
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from coheft.errors import RecordingError, one_line
 from coheft.estimation.batch.recording import GRAVITY, Recording, check_samples
+from coheft.estimation.batch.signals import turns
 from coheft.estimation.batch.statics import Statics
 from coheft.estimation.geometry.spatial import Array
-from coheft.wire.data.checks import TIME, robot_of
-from coheft.wire.data.file import read_arrays, read_recording
+from coheft.wire.data.checks import TIME, record_at
+from coheft.wire.data.file import channels_in, load_arrays, read_recording, recording_of
 from coheft.wire.data.folder import read_channels
 
 _GAP = 10.0
@@ -30,7 +34,18 @@ def read_statics(path: Path) -> Statics:
         RecordingError: They cannot be used; the message says why.
         OSError: They cannot be read.
     """
-    tables, gravity = (read_channels(path), np.array(GRAVITY)) if path.is_dir() else read_arrays(path)
+    if not path.is_dir():
+        return statics_of(load_arrays(path))
+    return _statics(read_channels(path), np.array(GRAVITY), partial(read_recording, path))
+
+
+def statics_of(arrays: Mapping[str, npt.ArrayLike]) -> Statics:
+    """Make holds from arrays, by their names in an ``.npz`` file; rules and errors as of ``read_statics``."""
+    return _statics(*channels_in(arrays), partial(recording_of, arrays))
+
+
+def _statics(tables: Mapping[str, Mapping[str, Array]], gravity: Array, whole: Callable[[], Recording]) -> Statics:
+    """Holds in robots' channels; ``whole`` is called if these are a recording of which the forces tell the holds."""
     if not tables:
         raise RecordingError("no robots; expected poses and wrenches of each")
     for name, table in tables.items():
@@ -40,18 +55,18 @@ def read_statics(path: Path) -> Statics:
             raise RecordingError(
                 f"'{missing[0]}' of {name} is missing; found {found}; expected pose and wrench of holds"
             )
-    lengths = {name: len(table["pose"]) for name, table in tables.items()}
+    lengths = {name: len(np.atleast_1d(table["pose"])) for name, table in tables.items()}
     if len(set(lengths.values())) > 1:
         counts = ", ".join(f"{count} of {name}" for name, count in lengths.items())
         raise RecordingError(f"found different numbers of lines: {counts}; expected one for each hold of every robot")
     first = next(iter(tables))
     time = np.arange(lengths[first], dtype=np.float64)
-    robots = {name: robot_of(name, {**table, TIME: time}) for name, table in tables.items()}
+    robots = {name: record_at(time, name, table) for name, table in tables.items()}
     for name, robot in robots.items():
         check_samples(name, robot)
     spans = _spans(tables[first].get(TIME), tables[first]["pose"], first)
     if spans is None:
-        return Statics.of_recording(read_recording(path))
+        return Statics.of_recording(whole())
     return Statics.of_samples(Recording(robots, gravity=gravity), spans)
 
 
@@ -64,7 +79,9 @@ def _spans(time: Array | None, pose: Array, name: str) -> list[tuple[int, int]] 
         name: Name of the robot in messages.
     """
     count = len(pose)
-    if time is None or count < 2 or np.median(_turns(pose)) > _TURN:
+    if time is not None and time.shape != (count,):
+        raise RecordingError(f"'{TIME}' of {name}: found shape {time.shape}, expected {(count,)}, or none")
+    if time is None or count < 2 or np.median(turns(pose[:-1], pose[1:])) > _TURN:
         return [(k, k + 1) for k in range(count)]
     steps = np.diff(time)
     if not (steps > 0.0).all():
@@ -73,10 +90,3 @@ def _spans(time: Array | None, pose: Array, name: str) -> list[tuple[int, int]] 
     if not len(gaps):
         return None
     return list(pairwise([0, *gaps.tolist(), count]))
-
-
-def _turns(pose: Array) -> Array:
-    """Return the rotation of each line relative to the one before, shape (n - 1,) [rad]."""
-    along = np.abs(np.einsum("ki,ki->k", pose[:-1, 3:], pose[1:, 3:]))
-    turns: Array = 2.0 * np.arccos(np.minimum(along, 1.0))
-    return turns

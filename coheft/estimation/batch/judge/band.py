@@ -34,10 +34,15 @@ def white_level(samples: Array, rate: float, cutoff: float) -> Array | None:
     chosen = (frequency >= _NOISE[0] * cutoff) & (frequency <= _NOISE[1] * cutoff)
     if _NOISE[1] * cutoff > 0.45 * rate or np.count_nonzero(chosen) < _FEW_ABOVE // 4:
         return None
-    window = np.hanning(len(samples))[:, None]
-    spectrum = np.abs(np.fft.rfft((samples - samples.mean(axis=0)) * window, axis=0)) ** 2 / np.sum(window**2)
-    level: Array = np.sqrt(np.median(spectrum[chosen], axis=0) / np.log(2.0))
+    level: Array = np.sqrt(np.median(periodogram(samples)[chosen], axis=0) / np.log(2.0))
     return level
+
+
+def periodogram(samples: Array) -> Array:
+    """Squared spectrum of samples (n, c) without their mean, shape (n // 2 + 1, c); of white noise, its variance."""
+    window = np.hanning(len(samples))[:, None]
+    result: Array = np.abs(np.fft.rfft((samples - samples.mean(axis=0)) * window, axis=0)) ** 2 / np.sum(window**2)
+    return result
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,16 +79,11 @@ class Band:
         kept = dct(signals, axis=0, norm="ortho")[: len(self.frequency)]
         return kept / self.gain.reshape(-1, *[1] * (signals.ndim - 1))
 
-    def spectrum(self, residual: Array) -> Array:
-        """Mean square of whitened residuals (K, g, c) by interval and group, at least that of noise, shape (B, g)."""
+    def spread(self, residual: Array) -> Array:
+        """Mean square of whitened residuals (K, g, c) in the interval of each coefficient, at least 1, shape (K, g)."""
         sizes = np.diff([*self.starts, len(residual)])
         measured = np.add.reduceat(np.mean(residual**2, axis=-1), self.starts, axis=0) / sizes[:, None]
-        return np.maximum(1.0, measured)
-
-    def spread(self, residual: Array) -> Array:
-        """The spectrum of residuals (K, g, c) at every coefficient, shape (K, g)."""
-        sizes = np.diff([*self.starts, len(residual)])
-        return np.repeat(self.spectrum(residual), sizes, axis=0)
+        return np.repeat(np.maximum(1.0, measured), sizes, axis=0)
 
     def misfit(self, residual: Array) -> float:
         """-2 log likelihood of whitened residuals (K, g, c) with an unknown spectrum, at least that of noise."""

@@ -3,7 +3,7 @@
 Forces are not used for the grasp poses, because their faults would distort these until forces fit.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
@@ -94,10 +94,6 @@ class Evidence:
         relative = [team.relative(0, other).covariance for other in range(1, len(team.poses))]
         largest = max(float(np.linalg.eigvalsh(covariance[:3, :3])[-1]) for covariance in relative)
         return float(np.hypot(np.sqrt(largest), self.tilt))
-
-    def but(self, recording: Recording) -> Self:
-        """The same grasps with another recording."""
-        return replace(self, recording=recording, signals=signals_of(recording, self.cutoff))
 
 
 def suspicions_about(grasps: HandEye) -> tuple[str, ...]:

@@ -14,6 +14,7 @@ from coheft.estimation.batch.judge.suspects import Suspect, Suspects, forces_ins
 from coheft.estimation.batch.judge.verdict import ALL, Cause, Verdict
 from coheft.estimation.batch.judge.words import angle_deg, is_ambiguous, is_unit_of_all, words_of
 from coheft.estimation.batch.judge.wrench_misfit import BODY_NUMBERS, Fit, WrenchMisfit
+from coheft.estimation.batch.signals import signals_of
 from coheft.estimation.geometry.spatial import Array
 
 _EXCESS = 4.5
@@ -158,7 +159,7 @@ def _confirmed(suspects: Sequence[Suspect], evidence: Evidence, homes: Array) ->
             break
         name = None if suspect.robot is None else evidence.recording.names[suspect.robot]
         mended = mend(evidence.recording, _verdict_of(suspect, name, homes), evidence.poses)
-        without = WrenchMisfit(evidence.but(mended))
+        without = WrenchMisfit(replace(evidence, recording=mended, signals=signals_of(mended, evidence.cutoff)))
         if without.plain.excess < _EXCESS + _SLACK:
             sizes = [[np.trace(own[:3, :3]), np.trace(own[3:, 3:])] for own in without.noise]
             unlike = np.ptp(0.5 * np.log(np.array(sizes) + 1e-300), axis=0).max()
@@ -216,11 +217,10 @@ def _homes(misfit: WrenchMisfit) -> Array:
 
     Without poses there are none, shape (0, 3, 3).
     """
-    rotations = misfit.signals.rotation
-    if rotations is None:
+    if misfit.rotations is None:
         return np.zeros((0, 3, 3))
-    seen = [rotation @ pose.rotation.T for rotation, pose in zip(rotations, misfit.poses, strict=True)]
-    return np.array([Rotation.from_matrix(seen[0] @ own.swapaxes(-1, -2)).mean().as_matrix() for own in seen])
+    to_first = misfit.rotations[0] @ misfit.rotations.swapaxes(-1, -2)
+    return np.array([Rotation.from_matrix(own).mean().as_matrix() for own in to_first])
 
 
 def _not_level(down: Array, gravity: Array, evidence: Evidence) -> tuple[list[float], list[str]]:

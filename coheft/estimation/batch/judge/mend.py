@@ -10,25 +10,13 @@ from coheft.errors import RecordingError
 from coheft.estimation.batch.judge.verdict import Cause, Verdict
 from coheft.estimation.batch.pose_conventions import inverse_poses
 from coheft.estimation.batch.recording import CHANNELS, Recording
+from coheft.estimation.batch.signals import without_jumps
 from coheft.estimation.geometry.spatial import Array, Pose, skew
 
 MENDABLE = (
-    Cause.OFFSET,
-    Cause.DRIFT,
-    Cause.LEVER,
-    Cause.SCALE,
-    Cause.FORCE_SCALE,
-    Cause.MOMENT_SCALE,
-    Cause.AXIS_SCALE,
-    Cause.BASE_AXES,
-    Cause.TURNED,
-    Cause.EXCHANGED,
-    Cause.SWAPPED,
-    Cause.CLOCK,
-    Cause.LENGTH_SCALE,
-    Cause.GRAVITY,
-    Cause.NOT_LEVEL,
-    Cause.INVERSE,
+    *(Cause.OFFSET, Cause.DRIFT, Cause.LEVER, Cause.SCALE, Cause.FORCE_SCALE, Cause.MOMENT_SCALE, Cause.AXIS_SCALE),
+    *(Cause.BASE_AXES, Cause.TURNED, Cause.EXCHANGED, Cause.SWAPPED, Cause.CLOCK, Cause.LENGTH_SCALE),
+    *(Cause.GRAVITY, Cause.NOT_LEVEL, Cause.INVERSE),
 )
 """Faults whose parameters determine what sensors would have measured without them."""
 
@@ -108,8 +96,11 @@ def _rotated(wrench: Array, rotations: Array, halves: Sequence[float] | Array = 
 
 def _earlier(samples: Array, time: Array, delay: float) -> Array:
     """Shift samples (n, width) to an earlier time by ``delay`` [s]; at the ends, repeat the last one."""
+    is_pose = samples.shape[1] == CHANNELS["pose"]
+    if is_pose:
+        samples = without_jumps(samples)
     moved = np.stack([np.interp(time + delay, time, column) for column in samples.T], axis=-1)
-    if samples.shape[1] == CHANNELS["pose"]:
+    if is_pose:
         moved[:, 3:] /= np.linalg.norm(moved[:, 3:], axis=1, keepdims=True)
     return moved
 

@@ -16,7 +16,7 @@ def level_of(recording: Recording, channel: str, robot: int, cutoff: float) -> A
     """
     samples = recording.stacked(channel)[robot]
     if channel == "pose":
-        samples = np.hstack([samples[:, :3], without_jumps(samples[None, :, 3:])[0]])
+        samples = without_jumps(samples)
     level = white_level(samples, recording.rate, cutoff)
     if level is None:
         raise ValueError("there are too few samples, or too few per second, to tell noise from motion")

@@ -14,8 +14,8 @@ from coheft.estimation.batch.judge.band import Band
 from coheft.estimation.batch.judge.evidence import Evidence
 from coheft.estimation.batch.judge.motion_noise import acceleration_noise, level_of
 from coheft.estimation.batch.judge.verdict import Cause, Verdict
-from coheft.estimation.geometry.body_motion import BODY_A, BODY_ALPHA, BODY_V, BODY_W
-from coheft.estimation.geometry.spatial import Array, skew
+from coheft.estimation.geometry.body_motion import BODY_A, BODY_V, BODY_W, grasp_derivatives
+from coheft.estimation.geometry.spatial import Array, Pose, skew
 
 _EXCESS, _SHARE, _MENDED = 4.5, 0.03, 0.02
 """As in ``forces``: deviations that are no chance, share of the motion that matters, share that a fault may leave."""
@@ -130,7 +130,7 @@ class _View:
         covariance = covariance[:, : len(kept), : len(kept)] * signals.rate / recording.rate
         sizes = np.mean(self._mean**2, axis=0)
         self._whitening = np.linalg.inv(np.linalg.cholesky(covariance + 1e-8 * np.diag(sizes + 1e-12)))
-        self._grasp = _by_grasp(mean)[:, : len(kept)]
+        self._grasp = grasp_derivatives(Pose.identity(), mean)[0][:, : len(kept)]
         _, residual = self._fit(self._grasp)
         self.excess, inside = band.excess(residual, 6)
         self.ratio = float(np.sqrt(inside))
@@ -177,12 +177,3 @@ def _noise(evidence: Evidence, robot: int, up: Array, frequency: Array) -> Array
     if recording.has("acceleration"):
         covariance[:, 6:, 6:] = acceleration_noise(recording, robot, pose, up, frequency, cutoff)[:, 3:, 3:]
     return covariance
-
-
-def _by_grasp(motion: Array) -> Array:
-    """Derivative of ``(w, v, a)`` of the body frame by a small rotation and translation of a grasp, (n, 9, 6)."""
-    w, v, a, alpha = (motion[:, part] for part in (BODY_W, BODY_V, BODY_A, BODY_ALPHA))
-    columns = np.zeros((len(motion), 9, 6))
-    columns[:, :3, :3], columns[:, 3:6, :3], columns[:, 6:, :3] = -skew(w), -skew(v), -skew(a)
-    columns[:, 3:6, 3:], columns[:, 6:, 3:] = skew(w), skew(alpha) + skew(w) @ skew(w)
-    return columns

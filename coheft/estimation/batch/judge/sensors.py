@@ -1,8 +1,9 @@
 """Sensors that do not work: they repeat a reading, lose samples, or return nothing but noise."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
+import numpy.typing as npt
 
 from coheft.estimation.batch.judge.band import white_level
 from coheft.estimation.batch.judge.verdict import Cause, Verdict
@@ -90,29 +91,28 @@ def spiking_sensor(recording: Recording) -> Verdict | None:
 
 def silent_sensor(recording: Recording, cutoff: float) -> Verdict | None:
     """Find a sensor whose forces are nothing but noise; ``cutoff`` is that of the filter [Hz]."""
-    for name, wrench in zip(recording.names, recording.stacked("wrench"), strict=True):
-        noise = white_level(wrench[:, :3], recording.rate, cutoff)
-        if noise is not None and np.all(np.mean(wrench[:, :3] ** 2, axis=0) < _NOISE_ALONE * noise**2):
-            return Verdict(
-                Cause.DEAD,
-                name,
-                (0.0,),
-                f"forces of {name} are nothing but noise: its sensor does not work, or it does not hold the load",
-            )
+    for name, silent in _silent(recording, cutoff):
+        if silent.all():
+            words = f"forces of {name} are nothing but noise: its sensor does not work, or it does not hold the load"
+            return Verdict(Cause.DEAD, name, (0.0,), words)
     return None
 
 
 def silent_axis(recording: Recording, cutoff: float) -> Verdict | None:
     """Find an axis of the forces that is nothing but noise, unlike the others of its sensor; arguments as before."""
-    for name, wrench in zip(recording.names, recording.stacked("wrench"), strict=True):
-        noise = white_level(wrench[:, :3], recording.rate, cutoff)
-        if noise is None:
-            continue
-        silent = np.mean(wrench[:, :3] ** 2, axis=0) < _NOISE_ALONE * noise**2
+    for name, silent in _silent(recording, cutoff):
         if silent.any():
-            axes = ", ".join(AXES[axis] for axis in np.flatnonzero(silent))
+            axes = ", ".join(FORCES[axis] for axis in np.flatnonzero(silent))
             return Verdict(Cause.DEAD, name, (0.0,), f"{axes} of {name} is nothing but noise: does its sensor work?")
     return None
+
+
+def _silent(recording: Recording, cutoff: float) -> Iterator[tuple[str, npt.NDArray[np.bool_]]]:
+    """Robots, and which axes of their forces are nothing but noise, shape (3,), as far as noise is known."""
+    for name, wrench in zip(recording.names, recording.stacked("wrench"), strict=True):
+        noise = white_level(wrench[:, :3], recording.rate, cutoff)
+        if noise is not None:
+            yield name, np.mean(wrench[:, :3] ** 2, axis=0) < _NOISE_ALONE * noise**2
 
 
 def missing_axis(recording: Recording, axes: Sequence[str]) -> Verdict | None:

@@ -73,9 +73,9 @@ class Suspects:
             *((robot, [robot]) for robot in indices),
             (None, indices),
         ]
-        if misfit.signals.rotation is not None:
-            self._rotations = [self._body_rotations(robot) for robot in range(self._count)]
-            self._gravity_in_body = np.mean([gravity @ own for own in self._rotations], axis=0)
+        if misfit.rotations is not None:
+            self._rotations = misfit.rotations
+            self._gravity_in_body = np.mean(gravity @ self._rotations, axis=0)
             """Gravity in the body frame, mean over the robots, shape (n, 3)."""
         self._unknown_cost = float(np.log(misfit.plain.residual.size))
         self._robot_cost = 2.0 * float(np.log(self._count))
@@ -84,7 +84,7 @@ class Suspects:
         """All faults, the likeliest first."""
         found = [*self._offset(), *self._levers(), *self._scales(), *self._axis_scales(), *self._clocks()]
         found += [*self._turned(), *self._exchanged(), *self._swapped(), *self._changes()]
-        if self._misfit.signals.rotation is not None:
+        if self._misfit.rotations is not None:
             found += [*self._axes(), self._weight(), self.direction_of_gravity()]
             recording = self._misfit.evidence.recording
             if not recording.has("twist") and not recording.has("acceleration"):
@@ -241,13 +241,6 @@ class Suspects:
         """A vector (3,) in the first home frame, in the body frame: mean over the robots, shape (n, 3)."""
         seen = [vector @ home @ own for home, own in zip(self._homes, self._rotations, strict=True)]
         result: Array = np.mean(seen, axis=0)
-        return result
-
-    def _body_rotations(self, robot: int) -> Array:
-        """Rotations of the body frame in a robot's home frame, shape (n, 3, 3)."""
-        rotation = self._misfit.signals.rotation
-        assert rotation is not None
-        result: Array = rotation[robot] @ self._misfit.poses[robot].rotation.T
         return result
 
     def direction_of_gravity(self) -> Suspect:

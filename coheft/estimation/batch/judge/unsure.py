@@ -1,7 +1,6 @@
 """Effects of uncertain grasp poses and calibration errors on the wrench, which must not refute a recording."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,37 +15,26 @@ from coheft.estimation.geometry.spatial import Array, Pose, skew
 _ROUNDING = 1e-9
 
 
-@dataclass(frozen=True, eq=False)
-class Unsure:
-    """Effects of q uncertain parameters on the total wrench, by one standard deviation of each.
-
-    Attributes:
-        columns: Change of the total wrench's residual, shape (n, 6, q).
-        maps: Matrices by which each robot's readings, with their noise, enter the columns, shape (N, q, 6, 6).
-    """
-
-    columns: Array
-    maps: Array
-
-
-def unsure_parameters(evidence: Evidence, motion: Array, theta: Array) -> Unsure:
-    """Uncertain grasp poses and, if they were estimated, calibration errors.
+def unsure_parameters(evidence: Evidence, motion: Array, theta: Array) -> tuple[Array, Array]:
+    """Effects of uncertain grasp poses and, if they were estimated, calibration errors, by one standard deviation each.
 
     Args:
         evidence: The recording and its grasp poses.
         motion: Motion of the body frame, shape (n, 12).
         theta: Parameters of the body, shape (10,).
+
+    Returns:
+        Change of the total wrench's residual by q parameters, shape (n, 6, q), and the matrices by which each robot's
+        readings, with their noise, enter it, shape (N, q, 6, 6).
     """
-    parts = [_by_grasps(evidence, theta)]
-    if evidence.tolerances is not None:
-        parts.append(_by_calibration(evidence, evidence.tolerances, motion, theta))
-    return Unsure(
-        np.concatenate([part.columns for part in parts], axis=-1),
-        np.concatenate([part.maps for part in parts], axis=1),
-    )
+    columns, maps = _by_grasps(evidence, theta)
+    if evidence.tolerances is None:
+        return columns, maps
+    more, their_maps = _by_calibration(evidence, evidence.tolerances, motion, theta)
+    return np.concatenate([columns, more], axis=-1), np.concatenate([maps, their_maps], axis=1)
 
 
-def _by_grasps(evidence: Evidence, theta: Array) -> Unsure:
+def _by_grasps(evidence: Evidence, theta: Array) -> tuple[Array, Array]:
     signals = evidence.signals
     assert signals.wrench is not None
     wrenches = signals.wrench
@@ -65,10 +53,10 @@ def _by_grasps(evidence: Evidence, theta: Array) -> Unsure:
     maps = np.zeros((*moves.shape[:2], 6, 6))
     maps[..., :3, :3] = maps[..., 3:, 3:] = skew(moves[:, :, 0])
     maps[..., 3:, :3] = skew(moves[:, :, 1])
-    return Unsure(by_unit.reshape(len(signals.time), 6, -1), maps)
+    return by_unit.reshape(len(signals.time), 6, -1), maps
 
 
-def _by_calibration(evidence: Evidence, tolerances: Tolerances, motion: Array, theta: Array) -> Unsure:
+def _by_calibration(evidence: Evidence, tolerances: Tolerances, motion: Array, theta: Array) -> tuple[Array, Array]:
     """Scales and offsets of forces, the common scale of lengths, and the direction of gravity."""
     signals, poses = evidence.signals, evidence.poses
     assert signals.wrench is not None
@@ -88,4 +76,4 @@ def _by_calibration(evidence: Evidence, tolerances: Tolerances, motion: Array, t
     joined = np.concatenate(columns, axis=-1)
     maps = np.zeros((count, joined.shape[-1], 6, 6))
     maps[np.arange(count), np.arange(count)] = tolerances.force_scale * np.eye(6)
-    return Unsure(joined, maps)
+    return joined, maps

@@ -64,7 +64,11 @@ def words_of(suspect: Suspect, recording: Recording, misfit: WrenchMisfit) -> tu
             one, other = (names[int(index)] for index in value)
             return None, f"wrenches of {one} are those of {other}, and the other way round: swap them, or the poses"
         case Cause.DRIFT:
-            return _drift_words(value[6:], recording, misfit)
+            name, size = _likeliest(value[6:], recording, misfit)
+            return name, (
+                f"the zero of {name}'s sensor drifts, by {size} per minute (another robot's could instead, with "
+                f"moments that go with it)"
+            )
         case Cause.COMPENSATED:
             return _weight_words(value, recording, misfit)
         case Cause.CLOCK:
@@ -97,18 +101,10 @@ def _offset_words(offset: Array, recording: Recording, misfit: WrenchMisfit) -> 
     level = _QUIET * deviations / np.sqrt(first.shape[1]) + 0.02 * np.sqrt(np.mean(wrenches**2, axis=1))
     if np.all(np.abs(first.mean(axis=1)) < level):
         return None, "all sensors read zero at the beginning: they were tared while the robots held the load"
-    name, f, t = _likeliest(offset, recording, misfit)
+    name, size = _likeliest(offset, recording, misfit)
     return name, (
-        f"the wrench of {name} is off by ({f[0]:.2f}, {f[1]:.2f}, {f[2]:.2f}) N and ({t[0]:.3f}, {t[1]:.3f}, "
-        f"{t[2]:.3f}) N·m: was its sensor tared? (Another robot's could be off instead, with moments that go with it)"
-    )
-
-
-def _drift_words(drift: Array, recording: Recording, misfit: WrenchMisfit) -> tuple[str | None, str]:
-    name, f, t = _likeliest(drift, recording, misfit)
-    return name, (
-        f"the zero of {name}'s sensor drifts, by ({f[0]:.2f}, {f[1]:.2f}, {f[2]:.2f}) N and ({t[0]:.3f}, {t[1]:.3f}, "
-        f"{t[2]:.3f}) N·m per minute (another robot's could instead, with moments that go with it)"
+        f"the wrench of {name} is off by {size}: was its sensor tared? (Another robot's could be off instead, with "
+        f"moments that go with it)"
     )
 
 
@@ -124,12 +120,13 @@ def _weight_words(value: Array, recording: Recording, misfit: WrenchMisfit) -> t
     )
 
 
-def _likeliest(wrench: Array, recording: Recording, misfit: WrenchMisfit) -> tuple[str, Array, Array]:
-    """The robot whose sensor needs the least moment for a wrench (6,) in the body frame, with its force and moment."""
+def _likeliest(wrench: Array, recording: Recording, misfit: WrenchMisfit) -> tuple[str, str]:
+    """The robot whose sensor needs the least moment for a wrench (6,) in the body frame, and that wrench in words."""
     own = [np.linalg.inv(adjoint) @ wrench for adjoint in misfit.adjoints]
     arms = [float(np.linalg.norm(one[3:])) / max(float(np.linalg.norm(one[:3])), 1e-9) for one in own]
     robot = int(np.argmin(arms))
-    return recording.names[robot], own[robot][:3], own[robot][3:]
+    fx, fy, fz, mx, my, mz = own[robot]
+    return recording.names[robot], f"({fx:.2f}, {fy:.2f}, {fz:.2f}) N and ({mx:.3f}, {my:.3f}, {mz:.3f}) N·m"
 
 
 def is_ambiguous(suspect: Suspect, recording: Recording) -> bool:

@@ -15,8 +15,8 @@ from coheft.estimation.batch.judge.evidence import Evidence
 from coheft.estimation.batch.judge.motion_noise import acceleration_noise, level_of
 from coheft.estimation.batch.judge.unsure import unsure_parameters
 from coheft.estimation.geometry.body_motion import BODY_A, BODY_V, BODY_W
-from coheft.estimation.geometry.spatial import Array, skew
-from coheft.estimation.rigid_body.mass_properties import unpack_symmetric
+from coheft.estimation.geometry.spatial import Array
+from coheft.estimation.rigid_body.regressor import spatial_inertia
 
 _FINEST = 5e-5
 """Share of the wrench to which filters and differences are exact."""
@@ -71,6 +71,10 @@ class WrenchMisfit:
         self.evidence, self.signals, self.wrenches, self.poses = evidence, signals, signals.wrench, poses
         self.adjoints = [pose.adjoint() for pose in poses]
         self.motion = motion = body_motions(signals, poses).mean(axis=0)
+        self.rotations: Array | None = None
+        if signals.rotation is not None:
+            self.rotations = signals.rotation @ np.array([pose.rotation.T for pose in poses])[:, None]
+        """Of the body frame in each robot's home frame, shape (N, n, 3, 3); None without poses."""
         self.band = Band.of(signals, cutoff, np.hstack([motion[:, BODY_W], motion[:, BODY_V]]))
         self.regressor, self.total = regressor(motion), total_wrench(self.wrenches, poses)
         per_coefficient = signals.rate / recording.rate
@@ -90,10 +94,10 @@ class WrenchMisfit:
             self._whiten(theta)
             theta = self.fit().solution
         self._whiten(theta)
-        unsure = unsure_parameters(evidence, motion, theta)
-        white = self._white(unsure.columns)
+        columns, maps = unsure_parameters(evidence, motion, theta)
+        white = self._white(columns)
         noticed = np.linalg.norm(white, axis=0) > _NOTICED
-        self._unsure, self._unsure_maps = white[:, noticed], unsure.maps[:, noticed]
+        self._unsure, self._unsure_maps = white[:, noticed], maps[:, noticed]
         self.plain = self.fit()
 
     def _whiten(self, theta: Array) -> None:
@@ -113,8 +117,7 @@ class WrenchMisfit:
 
     def _by_motion(self, theta: Array) -> Array:
         """Covariance of a body's wrench due to noise of its motion, shape (K, 6, 6)."""
-        mass, moment, about_origin = theta[0], theta[1:4], unpack_symmetric(theta[4:])
-        inertia = np.block([[-skew(moment), mass * np.eye(3)], [about_origin, skew(moment)]])
+        inertia = spatial_inertia(theta)[:, [3, 4, 5, 0, 1, 2]]  # times (alpha, a)
         result: Array = inertia @ self._motion_noise @ inertia.T
         return result
 
