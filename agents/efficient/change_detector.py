@@ -141,28 +141,33 @@ class ChangeDetector:
         self.step.take(step, 0 if step is None else buffer.number_at(buffer.start + step.first))
 
     def _compare(self, known: Knowledge, index: int, number: int) -> Detected | None:
-        """Compare the rows from this index on, or from where the change is likelier, with a fit to the rows before."""
-        surprise, least = 0.0, self._guards.worth_a_fit
-        for start in {known.likeliest_change(known.fit()): None, index: None} if known.is_small else (index,):
-            first, before = self._fit_before(known, start)
-            if before.state.load is not None:
-                surprise = max(surprise, known.surprise(first, before))
-            if surprise > 1.0:
-                return Detected(Event.LOAD_CHANGED, first, before, surprise)
-            index = first
-        self._is_likely, rows = surprise > least, known.buffer.count - index
-        until_detected = math.ceil(rows / max(surprise, least)) - rows  # the statistic grows with the rows
+        """Compare the rows from this index on with a fit to the rows before only.
+
+        In the first load of a small team, poses and sensor errors are known from the rows of this load alone. If these
+        are of two loads, they hide where it has changed, so the change is located with all uncertainty.
+        """
+        found = self._detected(known, index)
+        rows = known.buffer.count - found.at
+        if known.is_small and known.is_first_load and not known.misses_poses:
+            located = self._detected(known, known.likeliest_change(known.fit()))
+            found = located._replace(surprise=max(found.surprise, located.surprise))
+        if found.surprise > 1.0:
+            return found
+        least = self._guards.worth_a_fit
+        self._is_likely = found.surprise > least
+        until_detected = math.ceil(rows / max(found.surprise, least)) - rows  # the statistic grows with the rows
         self._looks.pause(until=number + min(until_detected, self._rows.turn))
         known.fit()
         return None
 
-    def _fit_before(self, known: Knowledge, index: int) -> tuple[int, Estimate]:
-        """Fit to the rows before this index; return from where on the others are of another load, and the fit."""
+    def _detected(self, known: Knowledge, index: int) -> Detected:
+        """What a comparison with the rows before this index detects."""
         buffer, before = known.buffer, known.fit(end=index)
         first = buffer.start + known.innovations.look_for_change(buffer).first
         if first < index:  # rows of the other load were among those that were fitted
             before = known.fit(end=first)
-        return first, before
+        surprise = 0.0 if before.state.load is None else known.surprise(first, before)
+        return Detected(Event.LOAD_CHANGED, first, before, surprise)
 
     def _compare_unconfirmed(self, known: Knowledge, index: int, number: int) -> Detected | None:
         """Compare the rows from this index on with a fit to the wrenches that are confirmed.

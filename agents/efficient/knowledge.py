@@ -91,6 +91,11 @@ class Knowledge:
         return self._count <= _EXACT_UP_TO
 
     @property
+    def is_first_load(self) -> bool:
+        """Whether all rows are of one load, and there is no prior."""
+        return self._chapter.prior is None
+
+    @property
     def may_show_slips(self) -> bool:
         """Whether a slip can be told from another load: a robot that holds it alone cannot."""
         return self.is_small and self._count > 1

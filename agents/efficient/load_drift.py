@@ -18,7 +18,7 @@ from coheft.estimation.moments.unknowns import THETA
 
 _ALIKE = 3.0
 """Two changes of the mass belong to one drift if neither is more than so many times the other."""
-_ABRUPT = 5.0
+_ABRUPT = 10.0
 """A change is abrupt if its statistic exceeds the threshold so many times: that of a drift is noticed on the way."""
 _GONE_ON = 3
 """After so many times the rows from one change to the next without another one, the drift has not gone on."""
