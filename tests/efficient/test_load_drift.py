@@ -159,11 +159,18 @@ def test_a_faulty_sensor_after_a_load_change_is_no_drift(share: float, axis: int
     assert after(rows).stage is not Stage.ESTIMATING
 
 
-def two_steps(count: int) -> Array:
-    """Rows of which the load becomes lighter at row 60 and again at row 110."""
-    lost = 0.2 * point_mass(np.array([-0.2, -0.1, 0.1]))
+def two_steps(count: int, mass: float = 0.2) -> Array:
+    """Rows of which the load becomes lighter by a mass [kg] at row 60 and again at row 110."""
+    lost = mass * point_mass(np.array([-0.2, -0.1, 0.1]))
     parts = [made_up_rows(60), made_up_rows(50, LOAD - lost, first=60), made_up_rows(count, LOAD - 2 * lost, first=110)]
     return np.concatenate(parts)
+
+
+def test_a_load_of_which_parts_are_taken_off_does_not_drift() -> None:
+    found = after(two_steps(20, mass=1.0))
+    assert [change.first for change in found.causes.changes] == [60, 110]
+    assert found.load_drift is None
+    assert after(two_steps(20)).load_drift is not None
 
 
 def test_a_load_that_shifts_at_a_step_of_its_drift_has_changed_once() -> None:
