@@ -152,10 +152,10 @@ CASES = {
     "offset": Case(off(200, 400, 400, 2, FORCE.start + 2, 0.5), lambda _, then: then.is_sure),
     "undeclared": Case(off(0, 400, 400, 2, FORCE.start, 0.25), lambda _, then: then.is_sure),
     "mass": Case(off(200, 400, 400, 2, TORQUE.start, 0.125), lambda _, then: then.is_sure),
-    "mass_surprise": Case(changed(0.0015)[0], lambda _, then: is_sure_after(then, 216), changed(0.0015)[1], own=3),
+    "mass_surprise": Case(changed(0.003)[0], lambda _, then: is_sure_after(then, 207), changed(0.003)[1], own=3),
     "recent_step": Case(changed(0.006)[0], lambda _, then: is_sure_after(then, 205), changed(0.006)[1], own=3),
     "small_step": Case(changed(0.002)[0], lambda _, then: is_sure_after(then, 216), changed(0.002)[1]),
-    "shortest": Case(changed(0.002)[0], lambda _, then: is_sure_after(then, 216), changed(0.002)[1]),
+    "shortest": Case(changed(0.003)[0], lambda _, then: is_sure_after(then, 207), changed(0.003)[1]),
     "small_step_fades": Case(leaking(0.004)[0], lambda _, then: max(then.errors) < 8.0, leaking(0.004)[1], drift=0.02),
     "after_gap": Case(
         changed_in_a_gap(), lambda _, then: then.valid[-1] > BEFORE + AFTER, missing=range(BEFORE, BEFORE + 40)
