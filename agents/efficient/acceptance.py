@@ -18,6 +18,9 @@ from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.fit_settings import FitSettings
 from coheft.estimation.moments.misfit import KnownLoad
 
+_ROWS_TO_FIND = 3
+"""An undeclared error is found with so many times the rows of a first fit; with fewer it is suspected."""
+
 
 class Acceptance:
     """Accepts one team's fits or not.
@@ -43,7 +46,7 @@ class Acceptance:
     def begin(self, known: Knowledge) -> None:
         """Start again with other knowledge."""
         self._load_before = None
-        self.undeclared.begin(known.rows_to_find_undeclared)
+        self.undeclared.begin(_ROWS_TO_FIND * known.least)
 
     def load_changes(self, before: KnownLoad) -> None:
         """The load seems to have changed from this one; fits to the next one may show that it was a sensor's fault."""

@@ -109,8 +109,9 @@ class Causes:
         suspicion = self._suspicion
         if suspicion is None or not suspicion.is_after_gap:
             return
-        if any(change.first < number for change in self.changes[suspicion.changes :]):
-            suspicion.begin_at(number)
+        earlier = [change for change in self.changes[suspicion.changes :] if change.first < number]
+        if earlier:
+            suspicion.begin_at(number, suspicion.changes + len(earlier))
 
     def add(self, number: int, row: Array) -> None:
         """Add a row to compare."""

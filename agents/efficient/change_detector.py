@@ -26,6 +26,9 @@ from coheft.estimation.moments.change import SmallStep
 from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.row_buffer import RowBuffer
 
+_LEAST_PAUSE = 3
+"""Rows between two comparisons: each costs several fits."""
+
 
 class Detected(NamedTuple):
     """What a look has detected.
@@ -72,10 +75,12 @@ class ChangeDetector:
         """From this row on, the load may be another one, until new rows confirm it; looks are of use again."""
         self._confirmation.begin(since)
         self._looks.resume()
+        self._is_likely = False
 
     def take_back(self) -> None:
         """Rows have been removed, and looks begin again; a step that they have shown may be in those that are left."""
         self._looks.begin()
+        self._is_likely = False
 
     def settle(self) -> None:
         """What was detected has been dealt with: the present load is that of the newest rows."""
@@ -99,7 +104,7 @@ class ChangeDetector:
 
     def is_due(self, number: int, row: EvaluatedRow) -> bool:
         """Whether to look after a row."""
-        return self._looks.are_due(number, row) or self._confirmation.is_open
+        return self._looks.are_due(number, row) or self._confirmation.is_open or self._is_likely
 
     def fit(self, known: Knowledge) -> Estimate:
         """Fit to all rows, but without wrenches that may be of another load."""
@@ -146,17 +151,18 @@ class ChangeDetector:
         In the first load of a small team, poses and sensor errors are known from the rows of this load alone. If these
         are of two loads, they hide where it has changed, so the change is located with all uncertainty.
         """
-        found = self._detected(known, index)
+        is_located = known.is_small and known.is_first_load and not known.misses_poses
+        found, least = self._detected(known, index), self._guards.worth_a_fit
         rows = known.buffer.count - found.at
-        if known.is_small and known.is_first_load and not known.misses_poses:
+        if is_located:
             located = self._detected(known, known.likeliest_change(known.fit()))
-            found = located._replace(surprise=max(found.surprise, located.surprise))
+            if located.surprise > least and not located.before.misses_poses:
+                found = located._replace(surprise=max(found.surprise, located.surprise))
         if found.surprise > 1.0:
             return found
-        least = self._guards.worth_a_fit
         self._is_likely = found.surprise > least
         until_detected = math.ceil(rows / max(found.surprise, least)) - rows  # the statistic grows with the rows
-        self._looks.pause(until=number + min(until_detected, self._rows.turn))
+        self._looks.pause(until=number + min(max(until_detected, _LEAST_PAUSE), self._rows.turn))
         known.fit()
         return None
 

@@ -197,7 +197,8 @@ class EfficientEstimator:
     def _belief_of(self, team: Team, estimate: Estimate) -> Belief:
         """Return what this robot publishes of an estimate."""
         state, unknowns, own = estimate.state, estimate.body.unknowns, team.own
-        claim = claim_of(team.session.claimable(estimate), own)
+        estimate = team.session.claimable(estimate)
+        claim = claim_of(estimate, own)
         poses, not_observable = {}, []
         for name in self._config.neighbours:
             if name not in team.names:

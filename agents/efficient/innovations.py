@@ -80,7 +80,6 @@ class Innovations:
         if load is None:  # residuals of wrenches are not used then
             load = np.zeros(LOAD_SIZE)
         of_all, of_load = buffer.moments()
-        self._fitted = buffer.count - buffer.start  # number of rows of the load
         see = np.vstack([body.motion_map[FORCING], body.wrench_map])
         buffer.views[: buffer.count] = buffer.rows[: buffer.count] @ see.T
         self._older = np.zeros((VIEW_SIZE, VIEW_SIZE))
@@ -145,10 +144,6 @@ class Innovations:
         views = buffer.views[buffer.start : buffer.count]
         result: Array = self._older + views.T @ views
         return result
-
-    def fitted(self, buffer: RowBuffer) -> int:
-        """Index of the first row that was not fitted."""
-        return buffer.start + self._fitted
 
     def look_for_change(self, buffer: RowBuffer, small: SmallSteps | None = None) -> Look:
         """Run the first test for a load change on all rows of the load.

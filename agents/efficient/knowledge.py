@@ -54,6 +54,7 @@ class Knowledge:
 
     innovations: Innovations
     _guess: Guess  # of theta; not set before the first fit
+    _last_fit: OneLoad | None
 
     def __init__(
         self, count: int, anchor: int, settings: FitSettings, guards: Guards, prior: Prior | None = None
@@ -69,6 +70,7 @@ class Knowledge:
         self._past: Past | None = None  # when the last chapter ended
         self._next_fit, self._pages = 2 * self.least, Pages(settings)
         self._first: int | None = None  # number of the first row with the present load
+        self._unfitted, self._last_fit = 0, None  # number of the first row whose wrench was not fitted, and the fit
         if prior is not None:
             self._guess = prior.guess
             evaluate, before = self._chapter.evaluation(), self._chapter.prior_evidence
@@ -152,16 +154,12 @@ class Knowledge:
             end: The estimate is from the rows before this index; None if from all of them.
             missing: Number of rows that are missing since.
         """
-        step = self._unnoticed_step(estimate, unnoticed, end)
+        fit = self._one_load(estimate, end, is_last=end is None)
+        step = self._unnoticed_step(estimate, unnoticed, fit)
         if drift is None:
             return step
-        drifted = drift.process_noise(estimate, self._one_load(estimate, end).error_by_drift(missing))
+        drifted = drift.process_noise(estimate, fit.error_by_drift(missing))
         return drifted if step is None else step + drifted
-
-    @property
-    def rows_to_find_undeclared(self) -> int:
-        """Least number of rows to find an undeclared sensor error with; fewer make it suspected."""
-        return 3 * self.least
 
     def undeclared_error(self) -> UndeclaredError | None:
         """Return the most significant sensor error with tolerance zero, or None; large teams look for fewer kinds."""
@@ -173,16 +171,11 @@ class Knowledge:
         late = self.innovations.late_sensor(self.buffer, settings.period, false_alarm)
         return max(filter(None, (constant, late)), key=lambda error: error.size, default=None)
 
-    def _unnoticed_step(self, estimate: Estimate, unnoticed: UnnoticedStep, end: int | None = None) -> Array | None:
+    def _unnoticed_step(self, estimate: Estimate, unnoticed: UnnoticedStep, fit: OneLoad) -> Array | None:
         """See ``UnnoticedStep.process_noise``; None if there is no step."""
-        error_by_step = self._error_by_step(estimate, unnoticed, end)
-        return None if error_by_step is None else unnoticed.process_noise(estimate, error_by_step)
-
-    def _error_by_step(self, estimate: Estimate, unnoticed: UnnoticedStep, end: int | None = None) -> Array | None:
-        """See ``OneLoad.error_by_step``; None if there is no step."""
         if unnoticed.mass == 0.0 or estimate.state.load is None:
             return None
-        return self._one_load(estimate, end).error_by_step(self.buffer.index_of(unnoticed.first))
+        return unnoticed.process_noise(estimate, fit.error_by_step(self.buffer.index_of(unnoticed.first)))
 
     def covering(
         self,
@@ -194,12 +187,14 @@ class Knowledge:
         """Return an estimate whose covariance covers a step of the mass that may have occurred, and the drift of the
         load up to the row before an index, or up to now.
         """
-        if estimate.state.load is None:
+        mass = 0.0 if unnoticed is None else unnoticed.mass
+        if estimate.state.load is None or (drift is None and mass == 0.0):
             return estimate
-        step = None if unnoticed is None else self._unnoticed_step(estimate, unnoticed)
+        fit = self._one_load(estimate, end)
+        step = None if unnoticed is None else self._unnoticed_step(estimate, unnoticed, fit)
         if step is not None:
             estimate = estimate.with_process_noise(step)
-        return estimate if drift is None else drift.cover(estimate, self._one_load(estimate, end).error_by_drift())
+        return estimate if drift is None else drift.cover(estimate, fit.error_by_drift())
 
     def judge(self, load_before: KnownLoad | None = None) -> Verdict:
         """Judge the estimate, see ``judge.judge``."""
@@ -228,8 +223,7 @@ class Knowledge:
             self._first = int(self.buffer.numbers[0])
             self._pages.begin(self._first)
         evaluate = chapter.evaluation(end, keeps_motion)
-        identity = [Pose.identity()] * self._count
-        state = State.first(identity, settings.errors) if last is None else last.state
+        state = State.first([Pose.identity()] * self._count, settings.errors) if last is None else last.state
         is_unknown = np.arange(self._count) != self._anchor if last is None else last.hidden_poses()
         if is_unknown.any():
             state = self._from_scratch(state, is_unknown, evaluate)
@@ -239,6 +233,7 @@ class Knowledge:
             state = first_load(state, evaluate(body).wrench, self._guess, settings)
         found = self._fitted(state, evaluate)
         self._set_estimate(found)
+        self._unfitted = self.buffer.number_at(self.buffer.count if end is None else end)
         number = self.buffer.load_rows
         self._next_fit = number + max(3, round((self._growth - 1.0) * (number + self._pages.rows_before)))
         return found
@@ -254,13 +249,12 @@ class Knowledge:
             unnoticed: The step of the mass that may have occurred before.
         """
         chapter, state, self._first = self._chapter, now.state.with_load(None), self.buffer.number_at(index)
-        step, error_by_step = None, self._error_by_step(now, unnoticed, index)
-        if error_by_step is not None:
-            step = min(index, self.buffer.index_of(unnoticed.first)), unnoticed.covariance(now, error_by_step)
+        step, first = None, min(index, self.buffer.index_of(unnoticed.first))
+        if unnoticed.mass > 0.0 and now.state.load is not None:
+            step = first, unnoticed.covariance(now, self._one_load(now, index).error_by_step(first))
         chapter.end_of_load(now, self._guess, index, has_changed and not now.misses_poses, step=step)
         if has_changed:
-            body = self._settings.body(state)
-            self.estimate = replace(now, body=body)
+            self.estimate = replace(now, body=self._settings.body(state))
         else:
             self._set_estimate(self._fitted(state, chapter.evaluation()))
         self._next_fit, self._pages.rows_before = least, 0  # a load that is known from few rows is fitted often
@@ -277,7 +271,9 @@ class Knowledge:
             Whether it has.
         """
         noise = drift.process_noise(now, self._one_load(now, index).error_by_drift())
-        if not drift.goes_on(float(self._step(index, now, noise)[0]), 0):
+        newest = self._one_load(now).wrenches(index, self.buffer.count)
+        step = likeliest_step(newest, self.covariance_now(now) + noise, now.body.unknowns.theta)
+        if not drift.goes_on(float(step[0]), 0):
             return False
         self._chapter.end_of_load(now, self._guess, index, True, noise)
         self._pages.rows_before = 0
@@ -353,17 +349,16 @@ class Knowledge:
         newest = self._one_load(now).wrenches(index, self.buffer.count)
         return surprise(newest, self.covariance_now(now), now.body.unknowns.theta)
 
-    def _step(self, index: int, now: Estimate, noise: Array) -> Array:
-        """Return by how much theta has most likely changed at a row, shape (10,), if errors have this covariance."""
-        newest = self._one_load(now).wrenches(index, self.buffer.count)
-        return likeliest_step(newest, self.covariance_now(now) + noise, now.body.unknowns.theta)
-
-    def _one_load(self, estimate: Estimate, end: int | None = None) -> OneLoad:
-        """A fit to the rows before an index, or to those that were fitted last."""
-        fitted = self.innovations.fitted(self.buffer)
-        if end is None:
-            return OneLoad(estimate, self._chapter, fitted, self.buffer.count)
-        return OneLoad(estimate, self._chapter, min(end, fitted), end)
+    def _one_load(self, estimate: Estimate, end: int | None = None, is_last: bool = True) -> OneLoad:
+        """A fit to rows before an index, or to any: the last one, or one to all of these rows."""
+        buffer = self.buffer
+        fitted, last = buffer.index_of(self._unfitted), buffer.count if end is None else end
+        fitted = min(fitted, last) if is_last else last
+        if end is not None or estimate is not self.estimate:
+            return OneLoad(estimate, self._chapter, fitted, last)
+        if self._last_fit is None:
+            self._last_fit = OneLoad(estimate, self._chapter, fitted, last)
+        return self._last_fit.at(fitted, last)
 
     def fade(self) -> None:
         """End the page after a while, see ``Pages``."""
@@ -400,7 +395,7 @@ class Knowledge:
 
     def _set_estimate(self, estimate: Estimate) -> None:
         """Adopt an estimate and evaluate rows at it from now on."""
-        self.estimate, self.revision = estimate, self.revision + 1
+        self.estimate, self.revision, self._last_fit = estimate, self.revision + 1, None
         if not estimate.misses_poses:
             self.buffer.project_at(estimate.body)
         self.innovations = Innovations(estimate, self._chapter, self._past)

@@ -37,6 +37,12 @@ class OneLoad:
         self._estimate, self._chapter, self._fitted, self._end = estimate, chapter, fitted, end
         self._derivatives = MotionDerivatives.at(estimate.body)
         self._noise: Array | None = None  # what the noise of one row adds to the information, (u, u)
+        self._drifted: tuple[int, Array] | None = None  # a row's number, and the error there by a drift, (u, 10)
+
+    def at(self, fitted: int, end: int) -> OneLoad:
+        """Return this with the indices of rows that have come, moved or gone since."""
+        self._fitted, self._end = fitted, end
+        return self
 
     def wrenches(self, index: int, end: int) -> Evidence:
         """Evidence of the wrenches of the rows from one index to another, around the estimate."""
@@ -65,8 +71,16 @@ class OneLoad:
         Args:
             missing: Number of rows that are missing since.
         """
+        number, theta = self._chapter.buffer.number_at(self._end), self._estimate.body.unknowns.theta
+        if self._drifted is None:
+            self._drifted = number, self._error_by_drift()
+        last, error = self._drifted[0], self._drifted[1].copy()
+        error[theta] -= (number - last + missing) * np.eye(error.shape[1])  # the fit stays, theta goes on
+        return error
+
+    def _error_by_drift(self) -> Array:
         buffer, body, theta = self._chapter.buffer, self._estimate.body, self._estimate.body.unknowns.theta
-        rows, older = self._end - buffer.start + missing, buffer.load_rows - (buffer.count - buffer.start)
+        rows, older = self._end - buffer.start, buffer.load_rows - (buffer.count - buffer.start)
         ages = rows - 1.0 - np.arange(self._fitted - buffer.start)
         kept = np.sqrt(ages)[:, None] * buffer.rows[buffer.start : self._fitted]
         aged = self._evidence(ProjectedMoments.of(kept, body)).information

@@ -144,6 +144,7 @@ class Suspicion:
         self._before, self._rows, self._first = before, rows, first
         self._next, self._tried = _LEAST, dict[int, LogRatios]()
         self.noticed, self.changes, self.is_load = noticed, changes, is_load
+        self._oldest = -1  # rows before this number are of another load
         self.is_after_gap, self.favours_change, self._is_load_known = is_after_gap, False, is_load
 
     @staticmethod
@@ -182,10 +183,17 @@ class Suspicion:
         """Process that it looks like a load change now."""
         self.is_load = self._is_load_known = True
 
-    def begin_at(self, number: int) -> None:
-        """Leave out the rows before this one: after a gap, the load has changed once more, possibly to what it was."""
+    def begin_at(self, number: int, changes: int) -> None:
+        """Leave out the rows before this one: after a gap, the load has changed once more, possibly to what it was.
+
+        Args:
+            number: Number of the first row of the present load.
+            changes: Number of load changes before.
+        """
+        self.changes = changes
         self._rows = {each: row for each, row in self._rows.items() if each >= number}
-        self._first, self._next, self.is_load = number, _LEAST, False
+        self._first = self._oldest = number
+        self._next, self.is_load = _LEAST, False
 
     def may_begin_at(self, number: int) -> bool:
         """Whether a change that begins at this row may be this one: not after rows that have shown no change in a gap,
@@ -195,8 +203,9 @@ class Suspicion:
         return not self.is_after_gap or (number >= self._first and (self.is_open or not has_compared))
 
     def add(self, number: int, row: Array) -> None:
-        """Add a row."""
-        self._rows[number] = row
+        """Add a row; what was before a change of the load after a gap counts for nothing."""
+        if number >= self._oldest:
+            self._rows[number] = row
 
     def cause(self, known: Knowledge, guards: Guards) -> Cause | None:
         """Return the cause; None while it is not clear, or if few rows have come since the last comparison."""

@@ -56,8 +56,9 @@ class UnnoticedStep:
 
     def process_noise(self, estimate: Estimate, error_by_step: Array) -> Array:
         """Covariance (u, u) of the error that the step makes; ``error_by_step`` is ``D``, shape (u, 10)."""
-        by_step, theta = error_by_step.copy(), estimate.body.unknowns.theta
-        by_step[theta] = -self._left(estimate, error_by_step) * np.eye(by_step.shape[1])
+        by_step, left = error_by_step.copy(), self._left(estimate, error_by_step)
+        if left == _LEAST_LEFT:  # a fit to later rows only: the step may have been a little later
+            by_step[estimate.body.unknowns.theta] = -left * np.eye(by_step.shape[1])
         result: Array = by_step @ self.covariance(estimate, error_by_step) @ by_step.T
         return result
 

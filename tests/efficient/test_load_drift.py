@@ -262,6 +262,15 @@ def test_a_drift_goes_on_alike_and_soon(mass: float, rows: int, goes_on: bool) -
     assert LoadDrift(-0.1, 40, 0).goes_on(mass, rows) is goes_on
 
 
+def test_what_is_published_stays_finite_if_rows_that_were_fitted_are_taken_back() -> None:
+    found = after(two_steps(20))
+    known, drift = found._known, found.load_drift
+    known.fit()
+    known.take_back(int(known.buffer.numbers[known.buffer.count - 1]) - 5)
+    assert known.estimate is not None
+    assert np.isfinite(known.covering(known.estimate, drift).covariance).all()
+
+
 def test_a_load_that_is_to_be_confirmed_is_not_followed(monkeypatch: pytest.MonkeyPatch) -> None:
     found = after(two_steps(30))
     known, estimate = found._known, found.estimate

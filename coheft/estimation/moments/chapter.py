@@ -179,22 +179,22 @@ class Chapter:
         of_load = self.buffer.begin_load(index)
         if keeps_poses:
             if step is None or since_step is None:
-                evidence = self._wrench_evidence(estimate, of_load)
+                self._set_prior(estimate, guess, self._wrench_evidence(estimate, of_load, guess), False)
             else:
-                evidence = self._wrench_evidence(estimate, of_load - since_step)
-                evidence = evidence.with_process_noise(body.unknowns.theta, step[1])
-                evidence += self._wrench_evidence(estimate, since_step)
-            self._set_prior(estimate, guess, self._beyond_doubt(estimate, evidence, guess), False)
+                self._set_prior(estimate, guess, self._wrench_evidence(estimate, of_load - since_step, guess), False)
+                assert self.prior is not None  # ``_set_prior`` has set it
+                self.prior = self.prior.with_process_noise(body.unknowns.theta, step[1])
+                self._set_prior(estimate, guess, self._wrench_evidence(estimate, since_step, guess), False)
         if self.prior is not None:
             if noise is None:
                 self.prior = self.prior.without_load(body.unknowns, guess.limits)
             else:
                 self.prior = self.prior.with_process_noise(slice(None), noise)
 
-    @staticmethod
-    def _wrench_evidence(estimate: Estimate, moments: Moments) -> Evidence:
+    def _wrench_evidence(self, estimate: Estimate, moments: Moments, guess: Guess) -> Evidence:
         body = estimate.body
-        return wrench_evidence(body, MotionDerivatives.at(body), wrench_moments(body, moments), _load(body))
+        found = wrench_evidence(body, MotionDerivatives.at(body), wrench_moments(body, moments), _load(body))
+        return self._beyond_doubt(estimate, found, guess)
 
     def end(self, estimate: Estimate, guess: Guess, index: int) -> None:
         """Make all rows before this index, and the prior of sensor errors, part of the chapter's prior."""
