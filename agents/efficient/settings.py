@@ -63,8 +63,9 @@ class Guards:
         surprise: Probability that the wrench of one row is a surprise without a change; two in a row start a test.
         mass_surprise: Probability that the rows of the last ``shortest`` together show another mass without a change;
             this is tested after every row, and starts a test for changes, too.
-        worth_a_fit: The second test for a change needs two fits. They are made if, with uncertain poses, the statistic
-            is at least this share of its threshold: less than 1, because some rows may have been fitted already.
+        worth_a_fit: The second test for a change needs some fits. They are made if, with uncertain poses, the statistic
+            is at least this share of its threshold: less than 1, because some rows may have been fitted already. If it
+            reaches this share there, it is made again soon.
         contradiction: Probability that a robot's motion seems to contradict the team's over a window of rows without
             any fault. There are some 250 windows per second and robot, so this is one in many years.
         lasting: After a contradiction that lasts so long, poses may be wrong, and the robot starts over [s].

@@ -348,6 +348,7 @@ def test_schedules_in_which_a_load_leaks_keep_all_promises(seed: int):
     assert_keeps_all_promises(DRAWN[seed])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", ONCE_BROKEN_TOLD)
 def test_schedules_with_errors_that_robots_are_told_of_keep_all_promises(seed: int):
     """What the newest rows can be explained by, as a pose is unknown, is no confirmation of the load known before."""
