@@ -105,5 +105,5 @@ def test_terminal_and_view_do_not_show_it_as_good_while_it_runs() -> None:
     red, green = "\x1b[31m", "\x1b[32m"
     assert f"{red}converged" in console.file.getvalue()
     assert f"{green}converged" not in console.file.getvalue()
-    text = words.belief(record.judge.robot(said), said)
+    text = words.belief((record.judge.robot(said), said))
     assert "further off than it claims: mass, by 12 own std" in text

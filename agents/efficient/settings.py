@@ -141,7 +141,7 @@ class Guards:
     mass: float = 1e-6
     shortest: float = 0.3
     small_step: float = 0.012
-    recent_step: float = 1e-3
+    recent_step: float = 1e-4
     small_step_fades: float = 0.5
     drifting: float = 12.0
     mistaken: float = 6e-6

@@ -163,7 +163,9 @@ def test_numbers_that_are_not_finite_are_refused(
 ) -> None:
     path = write_csv(tmp_path / "cart.csv", without_plan())
     assert run_command_line(["cart", "identify", str(path), *option]) == EXIT_USAGE
-    assert f"{option[0]}: found" in capsys.readouterr().err
+    told = capsys.readouterr().err
+    assert f"coheft: {option[0]}: " in told
+    assert "finite number" in told
 
 
 def test_a_cart_that_seems_to_change_all_the_time_is_told_in_short() -> None:
