@@ -104,9 +104,7 @@ class Knowledge:
 
     @property
     def drift(self) -> Array:
-        """Variance of the drift of motion sensors since their offsets, the mean innovations, were determined, in units
-        of the noise of rows, shape (N, 12) or (1, 12).
-        """
+        """Variance (N, 12) or (1, 12) of the drift of motion sensors since their mean innovations, in units of noise."""
         return self._settings.drifted_kinematics((ROWS_BEFORE + self._pages.length) * self._settings.period)
 
     @property
