@@ -104,7 +104,7 @@ class Knowledge:
 
     @property
     def drift(self) -> Array:
-        """Variance (N, 12) or (1, 12) of the drift of motion sensors since their mean innovations, in units of noise."""
+        """Variance (N, 12) or (1, 12) of drift of motion sensors since their mean innovations, in units of noise."""
         return self._settings.drifted_kinematics((ROWS_BEFORE + self._pages.length) * self._settings.period)
 
     @property
