@@ -26,8 +26,8 @@ from coheft.estimation.moments.change import SmallStep
 from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.row_buffer import RowBuffer
 
-_LEAST_PAUSE = 3
-"""Rows between two comparisons: each costs several fits."""
+_PAUSED = 4
+"""The next comparison is due at the earliest when this share of its rows is new: each costs several fits."""
 
 
 class Detected(NamedTuple):
@@ -162,7 +162,7 @@ class ChangeDetector:
             return found
         self._is_likely = found.surprise > least
         until_detected = math.ceil(rows / max(found.surprise, least)) - rows  # the statistic grows with the rows
-        self._looks.pause(until=number + min(max(until_detected, _LEAST_PAUSE), self._rows.turn))
+        self._looks.pause(until=number + min(max(until_detected, rows // _PAUSED, 3), self._rows.turn))
         known.fit()
         return None
 
