@@ -5,7 +5,7 @@ a look is due -> no window of rows is unlike the others      the load is confirm
               -> fit to the rows before only
                  -> the other rows are unlike their load         another load
                  -> not, but the load is still to be confirmed   leave new wrenches out; after a while, it fits no more
-                 -> not                                          look again when so many rows would be, or in a while
+                 -> not                                          look again when enough more of them have come, or in a while
 
 The detector changes fits, but neither the load nor what is known of it: the session does that with what is detected.
 """
@@ -27,7 +27,7 @@ from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.row_buffer import RowBuffer
 
 _PAUSED = 4
-"""The next comparison is due at the earliest when this share of its rows is new: each costs several fits."""
+"""The next comparison is due at the earliest after one row for so many that were compared: each costs several fits."""
 
 
 class Detected(NamedTuple):
