@@ -27,7 +27,7 @@ from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.row_buffer import RowBuffer
 
 _PAUSED = 4
-"""The next comparison is due at the earliest after one row for so many that were compared: each costs several fits."""
+"""The next comparison is due after at least one row for so many that were compared: each costs several fits."""
 
 
 class Detected(NamedTuple):
