@@ -5,7 +5,7 @@ a look is due -> no window of rows is unlike the others      the load is confirm
               -> fit to the rows before only
                  -> the other rows are unlike their load         another load
                  -> not, but the load is still to be confirmed   leave new wrenches out; after a while, it fits no more
-                 -> not                                          look again when enough more of them have come, or in a while
+                 -> not                                          look again when more of them have come, or in a while
 
 The detector changes fits, but neither the load nor what is known of it: the session does that with what is detected.
 """
