@@ -191,14 +191,10 @@ def change_within_fit(newest: Evidence, inverse: Array, theta: slice) -> float:
     Returns:
         The statistic; 0 if these rows do not show theta.
     """
-    of_noise, of_all = newest.noise[theta, theta], newest.information[theta]
-    tested, _ = seen_directions(of_all[:, theta] + of_noise, of_noise)
-    shown = tested @ of_all
-    spread = tested @ (of_all[:, theta] + of_noise) @ tested.T - shown @ inverse @ shown.T
+    _, score, spread = _score_of_theta(newest, -inverse, theta)  # the fit is to these rows as well
     shares, directions = np.linalg.eigh(spread)
     is_left = shares > _LEFT
-    score = directions[:, is_left].T @ tested @ newest.score[theta]
-    return float((score**2 / shares[is_left]).sum())
+    return float(((directions[:, is_left].T @ score) ** 2 / shares[is_left]).sum())
 
 
 def error_by_step(newest: Evidence, inverse: Array, theta: slice) -> Array:
