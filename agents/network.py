@@ -17,15 +17,17 @@ class SimulatedNetwork:
     def __init__(self, config: AgentConfig) -> None:
         self._name, self._seed, self._block = config.name, config.seed, config.start_of(1)
         self._links = dict.fromkeys(config.neighbours, config.network)
+        self._is_ideal = config.network.is_ideal
         self._under_way: list[tuple[int, NeighbourMessage]] = []
 
     def set_link(self, neighbour: str, quality: LinkQuality) -> None:
         """Change the quality of the link from a neighbour, for messages that have not been sent yet."""
         self._links[neighbour] = quality
+        self._is_ideal = all(each.is_ideal for each in self._links.values())
 
     def deliver(self, index: int, sent: Sequence[NeighbourMessage]) -> Sequence[NeighbourMessage]:
         """Return the messages that arrive for a block, given what neighbours have sent since the block before."""
-        if not self._under_way and all(quality.is_ideal for quality in self._links.values()):
+        if self._is_ideal and not self._under_way:
             return sent
         arriving = [message for due, message in self._under_way if due <= index]
         self._under_way = [(due, message) for due, message in self._under_way if due > index]

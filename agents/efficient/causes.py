@@ -63,7 +63,7 @@ class Causes:
             newest: Number of the newest row.
         """
         changes = self.changes[self._forgotten :]
-        if known.theta is None:
+        if len(changes) < 2 or known.theta is None:
             return None
         masses = [*(change.former[0] for change in changes), known.theta[0]]
         for end in (len(changes), len(changes) - 1):

@@ -30,8 +30,6 @@ _TEAMS = 2**32
 """Team numbers are below this."""
 _LARGEST = 1e6
 """No norm of the rows of one message is larger; units as in ``coheft.estimation.moments.rows``."""
-_Labelled = tuple[int, int, bytes]
-"""Index of the robot, number of the row, and the row in single precision."""
 
 
 class Copy(NamedTuple):
@@ -125,15 +123,15 @@ class Exchange:
         self._is_sealing = sealing > 0
         self._rows: dict[int, dict[int, bytes]] = {}  # by number and robot, in single precision
         self._oldest: int | None = None  # smallest number that may be in the table
-        self._news: list[_Labelled] = []
-        self._sent_once: list[_Labelled] = []
+        self._news: dict[tuple[int, int], bytes] = {}  # by robot and number
+        self._sent_once: dict[tuple[int, int], bytes] = {}
 
     def add_own(self, number: int, row: Array) -> None:
         """Add this robot's own row, shape (size,)."""
         rows = self._rows.setdefault(number, {})
         if self._own not in rows:
             rows[self._own] = row.astype(np.float32).tobytes()
-            self._news.append((self._own, number, rows[self._own]))
+            self._news[self._own, number] = rows[self._own]
 
     def receive(self, messages: Iterable[RowMessage], block: int) -> None:
         """Process neighbours' messages that arrived before this block; of two different rows the first one counts."""
@@ -165,7 +163,7 @@ class Exchange:
                     continue
                 first = self._rows.setdefault(number, {}).setdefault(robot, row)
                 if first is row:
-                    self._news.append((robot, number, row))
+                    self._news[robot, number] = row
                 elif first != row:
                     self.disputed[robot] = block
                     if self._is_sealing:
@@ -173,10 +171,10 @@ class Exchange:
 
     def message(self, news_at: int) -> RowMessage:
         """Return the message for all neighbours; ``news_at`` as in ``RowMessage``."""
-        sent = self._sent_once + self._news
-        self._sent_once, self._news = self._news, []
-        labels = np.array([(robot, number) for robot, number, _ in sent], dtype=np.int32).reshape(-1, 2)
-        return RowMessage(self.team, news_at, labels, self._array(row for _, _, row in sent))
+        sent = self._sent_once | self._news
+        self._sent_once, self._news = self._news, {}
+        labels = np.array(list(sent), dtype=np.int32).reshape(-1, 2)
+        return RowMessage(self.team, news_at, labels, self._array(sent.values()))
 
     def complete(self, number: int) -> Array | None:
         """Return the team's row of this number: the rows of all robots, the constant 1, and what follows rows.
@@ -187,7 +185,7 @@ class Exchange:
         known = self._rows.get(number, {})
         if len(known) < self._count:
             return None
-        rows = self._array(known[robot] for robot in range(self._count))
+        rows = self._array(map(known.__getitem__, range(self._count)))
         return np.concatenate([rows[:, :ROW_SIZE].ravel(), _ONE, rows[:, ROW_SIZE:].ravel()])
 
     def missing(self, number: int) -> list[int]:
@@ -201,7 +199,7 @@ class Exchange:
     def restore(self, copy: Copy) -> None:
         """Add a row that has been set aside."""
         self._rows.setdefault(copy.number, {})[copy.robot] = copy.row
-        self._news.append((copy.robot, copy.number, copy.row))
+        self._news[copy.robot, copy.number] = copy.row
 
     def remove(self, robot: int, number: int) -> list[Copy]:
         """Remove a robot's row; return the copies of it that neighbours have sent."""

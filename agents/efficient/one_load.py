@@ -38,6 +38,7 @@ class OneLoad:
         self._derivatives = MotionDerivatives.at(estimate.body)
         self._noise: Array | None = None  # what the noise of one row adds to the information, (u, u)
         self._drifted: tuple[int, Array] | None = None  # a row's number, and the error there by a drift, (u, 10)
+        self._stepped: tuple[int, Array] | None = None  # the number of the first row after a step, and the error
 
     def at(self, fitted: int, end: int) -> OneLoad:
         """Return this with the indices of rows that have come, moved or gone since."""
@@ -61,9 +62,11 @@ class OneLoad:
 
     def error_by_step(self, index: int) -> Array:
         """Derivative of the error by a step of theta before the row at this index, shape (u, 10)."""
-        return error_by_step(
-            self.wrenches(index, self._fitted), self._estimate.inverse, self._estimate.body.unknowns.theta
-        )
+        number = self._chapter.buffer.number_at(index)
+        if self._stepped is None or self._stepped[0] != number:
+            wrenches, theta = self.wrenches(index, self._fitted), self._estimate.body.unknowns.theta
+            self._stepped = number, error_by_step(wrenches, self._estimate.inverse, theta)
+        return self._stepped[1]
 
     def error_by_drift(self, missing: float = 0.0) -> Array:
         """Derivative of the error at the last row in question by a drift of theta per row, shape (u, 10).

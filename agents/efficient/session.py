@@ -335,7 +335,10 @@ class Session:
     @property
     def suspected(self) -> UndeclaredError | None:
         """Such an error that is not certain yet, or None; a load that drifts looks like one."""
-        drift, undeclared = self.load_drift, self._acceptance.undeclared
+        undeclared = self._acceptance.undeclared
+        if undeclared.suspected is None:
+            return None
+        drift = self.load_drift
         return undeclared.suspected if drift is None or undeclared.since < drift.first else None
 
     @property

@@ -315,8 +315,7 @@ class _Scores(NamedTuple):
 
 def spread_mass(theta: Array, size: float) -> Array:
     """Second moment (10, 10) of theta of 1 kg that is anywhere in a load with this ``theta`` (10,) and size [m]."""
-    positions = theta[1:4] / theta[0] + size * _SPHERE
-    points = np.array([point_mass(position) for position in positions])
+    points = point_mass(theta[1:4] / theta[0] + size * _SPHERE)
     result: Array = points.T @ points / len(points)
     return result
 

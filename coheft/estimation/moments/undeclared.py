@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -85,7 +86,7 @@ def undeclared_error(
         kinds = ()
     errors, body = declared, estimate.body
     if kinds:
-        errors = SensorErrors(dict.fromkeys((*kinds, *declared.names), 1.0))
+        errors = _errors_of((*kinds, *declared.names))
         body = replace(settings, errors=errors).body(_with_errors(estimate.state, errors))
     every, own = body.unknowns, np.flatnonzero([name in declared.names for name in errors.names])
     tests = _Tests.of(body, settings, kinds, names_declared)
@@ -175,6 +176,12 @@ def _surprises(score: Array, variance: Array, alone: Array, false_alarm: float) 
     thresholds = np.array([np.inf, *(chi_square_threshold(freedom, false_alarm) for freedom in (1, 2, 3))])
     result: Array = squares / thresholds[is_seen.sum(axis=1)]
     return result
+
+
+@lru_cache(maxsize=8)
+def _errors_of(kinds: tuple[str, ...]) -> SensorErrors:
+    """Return errors of these kinds, of all robots."""
+    return SensorErrors(dict.fromkeys(kinds, 1.0))
 
 
 def _with_errors(state: State, errors: SensorErrors) -> State:

@@ -62,16 +62,16 @@ def euler_regressor(w: Array, alpha: Array) -> Array:
 
 
 def unit_point(place: Array) -> Array:
-    """Return the packed inertia about the origin of 1 kg at ``place`` (3,): ``|p|^2 1 - p p^T``, shape (6,)."""
-    products = place[PACKED_ROWS] * place[PACKED_COLUMNS]
+    """Return the packed inertia about the origin of 1 kg at ``place``: ``|p|^2 1 - p p^T``, (..., 3) to (..., 6)."""
+    products = place[..., PACKED_ROWS] * place[..., PACKED_COLUMNS]
     packed: Array = -products
-    packed[:3] += products[:3].sum()
+    packed[..., :3] += products[..., :3].sum(axis=-1, keepdims=True)
     return packed
 
 
 def point_mass(place: Array) -> Array:
-    """``(m, m h, I_o)`` of a mass of 1 kg at ``place`` (3,), shape (10,)."""
-    return np.concatenate([[1.0], place, unit_point(place)])
+    """``(m, m h, I_o)`` of a mass of 1 kg at ``place``, shape (..., 3) to (..., 10)."""
+    return np.concatenate([np.ones((*place.shape[:-1], 1)), place, unit_point(place)], axis=-1)
 
 
 def packed_rotation(rotation: Array) -> Array:

@@ -11,7 +11,7 @@ import math
 import typing
 from collections.abc import Collection
 from functools import cache, lru_cache
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -51,15 +51,16 @@ def decode(data: bytes, kind: type[M], key: str) -> M:
         MessageError: The bytes are damaged, were sent under another key (for instance in another run), are another
             message, or have another protocol version.
     """
-    name, kinds = _expected(cast(Any, kind))
+    name, kinds = _expected(kind)  # type: ignore[arg-type]
     frame = _seal(key).unwrapped(data, name)
     if frame.code not in kinds:
         names = {each.code: each.__name__ for each in Message.__subclasses__()}
         raise MessageError(f"not a {name}: it is a {names.get(frame.code, f'message of kind {frame.code}')}")
     try:
-        return cast(M, kinds[frame.code].decode(frame))
+        message: M = kinds[frame.code].decode(frame)
     except MALFORMED as error:
         raise MessageError(f"not a {name}: {error}") from error
+    return message
 
 
 def is_finite(array: Array) -> bool:

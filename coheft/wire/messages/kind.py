@@ -44,7 +44,9 @@ class Kind:
 
     def encode(self, message: Message, seal: Seal) -> bytes:
         """Return a message as bytes; arrays of other types than ``DTYPES`` are converted to double precision."""
-        block, number = (0 if name is None else getattr(message, name) for name in self.kind.in_header)
+        of_block, of_number = self.kind.in_header
+        block = 0 if of_block is None else getattr(message, of_block)
+        number = 0 if of_number is None else getattr(message, of_number)
         with self._lock:
             self._sent = []
             fields = self._encoder.encode({name: getattr(message, name) for name in self._names})
@@ -57,7 +59,7 @@ class Kind:
         self._sent.append(value)
         return _NEXT_ARRAY
 
-    def decode(self, frame: Frame) -> Message:
+    def decode(self, frame: Frame) -> Any:
         """Decode a frame of this kind.
 
         Raises:
@@ -75,7 +77,7 @@ class Kind:
             fields = self._decoder.decode(frame.fields)
             if next(self._received, None) is not None:
                 raise ValueError(f"it names fewer than its {len(arrays)} arrays")
-        values = {name: getattr(fields, name) for name in self._names}
+        values = msgspec.structs.asdict(fields)
         for name, value in zip(self.kind.in_header, (frame.block, frame.number), strict=True):
             if name is not None:
                 values[name] = value
