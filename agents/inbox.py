@@ -140,7 +140,8 @@ class NeighbourInbox:
 
 def can_be_used(array: Array) -> bool:
     """Whether all numbers of an array are finite, and small enough that their sums are finite."""
-    array = array.astype(np.float64, copy=False)  # products of whole numbers may overflow
+    if array.dtype.kind != "f":
+        array = array.astype(np.float64)  # products of whole numbers may overflow
     return bool(np.vdot(array, array) < LARGEST_NORM**2)  # also false for NaN
 
 

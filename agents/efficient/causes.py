@@ -56,21 +56,14 @@ class Causes:
         return self.changes if suspicion is None or not suspicion.is_open else self.changes[: suspicion.changes]
 
     def load_drift(self, known: Knowledge, newest: int) -> LoadDrift | None:
-        """The drift of the present load, None if it does not drift; it may go on after an abrupt change.
+        """The drift of the present load, None if it does not drift.
 
         Args:
             known: Everything that is known.
             newest: Number of the newest row.
         """
-        changes = self.changes[self._forgotten :]
-        if len(changes) < 2 or known.theta is None:
-            return None
-        masses = [*(change.former[0] for change in changes), known.theta[0]]
-        for end in (len(changes), len(changes) - 1):
-            drift = LoadDrift.before(changes[: max(0, end)], self._rows.drifting)
-            if drift is not None and drift.goes_on(masses[end] - masses[end - 1], newest - self.changed_at):
-                return drift
-        return None
+        changes, theta = self.changes[self._forgotten :], known.theta
+        return None if theta is None else LoadDrift.of(changes, theta[0], newest, self._rows.drifting)
 
     def start_over(self) -> None:
         """What was known before is of no use any more, nor is what has changed in a gap."""

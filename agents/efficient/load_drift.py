@@ -2,13 +2,14 @@
 
     theta = former theta + age d,    x^ - x = D d,    ``D`` from ``OneLoad.error_by_drift``
 
-The drift per row ``d`` is so many kilograms, anywhere in the load: the step between the last two noticed changes,
-divided by the rows between them.
+The drift per row ``d`` is so many kilograms, anywhere in the load: the step between two noticed changes, divided by the
+rows between them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 from coheft.estimation.geometry.spatial import Array
@@ -58,22 +59,27 @@ class LoadDrift(NamedTuple):
     first: int
 
     @staticmethod
-    def before(changes: Sequence[LoadChange], longest: int) -> LoadDrift | None:
-        """The drift from the second last change to the last one, None if these are too few or too far apart, or if the
-        former was abrupt.
+    def of(changes: Sequence[LoadChange], mass: float, newest: int, longest: int) -> LoadDrift | None:
+        """The drift of the present load: the newest step that is followed by an alike one; None if there is none.
+
+        A step is the change of the mass from just before one change to just before the next one, or to now. After an
+        abrupt change it is not known, and the drift may go on; the same holds for one more step that is not alike.
 
         Args:
             changes: Load changes so far, oldest first.
+            mass: The mass now [kg].
+            newest: Number of the newest row.
             longest: Loads that change after more rows do not drift.
         """
-        if len(changes) < 2:
-            return None
-        second_last, last = changes[-2:]
-        if second_last.surprise > _ABRUPT:
-            return None
-        rows = max(1, last.first - second_last.first)
-        step = float(last.former[0] - second_last.former[0])
-        return LoadDrift(step, rows, second_last.first) if rows <= longest else None
+        masses = [*(change.former[0] for change in changes), mass]
+        steps = [float(after - before) for before, after in pairwise(masses)]
+        gradual = [index for index, change in enumerate(changes) if change.surprise <= _ABRUPT]
+        for index, following in reversed(list(pairwise(gradual))[-2:]):
+            rows = changes[index + 1].first - changes[index].first
+            drift = LoadDrift(steps[index], max(1, rows), changes[index].first)
+            if rows <= longest and drift.goes_on(steps[following], newest - changes[-1].first):
+                return drift
+        return None
 
     def goes_on(self, change: float, rows: int) -> bool:
         """Whether the mass has changed alike by ``change`` [kg] since, in so many rows."""

@@ -144,6 +144,10 @@ def test_a_drift_goes_on_after_another_load(monkeypatch: pytest.MonkeyPatch) -> 
     assert right.off < 0.02 < follow(ABRUPT).off
 
 
+def test_a_slow_drift_goes_on_when_the_load_after_another_one_changes_again() -> None:
+    assert follow(Leak.of(0.02, count=500, dropped_at=300)).off < 0.01  # the row in which it was dropped
+
+
 class _Newest(Causes):
     """Causes that know only of the drift just before the newest change."""
 
@@ -233,24 +237,34 @@ def test_another_team_is_told_of_a_change_that_has_not_been_noticed() -> None:
     assert in_deviations(found, leak.loads[-1]) < FIVE
 
 
-def change(first: int, mass: float) -> LoadChange:
-    return LoadChange(first, first + 5, mass / LOAD[0] * LOAD)
+def change(first: int, mass: float, abrupt: bool = False) -> LoadChange:
+    return LoadChange(first, first + 5, mass / LOAD[0] * LOAD, 100.0 if abrupt else 1.0)
 
 
 @pytest.mark.parametrize(
-    ("changes", "longest", "expected"),
+    ("changes", "mass", "longest", "expected"),
     [
-        ([], 100, None),
-        ([change(100, 8.0)], 100, None),
-        ([change(100, 8.0), change(140, 7.9)], 100, LoadDrift(-0.1, 40, 100)),
-        ([change(10, 9.0), change(100, 8.0), change(140, 7.9)], 100, LoadDrift(-0.1, 40, 100)),
-        ([change(100, 8.0), change(140, 7.9)], 39, None),
+        ([], 7.8, 100, None),
+        ([change(100, 8.0)], 7.8, 100, None),
+        ([change(100, 8.0), change(140, 7.9)], 7.8, 100, LoadDrift(-0.1, 40, 100)),
+        ([change(10, 9.0), change(100, 8.0), change(140, 7.9)], 7.8, 100, LoadDrift(-0.1, 40, 100)),
+        ([change(100, 8.0), change(140, 7.9)], 7.8, 39, None),
+        ([change(100, 8.0), change(140, 7.9)], 7.4, 100, None),
+        ([change(60, 8.1), change(100, 8.0), change(140, 7.9)], 7.4, 100, LoadDrift(-0.1, 40, 60)),
+        ([change(60, 8.1), change(100, 8.0), change(140, 7.9, abrupt=True)], 9.0, 100, LoadDrift(-0.1, 40, 60)),
+        (
+            [change(60, 8.1), change(100, 8.0), change(140, 7.9, abrupt=True), change(160, 9.0)],
+            8.9,
+            100,
+            LoadDrift(-0.1, 40, 100),
+        ),
+        ([change(100, 8.0, abrupt=True), change(140, 7.9)], 7.8, 100, None),
     ],
 )
-def test_a_drift_takes_two_changes_in_a_short_time(
-    changes: list[LoadChange], longest: int, expected: LoadDrift | None
+def test_a_drift_takes_two_alike_steps_in_a_short_time(
+    changes: list[LoadChange], mass: float, longest: int, expected: LoadDrift | None
 ) -> None:
-    found = LoadDrift.before(changes, longest)
+    found = LoadDrift.of(changes, mass, 170, longest)
     assert found == (expected if expected is None else expected._replace(step=pytest.approx(expected.step)))
 
 
