@@ -116,10 +116,10 @@ def test_no_robot_uses_a_malformed_message():
     for _ in range(40):
         inbox = NeighbourInbox(["r1"])
         inbox.take(3, [])
-        used, gossip, _, _ = inbox.take(
-            4, [malformed(said(3), rng)], lambda channels: channels["samples"].shape == (3, 4)
+        used, gossip, _, late = inbox.take(
+            4, [malformed(said(3), rng)], lambda channels: channels["samples"].shape == (3, 4), takes_late=True
         )
-        assert (used, gossip) == ({}, [])
+        assert (used, gossip, late) == ({}, [], [])
         used, _, _, _ = inbox.take(5, [said(4)], lambda channels: channels["samples"].shape == (3, 4))
         assert set(used) == {"r1"}, "nor does it harm those that come after it"
 
