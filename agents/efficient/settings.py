@@ -147,7 +147,7 @@ class Guards:
     mistaken: float = 6e-6
     doubted: float = 0.005
     telling_apart: float = 1.2
-    undecided: float = 4.0
+    undecided: float = 3.2
     waiting: float = 0.15
     outdated: float = 1.0
     confirming: float = 0.1
