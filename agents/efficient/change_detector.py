@@ -68,7 +68,8 @@ class ChangeDetector:
     def begin(self) -> None:
         """Start again with other knowledge."""
         self._looks.begin()
-        self.step.mass, self._is_likely = 0.0, False
+        self.step.begin()
+        self._is_likely = False
         self._confirmation = Confirmation(self._rows)
 
     def confirm(self, since: int) -> None:
@@ -123,7 +124,7 @@ class ChangeDetector:
             known.fit(end=buffer.start, keeps_motion=True)  # wrenches may be of another load
         now = known.estimate
         assert now is not None
-        since, statistic, step = known.innovations.look_for_change(buffer, small=self.step.sought(now))
+        since, statistic, step = known.innovations.look_for_change(buffer, small=self.step.sought(now, buffer))
         is_likely, self._is_likely = self._is_likely, False
         if statistic <= 1.0 and not is_likely:
             confirmation.count()

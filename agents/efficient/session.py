@@ -130,6 +130,7 @@ class Session:
     def _expect_changes(self, since: int) -> None:
         """Rows before this one were missing, or not used: load and grasps may have changed meanwhile."""
         self._detector.confirm(since)
+        self._detector.step.expect(since)
         if self.stage is Stage.ESTIMATING and self._known.may_show_slips:
             self.causes.expect(self._known, since, self._detector.step)
 
@@ -264,6 +265,7 @@ class Session:
             self.causes.load_begins(int(self._known.buffer.numbers[index]))
         least = self._known.least * (1 + self._restlessness.is_troubled)
         self._known.forget_load(before, index, event is Event.LOAD_CHANGED, least, self._detector.step)
+        self._detector.step.begin()
         self.stage = TRANSITIONS[self.stage, event]
         self._detector.settle()
 

@@ -14,6 +14,7 @@ from coheft.agents.efficient.settings import Guards
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.change import SmallStep, SmallSteps, one_kilogram, spread_mass
 from coheft.estimation.moments.fit import Estimate
+from coheft.estimation.moments.row_buffer import RowBuffer
 from coheft.estimation.moments.unknowns import THETA
 
 _COVER = 0.5
@@ -37,15 +38,24 @@ class UnnoticedStep:
     def __init__(self, shortest: int, guards: Guards) -> None:
         self._shortest, self._guards = shortest, guards
         self.mass, self.first = 0.0, 0
+        self._gap: int | None = None  # number of the first row after a gap
 
-    def sought(self, estimate: Estimate) -> SmallSteps | None:
+    def begin(self) -> None:
+        """All rows are of one load."""
+        self.mass, self._gap = 0.0, None
+
+    def expect(self, since: int) -> None:
+        """Rows before this one were missing, and the mass may have changed meanwhile."""
+        self._gap = since
+
+    def sought(self, estimate: Estimate, buffer: RowBuffer) -> SmallSteps | None:
         """Which steps a test for a change has to look for; None without a load."""
-        load = estimate.state.load
+        load, guards = estimate.state.load, self._guards
         if load is None:
             return None
-        return SmallSteps(
-            self._shortest, self._guards.least_small_step, self._guards.least_recent_step, load[THETA.start]
-        )
+        since_gap = 0 if self._gap is None else buffer.count - buffer.index_of(self._gap)
+        mass = float(load[THETA.start])
+        return SmallSteps(self._shortest, guards.least_small_step, guards.least_recent_step, mass, since_gap)
 
     def take(self, found: SmallStep | None, number: int) -> None:
         """Process what such a test has found, see ``Look.step``; the step is before the row of this number."""

@@ -10,11 +10,13 @@ import pytest
 from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.session import Session
 from coheft.agents.efficient.settings import Guards
+from coheft.agents.efficient.small_steps import UnnoticedStep
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.moments.rows import ROW_SIZE, V
-from coheft.estimation.rigid_body.mass_properties import Inertia
+from coheft.estimation.moments.unknowns import THETA
+from coheft.estimation.rigid_body.mass_properties import Inertia, point_mass
 from tests.efficient.rows import LOAD, PERIOD, POSES, made_up_rows
-from tests.efficient.sessions import AFTER, BEFORE, is_valid, largest_error, session, slipped_poses
+from tests.efficient.sessions import AFTER, BEFORE, fed, is_valid, largest_error, session, slipped_poses
 
 GAP = 40
 HEAVIER: Array = Inertia(10.0, np.array([-0.3, -0.2, 0.02]), np.diag([0.7, 0.9, 1.2])).barycentric()
@@ -56,6 +58,26 @@ def test_no_rows_are_missing_before_the_first_one(monkeypatch: pytest.MonkeyPatc
     later.take(5000, made_up_rows(1, first=700)[0])
     assert not later.is_confirmed
     assert not bridged  # ``hand_over`` has done so
+
+
+def mass_error_after_a_gap(more: float) -> float:
+    """Largest error of the published mass over its standard deviation, if so much more has been put on in a gap."""
+    found, load = fed(made_up_rows(BEFORE)), LOAD + more * point_mass(np.array([-0.2, -0.1, 0.1]))
+    errors, first = [0.0], BEFORE + GAP
+    for number, row in enumerate(made_up_rows(60, load, first), first):
+        found.take(number, row)
+        if is_valid(found) and found.estimate is not None and found.estimate.state.load is not None:
+            mass = found.estimate.body.unknowns.theta.start
+            deviation = np.sqrt(found.claimable(found.estimate).covariance[mass, mass])
+            errors.append(abs(found.estimate.state.load[THETA.start] - load[0]) / deviation)
+    return float(max(errors))
+
+
+def test_a_change_in_a_gap_that_is_too_small_to_be_noticed_is_covered(monkeypatch: pytest.MonkeyPatch) -> None:
+    masses = (0.01, 0.015, 0.02, 0.03)
+    assert max(map(mass_error_after_a_gap, masses)) < 5.0
+    monkeypatch.setattr(UnnoticedStep, "expect", lambda *_: None)
+    assert max(map(mass_error_after_a_gap, masses)) > 10.0
 
 
 def test_a_slip_in_a_gap_is_named() -> None:
