@@ -26,6 +26,7 @@ from coheft.wire.messages.scene import BoxShape, Scene
 from coheft.wire.messages.structs import Measurements, Reference
 from coheft.wire.messages.truth import LoadState, PayloadTruth, Truth
 from coheft.wire.process.log import LOG
+from coheft.wire.scenario.arm_checks import stability_complaints
 from coheft.wire.scenario.borders import by_border
 from coheft.wire.scenario.change_checks import load_complaints
 from coheft.wire.scenario.grasps import place_grasps
@@ -34,7 +35,6 @@ from coheft.wire.scenario.payload_surface import from_text
 from coheft.wire.scenario.rules import check
 from coheft.wire.scenario.schema import PHYSICS_RATE, Scenario
 from coheft.wire.scenario.section import Vector
-from coheft.wire.scenario.stability import stability_complaints
 from coheft.wire.scenario.strength import SETTLING_TIME, Strength
 
 if TYPE_CHECKING:

@@ -18,7 +18,7 @@ from coheft.wire.messages.codec import decode, encode
 from coheft.wire.messages.requests import EstimatorRequest
 from coheft.wire.messages.structs import Measurements, Message
 from coheft.wire.scenario.file import CONFIG_FOLDER, load_scenario, parse_scenario
-from coheft.wire.scenario.former import as_present
+from coheft.wire.former_names import as_present
 from tests.synthetic_run import LIGHT, estimate
 
 RING3 = CONFIG_FOLDER.joinpath("ring3.toml").read_text()

@@ -6,7 +6,7 @@ import msgspec
 import pytest
 
 from coheft.wire.scenario.file import available_scenarios, load_scenario
-from coheft.wire.scenario.notes import notes
+from coheft.app.terminal.notes import notes
 
 
 @pytest.mark.parametrize("name", sorted(available_scenarios()))

@@ -20,7 +20,7 @@ from coheft.physics_server.sensor_errors import SensorErrors
 from coheft.wire.config import AgentConfig, agent_config
 from coheft.wire.messages.size import largest_message
 from coheft.wire.scenario.file import load_scenario
-from coheft.wire.scenario.notes import notes
+from coheft.app.terminal.notes import notes
 from coheft.wire.scenario.robot_sensors import OtherSensors
 from coheft.wire.scenario.schema import Scenario
 

@@ -16,10 +16,9 @@ if TYPE_CHECKING:
 
 Kind = Literal["estimator", "motion"]
 GROUPS: dict[Kind, str] = {"estimator": "coheft.estimators", "motion": "coheft.motions"}
-SECTIONS = {"efficient": "efficient", "fan2017": "fan2017"}
-"""Estimators that come with coheft, with the sections of their settings; ``messages.size`` has their message sizes."""
-BUILT_IN: dict[Kind, tuple[str, ...]] = {"estimator": tuple(SECTIONS), "motion": ()}
-"""Names that users' plugins may not have."""
+BUILT_IN: dict[Kind, tuple[str, ...]] = {"estimator": ("efficient", "fan2017"), "motion": ()}
+"""What comes with coheft, which users' plugins may not be named after; an estimator's settings have a section of its
+name, and ``messages.size`` the size of its messages."""
 
 
 def estimator_names(estimator: str) -> list[str]:

@@ -13,8 +13,8 @@ import numpy as np
 
 from coheft.estimation.geometry.spatial import Array, Pose, rotation_exp, rotation_log, skew
 from coheft.estimation.rigid_body.mass_properties import Inertia, combined
+from coheft.wire.scenario.rules import rounded_down
 from coheft.wire.scenario.schema import Robots
-from coheft.wire.scenario.stability import gains_at_payload, rounded_down
 
 MAX_DISTANCE = 5.0
 """Distance from its home beyond which the payload is lost [m]."""
@@ -128,20 +128,23 @@ class Strength:
             angular, linear = skew(mass[:3] @ twist), skew(mass[3:] @ twist)
             gyroscopic = np.concatenate([angular @ twist[:3] + linear @ twist[3:], linear @ twist[:3]])
             twist = twist + give @ (self._pull(inertia, pose) + gyroscopic - resistance @ twist)
-            pose = _moved(pose, _STEP * twist)
+            pose = pose @ Pose(rotation_exp(_STEP * twist[:3]), _STEP * twist[3:])
             distance, angle = np.linalg.norm(pose.translation), np.linalg.norm(rotation_log(pose.rotation))
             if not (distance < share * MAX_DISTANCE and angle < share * MAX_ANGLE):
                 return None
         return pose
 
 
+def gains_at_payload(grasps: Sequence[Pose], gains: tuple[float, float]) -> Array:
+    """Return the sum of all arms' gains (translation, rotation) for the payload's twist ``(w, v)``, shape (6, 6)."""
+    at_grasp = np.repeat([gains[1], gains[0]], 3)
+    adjoints = [grasp.inverse().adjoint() for grasp in grasps]
+    result: Array = np.sum([adjoint.T @ (at_grasp[:, None] * adjoint) for adjoint in adjoints], axis=0)
+    return result
+
+
 def _together(before: Inertia | None, load: Inertia) -> Inertia:
     return load if before is None else combined([before, load])
-
-
-def _moved(pose: Pose, step: Array) -> Pose:
-    """Return the pose after a small motion (6,) in its own axes."""
-    return pose @ Pose(rotation_exp(step[:3]), step[3:])
 
 
 def _axial(matrix: Array) -> Array:
