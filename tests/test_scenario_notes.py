@@ -5,8 +5,8 @@ from __future__ import annotations
 import msgspec
 import pytest
 
-from coheft.wire.scenario.file import available_scenarios, load_scenario
 from coheft.app.terminal.notes import notes
+from coheft.wire.scenario.file import available_scenarios, load_scenario
 
 
 @pytest.mark.parametrize("name", sorted(available_scenarios()))

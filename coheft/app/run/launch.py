@@ -2,7 +2,7 @@
 
 import select
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,8 +19,7 @@ from coheft.app.run.follower import Follower
 from coheft.app.run.fork_server import ForkServer
 from coheft.app.run.observer import Observer, observe
 from coheft.app.run.plan import Plan
-from coheft.app.run.processes import Processes, make_fork_server
-from coheft.app.run.restarts import Restarts
+from coheft.app.run.processes import Child, Processes, make_fork_server
 from coheft.app.terminal.digits import seconds_of
 from coheft.app.terminal.screen import Display
 from coheft.app.terminal.standard_output import check_standard_output
@@ -28,7 +27,7 @@ from coheft.errors import CoheftError, LinkError
 from coheft.wire.messages.requests import Status, StatusRequest
 from coheft.wire.messages.states import RunState
 from coheft.wire.messages.structs import Problem
-from coheft.wire.process.supervised import BEAT
+from coheft.wire.process.supervised import BEAT, UNUSABLE
 from coheft.wire.transport.planes import SERVER
 
 _POLL = 0.02
@@ -123,6 +122,47 @@ class Audience:
                 follower.receive(news)
         self.display.update(self.record)
         return self.record.time > before
+
+
+@dataclass(frozen=True)
+class Restarts:
+    """Restarts agents that fail, each up to ``limit`` times, shows that, and announces their new process ids."""
+
+    limit: int
+    processes: Processes
+    observer: Observer
+    display: Display
+    announce: Callable[[], None]
+
+    def check(self, *, has_begun: bool = True) -> None:
+        """Restart agents that have failed; a ``ProcessError`` says why that is not possible (any more).
+
+        Before the run has begun, it is enough that the server's process runs, which may answer late.
+        """
+        failed = self.processes.failed
+        if not failed:
+            return
+        goes_on = self._goes_on if has_begun else lambda: not self.processes.ended(SERVER)
+        if not (all(self._may_try_again(child) for child in failed) and goes_on()):
+            is_server_there = all(child.name != SERVER for child in failed)
+            self.processes.check(self.limit if is_server_there else None)
+        for child in failed:
+            text = f"{child.name} {child.how_and_why}; restarted ({child.restarts + 1} of {self.limit})"
+            self.processes.start_again(child)
+            self.display.problem(Problem(source="supervisor", text=text))
+        try:
+            self.announce()
+        except CoheftError as error:  # the run continues, although other commands may not find it
+            self.display.problem(Problem(source="supervisor", text=str(error)))
+
+    def _may_try_again(self, child: Child) -> bool:
+        return child.name != SERVER and child.restarts < self.limit and child.status != UNUSABLE
+
+    def _goes_on(self) -> bool:
+        while (status := self.observer.status()) is None:
+            if self.observer.has_lost_server or self.processes.ended(SERVER):
+                return False
+        return status.state in (RunState.RUNNING, RunState.PAUSED)
 
 
 def _beating(stdin: IO[bytes]) -> Heartbeat:

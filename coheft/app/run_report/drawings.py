@@ -1,6 +1,8 @@
-"""The report's pictures, except for the errors over time."""
+"""The pictures of a report; ``convergence`` draws the errors over time."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -9,13 +11,49 @@ from coheft.app.figures import Theme
 from coheft.app.results.points import Point, sizes
 from coheft.app.results.report import Report
 from coheft.app.results.states import MEANINGS, State
-from coheft.app.run_report.convergence import COM_SHOWN
+from coheft.app.run_report.convergence import ALL_SHOWN, COM_SHOWN, draw_convergence, grid_of, inside_band
 from coheft.app.run_report.panels import mark_changes, robots_shown, use_logarithm
 from coheft.app.run_report.series import AFTER, BEFORE, Series
 from coheft.estimation.geometry.spatial import Array
 
 STALE_STYLE: dict[str, Any] = {"linestyle": (0, (1, 2)), "linewidth": 0.8, "label": "stale"}
 """Style of lines where a robot could not know whether its estimate still held."""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """One picture, ten inches wide; ``pictures.html.jinja`` has its title and text, by the name, which is also its
+    file's.
+
+    Of a picture of errors, ``inside`` is the share of them that are inside of their band.
+    """
+
+    name: str
+    section: str
+    height: float
+    draw: Callable[[Any, Theme, Series, Report], None]
+    inside: float | None = None
+
+
+def pictures_of(series: Series, report: Report) -> list[Picture]:
+    """Return the pictures of a run, in their order on the page."""
+    robots = len(robots_shown(series))
+    pictures = [Picture("mass-over-time", "glance", 0.6 + 2.6 * len(series.by_estimator), draw_overview)]
+    for shown in ALL_SHOWN:
+        inside = inside_band(series, shown)
+        if inside is not None:  # else nothing was claimed, and there is nothing to draw
+            height, draw = 0.9 + 2.0 * grid_of(robots)[0], partial(draw_convergence, shown=shown)
+            pictures.append(Picture(shown.name, "errors", height, draw, inside))
+    if series.close_ups:
+        height = 0.6 + 2.9 * len(series.close_ups)
+        pictures.append(Picture("load-changes", "changes", height, draw_close_ups))
+    if report.consensus.force_rel_error is not None:
+        pictures.append(Picture("consensus", "consensus", 3.8, draw_consensus))
+    height = 1.8 + 0.28 * robots
+    pictures.append(Picture("observability", "observability", height, draw_observability))
+    if list(series.pace):  # else it is a recording
+        pictures.append(Picture("pace", "timing", 2.6, draw_pace))
+    return pictures
 
 
 def draw_overview(figure: Any, theme: Theme, series: Series, report: Report) -> None:

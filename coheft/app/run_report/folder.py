@@ -6,8 +6,8 @@ from pathlib import Path
 from coheft.app.figures import DARK, LIGHT, Theme, figure_to
 from coheft.app.results.report import Report, write_report
 from coheft.app.run_report.data import write_data
+from coheft.app.run_report.drawings import Picture, pictures_of
 from coheft.app.run_report.page import render_page
-from coheft.app.run_report.pictures import Picture, pictures_of
 from coheft.app.run_report.series import Series
 from coheft.errors import CoheftError, file_errors
 from coheft.wire.scenario.schema import Scenario

@@ -11,8 +11,8 @@ from coheft.app.results.judge import Verdict
 from coheft.app.results.report import Report
 from coheft.app.results.states import State
 from coheft.app.run_report.data import TABLES
+from coheft.app.run_report.drawings import Picture
 from coheft.app.run_report.panels import MOST_ROBOTS
-from coheft.app.run_report.pictures import Picture
 from coheft.app.run_report.scene import scene_json
 from coheft.app.run_report.series import Series
 from coheft.app.terminal.final_table import TEXT_HEADINGS, headings, legend, sentences, table_rows

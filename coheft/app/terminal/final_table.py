@@ -1,6 +1,6 @@
 """The table and the sentences printed at the end of a run."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -73,33 +73,24 @@ def table_rows(report: Report) -> dict[str, list[tuple[str, ...]]]:
     """Return each robot's rows: one for each quantity, and if several estimators ran, for each of these below it."""
     if not report.beside:
         return {name: list(robot_rows(robot)) for name, robot in report.robots.items()}
-    found: dict[str, list[tuple[str, ...]]] = {}
-    for name in report.robots:
-        each = {estimator: robot_rows(other.robots[name]) for estimator, other in report.by_estimator.items()}
-        bounds = _bounds(report, name)
-        found[name] = [
-            (
-                *(rows[k][:2] if is_first else ("", "")),
-                estimator,
-                *rows[k][2:],
-                *(bounds[k : k + 1] if is_first else ()),
-            )
-            for k in range(len(each[report.estimator]))
-            for estimator, rows in each.items()
-            for is_first in [estimator == report.estimator]
-        ]
-    return found
+    return {name: list(_rows_side_by_side(report, name)) for name in report.robots}
 
 
-def _bounds(report: Report, name: str) -> tuple[str, ...]:
-    """Return the bounds of a robot's quantities, in the order of their rows; none if there are none."""
-    if report.bound is None:
-        return ()
-    bound = report.bound[name]
-    return tuple(
-        error_and_std(x, x, unit)[1]
-        for x, unit in ((bound.mass_pct, "%"), (bound.com_mm, "mm"), (bound.inertia_pct, "%"))
-    )
+def _rows_side_by_side(report: Report, name: str) -> Iterator[tuple[str, ...]]:
+    """Yield a robot's rows; quantity, truth and bound stand in the first of the estimators' rows only."""
+    bounds: list[tuple[str, ...]] = [(), (), ()]
+    if report.bound is not None:
+        bound = report.bound[name]
+        parts = (bound.mass_pct, "%"), (bound.com_mm, "mm"), (bound.inertia_pct, "%")
+        bounds = [(error_and_std(size, size, unit)[1],) for size, unit in parts]
+    robots = {estimator: robot_rows(other.robots[name]) for estimator, other in report.by_estimator.items()}
+    for k, last in enumerate(bounds):
+        for estimator, rows in robots.items():
+            quantity, truth, *found = rows[k]
+            if estimator == report.estimator:
+                yield quantity, truth, estimator, *found, *last
+            else:
+                yield "", "", estimator, *found
 
 
 def legend(report: Report) -> list[str]:

@@ -15,7 +15,7 @@ from rich.text import Text
 
 from coheft.app.results.judge import RobotReport, why_stale
 from coheft.app.results.record import Record
-from coheft.app.results.states import ESTIMATORS, State
+from coheft.app.results.states import State
 from coheft.app.terminal.digits import seconds_of, value_and_std
 from coheft.app.terminal.wide_table import needed_width
 from coheft.wire.messages.requests import Status
@@ -24,6 +24,10 @@ from coheft.wire.messages.truth import Truth
 from coheft.wire.scenario.plugins import estimator_names
 from coheft.wire.scenario.schema import MAX_DURATION
 
+_ESTIMATORS = {
+    "efficient": "efficient, which reaches the Cramér-Rao bound",
+    "fan2017": "fan2017, the method of Fan et al. (CDC 2017)",
+}
 _LINE_EVERY = 5.0
 """Simulated time between two lines without a terminal [s]."""
 _CHECK_EVERY = 0.5
@@ -171,7 +175,7 @@ class LiveDisplay(Display):
 
 def _first_line(status: Status) -> str:
     robots = len(status.scene.robots)
-    estimators = " and ".join(ESTIMATORS.get(name, name) for name in estimator_names(status.estimator))
+    estimators = " and ".join(_ESTIMATORS.get(name, name) for name in estimator_names(status.estimator))
     return f"{status.scenario}: {robots} robots, estimator {estimators}"
 
 

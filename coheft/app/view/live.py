@@ -77,7 +77,7 @@ def show_run(
 def _follow(observer: Observer, model: ViewModel, page: Page, controls: Controls | None) -> None:
     """Show news until the run has ended or its server is lost."""
     asked_at = drawn_at = -math.inf
-    moved_at, end_at, seen = time.monotonic(), math.inf, model.time
+    moved_at, end_at, seen = time.monotonic(), math.inf, model.record.time
     while not observer.has_lost_server and time.monotonic() < end_at:
         for news in observer.collect(model.scene, FRAME):
             model.receive(news)
@@ -90,8 +90,8 @@ def _follow(observer: Observer, model: ViewModel, page: Page, controls: Controls
                     controls.update()
                 if status.state is RunState.FINISHED:
                     end_at = min(end_at, now + _LAST_NEWS)
-        if model.time != seen:
-            moved_at, seen = now, model.time
+        if model.record.time != seen:
+            moved_at, seen = now, model.record.time
         if (now := time.monotonic()) > drawn_at + FRAME:
             drawn_at = now
             page.draw(model, words.waiting_note(model.status, is_still=now > moved_at + _STILL))

@@ -74,7 +74,7 @@ class Page:
                 self._plots_at = now
                 if picture != self._plotted:
                     self._plotted = picture
-                    self._plots.draw(model.traces(self.chosen), model.time)
+                    self._plots.draw(model.traces[self.chosen], model.record.time)
 
     def _draw_texts(self, model: ViewModel, note: str) -> None:
         for handle, text in (

@@ -173,7 +173,7 @@ class Stage:
 
     def draw(self, model: ViewModel, chosen: str) -> None:
         """Draw the present state; ``chosen`` is the robot whose estimate is shown."""
-        truth = model.truth
+        truth = model.record.truth
         if truth is not None:
             self._move(Pose(rotation_from_quaternion(truth.quaternion), truth.position))
             self._draw_wrenches(truth)
@@ -181,7 +181,7 @@ class Stage:
             self._true_com.position = payload.com
             self._true_box.points = box_edges(*equivalent_box(payload))
         self._draw_loads(model.loads)
-        self._draw_belief(model.believed_payload(chosen), model.beliefs.get(chosen))
+        self._draw_belief(model.believed_payload(chosen), model.record.beliefs.get(chosen))
         self._arms.paint(model, chosen)
         for edge, lines in self._links.items():
             lines.colors = np.array(colours.LINK[model.link(edge)], dtype=np.uint8)

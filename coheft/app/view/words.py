@@ -42,9 +42,9 @@ def _filled(part: str, *values: object) -> str:
 
 def header(model: ViewModel, note: str = "") -> str:
     """Return the header: name, time and state of the run."""
-    duration = model.status.duration
-    share = min(1.0, model.time / duration) if 0.0 < duration < MAX_DURATION else None
-    return _filled("header", model, share, seconds_of(model.time, duration), model.truth, note)
+    duration, record = model.status.duration, model.record
+    share = min(1.0, record.time / duration) if 0.0 < duration < MAX_DURATION else None
+    return _filled("header", model, share, seconds_of(record.time, duration), record.truth, note)
 
 
 def waiting_note(status: Status, *, is_still: bool) -> str:
@@ -118,9 +118,9 @@ def belief(found: tuple[RobotReport, Estimate] | None) -> str:
 
 def team(model: ViewModel, chosen: str) -> str:
     """Return a table with a line for each robot."""
-    robots = []
+    robots, beliefs = [], model.record.beliefs
     for name in model.scene.robots:
-        estimate = model.beliefs.get(name)
+        estimate = beliefs.get(name)
         payload = estimate.payload if estimate is not None else None
         known = value_and_std(payload.mass, payload.covariance[0, 0] ** 0.5, 2) if payload is not None else "–"
         mass, _, std = known.partition(" ± ")

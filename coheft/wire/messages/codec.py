@@ -24,9 +24,8 @@ from coheft.wire.messages.structs import Message
 M = TypeVar("M")
 _LARGEST = 1e15
 """Limit of received numbers."""
-
-
 _kind = cache(Kind)
+_seal = lru_cache(maxsize=1024)(Seal)
 
 
 @cache
@@ -34,9 +33,6 @@ def _expected(kind: Any) -> tuple[str, dict[int, Kind]]:
     """Return the name of a kind, or those of a union of kinds, and all kinds by their codes."""
     kinds = typing.get_args(kind) or (kind,)
     return " or ".join(each.__name__ for each in kinds), {each.code: _kind(each) for each in kinds}
-
-
-_seal = lru_cache(maxsize=1024)(Seal)
 
 
 def encode(message: Message, key: str) -> bytes:

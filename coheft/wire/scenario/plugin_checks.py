@@ -35,7 +35,8 @@ def plugin_complaints(scenario: Scenario) -> Iterator[Complaint]:
         if present(name) in BUILT_IN["estimator"] and name != scenario.motion.own:
             yield (
                 key,
-                f"these tables are for estimators and motions of your own; settings of '{name}' go under [{present(name)}]",
+                f"these tables are for estimators and motions of your own; settings of '{name}' go under "
+                f"[{present(name)}]",
             )
         if not (is_available("estimator", name) or is_available("motion", name)):
             there = [*available("estimator"), *available("motion")]
