@@ -34,10 +34,9 @@ def keep_present(struct: msgspec.Struct) -> None:
 
 
 def rename_sections(table: dict[str, Any], origin: str) -> None:
-    """Rename sections of a scenario, in place, that have earlier names; ``origin`` names it in errors.
+    """Rename sections of a scenario, in place, that have earlier names.
 
-    Raises:
-        ScenarioError: A key is present under both names.
+    A key under both names is a ``ScenarioError``, in which ``origin`` names the scenario.
     """
     for former, now in SECTIONS.items():
         if former not in table:
@@ -59,10 +58,7 @@ def as_present(scenario: dict[str, Any], origin: str) -> dict[str, Any]:
 
     Largest constant errors (``sensors.offset``) become standard deviations of true errors, and the tolerances that
     robots assumed for them (``efficient.offsets``) become tolerances. Other sensors were exact, which robots of this
-    release do not know: they allow for the errors of a good industrial arm.
-
-    Raises:
-        ScenarioError: A key is present under its former and its present name.
+    release do not know: they allow for the errors of a good industrial arm. Errors are those of ``rename_sections``.
     """
     result = dict(scenario)
     rename_sections(result, origin)

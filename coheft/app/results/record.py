@@ -146,10 +146,7 @@ class Record:
             self.carried.add(truth)
 
     def _note_estimate(self, estimate: Estimate) -> None:
-        """Note an estimate, and whether the estimator has changed.
-
-        All robots change it at the same block; older estimates may arrive later.
-        """
+        """Note an estimate, and whether the estimator has changed: all robots change it at the same block."""
         self.latest[estimate.robot] = estimate
         since = estimate.time * estimate.block / (estimate.block + 1)
         newest = self.estimators[-1] if self.estimators else None

@@ -60,8 +60,7 @@ def runs_folder() -> Path:
 def make_run_folder(run: str, logs: Path | None = None) -> Path:
     """Make the folder of a new run: ``logs``, or a new one among the user's runs, of which the oldest are removed.
 
-    Raises:
-        CoheftError: It cannot be made, contains logs already, or belongs to a run in progress.
+    ``logs`` that hold logs already, or belong to a run in progress, are a ``CoheftError``.
     """
     if logs is None:
         _remove_old_folders(_KEPT - 1)
@@ -135,10 +134,8 @@ def locate_run(folder: Path | None = None, *, acts: bool = False) -> tuple[Path,
     """Return a run in progress and its folder. If it is the newest of several, print that to stderr.
 
     A folder among this user's runs can be given by its bare name, unless a folder of that name exists here. For a
-    command that ``acts``, which changes the run, the folder is required if there are several.
-
-    Raises:
-        CoheftError: There is no such run, or it is not clear which one is meant.
+    command that ``acts``, which changes the run, the folder is required if there are several. A ``CoheftError`` says
+    that there is no such run, or that it is not clear which one is meant.
     """
     if folder is not None:
         if len(folder.parts) == 1 and not folder.exists() and (among_runs := runs_folder() / folder).is_dir():

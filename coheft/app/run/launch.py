@@ -210,14 +210,10 @@ def _wait_for_start(observer: Observer, again: Restarts, display: Display) -> St
 def _follow(
     audience: Audience, observer: Observer, processes: Processes, again: Restarts, *, is_saving: bool
 ) -> Status:
-    """Process messages until all agents have ended; return the server's final status.
+    """Process messages until all agents have ended; return the server's final status, or raise a ``LinkError``.
 
-    Saving may take long: while the server runs, only Ctrl-C interrupts it.
-
-    Raises:
-        ProcessError: A process failed, possibly the server after the agents; or an agent does not end although the run
-            is over.
-        LinkError: The server sent no final status.
+    Saving may take long: while the server runs, only Ctrl-C interrupts it. A ``ProcessError`` says that a process has
+    failed, possibly the server after the agents, or that an agent does not end although the run is over.
     """
     news = time.monotonic()
     while not processes.all_done_but(SERVER) or processes.failed:

@@ -27,11 +27,7 @@ _LAST_NEWS = 1.0
 
 
 def view_run(folder: Path | None, place: Place, shown: Callable[[], None], *, read_only: bool = False) -> None:
-    """Show a run, or without a folder the newest one in progress, at a place; otherwise as ``show_run``.
-
-    Raises:
-        CoheftError: There is no such run, or it does not answer, or the port is taken.
-    """
+    """Show a run, or without a folder the newest one in progress, at a place; otherwise as ``show_run``."""
     folder, _ = locate_run(folder)
     with open_server(place) as server:
         show_run(server, folder, shown, read_only=read_only)

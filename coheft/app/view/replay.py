@@ -27,12 +27,7 @@ _STEP = 0.05
 
 
 def view_recording(path: Path, place: Place, shown: Callable[[], None]) -> None:
-    """Show a recording of 'coheft run --record' until Ctrl-C; other arguments as for ``live.view_run``.
-
-    Raises:
-        RecordingError: It cannot be read.
-        LinkError: The port is taken.
-    """
+    """Show a recording of 'coheft run --record' until Ctrl-C; other arguments as for ``live.view_run``."""
     recording = read_recording(path)
     timeline = Timeline(recording.begin, recording.news)
     with open_server(place) as server:

@@ -87,11 +87,7 @@ class Seal:
         return CHECKSUM.pack(zlib.crc32(body, self.seed)) + body
 
     def unwrapped(self, data: bytes, name: str) -> Frame:
-        """Check the frame of a message and return its parts.
-
-        Raises:
-            MessageError: It is damaged, was sent under another key, or has another protocol version.
-        """
+        """Return the parts of a message; ``MessageError`` if it is damaged, of another key, or another version."""
         view = memoryview(data)
         if len(data) < CHECKSUM.size or CHECKSUM.unpack_from(data)[0] != zlib.crc32(view[CHECKSUM.size :], self.seed):
             raise MessageError(
@@ -158,9 +154,5 @@ _SHORT = 512
 
 
 def places_of(shapes: bytes) -> tuple[list[Place], int]:
-    """Decode what ``described`` has encoded, and the size of all arrays [B].
-
-    Raises:
-        ValueError: The bytes are something else.
-    """
+    """Decode what ``described`` has encoded, and the size of all arrays [B]; ``ValueError`` if it is something else."""
     return _known(shapes) if len(shapes) <= _SHORT else _places_of(shapes)

@@ -56,8 +56,7 @@ class HeldBody:
     def find(cls, model: PayloadModel, name: str | None, place: str) -> Self:
         """Return the body that is named, or else the one that floats, or else the only one.
 
-        Raises:
-            ScenarioError: There is no such body, there are several, or it is not one rigid body.
+        A ``ScenarioError`` says that there is none, that there are several, or that it is not one rigid body.
         """
         compiled = model.compiled
         names = [compiled.body(body).name for body in range(1, compiled.nbody)]
@@ -122,8 +121,7 @@ class HeldBody:
     def grasps(self, names: Sequence[str], extent: Extent, place: str) -> tuple[Grasp, ...]:
         """Return sites that are fixed to it, as grasps in its frame.
 
-        Raises:
-            ScenarioError: There is no such site, it is named twice, or it is far outside of the body.
+        A site that is not there, named twice, or far outside of the body is a ``ScenarioError``.
         """
         model, placed = self.model.compiled, _placed(self.model.compiled)
         named = {model.site(site).name: site for site in range(model.nsite) if model.site_bodyid[site] in self.inside}

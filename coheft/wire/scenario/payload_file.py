@@ -33,10 +33,7 @@ _ADVICE = {
 def read_files(scenario: Scenario, origin: str, folder: Path) -> Scenario:
     """Return the scenario with mass properties and grasps in place of the files and sites that it names.
 
-    It is as written, see ``checks.choice_complaints``; other arguments as for ``file.scenario_of``.
-
-    Raises:
-        ScenarioError: A file cannot be read, or its payload cannot be carried.
+    It is as written, see ``checks.choice_complaints``; other arguments, and errors, as for ``file.scenario_of``.
     """
     payload, robots = scenario.payload, scenario.robots
     if payload.mjcf is not None:

@@ -39,8 +39,7 @@ _MOST_ANGLES = 1_000_000
 def read_triangles(path: Path) -> Array:
     """Return the corners of a file's triangles, shape (n, 3, 3), in its own unit: STL, OBJ, PLY, or MuJoCo's MSH.
 
-    Raises:
-        ValueError: It cannot be read as the format that its suffix names.
+    What is not in the format that the suffix names is a ``ValueError``.
     """
     if path.suffix.lower() == ".msh":
         return _read_msh(path)
@@ -109,10 +108,9 @@ def filled(triangles: Array, mass: float | None, density: float | None, place: s
 
 
 def check_surface(triangles: Array, place: str) -> Array:
-    """Check that a surface encloses something once; return its vertices, shape (m, 3). Arguments as of ``filled``.
+    """Return the vertices of a surface, shape (m, 3), if it encloses something once; ``ScenarioError`` if not.
 
-    Raises:
-        ScenarioError: It does not.
+    Arguments are as of ``filled``.
     """
     import trimesh
 

@@ -17,11 +17,7 @@ Rule = Callable[[Scenario], Iterable[Complaint]]
 
 
 def check(scenario: Scenario, origin: str, *rules: Rule) -> None:
-    """Check that a scenario meets some rules, in this order; ``origin`` names the scenario's source in errors.
-
-    Raises:
-        ScenarioError: It does not; the message is the first complaint.
-    """
+    """Raise the first complaint of some rules, in this order, as a ``ScenarioError``; ``origin`` names the source."""
     for rule in rules:
         for key, complaint in rule(scenario):
             raise ScenarioError(f"{origin}: key '{key}': {complaint}")

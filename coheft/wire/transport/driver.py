@@ -37,6 +37,8 @@ _TICK = 0.5
 class Driver:
     """The sensors and the arm of one robot, see ``open_driver``. Not thread-safe: use it in one thread.
 
+    Methods that wait for the agent raise a ``LinkError`` after ``seconds``.
+
     Attributes:
         name: The robot's name.
         rate: Samples per second that the agent expects.
@@ -61,21 +63,13 @@ class Driver:
         )
 
     def wait_for_agent(self, seconds: float = math.inf) -> None:
-        """Wait until the agent can receive measurements and is linked with all its neighbours.
-
-        Raises:
-            LinkError: It takes longer than ``seconds``.
-        """
+        """Wait until the agent can receive measurements and is linked with all its neighbours."""
         self._wait(lambda: self._link.is_settled, seconds, "is not ready")
 
     def reference(self, block: int, seconds: float = 10.0) -> Reference | None:
         """Return what the arm shall do during a block, when the agent has answered the block that determines it.
 
-        Returns:
-            The reference; None if there is none, as for the first blocks: the arm then has to hold its position.
-
-        Raises:
-            LinkError: It takes longer than ``seconds``.
+        It is None for the first blocks, or if there is none: the arm then has to hold its position.
         """
         wanted = block - self._lag
         self._wait(lambda: self._link.is_ready and self._link.answered >= wanted, seconds, f"has not answered {wanted}")
@@ -98,11 +92,7 @@ class Driver:
         self._link.send_measurements(Measurements(robot=self.name, block=block, samples=samples))
 
     def finish(self, seconds: float = 10.0) -> None:
-        """Wait for the answer to the last block.
-
-        Raises:
-            LinkError: It takes longer than ``seconds``.
-        """
+        """Wait for the answer to the last block."""
         self._wait(lambda: not self._link.owes_answer, seconds, "has not answered the last block")
 
     def stop(self, reason: str) -> None:

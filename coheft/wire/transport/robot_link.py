@@ -117,8 +117,7 @@ class RobotLink:
     def _keep(self, reference: Reference) -> None:
         """Keep a reference for its block. One that no arm can follow counts as an answer, but is not used.
 
-        Raises:
-            MessageError: It is the first of a series that no arm can follow.
+        The first of a series of these raises a ``MessageError``.
         """
         if is_finite(reference.motion) and is_finite(reference.wrench):
             excess = self._excess(reference)

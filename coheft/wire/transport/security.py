@@ -29,11 +29,7 @@ class Credentials(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
 
 
 def credentials_in(folder: Path, name: str) -> Credentials:
-    """Return a participant's credentials in a folder made by ``coheft keys``, with absolute paths.
-
-    Raises:
-        CoheftError: A file is missing.
-    """
+    """Return the absolute paths of a participant's files in a folder of ``coheft keys``, or raise a ``CoheftError``."""
     folder = folder.resolve()
     paths = folder / "authority.crt", folder / f"{name}.crt", folder / f"{name}.key"
     missing = [path.name for path in paths if not path.is_file()]

@@ -132,12 +132,7 @@ def session_id(session: zenoh.Session) -> str:
 
 
 def check_name(name: str) -> str:
-    """Return a name if it can be part of a key.
-
-    Raises:
-        CoheftError: It has characters other than letters, digits, ``-`` and ``_``, which could change the key's
-            meaning.
-    """
+    """Return a name if it can be part of a key; a ``CoheftError`` if its characters could change the key's meaning."""
     if not _NAME.fullmatch(name):
         raise CoheftError(f"{name!r} cannot be a name: expected letters, digits, '-' and '_', a letter or digit first")
     return name
@@ -221,11 +216,9 @@ class Sender:
 
 
 def ask(kind: type[M], session: zenoh.Session, key: str, request: Message, timeout: float = 2.0) -> M | Refusal:
-    """Send a request under a key and return the answer, of type ``kind``.
+    """Send a request under a key and return the answer, of type ``kind``; ``MessageError`` if that is invalid.
 
-    Raises:
-        LinkError: There is no answer within ``timeout`` [s].
-        MessageError: The answer is invalid.
+    No answer within ``timeout`` [s] is a ``LinkError``.
     """
     for reply in session.get(key, payload=encode(request, key), timeout=timeout):
         if reply.ok is not None:
