@@ -29,7 +29,6 @@ from coheft.wire.process.log import LOG
 from coheft.wire.scenario.arm_checks import stability_complaints
 from coheft.wire.scenario.borders import by_border
 from coheft.wire.scenario.change_checks import load_complaints
-from coheft.wire.scenario.grasps import place_grasps
 from coheft.wire.scenario.payload import vector_of
 from coheft.wire.scenario.payload_surface import from_text
 from coheft.wire.scenario.rules import check
@@ -76,7 +75,7 @@ class Simulation:
         Raises:
             ScenarioError: The scenario's load changes cannot all be made, or its arms are too stiff for its payload.
         """
-        grasps = place_grasps(scenario)
+        grasps = scenario.robots.poses()
         check(scenario, scenario.name, stability_complaints, load_complaints)
         names = scenario.robot_names
         self._scenario = scenario

@@ -11,7 +11,6 @@ from coheft.wire.former_names import keep_present
 from coheft.wire.messages.size import LEAST_LIMIT
 from coheft.wire.process.log import LogLevel
 from coheft.wire.scenario.estimator_settings import Converged, EfficientSettings, Fan2017Settings
-from coheft.wire.scenario.grasps import place_grasps
 from coheft.wire.scenario.motion import Carry, Motion, Waves, draw_waves
 from coheft.wire.scenario.network import LinkQuality
 from coheft.wire.scenario.plugins import estimator_names
@@ -189,7 +188,7 @@ def _known(scenario: Scenario, name: str) -> KnownPayload:
     parts = scenario.fan2017.known
     if not parts:
         return KnownPayload()
-    grasp = place_grasps(scenario)[scenario.robot_names.index(name)]
+    grasp = scenario.robots.poses()[scenario.robot_names.index(name)]
     seen = scenario.payload.inertia().carried(grasp.inverse())
     told = {"mass": seen.mass, "com": seen.com.tolist(), "inertia": pack_symmetric(seen.tensor).tolist()}
     return msgspec.convert({part: told[part] for part in parts}, KnownPayload)

@@ -34,7 +34,7 @@ _BY_HAND = {
     "agent": ("coheft.agents.process.main", "an agent's configuration: start it with 'coheft agent'"),
     "agents": ("", "not a configuration; it tells other commands the run's addresses: start the parts beside it"),
 }
-"""By a key that only this file has: the module that uses the file, and a description."""
+"""By a key that only this file has: the module that uses the file, which checks the rest, and a description."""
 
 
 class ProcessError(CoheftError):
@@ -280,7 +280,10 @@ def run_in_foreground(module: str, config: Path) -> int:
     A configuration that cannot be read, or is for another part, raises a ``CoheftError``.
     """
     line = read_config(config)
-    _check_part(module, config, line)
+    found = msgspec.json.decode(line)
+    for key, (part, what) in _BY_HAND.items():
+        if part != module and isinstance(found, dict) and key in found:
+            raise CoheftError(f"{config} is {what}")
     process = _spawned(module)
     try:
         _configure(process, line)
@@ -292,14 +295,6 @@ def run_in_foreground(module: str, config: Path) -> int:
             process.wait(_EXIT_TIMEOUT)
         except subprocess.TimeoutExpired:
             process.kill()
-
-
-def _check_part(module: str, config: Path, line: bytes) -> None:
-    """Check that a configuration is not for another part; the part itself checks the rest."""
-    found = msgspec.json.decode(line)
-    for key, (part, what) in _BY_HAND.items():
-        if part != module and isinstance(found, dict) and key in found:
-            raise CoheftError(f"{config} is {what}")
 
 
 def _with_paths_from(folder: Path, config: Any) -> Any:

@@ -11,7 +11,6 @@ from coheft.app.results.points import sizes
 from coheft.app.results.quantities import QUANTITIES, Quantity
 from coheft.app.results.report import Report
 from coheft.app.results.states import State
-from coheft.app.run_report.panels import mark_changes, robots_shown, use_logarithm
 from coheft.app.run_report.series import Series
 from coheft.app.terminal.digits import significant
 from coheft.estimation.geometry.spatial import Array
@@ -27,6 +26,7 @@ class Shown:
     per_unit: float
 
 
+_MOST_CHANGES = 50
 _ROTATION, _TRANSLATION, _MASS, _COM, _INERTIA = QUANTITIES
 COM_SHOWN = Shown("centre-of-mass", _COM, "mm", 1e3)
 ALL_SHOWN = (
@@ -77,6 +77,19 @@ def inside_band(series: Series, shown: Shown) -> float | None:
     return float(np.mean(below)) if len(below) else None
 
 
+def use_logarithm(axes: Any) -> None:
+    """Use a logarithmic scale with powers of ten that are written out."""
+    axes.set_yscale("log")
+    axes.yaxis.set_major_formatter("{x:g}")
+    axes.minorticks_off()
+
+
+def mark_changes(axes: Any, theme: Theme, report: Report) -> None:
+    """Draw dotted lines where the load changed."""
+    for change in report.load_changes[:_MOST_CHANGES]:
+        axes.axvline(change.at_s, color=theme.muted, linewidth=0.9, linestyle=":")
+
+
 def grid_of(panels: int) -> tuple[int, int]:
     """Return the rows and columns of a grid of panels."""
     columns = 2 if panels in (2, 4) else 3
@@ -88,7 +101,7 @@ def draw_convergence(figure: Any, theme: Theme, series: Series, report: Report, 
 
     Of the payload, those of estimators that ran beside the robots' own are drawn in other colours.
     """
-    names = robots_shown(series)
+    names = series.drawn
     rows, columns = grid_of(len(names))
     grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
     drawn = {name: curves(series, name, shown) for name in names}

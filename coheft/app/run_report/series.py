@@ -4,6 +4,8 @@ import time
 from collections import deque
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from coheft.app.results.points import Point, make_point
 from coheft.app.results.record import load_ids, loads_since
 from coheft.app.run.follower import Follower
@@ -22,6 +24,8 @@ _MOMENTS = 4_000
 """Number of moments of the pace that are kept."""
 _SHOWN = 1_000
 """Number of moments of the scene that are kept."""
+MOST_ROBOTS = 24
+"""Largest number of robots that are drawn."""
 _CLOSE_UPS = 6
 _PROBLEMS = 100
 BEFORE, AFTER = 0.5, 3.0
@@ -89,6 +93,14 @@ class Series:
     def beside(self) -> list[str]:
         """The estimators that ran beside the robots' own."""
         return list(self.by_estimator)[1:]
+
+    @property
+    def drawn(self) -> list[str]:
+        """The robots that are drawn: all, or evenly spread ones of many."""
+        names = list(self.robots)
+        if len(names) <= MOST_ROBOTS:
+            return names
+        return [names[k] for k in np.linspace(0, len(names) - 1, MOST_ROBOTS).round().astype(int)]
 
 
 class SeriesFollower(Follower):

@@ -6,7 +6,6 @@ import numpy as np
 
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.rigid_body.mass_properties import Inertia, combined
-from coheft.wire.scenario.grasps import place_grasps
 from coheft.wire.scenario.rules import Complaint, rounded_down
 from coheft.wire.scenario.schema import PHYSICS_RATE, LoadChange, Scenario
 from coheft.wire.scenario.strength import Strength, gains_at_payload
@@ -21,7 +20,7 @@ def arm_complaints(scenario: Scenario) -> list[Complaint]:
     try:
         if complaints := list(stability_complaints(scenario)):
             return complaints
-        strength = Strength.of(place_grasps(scenario), robots)
+        strength = Strength.of(scenario.robots.poses(), robots)
         return [] if strength is None else list(_weight_complaints(scenario, payload, strength))
     except np.linalg.LinAlgError:
         complaint = (
@@ -64,7 +63,7 @@ def stability_complaints(scenario: Scenario) -> Iterator[Complaint]:
     payload, robots = scenario.payload.inertia(), scenario.robots
     if robots.arms == "seven-joint":
         return
-    mass, grasps = payload.spatial(), place_grasps(scenario)
+    mass, grasps = payload.spatial(), scenario.robots.poses()
     springs = np.linalg.solve(mass, gains_at_payload(grasps, robots.stiffness)).astype(np.float64)
     dampers = np.linalg.solve(mass, gains_at_payload(grasps, robots.damping)).astype(np.float64)
     if _growth(springs, dampers) <= 1.0 + _ROUNDING:

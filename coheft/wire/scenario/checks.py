@@ -11,7 +11,6 @@ from coheft.estimation.tolerance import MOTION_SENSORS
 from coheft.wire.messages.size import LARGEST, largest_message
 from coheft.wire.scenario.arm_checks import arm_complaints
 from coheft.wire.scenario.change_checks import load_complaints, slip_complaints
-from coheft.wire.scenario.grasps import place_grasps
 from coheft.wire.scenario.motion_checks import motion_complaints
 from coheft.wire.scenario.payload import Payload
 from coheft.wire.scenario.payload_extent import load_place_complaints
@@ -186,7 +185,7 @@ def _encoder_complaints(scenario: Scenario) -> Iterator[Complaint]:
             f"found with 'robots.stiffness' = {list(scenario.robots.stiffness)}, expected no stiffness in rotation: "
             f"such wrists are gimbals, and record no torque",
         )
-    for name, grasp in zip(scenario.robot_names, place_grasps(scenario), strict=True):
+    for name, grasp in zip(scenario.robot_names, scenario.robots.poses(), strict=True):
         off = float(np.linalg.norm(grasp.rotation[2] - [0.0, 0.0, 1.0]))
         if off >= _LEVEL:
             tilt = math.degrees(2.0 * math.asin(min(1.0, 0.5 * off)))
