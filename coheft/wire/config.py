@@ -48,8 +48,6 @@ class AgentConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     What is not listed here is as in the scenario, see ``Scenario`` and ``Sensors``.
 
     Attributes:
-        name: The agent's name.
-        neighbours: Names of its neighbours.
         noise, tolerance: Those of all robots' sensors but the ones in ``unequal``.
         unequal: Sensors of the robots that differ, by name; its own may be among them.
         lag: Number of blocks from a measurement to the reference that answers it.
@@ -119,10 +117,8 @@ class AgentProcessConfig(ProcessConfig, frozen=True, kw_only=True):
     """Configuration of an agent's process.
 
     Attributes:
-        agent: Configuration of the agent.
         server: Endpoint of the server for this robot, to dial.
         listen: Endpoint at which neighbours dial this agent.
-        neighbours: Its neighbours, with their endpoints.
         patience: Time after its measurements for which the agent waits for the message of a neighbour whose link is up
             [s]; it does not wait again for that neighbour until it keeps pace again.
         server_limit: Time for which it waits for a lost server to return [s].
@@ -144,7 +140,6 @@ class ServerConfig(ProcessConfig, frozen=True, kw_only=True):
     """Configuration of the physics server's process.
 
     Attributes:
-        scenario: The scenario to simulate.
         robots: Endpoint at which each robot dials, by name: each has a separate link.
         neighbours: The graph, for observers only.
         clock: ``lockstep`` waits for every agent, ``realtime`` for none; ``paced`` waits for every agent, and is not

@@ -19,9 +19,6 @@ class Point:
     """One estimate and the truth of its block; NaN where there is no estimate, or no truth.
 
     Attributes:
-        time: Time of the estimate [s].
-        block: Its block.
-        estimator: The estimator that made it.
         is_stale: Whether the robot could not know whether its estimate still held.
         truth: True ``(m, h, J packed)`` in ``F_i``, shape (10,).
         error: Truth minus estimate, shape (10,).

@@ -46,13 +46,10 @@ class Record:
         pairing: That of the record that this one is beside.
 
     Attributes:
-        judge: Compares estimates with the newest truths.
         blocks: Number of truths that have arrived.
         periods: Periods between load changes; the first one begins with the first truth.
-        robots: Records of each robot's estimates.
         latest: The newest estimate of each robot, as received.
         estimators: The estimators that the robots have used, the newest last.
-        slips: Grasps that have slipped.
         carried: How the load is carried along the common path; None if there is no path.
         beside: The same of the estimators that run beside the robots' own, by name.
     """

@@ -57,10 +57,8 @@ class RobotRecord:
     """Compares one robot's estimates with the truth; its reactions to changes of the load are kept in the periods.
 
     Attributes:
-        compared: Number of estimates so far.
         wrench_errors: Sums of squares of the errors of total force and torque in phase ``inertia``, shape (2,).
         wrench_totals: Sums of squares of the true total force and torque, shape (2,).
-        history: Errors about once a second.
     """
 
     def __init__(self, judge: Judge, periods: Sequence[LoadPeriod], *, with_history: bool) -> None:

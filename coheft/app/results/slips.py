@@ -17,10 +17,6 @@ class SlipReport(msgspec.Struct, frozen=True):
     """A grasp that slipped.
 
     Attributes:
-        at_s: Time of the slip [s].
-        robot: The robot whose grasp slipped.
-        translation_mm: Displacement of its frame [mm].
-        rotation_deg: Rotation of its frame [degrees].
         named_at_s: When the last robot had identified this slip [s]; None if some never did.
     """
 

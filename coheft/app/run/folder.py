@@ -24,7 +24,6 @@ class RunFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Addresses of a run in progress; the file exists as long as the run.
 
     Attributes:
-        run: Prefix of all its keys.
         server: Endpoint at which the server answers observers.
         agents: Endpoint at which each agent answers observers, by name.
         pids: Process ids by name, of processes that a supervisor has started.

@@ -44,8 +44,6 @@ class Curve:
 
     Attributes:
         neighbour: The neighbour whose pose it is of; None for the payload.
-        time: Times of the estimates [s].
-        error: Norms of the errors.
         std: The robot's own standard deviations of these.
     """
 

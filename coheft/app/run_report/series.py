@@ -37,9 +37,7 @@ class CloseUp:
     """The time around one change of the load.
 
     Attributes:
-        at: Time of the change [s].
         masses: Times [s] and true masses of the payload [kg].
-        points: All estimates of each robot.
     """
 
     at: float
@@ -61,14 +59,12 @@ class Series:
     """All data that the report draws.
 
     Attributes:
-        scene: The scene, with the grasps.
         by_estimator: Each robot's estimates, by name, in the scene's order; of the estimator with which the run began,
             the robots' own, and of each that ran beside it.
         moments: Truths, some of them, evenly spread.
         close_ups: The first changes of the load.
         pace: Simulated times, and the wall-clock times of their arrival [s]; empty for a recording.
         problems: The first problems that processes reported, with their simulated times.
-        problem_count: Number of all problems.
     """
 
     scene: Scene

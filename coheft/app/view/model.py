@@ -27,8 +27,6 @@ class ViewModel:
     """The state of a run, from the messages that were received.
 
     Attributes:
-        status: The latest status.
-        scene: The scene.
         record: What was received, compared with the truth.
         edges: Edges of the graph, each once.
         problems: Problems with the time of their arrival [s], latest last.

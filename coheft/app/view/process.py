@@ -28,7 +28,6 @@ class ViewConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     Attributes:
         folder: Folder of the run, which may not have begun yet.
-        place: Address of the view.
         read_only: Whether the view has no controls.
         offers_another: Whether it offers another run when this one has ended.
     """

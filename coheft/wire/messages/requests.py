@@ -68,7 +68,6 @@ class ClockRequest(Message, frozen=True):
     """Set a robot's clock at the next block.
 
     Attributes:
-        robot: The robot.
         ahead: How far its clock is ahead [s], from 0 to 1: its samples were taken that long before their stamps, in
             addition to a delay that the scenario gives them.
     """
@@ -94,19 +93,15 @@ class Status(Message, frozen=True):
     """The server's answer to every request that it has carried out; also sent to all observers at the end of the run.
 
     Attributes:
-        scenario: The scenario's name.
-        state: State of the run.
         block: Number of blocks that have been simulated.
         time: Simulated time [s].
         duration: Duration of the whole run [s].
         real_time_factor: Simulated time divided by the wall time for which the clock ran.
         late_blocks: Number of late references over all robots. In spite of its name it does not count blocks.
-        loads: Loads on the payload.
         slots_free: Number of loads that can still be added.
         waiting_for: Robots without which the run cannot begin or continue, or that have not answered the newest block.
         estimator: Estimator that the robots use, at the latest from the next block on.
         estimators: Estimators that may be chosen.
-        scene: The constant part of the scene.
         unsaved: Why the data file could not be written; empty if it was, or none was requested.
         failure: Why the run was aborted; empty if it was not.
     """
@@ -147,10 +142,6 @@ class LinkRequest(Message, frozen=True):
     """Cut the link with a neighbour, or restore it.
 
     Only the agent that dials the other one can do so. To both it looks as if the network between them were cut.
-
-    Attributes:
-        neighbour: Name of the neighbour.
-        cut: True to cut the link, False to restore it.
     """
 
     neighbour: str
@@ -167,12 +158,7 @@ class CutLinks(Message, frozen=True):
 
 @sent_as(44)
 class DisturbRequest(Message, frozen=True):
-    """Let messages that this robot receives from a neighbour be lost or late from now on.
-
-    Attributes:
-        neighbour: The sender of these messages.
-        quality: Their loss and delay; the default restores the link.
-    """
+    """Let messages that this robot receives from a neighbour be lost or late from now on; the default restores them."""
 
     neighbour: str
     quality: LinkQuality

@@ -27,7 +27,6 @@ class Scene(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         robots: Names of the robots that hold the payload.
         rotations: Rotations of the true poses of the robots' ``F_i`` in the payload's frame, (N, 3, 3).
         translations: Translations of the same poses, (N, 3) [m].
-        neighbours: The graph.
         boxes: Boxes that make up the payload; empty if only its mass properties are given.
         triangles: Surface of a payload from a file, in its frame, (k, 3, 3) in single precision [m]; often empty.
         home: Initial position of the payload's frame in the world, with axes parallel to the world's [m].
@@ -43,12 +42,7 @@ class Scene(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class SlippedGrasp(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A robot's grasp on the payload after it has slipped.
-
-    Attributes:
-        rotation: Rotation of its ``F_i`` in the payload's frame, (3, 3).
-        translation: Translation of its ``F_i``, (3,) [m].
-    """
+    """Pose of a robot's ``F_i`` in the payload's frame after it has slipped: (3, 3), and (3,) [m]."""
 
     rotation: np.ndarray[Any, Any]
     translation: np.ndarray[Any, Any]

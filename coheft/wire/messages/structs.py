@@ -51,7 +51,6 @@ class Ready(Message, frozen=True):
     """Robot to server: asks for measurements.
 
     Attributes:
-        robot: The robot that asks.
         missing: Its neighbours that it is not linked with yet. A run begins when no robot misses a neighbour; a robot
             that returns to a run in progress receives measurements at once.
         attempt: Grows whenever the robot begins to ask anew, because it has started or lost its link; it has forgotten
@@ -68,7 +67,6 @@ class Measurements(Message, frozen=True):
     """Server to robot: its own sensors' samples of one block, see ``MeasurementBlock``.
 
     Attributes:
-        robot: The robot whose sensors they are from.
         block: Index of the block; grows, with gaps if blocks were missed.
         samples: Shape (B, 15).
         world: Number of the simulated world; a new one means that the server has restarted, and all learned is void.
@@ -126,7 +124,6 @@ class Hello(Message, frozen=True):
     comes up, or in answer to a neighbour that does not receive the sender's messages yet.
 
     Attributes:
-        sender: The sending robot.
         heard: Neighbours whose messages it receives.
         incarnation: As in ``NeighbourMessage``.
     """
@@ -140,9 +137,7 @@ class LinkState(msgspec.Struct, frozen=True, forbid_unknown_fields=True, order=T
     """A robot's record about itself, forwarded from neighbour to neighbour to all robots.
 
     Attributes:
-        robot: The robot.
         sequence: Grows with every change; within an incarnation the highest wins.
-        neighbours: Names of its neighbours.
         ready_block: Block from which it can take part in the sums of a team; -1 while it cannot.
         incarnation: Grows when the robot's agent restarts with an empty memory; the highest wins.
         holding: Whether it holds the load. A robot whose agent is dead still holds what it held.
@@ -169,7 +164,6 @@ class NeighbourMessage(Message, frozen=True):
     """Agent to each neighbour, once per block.
 
     Attributes:
-        sender: The sending robot.
         block: The block after which it was sent.
         gossip: New records about robots, see ``LinkState``.
         channels: The estimator's arrays by name; the estimator defines their frames.
@@ -187,10 +181,9 @@ class NeighbourMessage(Message, frozen=True):
 
 
 class PayloadEstimate(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Mass properties of the payload in ``F_i`` with their covariance, as far as they are observable.
+    """Mass [kg] and other mass properties of the payload in ``F_i`` with their covariance, as far as observable.
 
     Attributes:
-        mass: Mass [kg].
         com: Centre of mass (3,) [m], None while a direction is unobservable.
         tensor: Inertia (3, 3) about the centre of mass [kg·m²], None while a part of it or the centre of mass is
             unobservable.
@@ -228,7 +221,6 @@ class SlipNotice(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Notice of a slipped grasp.
 
     Attributes:
-        robot: The robot whose grasp slipped.
         noticed_at: When a change was noticed [s].
         named_at: When it was distinguished from a change of the load [s].
         slipped_at: Approximate time of the slip [s].
@@ -263,7 +255,6 @@ class Estimate(Message, frozen=True):
     """An agent's estimate after one block.
 
     Attributes:
-        robot: The robot.
         block: The last block that it had processed.
         time: End of that block [s].
         phase: ``poses`` while relative poses are being found, then ``inertia``.
@@ -275,15 +266,10 @@ class Estimate(Message, frozen=True):
         total_wrench: Total wrench (6,) about the origin of ``F_i``, as sensors read it, at the end of ``total_block``:
             with ``efficient`` the mean over its newest row, with ``fan2017`` of its last sample.
         not_observable: Descriptions of parameters that the motion so far does not show.
-        load_changes: Changes of the load noticed so far.
-        slips: Slips of grasps noticed so far.
         problems: Number of messages refused so far.
         status: Whether the estimate may be relied upon; if it is stale, payload and poses are the last valid ones.
         reasons: Why it is not valid, or has not converged, in words, for instance "r3 is silent since 12.34 s".
         valid_block: Block to which payload and poses belong, the last valid one when stale; -1 if there is none.
-        silent: Neighbours whose messages are missing.
-        estimator: Name of the estimator.
-        sensor_errors: Estimates of the sensors' errors, for those with a tolerance.
         disturbed: Links that the operator has disturbed, by the neighbour that sends.
     """
 
@@ -337,12 +323,8 @@ class EstimateBeside(Message, frozen=True):
 
 @sent_as(21)
 class Problem(Message, frozen=True):
-    """Report that a process refused something, or why the run ends.
-
-    Attributes:
-        source: The process that reports.
-        text: Description of the problem.
-        is_end: Whether the run ends with it; the supervisor learns that from the process itself.
+    """Report that a process, ``source``, refused something; or, if ``is_end``, why the run ends, which the supervisor
+    learns from the process itself.
     """
 
     source: str

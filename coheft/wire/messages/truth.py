@@ -21,7 +21,6 @@ class LoadState(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A load on the payload.
 
     Attributes:
-        id: Its number.
         mass: Its present mass [kg]; 0 when all has leaked out.
         position: Position of its centre in the payload's frame [m].
         size: Its edge lengths [m].
@@ -42,8 +41,6 @@ class Truth(Message, frozen=True):
     Attributes:
         block: The block; the payload was constant during it.
         time: End of the block [s].
-        payload: True mass properties.
-        loads: Loads on the payload.
         position: Position of the payload's frame in the world at the block's last sample, (3,) [m].
         quaternion: Its orientation, scalar first, (4,).
         total_wrench: Sum of the **measured** wrenches of the last sample, of all robots that hold the payload,
