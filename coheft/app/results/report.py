@@ -178,15 +178,9 @@ def chosen_estimator(name: str | None, names: Sequence[str]) -> str:
 
 
 def build_report(scenario: Scenario, record: Record, *, real_time_factor: float = 0.0, late_blocks: int = 0) -> Report:
-    """Build the report of a run of a scenario from what an observer has recorded.
-
-    Raises:
-        ValueError: There is no truth, or a robot without any compared estimate.
+    """Build the report of a run of a scenario from what an observer has recorded: a truth, and estimates of all robots,
+    see ``Record.silent``.
     """
-    if record.truth is None:
-        raise ValueError("a report needs at least one truth")
-    if record.silent:
-        raise ValueError(f"a report needs an estimate of every robot; missing: {', '.join(record.silent)}")
     robots = {}
     for name, belief in record.beliefs.items():
         if (report := record.robots[name].report) is not None:

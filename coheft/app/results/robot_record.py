@@ -91,7 +91,6 @@ class RobotRecord:
             self._add_history(estimate)
 
     def _follow_load(self, estimate: Estimate) -> None:
-        """Update the load periods with an estimate."""
         name, periods = estimate.robot, self._periods
         while self._period + 1 < len(periods) and periods[self._period + 1].truth.block <= estimate.block:
             self._period += 1

@@ -3,7 +3,7 @@
 import signal
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from importlib.util import find_spec
 from typing import Any, TypeVar
 
@@ -50,7 +50,15 @@ def workers(jobs: int | None = None, dask: str | None = None) -> Iterator[None]:
                     "use fewer processes, with --jobs"
                 ) from error
         return
-    with _client(dask), joblib.parallel_config("dask", n_jobs=-1):
+    try:
+        from distributed import Client
+
+        client = Client(dask)
+    except ImportError as error:
+        raise MissingPackageError("distributed", "dask") from error
+    except (OSError, ValueError) as error:
+        raise CoheftError(f"no Dask scheduler answers at {dask}: {error}") from error
+    with client, joblib.parallel_config("dask", n_jobs=-1):
         yield
 
 
@@ -61,15 +69,3 @@ def side_by_side(function: Callable[..., T], arguments: Iterable[tuple[Any, ...]
     parallel = joblib.Parallel(return_as="generator_unordered")
     results: Iterator[T] = parallel(joblib.delayed(function)(*each) for each in arguments)
     return results
-
-
-def _client(address: str) -> AbstractContextManager[object]:
-    try:
-        from distributed import Client
-    except ImportError as error:
-        raise MissingPackageError("distributed", "dask") from error
-    try:
-        client: AbstractContextManager[object] = Client(address)
-    except (OSError, ValueError) as error:
-        raise CoheftError(f"no Dask scheduler answers at {address}: {error}") from error
-    return client

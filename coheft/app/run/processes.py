@@ -210,7 +210,6 @@ def _spawned(module: str, output: IO[bytes] | None = None) -> subprocess.Popen[b
 
 
 def _configure(process: subprocess.Popen[bytes] | Forked, config: bytes) -> None:
-    """Send a process its configuration."""
     assert process.stdin is not None
     with suppress(BrokenPipeError):  # it has already failed, which is reported elsewhere
         process.stdin.write(config + b"\n")

@@ -78,7 +78,6 @@ def draw_overview(figure: Any, theme: Theme, series: Series, report: Report) -> 
 
 
 def _draw_overview_of(axes: Any, theme: Theme, robots: Mapping[str, Sequence[Point]]) -> None:
-    """Draw the robots' estimates by one estimator."""
     points = next(iter(robots.values()))
     axes.plot(
         [p.time for p in points],

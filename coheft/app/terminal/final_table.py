@@ -140,7 +140,6 @@ def _inertia_row(robot: RobotReport) -> tuple[str, str, str, str, str]:
 
 
 def _missing(robot: RobotReport) -> str:
-    """Describe why there is no estimate."""
     return "not observable" if robot.not_observable else "not known"
 
 

@@ -211,13 +211,11 @@ def _stale_line(reason: str, names: list[str]) -> str:
 
 
 def _counts(reports: Iterable[RobotReport]) -> str:
-    """Describe how many robots are in each state."""
     counts = Counter(report.state for report in reports)
     return ", ".join(f"{count} {state}" for state, count in counts.items())
 
 
 def _found_line(record: Record) -> str:
-    """Describe the robots' states and masses."""
     reports = _reports(record)
     masses = [(each.mass.estimate, each.mass.truth) for each in reports.values() if each.mass.estimate is not None]
     if not masses:

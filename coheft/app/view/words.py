@@ -28,7 +28,6 @@ NO_OPERATOR = "This view is read-only: it has no operator's keys."
 
 @cache
 def _template() -> Any:
-    """Return the template's macros."""
     environment = templates_beside(__file__)
     environment.filters["css"] = colours.css
     environment.globals["colours"] = colours
@@ -36,7 +35,6 @@ def _template() -> Any:
 
 
 def _filled(part: str, *values: object) -> str:
-    """Return the HTML of a part of the panel."""
     return str(getattr(_template(), part)(*values))
 
 
@@ -146,7 +144,7 @@ def _rows(
     result = []
     for index, axis in enumerate(axes):
         truth, estimate, std = (None if values is None else scale * values[index] for values in found)
-        needed = digits if std is None else max(digits, decimals_for(std, 2))
+        needed = digits if std is None else decimals_for(std, 2, at_least=digits)
         decimals = min(needed, _MOST_DECIMALS)
         numbers = ("–" if value is None else f"{value:.{decimals}f}" for value in (truth, estimate))
         std_cell = "–" if std is None else std_text(std, needed)

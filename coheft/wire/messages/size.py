@@ -81,6 +81,5 @@ def largest_arrays(scenario: Scenario) -> int:
 
 
 def _besides_arrays(scenario: Scenario) -> int:
-    """Return the size of the content of a message other than arrays [B]."""
     lines = min(scenario.robot_count, PER_MESSAGE) * (_PER_RECORD + _PER_NAME * scenario.robot_count)
     return lines + _REST

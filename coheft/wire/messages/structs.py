@@ -17,7 +17,7 @@ _Count = Annotated[int, Meta(ge=0, lt=2**62)]
 _Robot = Annotated[str, Meta(max_length=32)]
 
 
-class Message(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class Message(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Base of all messages; see ``sent_as``."""
 
     code: ClassVar[int]

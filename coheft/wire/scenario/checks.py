@@ -78,7 +78,6 @@ def choice_complaints(scenario: Scenario) -> Iterator[Complaint]:
 
 
 def _body_complaints(scenario: Scenario) -> Iterator[Complaint]:
-    """Complain about impossible payloads, arms and teams."""
     payload, robots, motion = scenario.payload, scenario.robots, scenario.motion
     if payload.properties is not None and not np.all(np.linalg.eigvalsh(payload.inertia().pseudo_inertia()) > 0.0):
         yield (

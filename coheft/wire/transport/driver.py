@@ -100,7 +100,6 @@ class Driver:
         self._link.send_stop(reason)
 
     def _wait(self, condition: Callable[[], bool], seconds: float, what: str) -> None:
-        """Process events until a condition is true."""
         deadline = time.monotonic() + seconds
         self._receive(0.0)
         while not condition():
