@@ -47,8 +47,7 @@ def scenario_path(source: str | Path) -> Path:
 def load_scenario(source: str | Path, values: Sequence[str] = ()) -> Scenario:
     """Read a scenario from a TOML file, or a shipped one by its name, with some values changed, see ``set_values``."""
     path = scenario_path(source)
-    origin = " ".join([str(path), *([f"with {' '.join(f'--set {value}' for value in values)}"] if values else [])])
-    return parse_scenario(read_text(path), origin, path.parent, values)
+    return parse_scenario(read_text(path), _origin(str(path), values), path.parent, values)
 
 
 def read_text(path: Path) -> str:
@@ -102,7 +101,11 @@ def with_values(scenario: Scenario, values: Sequence[str]) -> Scenario:
     """Return a scenario with some values changed, see ``set_values``, and all checks."""
     table = msgspec.to_builtins(scenario)
     set_values(table, values)
-    return scenario_of(table, " ".join([scenario.name, *(f"with --set {value}" for value in values)]))
+    return scenario_of(table, _origin(scenario.name, values))
+
+
+def _origin(name: str, values: Sequence[str]) -> str:
+    return f"{name} with {' '.join(f'--set {value}' for value in values)}" if values else name
 
 
 def complete_scenario(scenario: Scenario, origin: str, folder: Path) -> Scenario:

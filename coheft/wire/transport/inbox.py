@@ -129,9 +129,9 @@ class Inbox:
 
     def watch_strangers(self, session: zenoh.Session, guard: Guard | None) -> None:
         """Report participants that dial a session at which they are not allowed."""
-        backlog = self._backlog("strangers")
         if guard is None:
             return
+        backlog = self._backlog("strangers")
 
         def put(event: zenoh.LinkEvent) -> None:
             name = event.link.auth_identifier
