@@ -13,8 +13,7 @@ from coheft.errors import CoheftError, file_errors
 from coheft.wire.scenario.schema import Scenario
 
 PAGE = "report.html"
-_WIDTH = 10.0
-"""Width of pictures [inches]."""
+_WIDTH = 10.0  # [inches]
 
 
 def write_folder(folder: Path, scenario: Scenario, clock: str | None, series: Series, report: Report) -> Path:

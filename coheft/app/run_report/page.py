@@ -24,8 +24,7 @@ from coheft.wire.scenario.schema import MAX_DURATION, Scenario
 from coheft.wire.scenario.section import pose_of
 
 _MOST_ROWS = 60
-_DIGITS = 4
-"""Of numbers in the scene."""
+_DIGITS = 4  # of numbers in the scene
 SECTIONS = {
     "glance": "At a glance",
     "scene": "What was held, and how it moved",

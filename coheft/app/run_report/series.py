@@ -18,14 +18,11 @@ from coheft.wire.messages.structs import Estimate, Problem
 from coheft.wire.messages.truth import Truth
 from coheft.wire.scenario.plugins import estimator_names
 
-_POINTS = 20_000
-"""Number of points that are kept, of all robots together."""
-_MOMENTS = 4_000
-"""Number of moments of the pace that are kept."""
-_SHOWN = 1_000
-"""Number of moments of the scene that are kept."""
 MOST_ROBOTS = 24
-"""Largest number of robots that are drawn."""
+"""Largest number of robots that are drawn; what follows is the number of items that are kept."""
+_POINTS = 20_000  # of all robots together
+_MOMENTS = 1_000
+_PACE = 4_000
 _CLOSE_UPS = 6
 _PROBLEMS = 100
 BEFORE, AFTER = 0.5, 3.0
@@ -69,9 +66,9 @@ class Series:
 
     scene: Scene
     by_estimator: dict[str, dict[str, RobotSeries]]
-    moments: Thinned[Truth] = field(default_factory=lambda: Thinned(_SHOWN))
+    moments: Thinned[Truth] = field(default_factory=lambda: Thinned(_MOMENTS))
     close_ups: list[CloseUp] = field(default_factory=list)
-    pace: Thinned[tuple[float, float]] = field(default_factory=lambda: Thinned(_MOMENTS))
+    pace: Thinned[tuple[float, float]] = field(default_factory=lambda: Thinned(_PACE))
     problems: list[tuple[float, Problem]] = field(default_factory=list)
     problem_count: int = 0
 

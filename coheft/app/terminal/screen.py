@@ -28,14 +28,12 @@ _ESTIMATORS = {
     "efficient": "efficient, which reaches the Cramér-Rao bound",
     "fan2017": "fan2017, the method of Fan et al. (CDC 2017)",
 }
-_LINE_EVERY = 5.0
-"""Simulated time between two lines without a terminal [s]."""
+_LINE_EVERY = 5.0  # [s] of simulated time
 _CHECK_EVERY = 0.5
 """Simulated time between two checks for stale estimates [s]: robots notice a problem one after the other."""
 _LASTING = 1.0
 """Reasons for stale estimates that last less are not printed as lines [s]; every change of the load causes some."""
-_DRAW_EVERY = 0.2
-"""Wall time between two updates in a terminal [s]."""
+_DRAW_EVERY = 0.2  # [s] of wall time
 _LEAST_LINES = 5
 """Smallest number of lines for a table: progress, headings, a robot, a summary of the others, a reason."""
 _DIRECTION = re.compile(r" (along|about) \([^)]*\)")

@@ -16,8 +16,7 @@ from coheft.wire.messages.truth import LoadState
 from coheft.wire.scenario.plugins import estimator_names
 
 LinkHealth = Literal["up", "silent", "unknown"]
-_PROBLEMS = 100
-"""Number of problems that are kept."""
+_MOST_PROBLEMS = 100
 
 Edge = tuple[str, str]
 """Two neighbours, in the order of the scene."""
@@ -48,7 +47,7 @@ class ViewModel:
         own, *_ = estimator_names(status.estimator)
         self._records = {own: self.record, **self.record.beside}
         self.traces = {name: {estimator: Trace() for estimator in self._records} for name in order}
-        self.problems: deque[tuple[float, Problem]] = deque(maxlen=_PROBLEMS)
+        self.problems: deque[tuple[float, Problem]] = deque(maxlen=_MOST_PROBLEMS)
         self.changes = 0
 
     def receive(self, news: News) -> None:

@@ -14,8 +14,7 @@ FRAME = 0.05
 """Shortest time between two drawings [s]."""
 _TEXT_EVERY = 0.2
 _PLOT_EVERY = 0.25
-_LAST = 1e9
-"""Order of the last element."""
+_LAST = 1e9  # order of the last element
 
 
 class Page:

@@ -22,8 +22,7 @@ from coheft.wire.messages.requests import Status
 from coheft.wire.messages.states import RunState
 
 _SPEEDS = ("0.1 ×", "0.25 ×", "0.5 ×", "1 ×", "2 ×", "5 ×", "10 ×")
-_STEP = 0.05
-"""Step of the time slider [s]."""
+_STEP = 0.05  # of the time slider [s]
 
 
 def view_recording(path: Path, place: Place, shown: Callable[[], None]) -> None:

@@ -33,8 +33,7 @@ from coheft.wire.scenario.section import Vector, pose_of
 _NO_LINES = np.zeros((1, 2, 3))
 _FORCE_LENGTH = 0.15
 """Length of the arrow of a robot's share of the weight, relative to the payload's extent."""
-_LONGEST = 1.0
-"""Largest length of an arrow, relative to the extent."""
+_LONGEST = 1.0  # arrow, relative to the extent
 _ARC_POINTS = 16
 _EDGE = (148, 163, 184)
 _SHARP = np.radians(25.0)

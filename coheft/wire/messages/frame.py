@@ -32,9 +32,7 @@ DTYPES: dict[int, np.dtype[Any]] = {1: np.dtype("<f8"), 2: np.dtype("<f4"), 3: n
 CODES = {dtype: code for code, dtype in DTYPES.items()}
 DOUBLE = DTYPES[1]
 MAX_DIMENSIONS = 4
-"""Largest number of dimensions of an array."""
-_WORD = 4
-"""Size of the integers that encode shapes [B]."""
+_WORD = 4  # size of the integers that encode shapes [B]
 _ALIGNMENT = 16
 _ZEROS = [bytes(size) for size in range(_ALIGNMENT)]
 _MAPS = (*range(0x80, 0x90), 0xDE, 0xDF)

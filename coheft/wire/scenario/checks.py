@@ -23,10 +23,8 @@ from coheft.wire.scenario.schema import Scenario
 
 _MOST_ROBOTS = 128
 """Of a team in which each robot estimates all poses: a fit takes half a second there."""
-_LEAST_NOISE = 1e-3
-"""In units of the nominal noise."""
-_LEVEL = 1e-9
-"""A frame counts as level if its vertical is off by less than this."""
+_LEAST_NOISE = 1e-3  # in units of the nominal noise
+_LEVEL = 1e-9  # by which the vertical of a level frame may be off
 
 
 def check_scenario(scenario: Scenario, origin: str) -> None:

@@ -24,8 +24,7 @@ _RENAMED = {
     "sensors.errors = { force_offset = 1.2 }",
 }
 """Keys of earlier releases, with their replacements."""
-_SHOWN = 100
-"""Number of characters of a key or a value that an error shows."""
+_SHOWN = 100  # characters of a key or a value
 
 
 def explain(error: msgspec.ValidationError, table: dict[str, object], section: type[msgspec.Struct] = Scenario) -> str:

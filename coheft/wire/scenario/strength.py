@@ -22,13 +22,11 @@ MAX_ANGLE = 2.5
 """Rotation beyond which the payload is lost [rad]: near pi the rotation springs push the wrong way round."""
 SETTLING_TIME = 2.0
 """Time for which the payload settles in the robots' springs before a run [s]."""
-GRAVITY = 9.81
-"""Gravity [m/s²]."""
+_GRAVITY = 9.81  # [m/s²]
 _SURE, _SAFE = 1.05, 0.8
 """Shares of ``MAX_DISTANCE`` and ``MAX_ANGLE``: a payload that is predicted to exceed the first is refused, and the
 recommended mass stays within the second."""
-_STEP = 0.01
-"""Time step of a predicted fall [s]."""
+_STEP = 0.01  # of a predicted fall [s]
 _WATCHED = 10.0
 """Time after which a payload that has not been lost will not be lost by its weight [s]."""
 _HALVINGS = 5
@@ -91,7 +89,7 @@ class Strength:
 
     def _is_light(self, inertia: Inertia) -> bool:
         """Whether the springs hardly give way, so that no prediction is needed."""
-        weight = GRAVITY * inertia.mass
+        weight = _GRAVITY * inertia.mass
         middle = self._sum / self._count
         sag = weight / (self._count * self._robots.stiffness[0])
         # An upper bound of the rotation, because the weight's lever becomes shorter.
@@ -102,7 +100,7 @@ class Strength:
         """Return the wrench ``(t, f)`` of springs and weight at the payload's origin in its own axes, shape (6,)."""
         k_t, k_r = self._robots.stiffness
         rotation = pose.rotation
-        weight = -GRAVITY * inertia.mass * rotation[2]
+        weight = -_GRAVITY * inertia.mass * rotation[2]
         shift = rotation.T @ pose.translation
         spread = self._products @ rotation
         force = k_t * (rotation.T @ self._sum - self._sum - self._count * shift)
