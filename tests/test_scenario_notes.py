@@ -26,8 +26,8 @@ def test_shipped_scenarios_mean_what_they_say(name: str) -> None:
             "force_offset = 2 (tolerance 1)",
         ),
         (
-            ["sensors.errors={force_offset=1,torque_offset=1,gyro_offset=1,clock=1}"],
-            "and 1 more: sensors are further off",
+            ["sensors.errors={force_offset=1,torque_offset=1,gyro_offset=1,velocity_offset=1,clock=1}"],
+            "and 2 more: sensors are further off",
         ),
         (["sensors.errors='none'", "sensors.drift={force=0.1}"], None),
         (["sensors.errors={}", "sensors.drift={force=0.1}"], "nothing drifts: leave one out"),

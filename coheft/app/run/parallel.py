@@ -25,13 +25,8 @@ def usual_jobs() -> int:
 def workers(jobs: int | None = None, dask: str | None = None) -> Iterator[None]:
     """Configure where ``side_by_side`` makes its calls, while the context lasts.
 
-    Args:
-        jobs: Number of processes; None for one per core.
-        dask: Address of a Dask scheduler whose workers are used, instead of this machine's cores.
-
-    Raises:
-        MissingPackageError: A required package is not installed.
-        CoheftError: There is no such scheduler, or a worker was killed.
+    That is in a number of processes, by default one per core, or at the workers of the Dask scheduler at an address.
+    A ``CoheftError`` says that there is no such scheduler, or that a worker was killed.
     """
     try:
         import joblib

@@ -7,6 +7,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from coheft.app.names import few
 from coheft.app.results.errors import MOST_STDS
 from coheft.app.results.judge import RobotReport, Verdict, why_stale
 from coheft.app.results.report import LoadChangeReport, Report
@@ -263,9 +264,8 @@ def _contradictions(robots: Mapping[str, RobotReport]) -> list[str]:
     if not found:
         return []
     texts = [text for _, text in sorted(found, reverse=True)]
-    others = f" and {len(texts) - _SHOWN} more" if len(texts) > _SHOWN else ""
     return [
-        f"Further off than they claim: {', '.join(texts[:_SHOWN])}{others}; up to {MOST_STDS:g} is normal. "
+        f"Further off than they claim: {few(texts, most=_SHOWN + 1)}; up to {MOST_STDS:g} is normal. "
         f"Do not rely on their std: the sensors or the load are not as the robots assume."
     ]
 

@@ -3,12 +3,13 @@
 import msgspec
 from rich.console import Console
 
+from coheft.app.names import few
 from coheft.estimation.tolerance import SensorTolerance
 from coheft.wire.scenario.change_checks import late_changes
 from coheft.wire.scenario.plugins import estimator_names
 from coheft.wire.scenario.schema import Scenario
 
-_MOST_NAMED = 3
+_MOST_NAMED = 4
 
 
 def print_notes(console: Console, scenario: Scenario) -> None:
@@ -34,8 +35,8 @@ def _undeclared_errors(scenario: Scenario) -> list[str]:
     found = []
     if larger:
         found.append(
-            f"'sensors.errors' has {_listed(larger)}: sensors are further off than 'sensors.tolerance' tells the "
-            f"robots, so their own std will be too small. Give both the same values, or leave out 'errors'"
+            f"'sensors.errors' has {few(larger, _MOST_NAMED)}: sensors are further off than 'sensors.tolerance' tells "
+            f"the robots, so their own std will be too small. Give both the same values, or leave out 'errors'"
         )
     if sensors.drift.is_any:
         found.append(
@@ -66,9 +67,4 @@ def _never(scenario: Scenario) -> list[str]:
     late = [f"'{key}' at {at:g} s" for key, at in late_changes(scenario)]
     if not late:
         return []
-    return [f"the run ends at 'duration' = {scenario.duration:g} s, before {_listed(late)} would take effect"]
-
-
-def _listed(items: list[str]) -> str:
-    more = f" and {len(items) - _MOST_NAMED} more" if len(items) > _MOST_NAMED else ""
-    return f"{', '.join(items[:_MOST_NAMED])}{more}"
+    return [f"the run ends at 'duration' = {scenario.duration:g} s, before {few(late, _MOST_NAMED)} would take effect"]

@@ -41,14 +41,10 @@ def show_run(
     read_only: bool = False,
     ask_again: Callable[[], None] | None = None,
 ) -> NoReturn:
-    """Show a run until Ctrl-C; after its end, the last state stays visible.
+    """Show the run in a folder until Ctrl-C; after its end, the last state stays visible.
 
-    Args:
-        server: The server for browsers.
-        folder: Folder of the run.
-        shown: Called when the page is complete.
-        read_only: Whether to show no controls, as without the operator's keys.
-        ask_again: Requests another run when this one has ended; None if there cannot be one.
+    ``shown`` is called when the page is complete. A view that is ``read_only`` has no controls, as without the
+    operator's keys. ``ask_again`` requests another run when this one has ended; None if there cannot be one.
     """
     folder, run_file = locate_run(folder)
     with observe(run_file) as observer:

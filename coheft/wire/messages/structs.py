@@ -28,12 +28,8 @@ M = TypeVar("M", bound=Message)
 
 
 def sent_as(code: int, *, block: str | None = None, number: str | None = None) -> Callable[[type[M]], type[M]]:
-    """Define how a kind of message is sent.
-
-    Args:
-        code: Its code; unique, and never reused for another kind.
-        block: Name of the field that is sent as the header's ``block``, see ``frame``.
-        number: The same for ``number``.
+    """Define how a kind of message is sent: its code, which is unique and never reused for another kind, and the names
+    of fields that are sent as the header's ``block`` and ``number``, see ``frame``.
     """
 
     def define(kind: type[M]) -> type[M]:

@@ -75,14 +75,8 @@ def _read_msh(path: Path) -> Array:
 def filled(triangles: Array, mass: float | None, density: float | None, place: str) -> Inertia:
     """Return the mass properties of the homogeneous inside of a surface, in its own frame.
 
-    Args:
-        triangles: Corners (n, 3, 3) [m], counterclockwise as seen from outside.
-        mass: Its mass [kg], or None if its density is given.
-        density: Its density [kg/m³].
-        place: Key of the scenario, for errors.
-
-    Raises:
-        ScenarioError: The surface encloses nothing, or is ambiguous.
+    Its triangles have corners (n, 3, 3) [m], counterclockwise as seen from outside. Either its mass [kg] or its density
+    [kg/m³] is given. A surface that encloses nothing, or is ambiguous, is a ``ScenarioError``; ``place`` names its key.
     """
     import trimesh
 

@@ -57,9 +57,7 @@ class Strength:
     def complaint(self, load: Inertia, before: Inertia | None = None) -> str:
         """Describe what is wrong with a load's weight, as the end of a sentence; empty if it can be held.
 
-        Args:
-            load: The new load, in the payload's frame.
-            before: The body that has settled in the springs; None if the load is the payload itself.
+        ``before`` is the body that has settled in the springs; None if the load is the payload itself.
         """
         with np.errstate(all="ignore"):
             if self._is_light(_together(before, load)):

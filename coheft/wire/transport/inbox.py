@@ -78,13 +78,10 @@ class Inbox:
         self._kept: dict[str, list[Any]] = {}  # by session; a subscriber without a reference is closed
 
     def listen(self, session: zenoh.Session, source: str, kinds: Mapping[str, type[Message] | UnionType]) -> None:
-        """Receive the messages of one source.
+        """Receive the messages of one source, which events name so.
 
-        Args:
-            session: The session.
-            source: Name of the source in events.
-            kinds: Expected type of message by key, or a union of types; the keys differ in their last part only. They
-                share one subscription, so that if messages under one key arrive, those under the others do, too.
+        ``kinds`` has the expected type of message by key, or a union of types; the keys differ in their last part only.
+        They share one subscription, so that if messages under one key arrive, those under the others do, too.
         """
         self._kinds |= {key: (source, kind) for key, kind in kinds.items()}
         place = f"{next(iter(kinds)).rpartition('/')[0]}/*"
