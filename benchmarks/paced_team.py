@@ -14,8 +14,7 @@ from benchmarks.replay import SETTING
 from coheft.app.run.plan import Plan, make_plan
 from coheft.app.run.processes import Processes
 from coheft.errors import LinkError
-from coheft.wire.messages.requests import PauseRequest, Refusal, Request, Status, StatusRequest
-from coheft.wire.messages.states import RunState
+from coheft.wire.messages.requests import PauseRequest, Refusal, Request, RunState, Status, StatusRequest
 from coheft.wire.scenario.schema import Scenario
 from coheft.wire.transport.planes import guard_observer
 from coheft.wire.transport.security import credentials_in

@@ -22,9 +22,8 @@ from coheft.physics_server.scene import PAYLOAD, PAYLOAD_HOME, build_model, home
 from coheft.physics_server.sensor_errors import SensorErrors
 from coheft.physics_server.sensors import LATEST, READINGS, Sensors
 from coheft.physics_server.stepping import step
-from coheft.wire.messages.scene import BoxShape, Scene
 from coheft.wire.messages.structs import Measurements, Reference
-from coheft.wire.messages.truth import LoadState, PayloadTruth, Truth
+from coheft.wire.messages.truth import BoxShape, LoadState, PayloadTruth, Scene, Truth
 from coheft.wire.process.log import LOG
 from coheft.wire.scenario.arm_checks import stability_complaints
 from coheft.wire.scenario.borders import by_border

@@ -33,8 +33,7 @@ from coheft.app.terminal.digits import error_and_std
 from coheft.consensus.graph import build_graph
 from coheft.errors import CoheftError
 from coheft.physics_server.simulation import Simulation
-from coheft.wire.messages.requests import Status
-from coheft.wire.messages.states import RunState
+from coheft.wire.messages.requests import RunState, Status
 from coheft.wire.messages.structs import Problem
 from coheft.wire.scenario.file import parse_scenario
 from coheft.wire.scenario.schema import Graph, Scenario

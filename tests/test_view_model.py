@@ -14,9 +14,8 @@ from coheft.app.view import words
 from coheft.app.view.model import ViewModel
 from coheft.app.view.replay import Timeline
 from coheft.app.view.traces import WINDOW
-from coheft.wire.messages.requests import Status
-from coheft.wire.messages.states import RunState, Validity
-from coheft.wire.messages.structs import LoadChangeNotice, Problem
+from coheft.wire.messages.requests import RunState, Status
+from coheft.wire.messages.structs import LoadChangeNotice, Problem, Validity
 from coheft.wire.messages.truth import LoadState
 from coheft.wire.scenario.network import LinkQuality
 from tests.synthetic_run import BLOCK, HEAVY, LIGHT, ROBOTS, SCENE, STD, changing_run, estimate, truth

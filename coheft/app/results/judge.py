@@ -14,10 +14,8 @@ from coheft.app.results.errors import MOST_STDS, PAYLOAD_PARTS, in_stds, payload
 from coheft.app.results.states import State
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.rigid_body.mass_properties import Inertia, unpack_symmetric
-from coheft.wire.messages.scene import Scene
-from coheft.wire.messages.states import Validity
-from coheft.wire.messages.structs import Estimate, PayloadEstimate, SensorErrorEstimate
-from coheft.wire.messages.truth import Truth
+from coheft.wire.messages.structs import Estimate, PayloadEstimate, SensorErrorEstimate, Validity
+from coheft.wire.messages.truth import Scene, Truth
 
 RECOVERED_MASS_PCT = 3.0
 RECOVERED_COM_MM = 20.0

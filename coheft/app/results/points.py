@@ -10,8 +10,7 @@ from coheft.app.results.judge import Judge, standard_deviations
 from coheft.app.results.quantities import Quantity
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.rigid_body.mass_properties import pack_symmetric
-from coheft.wire.messages.states import Validity
-from coheft.wire.messages.structs import Estimate
+from coheft.wire.messages.structs import Estimate, Validity
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -10,10 +10,8 @@ from coheft.app.results.robot_record import LoadPeriod, RobotRecord
 from coheft.app.results.slips import SlipRecord
 from coheft.app.run.heard import News
 from coheft.app.run.pairing import Pairing
-from coheft.wire.messages.scene import Scene
-from coheft.wire.messages.states import Validity
-from coheft.wire.messages.structs import Estimate, EstimateBeside
-from coheft.wire.messages.truth import Truth
+from coheft.wire.messages.structs import Estimate, EstimateBeside, Validity
+from coheft.wire.messages.truth import Scene, Truth
 from coheft.wire.scenario.plugins import estimator_names
 from coheft.wire.scenario.schema import Scenario
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from enum import StrEnum
 
-from coheft.wire.messages.states import Validity
-from coheft.wire.messages.structs import Estimate
+from coheft.wire.messages.structs import Estimate, Validity
 
 
 class State(StrEnum):

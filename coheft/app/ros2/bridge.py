@@ -11,11 +11,9 @@ from coheft.app.ros2.node import RosNode, open_node
 from coheft.app.run.folder import RunFile
 from coheft.app.run.heard import News
 from coheft.app.run.observer import observe
-from coheft.wire.messages.requests import StatusRequest
-from coheft.wire.messages.scene import Scene
-from coheft.wire.messages.states import RunState
+from coheft.wire.messages.requests import RunState, StatusRequest
 from coheft.wire.messages.structs import Estimate
-from coheft.wire.messages.truth import Truth
+from coheft.wire.messages.truth import Scene, Truth
 
 NODES = ("coheft", "coheft_driver")
 """Names of bridges and drivers, which publish on the same topics."""

@@ -10,9 +10,8 @@ from coheft.estimation.tolerance import AXES, PAIRS, SensorTolerance
 from coheft.wire.messages.codec import check_choice, check_field, check_number, check_numbers
 from coheft.wire.messages.estimate_checks import ROTATION_TOLERANCE, check_payload, check_pose, check_rotation
 from coheft.wire.messages.requests import Status
-from coheft.wire.messages.scene import Scene
 from coheft.wire.messages.structs import Estimate, EstimateBeside, Message, Problem
-from coheft.wire.messages.truth import Truth
+from coheft.wire.messages.truth import Scene, Truth
 from coheft.wire.scenario.schema import MAX_DURATION
 from coheft.wire.transport.planes import SERVER
 

@@ -24,8 +24,7 @@ from coheft.app.terminal.digits import seconds_of
 from coheft.app.terminal.screen import Display
 from coheft.app.terminal.standard_output import check_standard_output
 from coheft.errors import CoheftError, LinkError
-from coheft.wire.messages.requests import Status, StatusRequest
-from coheft.wire.messages.states import RunState
+from coheft.wire.messages.requests import RunState, Status, StatusRequest
 from coheft.wire.messages.structs import Problem
 from coheft.wire.process.supervised import BEAT, UNUSABLE
 from coheft.wire.transport.planes import SERVER

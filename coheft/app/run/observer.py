@@ -22,9 +22,8 @@ from coheft.wire.messages.requests import (
     Status,
     StatusRequest,
 )
-from coheft.wire.messages.scene import Scene
 from coheft.wire.messages.structs import Estimate, EstimateBeside, Message, Problem
-from coheft.wire.messages.truth import Truth
+from coheft.wire.messages.truth import Scene, Truth
 from coheft.wire.scenario.network import LinkQuality
 from coheft.wire.transport.inbox import Inbox, Received, Refused
 from coheft.wire.transport.planes import SERVER, guard_observer

@@ -13,9 +13,8 @@ from coheft.app.run.heard import News
 from coheft.app.run.pairing import Pairing
 from coheft.app.run_report.limited import Spans, Thinned
 from coheft.wire.messages.requests import Status
-from coheft.wire.messages.scene import Scene
 from coheft.wire.messages.structs import Estimate, Problem
-from coheft.wire.messages.truth import Truth
+from coheft.wire.messages.truth import Scene, Truth
 from coheft.wire.scenario.plugins import estimator_names
 
 MOST_ROBOTS = 24

@@ -10,8 +10,8 @@ from coheft.app.view import colours
 from coheft.app.view.geometry import extent, rotation_to, stands
 from coheft.app.view.model import ViewModel
 from coheft.estimation.geometry.spatial import Array, quaternion_from_rotation
-from coheft.wire.messages.scene import Scene
-from coheft.wire.messages.states import Validity
+from coheft.wire.messages.structs import Validity
+from coheft.wire.messages.truth import Scene
 
 
 class Arms:

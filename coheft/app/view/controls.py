@@ -24,9 +24,9 @@ from coheft.wire.messages.requests import (
     PauseRequest,
     RemoveRequest,
     Request,
+    RunState,
     StopRequest,
 )
-from coheft.wire.messages.states import RunState
 from coheft.wire.messages.truth import LoadState
 
 _NOTE_SECONDS = 6.0

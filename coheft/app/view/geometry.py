@@ -9,7 +9,7 @@ import trimesh
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.linear_algebra import principal_axes
 from coheft.estimation.rigid_body.mass_properties import Inertia, edges_of_box
-from coheft.wire.messages.scene import BoxShape, Scene
+from coheft.wire.messages.truth import BoxShape, Scene
 from coheft.wire.scenario.payload_extent import corners
 from coheft.wire.scenario.section import pose_of
 

@@ -16,8 +16,7 @@ from coheft.app.view.model import ViewModel
 from coheft.app.view.page import FRAME, Page
 from coheft.app.view.place import Place
 from coheft.app.view.server import open_server
-from coheft.wire.messages.requests import Status, StatusRequest
-from coheft.wire.messages.states import RunState
+from coheft.wire.messages.requests import RunState, Status, StatusRequest
 
 _STATUS_EVERY = 0.5
 _STILL = 1.0

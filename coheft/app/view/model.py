@@ -9,8 +9,7 @@ from coheft.app.results.record import SILENT, Record
 from coheft.app.run.heard import News
 from coheft.app.view.traces import Trace
 from coheft.estimation.rigid_body.mass_properties import Inertia
-from coheft.wire.messages.requests import Status
-from coheft.wire.messages.states import RunState
+from coheft.wire.messages.requests import RunState, Status
 from coheft.wire.messages.structs import Estimate, Problem
 from coheft.wire.messages.truth import LoadState
 from coheft.wire.scenario.plugins import estimator_names

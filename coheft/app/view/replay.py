@@ -18,8 +18,7 @@ from coheft.app.view.page import FRAME, Page
 from coheft.app.view.place import Place
 from coheft.app.view.server import open_server
 from coheft.app.view.traces import WINDOW
-from coheft.wire.messages.requests import Status
-from coheft.wire.messages.states import RunState
+from coheft.wire.messages.requests import RunState, Status
 
 _SPEEDS = ("0.1 ×", "0.25 ×", "0.5 ×", "1 ×", "2 ×", "5 ×", "10 ×")
 _STEP = 0.05  # of the time slider [s]

@@ -25,9 +25,8 @@ from coheft.app.view.model import ViewModel
 from coheft.estimation.geometry.spatial import Array, Pose, quaternion_from_rotation, rotation_from_quaternion
 from coheft.estimation.measurement import WRENCH
 from coheft.estimation.rigid_body.mass_properties import Inertia
-from coheft.wire.messages.scene import Scene
 from coheft.wire.messages.structs import Estimate
-from coheft.wire.messages.truth import LoadState, Truth
+from coheft.wire.messages.truth import LoadState, Scene, Truth
 from coheft.wire.scenario.section import Vector, pose_of
 
 _NO_LINES = np.zeros((1, 2, 3))

@@ -11,9 +11,8 @@ from coheft.app.templates import templates_beside
 from coheft.app.terminal.digits import decimals_for, seconds_of, significant, std_text, value_and_std
 from coheft.app.view import colours
 from coheft.app.view.model import ViewModel
-from coheft.wire.messages.requests import Status
-from coheft.wire.messages.states import RunState, Validity
-from coheft.wire.messages.structs import Estimate
+from coheft.wire.messages.requests import RunState, Status
+from coheft.wire.messages.structs import Estimate, Validity
 from coheft.wire.messages.truth import LoadState
 from coheft.wire.scenario.schema import MAX_DURATION
 

@@ -1,12 +1,12 @@
 """Requests of observers and of the operator to the server and the agents, with the answers, as msgspec structs."""
 
+from enum import StrEnum
+
 from msgspec.structs import force_setattr
 
 from coheft.wire.former_names import keep_present, present
-from coheft.wire.messages.scene import Scene
-from coheft.wire.messages.states import RunState
 from coheft.wire.messages.structs import Message, sent_as
-from coheft.wire.messages.truth import LoadState
+from coheft.wire.messages.truth import LoadState, Scene
 from coheft.wire.scenario.network import LinkQuality
 
 # --- to the server -----------------------------------------------------------------------------------------------
@@ -86,6 +86,17 @@ Request = (
     | StopRequest
     | ClockRequest
 )
+
+
+class RunState(StrEnum):
+    """What the server of a run does."""
+
+    WAITING = "waiting"
+    """It waits for all robots."""
+    RUNNING = "running"
+    PAUSED = "paused"
+    FINISHED = "finished"
+    """It simulates no further block, and has stopped the robots."""
 
 
 @sent_as(40)

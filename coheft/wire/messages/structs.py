@@ -1,6 +1,7 @@
 """Messages that the processes of a run send, as msgspec structs; ``codec`` converts them to bytes."""
 
 from collections.abc import Callable
+from enum import StrEnum
 from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
 import msgspec
@@ -8,7 +9,6 @@ import numpy as np
 from msgspec import Meta
 
 from coheft.wire.former_names import keep_present
-from coheft.wire.messages.states import Validity
 from coheft.wire.scenario.network import LinkQuality
 from coheft.wire.scenario.schema import MAX_ROBOTS
 
@@ -244,6 +244,17 @@ class SensorErrorEstimate(msgspec.Struct, frozen=True, forbid_unknown_fields=Tru
     value: float
     std: float
     told: float
+
+
+class Validity(StrEnum):
+    """Whether an agent's estimate may be relied upon."""
+
+    STARTING = "starting"
+    """There is no estimate of the payload yet."""
+    VALID = "valid"
+    """The truth is within five of the estimate's own standard deviations."""
+    STALE = "stale"
+    """The agent cannot know whether its last valid estimate still holds."""
 
 
 @sent_as(20, block="block")
