@@ -112,9 +112,9 @@ class Record:
     def complete(self) -> bool:
         """Whether the estimates of all robots for the newest truth's block have arrived."""
         newest = self.truth
-        if not all(other.complete for other in self.beside.values()):
+        if newest is None or self.silent or any(e.block < newest.block for e in self.latest.values()):
             return False
-        return newest is not None and not self.silent and all(e.block >= newest.block for e in self.latest.values())
+        return all(other.complete for other in self.beside.values())
 
     def receive(self, news: News) -> list[tuple[str, Estimate]]:
         """Process a received message; return what ``Pairing.receive`` does."""

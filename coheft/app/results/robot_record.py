@@ -106,9 +106,10 @@ class RobotRecord:
     def _follow_recovery(self, estimate: Estimate, recovered: dict[str, float | None]) -> None:
         """Note since when the robot has been near the truth, until it has recovered."""
         name = estimate.robot
-        since = recovered.get(name)
-        if since is not None and self._has_restarted(estimate):
-            self._has_recovered = True
+        since, last = recovered.get(name), self._last
+        if since is not None and last is not None:  # an estimate that is missing after a restart is not wrong
+            has_forgotten = last.payload is not None and estimate.payload is None
+            self._has_recovered |= has_forgotten or estimate.estimator != last.estimator
         if self._has_recovered:
             return
         if not self._judge.recovered(estimate):
@@ -117,14 +118,6 @@ class RobotRecord:
             recovered[name] = estimate.time
         else:
             self._has_recovered = estimate.time - since >= LASTING - _ROUNDING
-
-    def _has_restarted(self, estimate: Estimate) -> bool:
-        """Whether the agent or its estimator restarted: the estimate is then missing, not wrong."""
-        last = self._last
-        if last is None:
-            return False
-        has_forgotten = last.payload is not None and estimate.payload is None
-        return has_forgotten or estimate.estimator != last.estimator
 
     def _compare_wrench(self, estimate: Estimate) -> None:
         truth = self._judge.total_wrench(estimate.robot, estimate.total_block)

@@ -102,32 +102,31 @@ def draw_convergence(figure: Any, theme: Theme, series: Series, report: Report, 
     names = series.drawn
     rows, columns = grid_of(len(names))
     grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
-    drawn = {name: curves(series, name, shown) for name in names}
-    others = {
-        name: {other: curves(series, name, shown, other)[0] for other in series.beside}
-        for name in names
-        if shown.quantity.of_payload
-    }
+    drawn: list[Curve] = []
     for axes, name in zip(grid, names, strict=False):
+        own = curves(series, name, shown)
+        estimators = series.beside if shown.quantity.of_payload else []
+        others = {other: curves(series, name, shown, other)[0] for other in estimators}
+        drawn += [*own, *others.values()]
         use_logarithm(axes)
         axes.set_title(name, loc="left", fontweight="bold")
         for span in series.robots[name].states.spans:
             if span.state is State.STALE:
                 axes.axvspan(span.start, span.end, color=theme.warning, alpha=0.18, linewidth=0)
         mark_changes(axes, theme, report)
-        for k, curve in enumerate(drawn[name]):
+        for k, curve in enumerate(own):
             label = series.estimator if curve.neighbour is None else f"of {curve.neighbour}"
             colour = theme.of_curve(k)
             if k == 0:
                 axes.fill_between(curve.time, 1e-12, 3.0 * curve.std, color=colour, alpha=0.10, linewidth=0)
             axes.plot(curve.time, 3.0 * curve.std, color=colour, linewidth=0.9, linestyle=(0, (4, 2)))
             axes.plot(curve.time, curve.error, color=colour, label=label)
-        for k, (other, curve) in enumerate(others.get(name, {}).items(), start=1):
+        for k, (other, curve) in enumerate(others.items(), start=1):
             style = {"color": theme.of_curve(k), "linewidth": 1.0}
             axes.plot(curve.time, 3.0 * curve.std, linestyle=(0, (4, 2)), **style)
             axes.plot(curve.time, curve.error, label=other, **style)
-        first = drawn[name][0]
-        if first.neighbour is not None or others.get(name):
+        first = own[0]
+        if first.neighbour is not None or others:
             axes.legend(loc="upper right", ncols=2, handlelength=1.0, borderaxespad=0.0)
         elif len(first.error) and np.isfinite(first.error[-1]):
             text = f"at the end {significant(first.error[-1], 2)} {shown.unit}, own std {significant(first.std[-1], 2)}"
@@ -135,8 +134,7 @@ def draw_convergence(figure: Any, theme: Theme, series: Series, report: Report, 
     for axes in grid[len(names) :]:
         axes.set_visible(False)
     grid[0].set_xlim(0.0, report.duration_s)
-    every = [*drawn.values(), *(list(found.values()) for found in others.values())]
-    grid[0].set_ylim(*_limits(curve for found in every for curve in found))
+    grid[0].set_ylim(*_limits(drawn))
     for axes in grid[max(0, len(names) - columns) : len(names)]:
         axes.set_xlabel("time [s]")
         axes.tick_params(labelbottom=True)

@@ -267,13 +267,10 @@ class Scenario(Section, frozen=True):
     @property
     def sensor_errors(self) -> SensorTolerance:
         """Standard deviations from which true errors are drawn, of all robots' sensors but those in ``sensors.of``."""
-        match self.sensors.errors:
-            case "drawn":
-                return self.sensors.tolerance
-            case "none":
-                return SensorTolerance()
-            case given:
-                return given
+        errors = self.sensors.errors
+        if isinstance(errors, SensorTolerance):
+            return errors
+        return self.sensors.tolerance if errors == "drawn" else SensorTolerance()
 
     def robot_errors(self) -> list[SensorTolerance]:
         """Return standard deviations from which the true errors of each robot's sensors are drawn."""
