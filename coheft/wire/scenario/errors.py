@@ -2,6 +2,7 @@
 
 import difflib
 import re
+from collections.abc import Mapping
 
 import msgspec
 from msgspec import inspect as types
@@ -27,7 +28,9 @@ _RENAMED = {
 _SHOWN = 100  # characters of a key or a value
 
 
-def explain(error: msgspec.ValidationError, table: dict[str, object], section: type[msgspec.Struct] = Scenario) -> str:
+def explain(
+    error: msgspec.ValidationError, table: Mapping[str, object], section: type[msgspec.Struct] = Scenario
+) -> str:
     """Return a message with the key, the value that was found and what was expected."""
     message = str(error)
     match = re.search(r" - at `\$(.*)`$", message, re.DOTALL)
