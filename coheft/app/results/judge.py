@@ -91,12 +91,10 @@ class RobotReport(msgspec.Struct, frozen=True):
 
     Attributes:
         poses: Errors of the neighbours' grasp poses; empty while the robot is still finding them.
-        converged: Whether the robot reports that its estimate has converged.
         converged_at_s: When it first did [s]; None if never.
         not_observable: Parameters that it reports as not observable from the motion so far.
         status: The status that it reports: ``starting``, ``valid``, or ``stale`` if the estimate may have become
             invalid.
-        state: The robot's state in the vocabulary of all outputs.
         contradictions: Errors beyond four of its own standard deviations, while it reports a valid estimate.
     """
 

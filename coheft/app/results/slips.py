@@ -14,11 +14,7 @@ _ROUNDING = 1e-9
 
 
 class SlipReport(msgspec.Struct, frozen=True):
-    """A grasp that slipped.
-
-    Attributes:
-        named_at_s: When the last robot had identified this slip [s]; None if some never did.
-    """
+    """A grasp that slipped; ``named_at_s`` is when the last robot had identified this slip, None if some never did."""
 
     at_s: float
     robot: str

@@ -24,8 +24,6 @@ class RunFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Addresses of a run in progress; the file exists as long as the run.
 
     Attributes:
-        server: Endpoint at which the server answers observers.
-        agents: Endpoint at which each agent answers observers, by name.
         pids: Process ids by name, of processes that a supervisor has started.
         keys: Folder with the credentials of observers and operators, relative to the run's folder; None for the open
             profile.

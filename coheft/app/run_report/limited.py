@@ -14,11 +14,7 @@ T = TypeVar("T")
 
 
 class Thinned(Generic[T]):
-    """At most ``capacity`` evenly spread items of a series: all, then every second, every fourth, …; and the last.
-
-    Attributes:
-        every: One of so many items is kept.
-    """
+    """At most ``capacity`` evenly spread items of a series: all, then ``every`` second, fourth, …; and the last."""
 
     def __init__(self, capacity: int) -> None:
         self.every = 1

@@ -30,11 +30,7 @@ BEFORE, AFTER = 0.5, 3.0
 
 @dataclass(eq=False)
 class CloseUp:
-    """The time around one change of the load.
-
-    Attributes:
-        masses: Times [s] and true masses of the payload [kg].
-    """
+    """The time around one change of the load; ``masses`` are times [s] and true masses of the payload [kg]."""
 
     at: float
     masses: list[tuple[float, float]]
@@ -58,7 +54,6 @@ class Series:
         by_estimator: Each robot's estimates, by name, in the scene's order; of the estimator with which the run began,
             the robots' own, and of each that ran beside it.
         moments: Truths, some of them, evenly spread.
-        close_ups: The first changes of the load.
         pace: Simulated times, and the wall-clock times of their arrival [s]; empty for a recording.
         problems: The first problems that processes reported, with their simulated times.
     """

@@ -229,7 +229,6 @@ class LoadChoice:
     Attributes:
         dropdown: The list. It has numbers only: with a leaking mass in it, an option would change, and viser would
             select the first one instead.
-        masses: The line with the masses.
     """
 
     def __init__(self, gui: viser.GuiApi) -> None:

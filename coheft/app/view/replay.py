@@ -49,7 +49,6 @@ class Timeline:
 
     Attributes:
         end: Time of the last message [s].
-        model: The present state to show.
     """
 
     def __init__(self, begin: Status, news: Sequence[tuple[float, News]]) -> None:

@@ -36,7 +36,6 @@ class CartPush(Message, frozen=True):
 
     Attributes:
         block: The sample from which to the next the push holds.
-        answers: The sample that is answered.
         wrench: Wrench about the contact point, axes of ``{b}``, shape (3,) [N, N, N·m].
         hand: The contact point in ``{b}``, shape (2,) [m].
     """
@@ -80,7 +79,6 @@ class CartEstimate(Message, frozen=True):
         members: Number of pushers according to gossip.
         covariance: Of ``(m, d_x, d_y, I, sigma)``, shape (6, 6), in the squares of the units of ``CartBody``.
         not_known: Quantities that the motion has not shown, and what would show them.
-        jumps: Number of sudden changes that were detected.
         doubts: What is measured worse than stated, as sentences.
     """
 

@@ -105,8 +105,6 @@ class Status(Message, frozen=True):
 
     Attributes:
         block: Number of blocks that have been simulated.
-        time: Simulated time [s].
-        duration: Duration of the whole run [s].
         real_time_factor: Simulated time divided by the wall time for which the clock ran.
         late_blocks: Number of late references over all robots. In spite of its name it does not count blocks.
         slots_free: Number of loads that can still be added.

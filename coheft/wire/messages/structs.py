@@ -67,7 +67,6 @@ class Measurements(Message, frozen=True):
         samples: Shape (B, 15).
         world: Number of the simulated world; a new one means that the server has restarted, and all learned is void.
         attempt: ``attempt`` of the robot's ``Ready``; measurements of an earlier attempt are not used.
-        holding: Whether its hand held the payload during the block.
         estimator: Estimator to use from this block on, the same for all robots; empty for that of its configuration.
     """
 
@@ -118,10 +117,6 @@ class Hello(Message, frozen=True):
 
     Sent twice per second, however long steps take; more often while there are no measurements; and at once when a link
     comes up, or in answer to a neighbour that does not receive the sender's messages yet.
-
-    Attributes:
-        heard: Neighbours whose messages it receives.
-        incarnation: As in ``NeighbourMessage``.
     """
 
     sender: str
@@ -217,7 +212,6 @@ class SlipNotice(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Notice of a slipped grasp.
 
     Attributes:
-        noticed_at: When a change was noticed [s].
         named_at: When it was distinguished from a change of the load [s].
         slipped_at: Approximate time of the slip [s].
     """
@@ -273,7 +267,6 @@ class Estimate(Message, frozen=True):
         total_wrench: Total wrench (6,) about the origin of ``F_i``, as sensors read it, at the end of ``total_block``:
             with ``efficient`` the mean over its newest row, with ``fan2017`` of its last sample.
         not_observable: Descriptions of parameters that the motion so far does not show.
-        problems: Number of messages refused so far.
         status: Whether the estimate may be relied upon; if it is stale, payload and poses are the last valid ones.
         reasons: Why it is not valid, or has not converged, in words, for instance "r3 is silent since 12.34 s".
         valid_block: Block to which payload and poses belong, the last valid one when stale; -1 if there is none.

@@ -26,7 +26,6 @@ class Scene(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The constant part of the scene.
 
     Attributes:
-        robots: Names of the robots that hold the payload.
         rotations: Rotations of the true poses of the robots' ``F_i`` in the payload's frame, (N, 3, 3).
         translations: Translations of the same poses, (N, 3) [m].
         boxes: Boxes that make up the payload; empty if only its mass properties are given.

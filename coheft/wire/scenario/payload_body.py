@@ -43,7 +43,6 @@ class HeldBody:
     """A body of a model, and all bodies that are fixed to it.
 
     Attributes:
-        model: The model.
         root: Number of the body, whose frame is the payload's frame.
         inside: Numbers of the body and of all below it; parents come before their children.
     """

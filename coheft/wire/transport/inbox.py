@@ -38,8 +38,6 @@ class Presence:
     """A source has become reachable within one hop, or unreachable.
 
     Attributes:
-        source: Name of the source.
-        is_here: Whether it is reachable.
         session: Identity of the session that noticed it, which may have been replaced since.
     """
 

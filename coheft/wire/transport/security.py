@@ -20,7 +20,6 @@ class Credentials(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     Attributes:
         authority: Certificate of the authority that all participants trust.
         certificate: The participant's certificate; its common name is the participant's name.
-        key: Its private key.
     """
 
     authority: str
