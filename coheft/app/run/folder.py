@@ -60,7 +60,9 @@ def make_run_folder(run: str, logs: Path | None = None) -> Path:
     ``logs`` that hold logs already, or belong to a run in progress, are a ``CoheftError``.
     """
     if logs is None:
-        _remove_old_folders(_KEPT - 1)
+        for old in sorted(runs_folder().glob(_FOLDERS), reverse=True)[_KEPT - 1 :]:
+            if _running(old) is None:
+                shutil.rmtree(old, ignore_errors=True)
     elif _running(logs) is not None:
         raise CoheftError(
             f"a run is in progress in {logs}: name another folder with --logs DIR, or end it: coheft stop"
@@ -73,13 +75,6 @@ def make_run_folder(run: str, logs: Path | None = None) -> Path:
     with file_errors(CoheftError, f"cannot make the folder of the run, {folder}", "; name another: --logs DIR"):
         folder.mkdir(parents=True, exist_ok=True)
     return folder.resolve()
-
-
-def _remove_old_folders(kept: int) -> None:
-    """Remove the folders of all but the user's newest runs, as far as possible."""
-    for folder in sorted(runs_folder().glob(_FOLDERS), reverse=True)[kept:]:
-        if _running(folder) is None:
-            shutil.rmtree(folder, ignore_errors=True)
 
 
 @contextlib.contextmanager

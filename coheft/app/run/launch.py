@@ -19,7 +19,7 @@ from coheft.app.run.follower import Follower
 from coheft.app.run.fork_server import ForkServer
 from coheft.app.run.observer import Observer, observe
 from coheft.app.run.plan import Plan
-from coheft.app.run.processes import Child, Processes, make_fork_server
+from coheft.app.run.processes import Processes, make_fork_server
 from coheft.app.terminal.digits import seconds_of
 from coheft.app.terminal.screen import Display
 from coheft.app.terminal.standard_output import check_standard_output
@@ -142,8 +142,9 @@ class Restarts:
         if not failed:
             return
         goes_on = self._goes_on if has_begun else lambda: not self.processes.ended(SERVER)
-        if not (all(self._may_try_again(child) for child in failed) and goes_on()):
-            is_server_there = all(child.name != SERVER for child in failed)
+        is_server_there = all(child.name != SERVER for child in failed)
+        may_try_again = all(child.restarts < self.limit and child.status != UNUSABLE for child in failed)
+        if not (is_server_there and may_try_again and goes_on()):
             self.processes.check(self.limit if is_server_there else None)
         for child in failed:
             text = f"{child.name} {child.how_and_why}; restarted ({child.restarts + 1} of {self.limit})"
@@ -153,9 +154,6 @@ class Restarts:
             self.announce()
         except CoheftError as error:  # the run continues, although other commands may not find it
             self.display.problem(Problem(source="supervisor", text=str(error)))
-
-    def _may_try_again(self, child: Child) -> bool:
-        return child.name != SERVER and child.restarts < self.limit and child.status != UNUSABLE
 
     def _goes_on(self) -> bool:
         while (status := self.observer.status()) is None:

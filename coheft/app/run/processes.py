@@ -12,12 +12,12 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import IO, Any, Self
+from typing import IO, Self
 
 import msgspec
 
 from coheft.app.run.fork_server import Forked, ForkServer, can_fork
-from coheft.errors import CoheftError, one_line
+from coheft.errors import CoheftError, file_errors, one_line
 from coheft.wire.process.supervised import KILLED_BY, ONE_THREAD, TERMINATED, UNUSABLE
 
 # Nothing is rendered, so MuJoCo need not load a graphics library.
@@ -266,11 +266,13 @@ def _error(failed: Sequence[Child], limit: int | None = None) -> ProcessError:
 def read_config(config: Path) -> bytes:
     """Return a configuration as one line of JSON, with absolute file paths, or raise a ``CoheftError``."""
     try:
-        return msgspec.json.encode(_with_paths_from(config.parent, msgspec.json.decode(config.read_bytes())))
-    except OSError as error:
-        raise CoheftError(f"{config}: cannot be read: {error.strerror}") from error
+        with file_errors(CoheftError, f"{config}: cannot be read"):
+            found = msgspec.json.decode(config.read_bytes())
     except msgspec.DecodeError as error:
         raise CoheftError(f"{config}: not JSON: {error}") from error
+    if isinstance(found, dict) and isinstance(security := found.get("security"), dict):
+        found["security"] = {name: str((config.parent / str(path)).resolve()) for name, path in security.items()}
+    return msgspec.json.encode(found)
 
 
 def run_in_foreground(module: str, config: Path) -> int:
@@ -294,10 +296,3 @@ def run_in_foreground(module: str, config: Path) -> int:
             process.wait(_EXIT_TIMEOUT)
         except subprocess.TimeoutExpired:
             process.kill()
-
-
-def _with_paths_from(folder: Path, config: Any) -> Any:
-    """Make the file paths of a configuration absolute; they are relative to its folder."""
-    if isinstance(config, dict) and isinstance(security := config.get("security"), dict):
-        config["security"] = {name: str((folder / str(path)).resolve()) for name, path in security.items()}
-    return config
