@@ -11,7 +11,7 @@ from coheft.wire.scenario.file import available_scenarios, load_scenario
 
 @pytest.mark.parametrize("name", sorted(available_scenarios()))
 def test_shipped_scenarios_mean_what_they_say(name: str) -> None:
-    assert notes(load_scenario(name)) == []
+    assert list(notes(load_scenario(name))) == []
 
 
 @pytest.mark.parametrize(
@@ -40,7 +40,7 @@ def test_shipped_scenarios_mean_what_they_say(name: str) -> None:
     ],
 )
 def test_what_contradicts_each_other_is_named(values: list[str], told: str | None) -> None:
-    found = notes(load_scenario("ring3", values))
+    found = list(notes(load_scenario("ring3", values)))
     assert len(found) == (told is not None)
     assert told is None or told in found[0]
 
@@ -50,8 +50,8 @@ def test_changes_that_never_come_are_named(at: float) -> None:
     """The last block begins at 4.98 s."""
     values = [f"load_changes=[{{at={at},mass=1.0}}]", f"slips=[{{at={at},robot='r1',rotation_deg=[1,0,0]}}]"]
     scenario = msgspec.structs.replace(load_scenario("ring3", values), duration=5.0)
-    assert notes(scenario) == [
+    assert list(notes(scenario)) == [
         f"the run ends at 'duration' = 5 s, before 'load_changes[0]' at {at:g} s, 'slips[0]' at {at:g} s would take "
         "effect"
     ]
-    assert notes(msgspec.structs.replace(scenario, duration=at + 0.1)) == []
+    assert list(notes(msgspec.structs.replace(scenario, duration=at + 0.1))) == []

@@ -1,5 +1,7 @@
 """Notes about valid settings that contradict each other, and may not be intended: printed before a run."""
 
+from collections.abc import Iterator
+
 import msgspec
 from rich.console import Console
 
@@ -19,52 +21,37 @@ def print_notes(console: Console, scenario: Scenario) -> None:
         console.print(text, style="yellow", markup=False, highlight=False, soft_wrap=not console.is_terminal)
 
 
-def notes(scenario: Scenario) -> list[str]:
-    """Return one sentence for each contradiction between settings of a valid scenario; usually none."""
-    return [*_undeclared_errors(scenario), *_exact_method(scenario), *_never(scenario)]
-
-
-def _undeclared_errors(scenario: Scenario) -> list[str]:
+def notes(scenario: Scenario) -> Iterator[str]:
+    """Yield a sentence for each contradiction between settings of a valid scenario; usually none."""
     sensors = scenario.sensors
-    if not isinstance(sensors.errors, SensorTolerance):
-        return []
-    true, declared = msgspec.to_builtins(sensors.errors), msgspec.to_builtins(sensors.tolerance)
-    larger = [
-        f"{key} = {value:g} (tolerance {declared[key]:g})" for key, value in true.items() if value > declared[key]
-    ]
-    found = []
-    if larger:
-        found.append(
-            f"'sensors.errors' has {few(larger, _MOST_NAMED)}: sensors are further off than 'sensors.tolerance' tells "
-            f"the robots, so their own std will be too small. Give both the same values, or leave out 'errors'"
+    if isinstance(sensors.errors, SensorTolerance):
+        true, declared = msgspec.to_builtins(sensors.errors), msgspec.to_builtins(sensors.tolerance)
+        larger = [key for key, value in true.items() if value > declared[key]]
+        if larger:
+            found = [f"{key} = {true[key]:g} (tolerance {declared[key]:g})" for key in larger]
+            yield (
+                f"'sensors.errors' has {few(found, _MOST_NAMED)}: sensors are further off than 'sensors.tolerance' "
+                f"tells the robots, so their own std will be too small. Give both the same values, or leave out "
+                f"'errors'"
+            )
+        if sensors.drift.is_any:
+            yield (
+                "'sensors.drift' is told to the robots, but with 'sensors.errors' in numbers nothing drifts: leave one "
+                "out"
+            )
+    not_modelled = {
+        "sensor errors": sensors.tolerance != SensorTolerance(),
+        "drift": sensors.drift.is_any,
+        "correlated noise": sensors.noise_correlation > 0.0,
+        "robots that differ": bool(sensors.of),
+    }
+    if "fan2017" in estimator_names(scenario.estimator) and any(not_modelled.values()):
+        kinds = " and ".join(kind for kind, is_there in not_modelled.items() if is_there)
+        yield (
+            f"'estimator' = 'fan2017' models only white noise, but 'sensors' has {kinds}: robots will not report the "
+            f"payload, because they cannot know their errors. 'efficient' models all of this"
         )
-    if sensors.drift.is_any:
-        found.append(
-            "'sensors.drift' is told to the robots, but with 'sensors.errors' in numbers nothing drifts: leave one out"
+    if late := [f"'{key}' at {at:g} s" for key, at in late_changes(scenario)]:
+        yield (
+            f"the run ends at 'duration' = {scenario.duration:g} s, before {few(late, _MOST_NAMED)} would take effect"
         )
-    return found
-
-
-def _exact_method(scenario: Scenario) -> list[str]:
-    if "fan2017" not in estimator_names(scenario.estimator):
-        return []
-    kinds = [
-        *(["sensor errors"] if scenario.sensors.tolerance != SensorTolerance() else []),
-        *(["drift"] if scenario.sensors.drift.is_any else []),
-        *(["correlated noise"] if scenario.sensors.noise_correlation > 0.0 else []),
-        *(["robots that differ"] if scenario.sensors.of else []),
-    ]
-    if not kinds:
-        return []
-    return [
-        f"'estimator' = 'fan2017' models only white noise, but 'sensors' has {' and '.join(kinds)}: robots will not "
-        "report the payload, because they cannot know their errors. 'efficient' models all of this"
-    ]
-
-
-def _never(scenario: Scenario) -> list[str]:
-    """Note changes of the load or of grasps after the end."""
-    late = [f"'{key}' at {at:g} s" for key, at in late_changes(scenario)]
-    if not late:
-        return []
-    return [f"the run ends at 'duration' = {scenario.duration:g} s, before {few(late, _MOST_NAMED)} would take effect"]
