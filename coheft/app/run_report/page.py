@@ -15,6 +15,7 @@ from coheft.app.results.report import Report
 from coheft.app.results.states import State
 from coheft.app.run_report.data import TABLES
 from coheft.app.run_report.drawings import Picture
+from coheft.app.run_report.limited import Span
 from coheft.app.run_report.series import MOST_ROBOTS, Series
 from coheft.app.terminal.final_table import TEXT_HEADINGS, headings, legend, sentences, table_rows
 from coheft.app.versions import versions
@@ -91,17 +92,15 @@ def _data_url(image: bytes) -> str:
 
 def unobservable_rows(series: Series) -> Iterable[tuple[str, str, str, str, str]]:
     """Yield what was not observable: what, why, robots, from, to; the same of several robots in one row."""
-    when: dict[tuple[str, str], dict[str, tuple[float, float]]] = {}
+    when: dict[tuple[str, str], list[tuple[str, Span]]] = {}
     for name, robot in series.robots.items():
         for span in robot.states.spans:
-            texts = [*span.not_observable, *(span.reasons if span.state is State.STALE else ())]
-            for text in texts:
-                place = when.setdefault(_kind(text), {})
-                start, _ = place.get(name, (span.start, span.end))
-                place[name] = (start, span.end)
-    for (what, why), robots in when.items():
-        start, end = min(s for s, _ in robots.values()), max(e for _, e in robots.values())
-        yield what, why, ", ".join(robots), f"{start:.1f}", f"{end:.1f}"
+            for text in (*span.not_observable, *(span.reasons if span.state is State.STALE else ())):
+                when.setdefault(_kind(text), []).append((name, span))
+    for (what, why), found in when.items():
+        names = dict.fromkeys(name for name, _ in found)
+        start, end = min(span.start for _, span in found), max(span.end for _, span in found)
+        yield what, why, ", ".join(names), f"{start:.1f}", f"{end:.1f}"
 
 
 def _kind(text: str) -> tuple[str, str]:
