@@ -14,7 +14,7 @@ from rich.console import Console
 from coheft.app.recording.mcap_file import McapFile
 from coheft.app.recording.writer import RunWriter
 from coheft.app.results.record import Record
-from coheft.app.run.heard import News, check_news
+from coheft.app.run.news import News, check_news
 from coheft.app.terminal.final_table import print_report
 from coheft.app.terminal.screen import LineDisplay, LiveDisplay
 from coheft.errors import MessageError

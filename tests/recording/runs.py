@@ -9,7 +9,7 @@ import numpy as np
 
 from coheft.app.recording.mcap_file import McapFile
 from coheft.app.recording.writer import RunWriter
-from coheft.app.run.heard import News
+from coheft.app.run.news import News
 from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.wire.messages.requests import RunState, Status
 from coheft.wire.messages.structs import LoadChangeNotice, Problem

@@ -8,7 +8,7 @@ import msgspec
 
 from coheft.app.results.robot_record import LoadPeriod, RobotRecord
 from coheft.app.results.slips import SlipRecord
-from coheft.app.run.heard import News
+from coheft.app.run.news import News
 from coheft.app.run.pairing import Pairing
 from coheft.wire.messages.structs import Estimate, EstimateBeside, Validity
 from coheft.wire.messages.truth import Scene, Truth

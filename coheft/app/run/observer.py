@@ -10,7 +10,7 @@ import zenoh
 
 from coheft.app.names import check_link
 from coheft.app.run.folder import RunFile, find_run
-from coheft.app.run.heard import News, check_news, check_status
+from coheft.app.run.news import News, check_news, check_status
 from coheft.errors import CoheftError, LinkError, MessageError
 from coheft.wire.messages.requests import (
     CutLinks,

@@ -4,7 +4,7 @@ from collections import deque
 from collections.abc import Iterable, Sequence
 
 from coheft.app.results.judge import Judge
-from coheft.app.run.heard import News
+from coheft.app.run.news import News
 from coheft.wire.messages.structs import Estimate, EstimateBeside
 from coheft.wire.messages.truth import Scene, Truth
 

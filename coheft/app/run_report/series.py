@@ -9,7 +9,7 @@ import numpy as np
 from coheft.app.results.points import Point, make_point
 from coheft.app.results.record import load_ids, loads_since
 from coheft.app.run.follower import Follower
-from coheft.app.run.heard import News
+from coheft.app.run.news import News
 from coheft.app.run.pairing import Pairing
 from coheft.app.run_report.limited import Spans, Thinned
 from coheft.wire.messages.requests import Status

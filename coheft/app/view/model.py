@@ -6,7 +6,7 @@ from typing import Literal
 from coheft.app.results.judge import RobotReport
 from coheft.app.results.points import make_point
 from coheft.app.results.record import SILENT, Record
-from coheft.app.run.heard import News
+from coheft.app.run.news import News
 from coheft.app.view.traces import Trace
 from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.wire.messages.requests import RunState, Status

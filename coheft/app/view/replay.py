@@ -12,7 +12,7 @@ import msgspec
 import viser
 
 from coheft.app.recording.reader import read_recording
-from coheft.app.run.heard import News
+from coheft.app.run.news import News
 from coheft.app.view.model import ViewModel
 from coheft.app.view.page import FRAME, Page
 from coheft.app.view.place import Place

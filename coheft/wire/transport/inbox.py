@@ -13,7 +13,7 @@ from coheft.errors import MessageError
 from coheft.wire.messages.codec import decode, encode
 from coheft.wire.messages.requests import Refusal, Request
 from coheft.wire.messages.structs import Message
-from coheft.wire.transport.backlog import Backlog, Said
+from coheft.wire.transport.backlog import Backlog, RawMessage
 from coheft.wire.transport.security import Guard
 from coheft.wire.transport.sessions import REFUSAL, Role, session_id
 
@@ -163,7 +163,7 @@ class Inbox:
         except Empty:
             return None
         item = backlog.take()
-        if isinstance(item, Said):
+        if isinstance(item, RawMessage):
             return self._decode(item)
         if isinstance(item, zenoh.Query):
             return self._decode_query(item, backlog.source)
@@ -172,13 +172,13 @@ class Inbox:
             return Refused(backlog.source, MessageError(why))
         return cast(Presence | Refused, item)
 
-    def _decode(self, said: Said) -> Event:
-        key = str(said.key)
+    def _decode(self, raw: RawMessage) -> Event:
+        key = str(raw.key)
         source, kind = self._kinds.get(key, (key, None))
         if kind is None:
             return Refused(source, MessageError(f"no message is expected under the key '{key}'"))
         try:
-            return Received(source, decode(said.data, kind, key))
+            return Received(source, decode(raw.data, kind, key))
         except MessageError as error:
             return Refused(source, error)
 

@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from coheft.app.run.heard import check_news, check_status
+from coheft.app.run.news import check_news, check_status
 from coheft.errors import MessageError
 from coheft.wire.messages.requests import Status
 from coheft.wire.messages.structs import Problem
