@@ -25,7 +25,7 @@ def guard_robot(credentials: Credentials | None, keys: Keys, robot: str) -> Guar
 
 
 def guard_neighbours(credentials: Credentials | None, keys: Keys, own: str, others: Iterable[str]) -> Guard | None:
-    """Return the rules of the neighbour plane: each neighbour sends under its own name, and hears us only."""
+    """Return the rules of the neighbour plane: each neighbour sends under its own name, and receives ours only."""
     receives, watches = (keys.agent(own, "*"),), (keys.agent(own, "alive"),)
     parties = [
         Party(other, (keys.agent(other, "alive"),), watches, sends=(keys.agent(other, "*"),), receives=receives)
@@ -36,20 +36,14 @@ def guard_neighbours(credentials: Credentials | None, keys: Keys, own: str, othe
 
 def guard_server_for_observers(credentials: Credentials | None, keys: Keys) -> Guard | None:
     """Return the rules of the observer plane at the server's end. Each role has its own request key."""
-    return _guard(
-        credentials, [Party(role, receives=_server_topics(keys), requests=(keys.request(role),)) for role in ROLES]
-    )
+    topics = _server_topics(keys)
+    return _guard(credentials, [Party(role, receives=topics, requests=(keys.request(role),)) for role in ROLES])
 
 
 def guard_agent_for_observers(credentials: Credentials | None, keys: Keys, agent: str) -> Guard | None:
     """Return the rules of the observer plane at an agent's end: only the operator may send requests."""
-    return _guard(
-        credentials,
-        [
-            Party(role, receives=_agent_topics(keys, agent), requests=_agent_requests(keys, agent, role))
-            for role in ROLES
-        ],
-    )
+    topics, requests = _agent_topics(keys, agent), {role: _agent_requests(keys, agent, role) for role in ROLES}
+    return _guard(credentials, [Party(role, receives=topics, requests=requests[role]) for role in ROLES])
 
 
 def guard_observer(credentials: Credentials | None, keys: Keys, role: Role, agents: Iterable[str]) -> Guard | None:
