@@ -76,15 +76,10 @@ class Driver:
         return self._link.take_reference(block)
 
     def send(self, block: int, samples: Array) -> None:
-        """Send the agent its measurements of a block.
+        """Send the agent its measurements of a block: samples (B, 15), columns as in ``MeasurementBlock``.
 
-        Args:
-            block: The block's number, the same for all robots; block k holds the samples from ``k B / rate`` seconds
-                on.
-            samples: Shape (B, 15), columns as in ``MeasurementBlock``.
-
-        Raises:
-            MessageError: The samples have another shape, or are not finite.
+        Block k, the same for all robots, holds the samples from ``k B / rate`` seconds on. Samples of another shape, or
+        that are not finite, are a ``MessageError``.
         """
         samples = np.array(samples, dtype=np.float64)  # estimators compute in double precision
         check_numbers(samples, (self.samples, SAMPLE_SIZE), f"samples of block {block}")
@@ -126,14 +121,10 @@ class Driver:
 
 @contextmanager
 def open_driver(config: AgentProcessConfig, credentials: Credentials | None = None) -> Iterator[Driver]:
-    """Listen at the endpoint at which a robot's agent dials its server.
+    """Listen at the endpoint at which the agent of this configuration dials its server.
 
-    Args:
-        config: The agent's configuration, as written by ``coheft run --write-configs``.
-        credentials: The server's credentials, see ``credentials_in``, in the secure profile; None for the open profile.
-
-    Raises:
-        LinkError: Another process listens there.
+    The configuration is one of ``coheft run --write-configs``. In the secure profile, ``credentials`` are the server's,
+    see ``credentials_in``. If another process listens there, that is a ``LinkError``.
     """
     name, inbox = config.agent.name, Inbox()
     guard = guard_server_for_robot(credentials, Keys(config.run), name)

@@ -82,15 +82,9 @@ def open_session(
 ) -> Iterator[zenoh.Session]:
     """Open a session with the given links only; closed at the end of the context.
 
-    Args:
-        listen: Endpoints at which others may dial in, such as ``tcp/127.0.0.1:20000``, or ``tls/127.0.0.1:20000`` with
-            a guard.
-        connect: Endpoints to dial until they answer.
-        guard: Access rules; None for the open profile, without restrictions.
-        largest: Larger messages are dropped before they are assembled [B].
-
-    Raises:
-        LinkError: An endpoint is malformed, or another process listens there.
+    Others may dial in at the endpoints ``listen``, such as ``tcp/127.0.0.1:20000``, or ``tls/127.0.0.1:20000`` with a
+    guard; those of ``connect`` are dialled until they answer. Messages larger than ``largest`` [B] are dropped before
+    they are assembled. An endpoint that is malformed, or at which another process listens, is a ``LinkError``.
     """
     listen, connect = list(listen), list(connect)
     settings = {
