@@ -72,7 +72,7 @@ class PacedTeam:
     def __init__(self, plan: Plan, processes: Processes, session: zenoh.Session) -> None:
         self._processes = processes
         self._session = session
-        self._key = Keys(plan.run).request("operator")
+        self._key = Keys(plan.server.run).request("operator")
         self._children = {name: psutil.Process(pid) for name, pid in processes.pids.items()}
 
     def run_until(self, seconds: float) -> None:
@@ -140,7 +140,7 @@ def paced_team(
     folder.mkdir()
     plan = make_plan(scenario, keys=keys)
     operator = None if keys is None else credentials_in(keys, "operator")
-    guard = guard_observer(operator, Keys(plan.run), "operator", [])
+    guard = guard_observer(operator, Keys(plan.server.run), "operator", [])
     with Processes(folder) as processes, open_session(connect=[plan.server.observe], guard=guard) as session:
         server, agent = "coheft.physics_server.server", "coheft.agents.process.main"
         configs = plan.agents
