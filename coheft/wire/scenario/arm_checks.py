@@ -6,6 +6,7 @@ import numpy as np
 
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.rigid_body.mass_properties import Inertia, combined
+from coheft.wire.scenario.change_checks import loads_over_time
 from coheft.wire.scenario.rules import Complaint, rounded_down
 from coheft.wire.scenario.schema import PHYSICS_RATE, LoadChange, Scenario
 from coheft.wire.scenario.strength import Strength, gains_at_payload
@@ -35,19 +36,13 @@ def _weight_complaints(scenario: Scenario, payload: Inertia, strength: Strength)
     if complaint := strength.complaint(payload):
         yield "payload", f"found {payload.mass:g} kg, which is {complaint}"
         return
-    there: dict[int, LoadChange] = {}
-    number = 0
-    for index, change in sorted(enumerate(scenario.load_changes), key=lambda each: each[1].at):
-        if change.remove is not None:
-            there.pop(change.remove, None)
-            continue
-        before = combined([payload, *(_left(load, change.at) for load in there.values())])
-        if complaint := strength.complaint(_left(change, change.at), before):
-            found = f"found {change.mass:g} kg at {list(change.position)} m"
-            yield f"load_changes[{index}].mass", f"{found}, which is {complaint}"
-            return
-        number += 1
-        there[number] = change
+    for index, change, there in loads_over_time(scenario):
+        if change.remove is None:
+            before = combined([payload, *(_left(load, change.at) for load in there.values())])
+            if complaint := strength.complaint(_left(change, change.at), before):
+                found = f"found {change.mass:g} kg at {list(change.position)} m"
+                yield f"load_changes[{index}].mass", f"{found}, which is {complaint}"
+                return
 
 
 def _left(load: LoadChange, time: float) -> Inertia:
