@@ -26,9 +26,8 @@ from coheft.app.run_report import data
 from coheft.app.run_report.convergence import ALL_SHOWN, curves
 from coheft.app.run_report.drawings import draw_overview, pictures_of
 from coheft.app.run_report.folder import write_folder
-from coheft.app.run_report.limited import Span, Spans, Thinned
 from coheft.app.run_report.page import SECTIONS, render_page
-from coheft.app.run_report.series import Series, SeriesFollower
+from coheft.app.run_report.series import Series, SeriesFollower, Span, Spans, Thinned
 from coheft.app.terminal.digits import error_and_std
 from coheft.consensus.graph import build_graph
 from coheft.errors import CoheftError

@@ -15,8 +15,7 @@ from coheft.app.results.report import Report
 from coheft.app.results.states import State
 from coheft.app.run_report.data import TABLES
 from coheft.app.run_report.drawings import Picture
-from coheft.app.run_report.limited import Span
-from coheft.app.run_report.series import MOST_ROBOTS, Series
+from coheft.app.run_report.series import MOST_ROBOTS, Series, Span
 from coheft.app.terminal.final_table import TEXT_HEADINGS, headings, legend, sentences, table_rows
 from coheft.app.versions import versions
 from coheft.estimation.geometry.spatial import Array

@@ -2,16 +2,18 @@
 
 import time
 from collections import deque
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from typing import Generic, TypeVar
 
 import numpy as np
 
 from coheft.app.results.points import Point, make_point
 from coheft.app.results.record import load_ids, loads_since
+from coheft.app.results.states import State
 from coheft.app.run.follower import Follower
 from coheft.app.run.news import News
 from coheft.app.run.pairing import Pairing
-from coheft.app.run_report.limited import Spans, Thinned
 from coheft.wire.messages.requests import Status
 from coheft.wire.messages.structs import Estimate, Problem
 from coheft.wire.messages.truth import Scene, Truth
@@ -24,8 +26,70 @@ _MOMENTS = 1_000
 _PACE = 4_000
 _CLOSE_UPS = 6
 _PROBLEMS = 100
+_SPANS = 400
+"""Longest list of spans; then the shortest of them becomes part of the one before."""
 BEFORE, AFTER = 0.5, 3.0
 """Time before and after a change of the load that a close-up shows [s]."""
+
+T = TypeVar("T")
+
+
+class Thinned(Generic[T]):
+    """At most ``capacity`` evenly spread items of a series, one of ``every``: all, of 2, of 4, …; and the last."""
+
+    def __init__(self, capacity: int) -> None:
+        self.every = 1
+        self._capacity = capacity
+        self._items: list[T] = []
+        self._seen = 0
+        self._last: T | None = None
+
+    def add(self, item: T) -> None:
+        """Add the next item."""
+        self._last = item
+        if self._seen % self.every == 0:
+            if len(self._items) == self._capacity:
+                del self._items[1::2]
+                self.every *= 2
+            if self._seen % self.every == 0:
+                self._items.append(item)
+        self._seen += 1
+
+    def __iter__(self) -> Iterator[T]:
+        yield from self._items
+        if self._items and self._last is not None and self._last is not self._items[-1]:
+            yield self._last
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """A time [s] in which a robot reported the same about its knowledge."""
+
+    start: float
+    end: float
+    state: State
+    not_observable: tuple[str, ...]
+    reasons: tuple[str, ...]
+
+
+class Spans:
+    """The spans of one robot up to its newest estimate."""
+
+    def __init__(self) -> None:
+        self.spans: list[Span] = []
+
+    def add(self, estimate: Estimate) -> None:
+        """Add the next estimate, which is for the time since the one before."""
+        start = self.spans[-1].end if self.spans else 0.0
+        new = Span(start, estimate.time, State.of(estimate), tuple(estimate.not_observable), tuple(estimate.reasons))
+        if self.spans and new == replace(self.spans[-1], start=new.start, end=new.end):
+            self.spans[-1] = replace(self.spans[-1], end=new.end)
+            return
+        self.spans.append(new)
+        if len(self.spans) > _SPANS:
+            shortest = min(range(1, _SPANS), key=lambda k: self.spans[k].end - self.spans[k].start)
+            self.spans[shortest - 1] = replace(self.spans[shortest - 1], end=self.spans[shortest].end)
+            del self.spans[shortest]
 
 
 @dataclass(eq=False)
