@@ -2,7 +2,7 @@
 
 To add an estimator, write a class with the methods of ``Estimator``. In your own package, register it as an entry point
 (docs/own.md); ``coheft.agents.plugins.estimator`` checks what its methods return. In this package, add it to
-``coheft.agents.agent.ESTIMATORS``, ``coheft.wire.scenario.plugins.SECTIONS`` and ``coheft.wire.messages.size.ARRAYS``.
+``coheft.agents.agent.ESTIMATORS``, ``coheft.wire.scenario.plugins.BUILT_IN`` and ``coheft.wire.messages.size.ARRAYS``.
 """
 
 import math

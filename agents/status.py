@@ -5,8 +5,7 @@ from collections.abc import Sequence
 from coheft.agents.estimator import Belief
 from coheft.agents.regular import Regular
 from coheft.wire.config import AgentConfig
-from coheft.wire.messages.states import Validity
-from coheft.wire.messages.structs import Estimate, PoseEstimate
+from coheft.wire.messages.structs import Estimate, PoseEstimate, Validity
 
 _REPORT_INTERVAL = 0.1
 """Time between reports to observers [s]; a change between valid and doubted is reported at once."""

@@ -14,8 +14,7 @@ from benchmarks.replay import SETTING
 from coheft.app.run.plan import Plan, make_plan
 from coheft.app.run.processes import Processes
 from coheft.errors import LinkError
-from coheft.wire.messages.requests import PauseRequest, Refusal, Request, Status, StatusRequest
-from coheft.wire.messages.states import RunState
+from coheft.wire.messages.requests import PauseRequest, Refusal, Request, RunState, Status, StatusRequest
 from coheft.wire.scenario.schema import Scenario
 from coheft.wire.transport.planes import guard_observer
 from coheft.wire.transport.security import credentials_in
@@ -73,7 +72,7 @@ class PacedTeam:
     def __init__(self, plan: Plan, processes: Processes, session: zenoh.Session) -> None:
         self._processes = processes
         self._session = session
-        self._key = Keys(plan.run).request("operator")
+        self._key = Keys(plan.server.run).request("operator")
         self._children = {name: psutil.Process(pid) for name, pid in processes.pids.items()}
 
     def run_until(self, seconds: float) -> None:
@@ -141,7 +140,7 @@ def paced_team(
     folder.mkdir()
     plan = make_plan(scenario, keys=keys)
     operator = None if keys is None else credentials_in(keys, "operator")
-    guard = guard_observer(operator, Keys(plan.run), "operator", [])
+    guard = guard_observer(operator, Keys(plan.server.run), "operator", [])
     with Processes(folder) as processes, open_session(connect=[plan.server.observe], guard=guard) as session:
         server, agent = "coheft.physics_server.server", "coheft.agents.process.main"
         configs = plan.agents

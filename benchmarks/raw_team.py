@@ -71,7 +71,7 @@ def raw_team(plan: Plan, sizes: Sizes) -> Iterator[RawTeam]:
 
         ours, theirs = _SPAWN.Pipe()
         lookahead = plan.server.scenario.lookahead
-        processes = {"server": start(_run_server, plan.run, plan.server.robots, lookahead, sizes, theirs)}
+        processes = {"server": start(_run_server, plan.server.run, plan.server.robots, lookahead, sizes, theirs)}
         theirs.close()  # otherwise its end would not be noticed
         processes |= {name: start(_run_agent, config, sizes) for name, config in plan.agents.items()}
         yield RawTeam(processes, ours)

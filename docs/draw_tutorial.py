@@ -13,7 +13,6 @@ from coheft.consensus.schedule import finite_time
 from coheft.estimation.geometry.spatial import Array, rotation_exp
 from coheft.estimation.measurement import WRENCH
 from coheft.wire.messages.truth import Truth
-from coheft.wire.scenario.grasps import place_grasps
 from coheft.wire.scenario.schema import Scenario
 
 _TRUTH = "#111418"
@@ -44,7 +43,7 @@ def _draw_frames(result: coheft.Result) -> None:
     for box, colour in zip(scenario.payload.boxes, ("#e9edf1", "#d3dae2", "#d3dae2"), strict=True):
         _draw_box(axes, np.array(box.size), np.array(box.position), np.array(box.rotation_deg), colour)
     com = scenario.payload.inertia().com
-    for k, (name, grasp) in enumerate(zip(scenario.robot_names, place_grasps(scenario), strict=True)):
+    for k, (name, grasp) in enumerate(zip(scenario.robot_names, scenario.robots.poses(), strict=True)):
         place, origin = _LABELLED.get(name), grasp.translation
         _draw_triad(axes, origin, grasp.rotation, 0.08 if place is None else 0.14)
         axes.add_patch(Circle(origin[:2], 0.016, color=ROBOTS[k], zorder=6))
@@ -152,7 +151,7 @@ def _knows_all(robot: coheft.RobotResult) -> npt.NDArray[np.bool_]:
 
 def _draw_sums(scenario: Scenario, moment: Truth) -> None:
     """Draw how rounds turn each robot's own share into the total."""
-    wrenches = zip(place_grasps(scenario), moment.samples[:, WRENCH], strict=True)
+    wrenches = zip(scenario.robots.poses(), moment.samples[:, WRENCH], strict=True)
     forces = [(grasp.adjoint() @ wrench)[2] for grasp, wrench in wrenches]
     values = len(forces) * np.array(forces)
     graph = build_graph(scenario.graph, scenario.robot_names)

@@ -7,8 +7,7 @@ from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.measurement import ACCELERATION, TWIST, WRENCH
 from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.physics_server.simulation import BlockResult
-from coheft.wire.messages.scene import Scene
-from coheft.wire.messages.truth import PayloadTruth
+from coheft.wire.messages.truth import PayloadTruth, Scene
 from coheft.wire.scenario.schema import Scenario
 
 

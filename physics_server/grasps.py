@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from coheft.estimation.geometry.spatial import Pose, quaternion_from_rotation, rotation_from_quaternion
-from coheft.wire.messages.scene import SlippedGrasp
+from coheft.wire.messages.truth import SlippedGrasp
 
 
 class Grasps:

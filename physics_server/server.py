@@ -28,11 +28,11 @@ from coheft.wire.messages.requests import (
     PauseRequest,
     Refusal,
     RemoveRequest,
+    RunState,
     Status,
     StatusRequest,
     StopRequest,
 )
-from coheft.wire.messages.states import RunState
 from coheft.wire.messages.structs import Message
 from coheft.wire.process.log import LOG
 from coheft.wire.process.problem_log import ProblemLog

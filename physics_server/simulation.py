@@ -22,19 +22,17 @@ from coheft.physics_server.scene import PAYLOAD, PAYLOAD_HOME, build_model, home
 from coheft.physics_server.sensor_errors import SensorErrors
 from coheft.physics_server.sensors import LATEST, READINGS, Sensors
 from coheft.physics_server.stepping import step
-from coheft.wire.messages.scene import BoxShape, Scene
 from coheft.wire.messages.structs import Measurements, Reference
-from coheft.wire.messages.truth import LoadState, PayloadTruth, Truth
+from coheft.wire.messages.truth import BoxShape, LoadState, PayloadTruth, Scene, Truth
 from coheft.wire.process.log import LOG
+from coheft.wire.scenario.arm_checks import stability_complaints
 from coheft.wire.scenario.borders import by_border
 from coheft.wire.scenario.change_checks import load_complaints
-from coheft.wire.scenario.grasps import place_grasps
 from coheft.wire.scenario.payload import vector_of
 from coheft.wire.scenario.payload_surface import from_text
 from coheft.wire.scenario.rules import check
 from coheft.wire.scenario.schema import PHYSICS_RATE, Scenario
 from coheft.wire.scenario.section import Vector
-from coheft.wire.scenario.stability import stability_complaints
 from coheft.wire.scenario.strength import SETTLING_TIME, Strength
 
 if TYPE_CHECKING:
@@ -76,7 +74,7 @@ class Simulation:
         Raises:
             ScenarioError: The scenario's load changes cannot all be made, or its arms are too stiff for its payload.
         """
-        grasps = place_grasps(scenario)
+        grasps = scenario.robots.poses()
         check(scenario, scenario.name, stability_complaints, load_complaints)
         names = scenario.robot_names
         self._scenario = scenario

@@ -13,9 +13,8 @@ from coheft.app.results.judge import Judge, RobotReport
 from coheft.app.run.inprocess import TeamInProcess, measured
 from coheft.consensus.graph import build_graph
 from coheft.physics_server.simulation import Simulation
-from coheft.wire.messages.scene import Scene
 from coheft.wire.messages.structs import Estimate
-from coheft.wire.messages.truth import Truth
+from coheft.wire.messages.truth import Scene, Truth
 from coheft.wire.scenario.file import load_scenario
 from coheft.wire.scenario.schema import Scenario
 

@@ -12,10 +12,8 @@ from coheft.app.results.record import Record
 from coheft.app.results.report import Report, build_report
 from coheft.estimation.geometry.spatial import Array, Pose, quaternion_from_rotation
 from coheft.estimation.rigid_body.mass_properties import Inertia
-from coheft.wire.messages.scene import Scene
-from coheft.wire.messages.states import Validity
-from coheft.wire.messages.structs import Estimate, LoadChangeNotice, PayloadEstimate, PoseEstimate
-from coheft.wire.messages.truth import LoadState, PayloadTruth, Truth
+from coheft.wire.messages.structs import Estimate, LoadChangeNotice, PayloadEstimate, PoseEstimate, Validity
+from coheft.wire.messages.truth import LoadState, PayloadTruth, Scene, Truth
 from coheft.wire.scenario.file import load_scenario
 from coheft.wire.scenario.schema import Sensors
 from tests.estimation.team import random_pose

@@ -20,8 +20,7 @@ from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.measurement import ACCELERATION, SAMPLE_SIZE
 from coheft.physics_server.simulation import Simulation
 from coheft.wire.config import AgentConfig, agent_config
-from coheft.wire.messages.states import Validity
-from coheft.wire.messages.structs import Estimate, PayloadEstimate
+from coheft.wire.messages.structs import Estimate, PayloadEstimate, Validity
 from coheft.wire.scenario.checks import check_scenario
 from coheft.wire.scenario.file import load_scenario
 from coheft.wire.scenario.motion import Carry

@@ -19,8 +19,7 @@ from coheft.app.terminal.screen import LiveDisplay
 from coheft.app.view import words
 from coheft.estimation.geometry.spatial import Pose
 from coheft.estimation.rigid_body.mass_properties import Inertia
-from coheft.wire.messages.states import Validity
-from coheft.wire.messages.structs import Estimate
+from coheft.wire.messages.structs import Estimate, Validity
 from tests.synthetic_run import GRASPS, HEAVY, SCENE, STD, built_report, estimate, recorded, truth
 
 

@@ -14,11 +14,11 @@ from coheft.app.faults.schedule import read_schedule
 from coheft.app.run.overrides import override
 from coheft.errors import ScenarioError
 from coheft.wire.config import agent_config
+from coheft.wire.former_names import as_present
 from coheft.wire.messages.codec import decode, encode
 from coheft.wire.messages.requests import EstimatorRequest
 from coheft.wire.messages.structs import Measurements, Message
 from coheft.wire.scenario.file import CONFIG_FOLDER, load_scenario, parse_scenario
-from coheft.wire.scenario.former import as_present
 from tests.synthetic_run import LIGHT, estimate
 
 RING3 = CONFIG_FOLDER.joinpath("ring3.toml").read_text()

@@ -11,8 +11,7 @@ import pytest
 from coheft.app.results.judge import Judge
 from coheft.estimation.geometry.spatial import Array
 from coheft.physics_server.simulation import Simulation
-from coheft.wire.messages.states import Validity
-from coheft.wire.messages.structs import LoadChangeNotice
+from coheft.wire.messages.structs import LoadChangeNotice, Validity
 from coheft.wire.scenario.schema import LoadChange
 from tests.in_process import changed, steps
 

@@ -17,7 +17,6 @@ from coheft.physics_server.scene import PAYLOAD_HOME
 from coheft.physics_server.simulation import Simulation
 from coheft.wire.scenario.encoders import EncoderErrors
 from coheft.wire.scenario.file import load_scenario, parse_scenario
-from coheft.wire.scenario.grasps import place_grasps
 from coheft.wire.scenario.motion import Motion, ViaPoints
 from coheft.wire.scenario.schema import Scenario
 from tests.physics_run import reference as reference_of
@@ -52,7 +51,7 @@ def test_gimbals_push_without_torque_and_newton_euler_holds(name: str) -> None:
     assert not read[..., TORQUE].any()
     # At 1000 samples a second the last sample is the last step, to which the engine's acceleration belongs.
     last, alpha = read[:, -1], simulation.data.qacc[3:]
-    grasps = place_grasps(exact)
+    grasps = exact.robots.poses()
     total = np.sum([grasp.adjoint() @ row[WRENCH] for grasp, row in zip(grasps, last, strict=True)], axis=0)
     # The first grasp frame is the payload's.
     needed = exact.payload.inertia().wrench(last[0, GYRO], last[0, ACCELERATION], alpha)
@@ -63,7 +62,7 @@ def test_gimbals_push_without_torque_and_newton_euler_holds(name: str) -> None:
 @pytest.mark.parametrize("name", CONFIGURATIONS)
 def test_the_papers_grasps_close_their_loop_and_its_payloads_exist(name: str) -> None:
     found = load_scenario(name)
-    grasps = place_grasps(found)
+    grasps = found.robots.poses()
     assert found.robot_count == 3
     # Table I gives T_31 as well, to a millimetre.
     third_to_first = {"a": (0.305, 1.105), "b": (0.242, 0.835), "c": (1.132, 0.162), "d": (0.533, 0.571)}
@@ -78,7 +77,7 @@ def test_perfect_encoders_tell_the_pose_in_the_home_frame() -> None:
     told, truth = results[-1].wrists, results[-1].truth
     assert told is not None
     payload = Pose(rotation_from_quaternion(truth.quaternion), truth.position)
-    for k, grasp in enumerate(place_grasps(exact)):
+    for k, grasp in enumerate(exact.robots.poses()):
         expected = (PAYLOAD_HOME @ grasp).inverse() @ payload @ grasp
         np.testing.assert_allclose(told.positions[-1, k], expected.translation, atol=1e-9)
         np.testing.assert_allclose(told.rotations[-1, k], expected.rotation, atol=1e-8)
@@ -196,7 +195,7 @@ def test_all_robots_hold_still_at_the_same_times_and_start_anew_from_home() -> N
 
 
 def test_motion_on_a_sphere_keeps_the_distance_and_starts_and_ends_at_home() -> None:
-    grasps = place_grasps(load_scenario("mocobot_d"))
+    grasps = load_scenario("mocobot_d").robots.poses()
     centre = circumcentre(np.array([grasp.translation for grasp in grasps]))
     radius = np.linalg.norm(grasps[0].translation - centre)
     for grasp, reference in zip(grasps, sphere_references(grasps, 1, 100, 10), strict=True):

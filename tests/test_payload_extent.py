@@ -32,8 +32,8 @@ def test_a_box_of_the_same_mass_properties_is_the_box() -> None:
 
 def test_distance_is_that_to_the_nearest_point() -> None:
     extent = Extent.around(np.array([[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]]))
-    assert extent.distance((0.5, 0.9, -1.0)) == 0.0
-    assert extent.distance((4.0, 5.0, 0.0)) == pytest.approx(5.0)
+    assert extent.complaint((0.5, 0.9, -1.0)) == ""
+    assert extent.complaint((4.0, 5.0, 0.0)).startswith("is 5 m outside the payload")
 
 
 @pytest.mark.parametrize("x", ["-0.1", "0.3", "0.69", "-0.49"])

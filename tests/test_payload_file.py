@@ -15,7 +15,6 @@ from coheft.errors import ScenarioError
 from coheft.estimation.geometry.spatial import Pose
 from coheft.physics_server.simulation import Simulation
 from coheft.wire.scenario.file import CONFIG_FOLDER, load_scenario, parse_scenario
-from coheft.wire.scenario.grasps import place_grasps
 from coheft.wire.scenario.schema import Scenario
 
 GRASPS = "grasps = [{ position = [-0.2, 0, 0] }, { position = [0.2, 0, 0] }]"
@@ -68,7 +67,7 @@ def test_sites_are_grasp_frames_as_they_are_oriented() -> None:
     mujoco.mj_forward(model, data)
     body = Pose(data.body("crate").xmat.reshape(3, 3), data.body("crate").xpos)
     names = ("handle_left", "rim_front", "handle_right", "rim_back")
-    for grasp, name in zip(place_grasps(shipped), names, strict=True):
+    for grasp, name in zip(shipped.robots.poses(), names, strict=True):
         in_world = body @ grasp
         np.testing.assert_allclose(in_world.rotation, data.site(name).xmat.reshape(3, 3), atol=1e-12)
         np.testing.assert_allclose(in_world.translation, data.site(name).xpos, atol=1e-12)
@@ -89,7 +88,7 @@ def test_bodies_that_are_fixed_inside_belong_to_the_payload_wherever_it_stands(t
     inertia = scenario.payload.inertia()
     assert inertia.mass == pytest.approx(5.0)
     np.testing.assert_allclose(inertia.com, np.array([0.0, 0.2, 0.1]) / 5.0, atol=1e-12)
-    side, top = place_grasps(scenario)
+    side, top = scenario.robots.poses()
     np.testing.assert_allclose(top.translation, [0.0, 0.1, 0.1], atol=1e-12)
     np.testing.assert_allclose(top.rotation[:, 0], [0.0, 1.0, 0.0], atol=1e-12)
     np.testing.assert_allclose(side.rotation[:, 2], [1.0, 0.0, 0.0], atol=1e-12)

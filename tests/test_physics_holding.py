@@ -10,7 +10,6 @@ from coheft.estimation.measurement import ACCELERATION, GYRO, TWIST, WRENCH
 from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.physics_server.scene import PAYLOAD_HOME
 from coheft.physics_server.simulation import Simulation
-from coheft.wire.scenario.grasps import place_grasps
 from tests.physics_run import excitation, run, samples, scenario
 
 EXACT = 1e-12
@@ -24,7 +23,7 @@ def test_one_that_let_go_exerts_nothing_and_reads_an_arm_at_rest():
     read = samples(run(simulation, excitation(exact, feed_forward=True), 40))[1]
     np.testing.assert_array_equal(read[:, TWIST], 0.0)
     np.testing.assert_array_equal(read[:, WRENCH], 0.0)
-    home = PAYLOAD_HOME @ place_grasps(exact)[1]
+    home = PAYLOAD_HOME @ exact.robots.poses()[1]
     upwards = np.tile([0.0, 0.0, 9.81], (len(read), 1))
     np.testing.assert_allclose(read[:, ACCELERATION] @ home.rotation.T, upwards, atol=1e-12)
 
@@ -39,7 +38,7 @@ def test_the_others_carry_it_and_newton_euler_holds_for_their_wrenches_alone():
         (result,) = run(simulation, references, 1)
         last = np.array([measured.samples[-1] for measured in result.measurements.values()])
         payload = Inertia(result.truth.payload.mass, result.truth.payload.com, result.truth.payload.tensor)
-        to_payload = place_grasps(exact)[0]
+        to_payload = exact.robots.poses()[0]
         alpha = to_payload.rotation.T @ simulation.data.qacc[3:]
         needed = payload.carried(to_payload.inverse()).wrench(last[0, GYRO], last[0, ACCELERATION], alpha)
         total = to_payload.inverse().adjoint() @ result.truth.total_wrench

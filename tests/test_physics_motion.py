@@ -12,12 +12,11 @@ from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.physics_server.scene import PAYLOAD_HOME
 from coheft.physics_server.simulation import Simulation
 from coheft.wire.scenario.file import load_scenario
-from coheft.wire.scenario.grasps import place_grasps
 from coheft.wire.scenario.schema import LoadChange
 from tests.physics_run import excitation, reference, run, samples, scenario
 
 EXACT = 1e-12
-GRASPS = place_grasps(scenario("ring6"))
+GRASPS = scenario("ring6").robots.poses()
 LOADS = (LoadChange(at=0.1, mass=2.0, position=(-0.2, 0.1, 0.3)), LoadChange(at=0.3, remove=1))
 
 
@@ -155,7 +154,7 @@ def test_accelerometers_and_the_slope_of_gyros_agree():
     """No ripple between samples: with two robots the gyros' slope is all that tells of turning about their line."""
     exact = scenario("ring3", rate=500, block=10)
     taken = samples(run(Simulation(exact), excitation(exact), 150))[:, 500:]
-    first, second, _ = place_grasps(exact)
+    first, second, _ = exact.robots.poses()
     one, two, to_one = taken[0], taken[1], first.inverse() @ second
     w, alpha, p = one[1:-1, :3], (one[2:, :3] - one[:-2, :3]) * (0.5 * exact.sensors.rate), to_one.translation
     expected = one[1:-1, 6:9] + np.cross(alpha, p) + np.cross(w, np.cross(w, p))

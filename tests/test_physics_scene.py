@@ -13,7 +13,6 @@ from coheft.estimation.geometry.spatial import Pose
 from coheft.physics_server.scene import PAYLOAD_HOME, home_name
 from coheft.physics_server.simulation import Simulation
 from coheft.wire.scenario.file import available_scenarios, load_scenario
-from coheft.wire.scenario.grasps import place_grasps
 from coheft.wire.scenario.schema import Perimeter
 from tests.physics_run import scenario
 
@@ -21,7 +20,7 @@ from tests.physics_run import scenario
 @pytest.mark.parametrize("name", available_scenarios())
 def test_shipped_scenarios_place_every_grasp_on_the_payload(name):
     shipped = load_scenario(name)
-    grasps = place_grasps(shipped)
+    grasps = shipped.robots.poses()
     assert len(grasps) == shipped.robot_count
     plates = sorted(shipped.payload.boxes, key=lambda box: box.mass)[-1:]  # mere mass properties have no shape
     for grasp in grasps:
@@ -35,7 +34,7 @@ def test_shipped_scenarios_place_every_grasp_on_the_payload(name):
 def test_perimeter_spreads_grasps_evenly_along_the_rim():
     perimeter = Perimeter(count=24, extent=(2.0, 1.4), height=0.05, seed=3)
     robots = msgspec.structs.replace(scenario().robots, perimeter=perimeter)
-    grasps = place_grasps(scenario(robots=robots))
+    grasps = scenario(robots=robots).robots.poses()
     points = np.array([grasp.translation for grasp in grasps])
     corner = np.array([-1.0, -0.7])
     # Distance along the rim from its corner, counter-clockwise: the two lower edges, then the two upper ones.
@@ -51,7 +50,7 @@ def test_perimeter_draws_orientations_and_heights_from_its_seed():
     def placed(seed: int) -> np.ndarray:
         robots = msgspec.structs.replace(scenario().robots, perimeter=Perimeter(count=6, extent=(1.0, 0.7), seed=seed))
         return np.array(
-            [[*grasp.rotation.ravel(), grasp.translation[2]] for grasp in place_grasps(scenario(robots=robots))]
+            [[*grasp.rotation.ravel(), grasp.translation[2]] for grasp in scenario(robots=robots).robots.poses()]
         )
 
     np.testing.assert_array_equal(placed(1), placed(1))
@@ -62,13 +61,13 @@ def test_orientations_are_spread_over_all_rotations():
     """The mean of uniformly distributed rotation matrices is zero; each entry's variance is a third."""
     count = 3000
     robots = msgspec.structs.replace(scenario().robots, perimeter=Perimeter(count=count, extent=(1.0, 0.7)))
-    rotations = np.array([grasp.rotation for grasp in place_grasps(scenario(robots=robots))])
+    rotations = np.array([grasp.rotation for grasp in scenario(robots=robots).robots.poses()])
     assert np.abs(rotations.mean(axis=0)).max() < 5.0 * np.sqrt(1 / 3 / count)
 
 
 def test_listed_grasps_are_taken_as_they_are():
     line = load_scenario("line4")
-    for grasp, listed in zip(place_grasps(line), line.robots.grasps, strict=True):
+    for grasp, listed in zip(line.robots.poses(), line.robots.grasps, strict=True):
         np.testing.assert_array_equal(grasp.translation, listed.position)
         np.testing.assert_array_equal(grasp.rotation, listed.pose().rotation)
 

@@ -12,8 +12,8 @@ from coheft.app.results.judge import Verdict
 from coheft.app.results.record import SILENT, EstimatorUse, Record
 from coheft.app.run.pairing import REMEMBERED
 from coheft.app.terminal.final_table import sentences
-from coheft.wire.messages.scene import SlippedGrasp
 from coheft.wire.messages.structs import LoadChangeNotice, SlipNotice
+from coheft.wire.messages.truth import SlippedGrasp
 from tests.synthetic_run import (
     BLOCK,
     HEAVY,

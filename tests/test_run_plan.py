@@ -99,7 +99,7 @@ def test_every_plan_has_a_prefix_and_ports_of_its_own(ring6: Scenario) -> None:
     endpoints = [plan.server.observe, *plan.server.robots.values()]
     endpoints += [endpoint for agent in plan.agents.values() for endpoint in (agent.listen, agent.observe)]
     assert len(set(endpoints)) == 3 * 6 + 1
-    assert plan.run != make_plan(ring6).run
+    assert plan.server.run != make_plan(ring6).server.run
 
 
 def test_free_ports_can_be_listened_on() -> None:

@@ -24,18 +24,15 @@ from coheft.app.results.states import State
 from coheft.app.run.inprocess import run_in_process
 from coheft.app.run_report import data
 from coheft.app.run_report.convergence import ALL_SHOWN, curves
-from coheft.app.run_report.drawings import draw_overview
+from coheft.app.run_report.drawings import draw_overview, pictures_of
 from coheft.app.run_report.folder import write_folder
-from coheft.app.run_report.limited import Span, Spans, Thinned
 from coheft.app.run_report.page import SECTIONS, render_page
-from coheft.app.run_report.pictures import pictures_of
-from coheft.app.run_report.series import Series, SeriesFollower
+from coheft.app.run_report.series import Series, SeriesFollower, Span, Spans, Thinned
 from coheft.app.terminal.digits import error_and_std
 from coheft.consensus.graph import build_graph
 from coheft.errors import CoheftError
 from coheft.physics_server.simulation import Simulation
-from coheft.wire.messages.requests import Status
-from coheft.wire.messages.states import RunState
+from coheft.wire.messages.requests import RunState, Status
 from coheft.wire.messages.structs import Problem
 from coheft.wire.scenario.file import parse_scenario
 from coheft.wire.scenario.schema import Graph, Scenario

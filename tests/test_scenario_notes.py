@@ -5,13 +5,13 @@ from __future__ import annotations
 import msgspec
 import pytest
 
+from coheft.app.terminal.notes import notes
 from coheft.wire.scenario.file import available_scenarios, load_scenario
-from coheft.wire.scenario.notes import notes
 
 
 @pytest.mark.parametrize("name", sorted(available_scenarios()))
 def test_shipped_scenarios_mean_what_they_say(name: str) -> None:
-    assert notes(load_scenario(name)) == []
+    assert list(notes(load_scenario(name))) == []
 
 
 @pytest.mark.parametrize(
@@ -26,8 +26,8 @@ def test_shipped_scenarios_mean_what_they_say(name: str) -> None:
             "force_offset = 2 (tolerance 1)",
         ),
         (
-            ["sensors.errors={force_offset=1,torque_offset=1,gyro_offset=1,clock=1}"],
-            "and 1 more: sensors are further off",
+            ["sensors.errors={force_offset=1,torque_offset=1,gyro_offset=1,velocity_offset=1,clock=1}"],
+            "and 2 more: sensors are further off",
         ),
         (["sensors.errors='none'", "sensors.drift={force=0.1}"], None),
         (["sensors.errors={}", "sensors.drift={force=0.1}"], "nothing drifts: leave one out"),
@@ -40,7 +40,7 @@ def test_shipped_scenarios_mean_what_they_say(name: str) -> None:
     ],
 )
 def test_what_contradicts_each_other_is_named(values: list[str], told: str | None) -> None:
-    found = notes(load_scenario("ring3", values))
+    found = list(notes(load_scenario("ring3", values)))
     assert len(found) == (told is not None)
     assert told is None or told in found[0]
 
@@ -50,8 +50,8 @@ def test_changes_that_never_come_are_named(at: float) -> None:
     """The last block begins at 4.98 s."""
     values = [f"load_changes=[{{at={at},mass=1.0}}]", f"slips=[{{at={at},robot='r1',rotation_deg=[1,0,0]}}]"]
     scenario = msgspec.structs.replace(load_scenario("ring3", values), duration=5.0)
-    assert notes(scenario) == [
+    assert list(notes(scenario)) == [
         f"the run ends at 'duration' = 5 s, before 'load_changes[0]' at {at:g} s, 'slips[0]' at {at:g} s would take "
         "effect"
     ]
-    assert notes(msgspec.structs.replace(scenario, duration=at + 0.1)) == []
+    assert list(notes(msgspec.structs.replace(scenario, duration=at + 0.1))) == []

@@ -247,5 +247,5 @@ def test_the_view_shows_both() -> None:
     assert (own.mass.estimate, beside.mass.estimate) == (pytest.approx(10.0), pytest.approx(13.0))
     text = words.beliefs(model, "r1")
     assert text.index("efficient") < text.index("10.0") < text.index("fan2017") < text.index("13.0")
-    masses = {name: trace.curves()["mass"].errors[0, -1] for name, trace in model.traces("r1").items()}
+    masses = {name: trace.curves()["mass"].errors[0, -1] for name, trace in model.traces["r1"].items()}
     assert masses == {"efficient": pytest.approx(0.0), "fan2017": pytest.approx(3.0)}

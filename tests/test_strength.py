@@ -13,7 +13,6 @@ from coheft.estimation.geometry.spatial import Pose
 from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.physics_server.simulation import Simulation
 from coheft.wire.scenario.file import parse_scenario
-from coheft.wire.scenario.grasps import place_grasps
 from coheft.wire.scenario.payload import Box, Payload
 from coheft.wire.scenario.schema import Scenario
 from coheft.wire.scenario.section import Vector
@@ -34,7 +33,7 @@ def load(mass: float, place: Vector) -> Inertia:
 
 
 def strength(chosen: Scenario) -> Strength:
-    return Strength(place_grasps(chosen), chosen.robots)
+    return Strength(chosen.robots.poses(), chosen.robots)
 
 
 def expected(complaint: str) -> float:
@@ -143,6 +142,6 @@ def test_only_arms_that_hold_the_payload_count() -> None:
 
 def test_hands_that_are_welded_hold_like_ropes() -> None:
     chosen = scenario("arms4")
-    assert Strength.of(place_grasps(chosen), chosen.robots) is None
+    assert Strength.of(chosen.robots.poses(), chosen.robots) is None
     soft = msgspec.structs.replace(chosen.robots, arms="springs")
-    assert Strength.of(place_grasps(chosen), soft) is not None
+    assert Strength.of(chosen.robots.poses(), soft) is not None

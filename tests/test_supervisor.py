@@ -11,9 +11,9 @@ from typing import cast
 import pytest
 
 from coheft.app.run.folder import RUN_FILE, RunFile, announce
+from coheft.app.run.launch import Restarts
 from coheft.app.run.observer import Observer
 from coheft.app.run.processes import ProcessError, Processes, make_fork_server
-from coheft.app.run.restarts import Restarts
 from coheft.app.terminal.screen import Display
 from coheft.wire.messages.requests import StatusRequest
 from coheft.wire.process.supervised import UNUSABLE

@@ -14,9 +14,8 @@ from rich.console import Console
 from coheft.app.results.record import Record
 from coheft.app.terminal.digits import significant, value_and_std
 from coheft.app.terminal.screen import Display, LineDisplay, LiveDisplay, make_display
-from coheft.wire.messages.scene import Scene
-from coheft.wire.messages.states import Validity
-from coheft.wire.messages.structs import Estimate, Problem
+from coheft.wire.messages.structs import Estimate, Problem, Validity
+from coheft.wire.messages.truth import Scene
 from tests.escapes import COLOUR, SEQUENCE
 from tests.recording.runs import BEGIN
 from tests.synthetic_run import BLOCK, HEAVY, LIGHT, SCENE, changing_run, estimate, recorded, truth

@@ -20,7 +20,6 @@ from coheft.physics_server.simulation import Simulation
 from coheft.wire.messages.truth import Truth
 from coheft.wire.scenario.checks import check_scenario
 from coheft.wire.scenario.file import load_scenario
-from coheft.wire.scenario.grasps import place_grasps
 from tests.physics_run import excitation, reference, run, samples, scenario
 
 ARMS = scenario("arms4")
@@ -42,7 +41,7 @@ def test_sensors_at_the_wrists_read_one_rigid_body_and_all_that_moves_it() -> No
 
 def disagreement(measured: Array, truth: Truth) -> float:
     """Root mean square over time of what differs most between samples (N, n, 15) and a rigid body, in sigmas."""
-    grasps, sensors = place_grasps(ARMS), ARMS.sensors
+    grasps, sensors = ARMS.robots.poses(), ARMS.sensors
     noise = RowNoise.of_samples(sensors.noise, LENGTH, sensors.rate)
     settings = FitSettings(noise, LENGTH / sensors.rate)
     blocks = measured.swapaxes(0, 1).reshape(-1, LENGTH, len(grasps), SAMPLE_SIZE)

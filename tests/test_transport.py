@@ -14,10 +14,9 @@ import zenoh
 from coheft.errors import CoheftError, LinkError, MessageError
 from coheft.wire.messages.codec import encode
 from coheft.wire.messages.frame import PROTOCOL_VERSION
-from coheft.wire.messages.requests import InjectRequest, Refusal, Status, StatusRequest
-from coheft.wire.messages.scene import Scene as SceneMessage
-from coheft.wire.messages.states import RunState
+from coheft.wire.messages.requests import InjectRequest, Refusal, RunState, Status, StatusRequest
 from coheft.wire.messages.structs import Hello, Measurements, Ready
+from coheft.wire.messages.truth import Scene as SceneMessage
 from coheft.wire.transport.backlog import keep_thread_state
 from coheft.wire.transport.inbox import Inbox, Presence, Question, Received, Refused
 from coheft.wire.transport.sessions import REFUSAL, Keys, Sender, ask, check_name, open_session

@@ -11,6 +11,7 @@ from coheft.app.results.judge import Judge
 from coheft.app.results.quantities import directed_edges, published_errors
 from coheft.app.run.inprocess import TeamInProcess
 from coheft.app.study.samples import simulate, with_exact_sensors
+from coheft.app.terminal.notes import notes
 from coheft.errors import ScenarioError, UsageError
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import SensorNoise
@@ -20,7 +21,6 @@ from coheft.physics_server.sensor_errors import SensorErrors
 from coheft.wire.config import AgentConfig, agent_config
 from coheft.wire.messages.size import largest_message
 from coheft.wire.scenario.file import load_scenario
-from coheft.wire.scenario.notes import notes
 from coheft.wire.scenario.robot_sensors import OtherSensors
 from coheft.wire.scenario.schema import Scenario
 

@@ -11,8 +11,8 @@ from coheft.wire.messages.truth import LoadState
 
 pytest.importorskip("viser", reason="the view needs viser: install 'coheft[view]'")
 
+from coheft.app.view.controls import LoadChoice
 from coheft.app.view.disturbing import Disturbing
-from coheft.app.view.load_choice import LoadChoice
 from coheft.app.view.model import ViewModel
 from coheft.app.view.place import Place
 from coheft.app.view.server import open_server

@@ -22,7 +22,7 @@ from coheft.app.view.geometry import (
 )
 from coheft.estimation.geometry.spatial import rotation_exp
 from coheft.estimation.rigid_body.mass_properties import Inertia
-from coheft.wire.messages.scene import BoxShape
+from coheft.wire.messages.truth import BoxShape
 from tests.estimation.team import random_pose
 from tests.synthetic_run import SCENE
 

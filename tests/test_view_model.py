@@ -12,11 +12,10 @@ from coheft.app.results.judge import RobotReport
 from coheft.app.results.record import SILENT
 from coheft.app.view import words
 from coheft.app.view.model import ViewModel
-from coheft.app.view.timeline import Timeline
+from coheft.app.view.replay import Timeline
 from coheft.app.view.traces import WINDOW
-from coheft.wire.messages.requests import Status
-from coheft.wire.messages.states import RunState, Validity
-from coheft.wire.messages.structs import LoadChangeNotice, Problem
+from coheft.wire.messages.requests import RunState, Status
+from coheft.wire.messages.structs import LoadChangeNotice, Problem, Validity
 from coheft.wire.messages.truth import LoadState
 from coheft.wire.scenario.network import LinkQuality
 from tests.synthetic_run import BLOCK, HEAVY, LIGHT, ROBOTS, SCENE, STD, changing_run, estimate, truth
@@ -86,7 +85,7 @@ def test_a_link_is_as_good_as_its_worse_end_says():
     assert model.link(("r2", "r3")) == "up"
     model.receive(truth(SILENT + 2, LIGHT))
     assert model.link(("r2", "r3")) == "unknown", "neither end has said anything for long"
-    assert model.beliefs["r3"].status == "stale"
+    assert model.record.beliefs["r3"].status == "stale"
 
 
 def test_curves_show_errors_in_their_own_band_and_look_back_so_far():
@@ -95,25 +94,26 @@ def test_curves_show_errors_in_their_own_band_and_look_back_so_far():
     for block in range(0, last, 50):
         model.receive(truth(block, LIGHT))
         model.receive(estimate("r1", block, HEAVY if block > last / 2 else None))
-    curves = model.traces("r1")[STATUS.estimator].curves()
-    assert curves["mass"].times[0] >= model.time - WINDOW
+    curves = model.traces["r1"][STATUS.estimator].curves()
+    assert curves["mass"].times[0] >= model.record.time - WINDOW
     assert np.isnan(curves["mass"].errors[0, 0])
     assert curves["mass"].errors[0, -1] == pytest.approx(3.0)
     assert curves["mass"].band[-1] == pytest.approx(3.0 * STD[0])
     assert curves["com"].band[-1] == pytest.approx(3e3 * STD[1:4].max())
     assert curves["inertia"].band[-1] == pytest.approx(3.0 * STD[4:7].max())
     assert curves["mass"].limit > 3.0
-    assert model.traces("r2")[STATUS.estimator].curves()["mass"].limit == 1.0
+    assert model.traces["r2"][STATUS.estimator].curves()["mass"].limit == 1.0
 
 
 def test_a_jump_in_a_recording_shows_what_playing_it_shows():
     played, jumped = Timeline(STATUS, news_of_a_change()), Timeline(STATUS, news_of_a_change())
     for time in np.arange(0.0, 3.0, 0.1):
         played.seek(float(time))
-    there = played.seek(3.0)
+    played.seek(3.0)
     jumped.seek(4.0)
-    back = jumped.seek(3.0)
-    assert back.time == there.time == pytest.approx(3.0)
+    jumped.seek(3.0)
+    there, back = played.model, jumped.model
+    assert back.record.time == there.record.time == pytest.approx(3.0)
     for name in ROBOTS:
         assert report_of(back, name) == report_of(there, name)
     assert played.end == pytest.approx(4.0)

@@ -10,7 +10,7 @@ import pytest
 from coheft.app.run.processes import ProcessError
 from coheft.app.view import place
 from coheft.app.view.place import PORT, Place, choose_port
-from coheft.app.view.process import ViewBeside, ViewConfig
+from coheft.app.view.process import READY, ViewBeside, ViewConfig
 from coheft.errors import LinkError
 from tests.ports import free_port
 
@@ -41,7 +41,7 @@ def taken(request):
 def test_a_run_does_not_begin_without_the_view_that_it_was_asked_for(taken, tmp_path):
     with ViewBeside(ViewConfig(str(tmp_path), Place(*taken, "secret"))) as view:
         with pytest.raises(ProcessError, match=r"view ended with status 1(?s:.*)the view cannot listen at"):
-            view.wait_until_there()
+            view.wait_for(READY)
         assert not view.is_there
         assert not view.wait_for_another()
 

@@ -25,7 +25,7 @@ def test_nothing_is_drawn_across_times_at_which_nothing_is_known() -> None:
     for block, payload in enumerate((HEAVY, None, None, HEAVY)):
         model.receive(truth(block, LIGHT))
         model.receive(estimate("r1", block, payload))
-    plots.draw(model.traces("r1"), model.time)
+    plots.draw(model.traces["r1"], model.record.time)
     (_, series), mass = shown[0]
     assert [line["width"] for line in series[3:]] == [0], "errors are points"
     _, band, below, error = mass.data

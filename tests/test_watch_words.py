@@ -12,7 +12,7 @@ import pytest
 from coheft.app.run import launch
 from coheft.app.run.folder import RunFile
 from coheft.app.terminal.screen import Display
-from coheft.wire.messages.states import RunState
+from coheft.wire.messages.requests import RunState
 from coheft.wire.scenario.schema import MAX_DURATION
 from tests.recording.runs import BEGIN
 

@@ -18,8 +18,7 @@ from coheft.estimation.rigid_body.feedforward import load_shares, weight_deviati
 from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.estimation.rigid_body.unobservable import middle_and_size
 from coheft.wire.config import AgentConfig
-from coheft.wire.messages.states import Validity
-from coheft.wire.messages.structs import Estimate
+from coheft.wire.messages.structs import Estimate, Validity
 from coheft.wire.scenario.motion import Carry
 
 _STEP = 1e-3

@@ -20,8 +20,7 @@ from coheft.estimation.measurement import SAMPLE_SIZE, MeasurementBlock
 from coheft.wire.config import AgentProcessConfig
 from coheft.wire.messages.codec import check_field
 from coheft.wire.messages.requests import DisturbRequest
-from coheft.wire.messages.states import Validity
-from coheft.wire.messages.structs import Estimate, Hello, Measurements, Message, NeighbourMessage, Ready
+from coheft.wire.messages.structs import Estimate, Hello, Measurements, Message, NeighbourMessage, Ready, Validity
 from coheft.wire.process.log import LOG
 from coheft.wire.process.supervised import COMMENT_AFTER, supervised_main
 from coheft.wire.scenario.network import LinkQuality

@@ -6,12 +6,12 @@ from coheft.api.result import Result
 from coheft.api.tracks import robot_result
 from coheft.app.results.report import Report
 from coheft.app.run.follower import Follower
-from coheft.app.run.heard import News
+from coheft.app.run.news import News
 from coheft.app.run.pairing import Pairing
 from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.wire.messages.requests import Status
-from coheft.wire.messages.scene import Scene
 from coheft.wire.messages.structs import Estimate
+from coheft.wire.messages.truth import Scene
 from coheft.wire.scenario.plugins import estimator_names
 from coheft.wire.scenario.schema import Scenario
 

@@ -10,8 +10,8 @@ from coheft.api.result import Result
 from coheft.app.names import check_link
 from coheft.app.results.record import Record
 from coheft.app.results.report import build_report
-from coheft.app.run.heard import News
 from coheft.app.run.inprocess import TeamInProcess, measured
+from coheft.app.run.news import News
 from coheft.errors import CoheftError
 from coheft.wire.messages.structs import Estimate
 from coheft.wire.messages.truth import Truth

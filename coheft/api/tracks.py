@@ -11,8 +11,7 @@ from coheft.app.results.judge import Judge, standard_deviations
 from coheft.app.results.states import State
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.rigid_body.mass_properties import Inertia, unpack_symmetric
-from coheft.wire.messages.states import Validity
-from coheft.wire.messages.structs import Estimate, PayloadEstimate
+from coheft.wire.messages.structs import Estimate, PayloadEstimate, Validity
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,14 +4,12 @@ from collections.abc import Mapping, Sequence
 
 from coheft.errors import CoheftError
 
-_MOST = 8
 
-
-def few(names: Sequence[str]) -> str:
+def few(names: Sequence[str], most: int = 8) -> str:
     """List names, the first ones only if there are many: large teams would fill the screen."""
-    if len(names) <= _MOST:
+    if len(names) <= most:
         return ", ".join(names)
-    return f"{', '.join(names[: _MOST - 1])} and {len(names) - _MOST + 1} more"
+    return f"{', '.join(names[: most - 1])} and {len(names) - most + 1} more"
 
 
 def check_link(neighbours: Mapping[str, Sequence[str]], one: str, other: str) -> None:

@@ -11,7 +11,6 @@ from coheft.wire.former_names import keep_present
 from coheft.wire.messages.size import LEAST_LIMIT
 from coheft.wire.process.log import LogLevel
 from coheft.wire.scenario.estimator_settings import Converged, EfficientSettings, Fan2017Settings
-from coheft.wire.scenario.grasps import place_grasps
 from coheft.wire.scenario.motion import Carry, Motion, Waves, draw_waves
 from coheft.wire.scenario.network import LinkQuality
 from coheft.wire.scenario.plugins import estimator_names
@@ -49,8 +48,6 @@ class AgentConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     What is not listed here is as in the scenario, see ``Scenario`` and ``Sensors``.
 
     Attributes:
-        name: The agent's name.
-        neighbours: Names of its neighbours.
         noise, tolerance: Those of all robots' sensors but the ones in ``unequal``.
         unequal: Sensors of the robots that differ, by name; its own may be among them.
         lag: Number of blocks from a measurement to the reference that answers it.
@@ -120,10 +117,8 @@ class AgentProcessConfig(ProcessConfig, frozen=True, kw_only=True):
     """Configuration of an agent's process.
 
     Attributes:
-        agent: Configuration of the agent.
         server: Endpoint of the server for this robot, to dial.
         listen: Endpoint at which neighbours dial this agent.
-        neighbours: Its neighbours, with their endpoints.
         patience: Time after its measurements for which the agent waits for the message of a neighbour whose link is up
             [s]; it does not wait again for that neighbour until it keeps pace again.
         server_limit: Time for which it waits for a lost server to return [s].
@@ -145,7 +140,6 @@ class ServerConfig(ProcessConfig, frozen=True, kw_only=True):
     """Configuration of the physics server's process.
 
     Attributes:
-        scenario: The scenario to simulate.
         robots: Endpoint at which each robot dials, by name: each has a separate link.
         neighbours: The graph, for observers only.
         clock: ``lockstep`` waits for every agent, ``realtime`` for none; ``paced`` waits for every agent, and is not
@@ -189,7 +183,7 @@ def _known(scenario: Scenario, name: str) -> KnownPayload:
     parts = scenario.fan2017.known
     if not parts:
         return KnownPayload()
-    grasp = place_grasps(scenario)[scenario.robot_names.index(name)]
+    grasp = scenario.robots.poses()[scenario.robot_names.index(name)]
     seen = scenario.payload.inertia().carried(grasp.inverse())
     told = {"mass": seen.mass, "com": seen.com.tolist(), "inertia": pack_symmetric(seen.tensor).tolist()}
     return msgspec.convert({part: told[part] for part in parts}, KnownPayload)

@@ -1,4 +1,4 @@
-"""Names that estimators had in earlier releases: they are still read, but no longer written.
+"""Names and keys of earlier releases: they are still read, but no longer written.
 
 Structs with the name of an estimator call ``keep_present`` on creation, so that no other code handles earlier names.
 """
@@ -14,6 +14,10 @@ PRESENT = {"seed": "fan2017"}
 """Present names of estimators, by earlier name."""
 SECTIONS = {"seed_method": "fan2017"}
 """Present names of sections of a scenario, by earlier name."""
+_GONE = ("start_rotation_deg", "start_translation_mm", "refit_share")
+"""Settings of the former default estimator that have no successor."""
+_DEVIATION = 3.0**-0.5
+"""Standard deviation of an error that is uniform up to a largest one, relative to it."""
 
 
 @lru_cache(maxsize=64)
@@ -30,10 +34,9 @@ def keep_present(struct: msgspec.Struct) -> None:
 
 
 def rename_sections(table: dict[str, Any], origin: str) -> None:
-    """Rename sections of a scenario, in place, that have earlier names; ``origin`` names it in errors.
+    """Rename sections of a scenario, in place, that have earlier names.
 
-    Raises:
-        ScenarioError: A key is present under both names.
+    A key under both names is a ``ScenarioError``, in which ``origin`` names the scenario.
     """
     for former, now in SECTIONS.items():
         if former not in table:
@@ -48,3 +51,29 @@ def rename_sections(table: dict[str, Any], origin: str) -> None:
                 f"remove '{former}.{key}'"
             )
         table[now] = other | section
+
+
+def as_present(scenario: dict[str, Any], origin: str) -> dict[str, Any]:
+    """Return the present form of a scenario's table, as version 345a219 wrote it into recordings and fault schedules.
+
+    Largest constant errors (``sensors.offset``) become standard deviations of true errors, and the tolerances that
+    robots assumed for them (``efficient.offsets``) become tolerances. Other sensors were exact, which robots of this
+    release do not know: they allow for the errors of a good industrial arm. Errors are those of ``rename_sections``.
+    """
+    result = dict(scenario)
+    rename_sections(result, origin)
+    efficient, sensors = result.get("efficient"), result.get("sensors")
+    if not (isinstance(efficient, dict) and isinstance(sensors, dict)):
+        return result
+    result["efficient"] = {key: value for key, value in efficient.items() if key not in (*_GONE, "offsets")}
+    result["sensors"] = {key: value for key, value in sensors.items() if key != "offset"}
+    if efficient.get("offsets"):
+        result["sensors"].setdefault("tolerance", {"force_offset": 1.2, "torque_offset": 0.06})
+    if isinstance(largest := sensors.get("offset"), dict):
+        errors = {
+            f"{sensor}_offset": _DEVIATION * value if isinstance(value, int | float) else value  # refused later
+            for sensor, value in largest.items()
+            if value
+        }
+        result["sensors"]["errors"] = errors or "none"
+    return result

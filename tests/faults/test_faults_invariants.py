@@ -17,10 +17,8 @@ from coheft.estimation.geometry.body_motion import perturbed
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.rigid_body.mass_properties import unpack_symmetric
 from coheft.physics_server.simulation import Simulation
-from coheft.wire.messages.scene import Scene
-from coheft.wire.messages.states import Validity
-from coheft.wire.messages.structs import Estimate, NeighbourMessage, PayloadEstimate, PoseEstimate, Reference
-from coheft.wire.messages.truth import Truth
+from coheft.wire.messages.structs import Estimate, NeighbourMessage, PayloadEstimate, PoseEstimate, Reference, Validity
+from coheft.wire.messages.truth import Scene, Truth
 from coheft.wire.scenario.schema import LoadChange
 
 DEVIATION = 0.001

@@ -14,13 +14,12 @@ from rich.console import Console
 from coheft.app.recording.mcap_file import McapFile
 from coheft.app.recording.writer import RunWriter
 from coheft.app.results.record import Record
-from coheft.app.run.heard import News, check_news
+from coheft.app.run.news import News, check_news
 from coheft.app.terminal.final_table import print_report
 from coheft.app.terminal.screen import LineDisplay, LiveDisplay
 from coheft.errors import MessageError
 from coheft.wire.messages.codec import decode, encode
-from coheft.wire.messages.states import Validity
-from coheft.wire.messages.structs import Estimate, LoadChangeNotice, Message, Problem
+from coheft.wire.messages.structs import Estimate, LoadChangeNotice, Message, Problem, Validity
 from coheft.wire.messages.truth import Truth
 from tests.fuzz.any_message import (
     KEY,

@@ -166,7 +166,7 @@ def running_team(
     The plan may be changed before.
     """
     plan = change(make_plan(scenario, clock, keys=keys_folder))
-    keys = Keys(plan.run)
+    keys = Keys(plan.server.run)
     credentials = credentials_in(keys_folder, "operator") if keys_folder is not None else None
     guard = guard_observer(credentials, keys, "operator", [])
     with open_session(connect=[plan.server.observe], guard=guard) as observer:

@@ -10,8 +10,8 @@ from coheft.app.run.keys import make_keys
 from coheft.app.run.observer import Observer, disturb_links, observe, set_link
 from coheft.errors import CoheftError, LinkError
 from coheft.wire.messages.requests import CutLinks, LinkRequest, StatusRequest, StopRequest
-from coheft.wire.messages.scene import Scene
 from coheft.wire.messages.structs import Estimate
+from coheft.wire.messages.truth import Scene
 from coheft.wire.scenario.network import LinkQuality
 from coheft.wire.transport.planes import guard_observer
 from coheft.wire.transport.security import credentials_in

@@ -145,7 +145,7 @@ def lone_agent(folder: Path, patience: float = LIMIT, agent: int = 0) -> Iterato
     """An agent that has met its surroundings: the first of the two waits to be dialled, the other one dials."""
     plan = make_plan(small_scenario(2, "line"))
     with ExitStack() as stack:
-        team = Team(plan, Keys(plan.run), folder, None, {})
+        team = Team(plan, Keys(plan.server.run), folder, None, {})
         surroundings = Surroundings(team, stack, agent)
         config = structs.replace(plan.agents[surroundings.name], patience=patience)
         team.start(surroundings.name, AGENT, config)
@@ -157,7 +157,7 @@ def lone_agent(folder: Path, patience: float = LIMIT, agent: int = 0) -> Iterato
 def test_an_agent_says_once_where_it_waits_for_its_server_and_goes_on_waiting(tmp_path):
     plan = make_plan(small_scenario(2, "line"))
     with ExitStack() as stack:
-        team = Team(plan, Keys(plan.run), tmp_path, None, {})
+        team = Team(plan, Keys(plan.server.run), tmp_path, None, {})
         name, config = next(iter(plan.agents.items()))
         team.start(name, AGENT, config)
         stack.callback(team.end, name)

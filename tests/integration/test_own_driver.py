@@ -61,7 +61,7 @@ def last_estimates(scenario: Scenario) -> dict[str, Estimate]:
 def driven(plan: Plan, data: Path, folder: Path, block: int) -> dict[str, Estimate]:
     """What the agents believe after a block, fed by the example."""
     files = [str(path) for path in plan.write(folder / "team") if path.stem != "server"]
-    inbox, keys = Inbox(), Keys(plan.run)
+    inbox, keys = Inbox(), Keys(plan.server.run)
     processes = []
     with open_session(connect=[agent.observe for agent in plan.agents.values()]) as session:
         for name in plan.agents:

@@ -214,7 +214,7 @@ def test_a_request_to_terminate_is_obeyed_and_an_interrupt_is_left_to_the_superv
 def test_a_server_says_once_for_whom_it_waits_and_begins_when_all_are_there(tmp_path):
     plan = make_plan(small_scenario(2, "line"))
     with open_session(connect=[plan.server.observe]) as observer, ExitStack() as stack:
-        team = Team(plan, Keys(plan.run), tmp_path, observer, {})
+        team = Team(plan, Keys(plan.server.run), tmp_path, observer, {})
         for name in ("server", *plan.agents):
             team.restart(name)
             stack.callback(team.end, name)

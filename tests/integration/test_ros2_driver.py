@@ -177,7 +177,7 @@ def driven(plan: Plan, folder: Path) -> Iterator[tuple[Robots, Command, Team]]:
         robots = Robots(ros, list(plan.agents))
         arguments = ["-m", "coheft", "ros2-driver", *paths[1:], "--endpoint", f"tcp/127.0.0.1:{port}"]
         command = stack.enter_context(started(arguments, folder / "driver.txt"))
-        team = Team(plan, Keys(plan.run), folder, ros, {})
+        team = Team(plan, Keys(plan.server.run), folder, ros, {})
         for name, config in plan.agents.items():
             team.start(name, AGENT, config)
             stack.callback(team.end, name)
@@ -227,7 +227,7 @@ def test_the_driver_of_a_secure_team_says_what_it_waits_for_and_what_makes_no_se
         robots = Robots(ros, list(plan.agents))
         arguments = ["-m", "coheft", "ros2-driver", *paths[1:], "--endpoint", f"tcp/127.0.0.1:{port}"]
         command = stack.enter_context(started(arguments, tmp_path / "driver.txt"))
-        team = Team(plan, Keys(plan.run), tmp_path, ros, {})
+        team = Team(plan, Keys(plan.server.run), tmp_path, ros, {})
         for name in ("r1", "r2"):
             team.start(name, AGENT, plan.agents[name])
             stack.callback(team.end, name)
@@ -304,7 +304,7 @@ def test_drivers_of_one_team_begin_together_and_say_what_each_arm_shall_do(tmp_p
         for driven in (paths[:1], paths[1:]):
             arguments = ["-m", "coheft", "ros2-driver", *driven, "--endpoint", f"tcp/127.0.0.1:{port}", "--epoch", "5"]
             commands.append(stack.enter_context(started(arguments, tmp_path / f"{len(driven)}.txt")))
-        team = Team(plan, Keys(plan.run), tmp_path, ros, {})
+        team = Team(plan, Keys(plan.server.run), tmp_path, ros, {})
         for name, config in plan.agents.items():
             team.start(name, AGENT, config)
             stack.callback(team.end, name)
@@ -338,7 +338,7 @@ def test_an_epoch_of_another_clock_is_refused(tmp_path: Path) -> None:
         robots = Robots(stack.enter_context(router(port)), list(plan.agents))
         arguments = ["-m", "coheft", "ros2-driver", *paths[1:], "--endpoint", f"tcp/127.0.0.1:{port}", "--epoch", "5"]
         command = stack.enter_context(started(arguments, tmp_path / "driver.txt"))
-        team = Team(plan, Keys(plan.run), tmp_path, robots.session, {})
+        team = Team(plan, Keys(plan.server.run), tmp_path, robots.session, {})
         for name, config in plan.agents.items():
             team.start(name, AGENT, config)
             stack.callback(team.end, name)

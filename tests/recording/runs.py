@@ -9,10 +9,9 @@ import numpy as np
 
 from coheft.app.recording.mcap_file import McapFile
 from coheft.app.recording.writer import RunWriter
-from coheft.app.run.heard import News
+from coheft.app.run.news import News
 from coheft.estimation.rigid_body.mass_properties import Inertia
-from coheft.wire.messages.requests import Status
-from coheft.wire.messages.states import RunState
+from coheft.wire.messages.requests import RunState, Status
 from coheft.wire.messages.structs import LoadChangeNotice, Problem
 from coheft.wire.scenario.file import load_scenario
 from tests.synthetic_run import BLOCK, HEAVY, LIGHT, ROBOTS, SCENE, estimate, truth

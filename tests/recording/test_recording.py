@@ -27,7 +27,7 @@ from coheft.app.recording.reader import read_recording
 from coheft.app.recording.recorder import Recorder
 from coheft.app.results.judge import Judge
 from coheft.app.run.broken_off import BrokenOff
-from coheft.app.run.heard import News
+from coheft.app.run.news import News
 from coheft.errors import RecordingError
 from coheft.estimation.geometry.spatial import Pose, rotation_exp
 from coheft.estimation.measurement import ACCELERATION, TWIST, WRENCH

@@ -280,8 +280,10 @@ def _credentials(keys: Path | None, folder: Path, scenario: Scenario, places: Ho
 
 def _wait_for_view(console: Console, viewer: ViewBeside, place: Place, *, waits: bool) -> None:
     """Print the address of the view as soon as it is ready, before anything else, and wait until it is opened."""
-    viewer.wait_until_there()
+    from coheft.app.view.process import READY, SEEN
+
+    viewer.wait_for(READY)
     console.print(f"The view is at {place.url}", markup=False, highlight=False, soft_wrap=True)
     if waits:
         console.print("The run begins when a browser has opened it; with --no-wait, at once.", highlight=False)
-        viewer.wait_until_seen()
+        viewer.wait_for(SEEN)

@@ -12,8 +12,7 @@ from coheft.errors import CoheftError
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.rigid_body.consistency import is_possible
 from coheft.estimation.rigid_body.mass_properties import Inertia, unpack_symmetric
-from coheft.wire.messages.states import Validity
-from coheft.wire.messages.structs import Estimate
+from coheft.wire.messages.structs import Estimate, Validity
 
 _ROUNDING = 1e-9
 

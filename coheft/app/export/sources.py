@@ -9,7 +9,7 @@ from coheft.app.export.found_load import FoundLoad, chosen_robot, of_estimate, o
 from coheft.app.identify.report import IdentifyReport
 from coheft.app.results.report import Report, chosen_estimator
 from coheft.errors import CoheftError, UsageError
-from coheft.wire.messages.states import RunState
+from coheft.wire.messages.requests import RunState
 
 _PATIENCE = 5.0
 """Time to wait for an estimate of a robot [s]."""

@@ -21,9 +21,8 @@ from coheft.app.results.errors import payload_error, pose_error
 from coheft.app.results.judge import Judge
 from coheft.app.results.quantities import payload_exists
 from coheft.estimation.geometry.spatial import Array, Pose
-from coheft.wire.messages.scene import Scene
-from coheft.wire.messages.states import Validity
-from coheft.wire.messages.structs import Estimate
+from coheft.wire.messages.structs import Estimate, Validity
+from coheft.wire.messages.truth import Scene
 from coheft.wire.scenario.borders import first_border
 
 DEVIATIONS = 5.0

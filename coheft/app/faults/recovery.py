@@ -21,8 +21,7 @@ from coheft.app.faults.invariants import Violation
 from coheft.app.faults.run import FaultyBlock
 from coheft.app.faults.schedule import Crash, FaultSchedule, Lie, Partition, Release
 from coheft.consensus.graph import build_graph, diameter
-from coheft.wire.messages.states import Validity
-from coheft.wire.messages.structs import Estimate
+from coheft.wire.messages.structs import Estimate, Validity
 from coheft.wire.scenario.schema import LoadChange
 
 BACK_FROM_SILENCE = 3.0

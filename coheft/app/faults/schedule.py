@@ -8,8 +8,8 @@ from msgspec import Meta
 
 from coheft.errors import ScenarioError
 from coheft.estimation.measurement import Positive
+from coheft.wire.former_names import as_present
 from coheft.wire.scenario.file import complete_scenario
-from coheft.wire.scenario.former import as_present
 from coheft.wire.scenario.schema import Scenario
 from coheft.wire.scenario.section import NotNegative, Seed
 

@@ -13,7 +13,6 @@ from coheft.estimation.geometry.smooth_step import cubic_step
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.physics_server.data_recorder import DataRecorder
 from coheft.physics_server.simulation import Simulation
-from coheft.wire.scenario.grasps import place_grasps
 from coheft.wire.scenario.motion import ViaPoints
 from coheft.wire.scenario.schema import Scenario
 
@@ -50,7 +49,7 @@ def record_sphere(scenario: Scenario) -> Recording:
     block_rate = scenario.sensors.rate / scenario.sensors.block
     first = round(SPHERE_TIME * block_rate)
     after = agents_references(shifted)
-    sphere = sphere_references(place_grasps(scenario), scenario.seed, scenario.sensors.rate, scenario.sensors.block)
+    sphere = sphere_references(scenario.robots.poses(), scenario.seed, scenario.sensors.rate, scenario.sensors.block)
 
     def joined(turning: ReferenceOf, holding: ReferenceOf) -> ReferenceOf:
         return lambda block: turning(block) if block < first else holding(block - first)

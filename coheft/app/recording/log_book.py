@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from coheft.app.recording import ros
 from coheft.app.results.states import State
-from coheft.app.run.heard import News
+from coheft.app.run.news import News
 from coheft.wire.messages.structs import Estimate, Problem
 from coheft.wire.messages.truth import LoadState, Truth
 from coheft.wire.transport.planes import SERVER

@@ -10,7 +10,7 @@ from mcap.records import Message as McapMessage
 from coheft.app.recording.mcap_records import DamagedError, is_finished, read_records
 from coheft.app.recording.raw import KINDS, STATUS, from_raw
 from coheft.app.recording.ros import bytes_in
-from coheft.app.run.heard import News, check_news, check_status
+from coheft.app.run.news import News, check_news, check_status
 from coheft.errors import MessageError, RecordingError
 from coheft.wire.messages.requests import Status
 from coheft.wire.messages.structs import Estimate, EstimateBeside, Message, Problem

@@ -10,7 +10,7 @@ from typing import BinaryIO, Self
 from coheft.app.recording.mcap_file import McapFile
 from coheft.app.recording.writer import RunWriter
 from coheft.app.run.follower import Follower
-from coheft.app.run.heard import News
+from coheft.app.run.news import News
 from coheft.errors import RecordingError
 from coheft.wire.messages.requests import Status
 from coheft.wire.scenario.schema import Scenario

@@ -11,10 +11,8 @@ from coheft.app.results.states import State
 from coheft.estimation.geometry.spatial import Array, Pose, quaternion_from_rotation
 from coheft.estimation.measurement import ACCELERATION, TWIST, WRENCH
 from coheft.estimation.rigid_body.mass_properties import Inertia, unpack_symmetric
-from coheft.wire.messages.scene import Scene
-from coheft.wire.messages.states import Validity
-from coheft.wire.messages.structs import Estimate, PayloadEstimate
-from coheft.wire.messages.truth import LoadState, Truth
+from coheft.wire.messages.structs import Estimate, PayloadEstimate, Validity
+from coheft.wire.messages.truth import LoadState, Scene, Truth
 from coheft.wire.scenario.payload import Payload
 from coheft.wire.scenario.section import pose_of
 

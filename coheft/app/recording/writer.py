@@ -12,7 +12,7 @@ from coheft.app.recording.reader import BEGIN, SCENARIO, VERSIONS
 from coheft.app.recording.ros import RosMessage
 from coheft.app.recording.topics import box_messages, error_messages, estimate_messages, scene_messages, truth_messages
 from coheft.app.results.record import load_ids
-from coheft.app.run.heard import News
+from coheft.app.run.news import News
 from coheft.app.run.pairing import Pairing
 from coheft.app.versions import versions
 from coheft.wire.messages.requests import Status

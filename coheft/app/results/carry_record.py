@@ -12,8 +12,7 @@ from coheft.estimation.geometry.spatial import Array, Pose, rotation_exp, rotati
 from coheft.estimation.measurement import WRENCH
 from coheft.estimation.rigid_body.feedforward import internal_wrenches
 from coheft.physics_server.scene import PAYLOAD_HOME
-from coheft.wire.messages.scene import Scene
-from coheft.wire.messages.truth import Truth
+from coheft.wire.messages.truth import Scene, Truth
 from coheft.wire.scenario.schema import Scenario
 
 SETTLING = 2.0

@@ -14,10 +14,8 @@ from coheft.app.results.errors import MOST_STDS, PAYLOAD_PARTS, in_stds, payload
 from coheft.app.results.states import State
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.rigid_body.mass_properties import Inertia, unpack_symmetric
-from coheft.wire.messages.scene import Scene
-from coheft.wire.messages.states import Validity
-from coheft.wire.messages.structs import Estimate, PayloadEstimate, SensorErrorEstimate
-from coheft.wire.messages.truth import Truth
+from coheft.wire.messages.structs import Estimate, PayloadEstimate, SensorErrorEstimate, Validity
+from coheft.wire.messages.truth import Scene, Truth
 
 RECOVERED_MASS_PCT = 3.0
 RECOVERED_COM_MM = 20.0
@@ -92,19 +90,11 @@ class RobotReport(msgspec.Struct, frozen=True):
     """One robot's estimate at one time.
 
     Attributes:
-        time_s: The time [s].
-        mass: Mass of the payload with all loads.
-        com: Its centre of mass.
-        inertia: Its inertia.
         poses: Errors of the neighbours' grasp poses; empty while the robot is still finding them.
-        converged: Whether the robot reports that its estimate has converged.
         converged_at_s: When it first did [s]; None if never.
         not_observable: Parameters that it reports as not observable from the motion so far.
         status: The status that it reports: ``starting``, ``valid``, or ``stale`` if the estimate may have become
             invalid.
-        reasons: Why the estimate is not valid, as reported.
-        state: The robot's state in the vocabulary of all outputs.
-        sensor_errors: Its estimates of its sensors' errors.
         contradictions: Errors beyond four of its own standard deviations, while it reports a valid estimate.
     """
 

@@ -10,8 +10,7 @@ from coheft.app.results.judge import Judge, standard_deviations
 from coheft.app.results.quantities import Quantity
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.rigid_body.mass_properties import pack_symmetric
-from coheft.wire.messages.states import Validity
-from coheft.wire.messages.structs import Estimate
+from coheft.wire.messages.structs import Estimate, Validity
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -19,9 +18,6 @@ class Point:
     """One estimate and the truth of its block; NaN where there is no estimate, or no truth.
 
     Attributes:
-        time: Time of the estimate [s].
-        block: Its block.
-        estimator: The estimator that made it.
         is_stale: Whether the robot could not know whether its estimate still held.
         truth: True ``(m, h, J packed)`` in ``F_i``, shape (10,).
         error: Truth minus estimate, shape (10,).

@@ -22,8 +22,6 @@ class Quantity:
     """Some components of the error of a pose ``(rotation vector, translation)`` or a payload ``(m, h, J packed)``.
 
     Attributes:
-        name: Name in reports.
-        unit: Unit of errors.
         of_payload: Whether it is a part of the payload; otherwise it is a part of a pose.
         components: Its components of the error.
         counts: Weight of each component in the square of the norm.

@@ -8,12 +8,10 @@ import msgspec
 
 from coheft.app.results.robot_record import LoadPeriod, RobotRecord
 from coheft.app.results.slips import SlipRecord
-from coheft.app.run.heard import News
+from coheft.app.run.news import News
 from coheft.app.run.pairing import Pairing
-from coheft.wire.messages.scene import Scene
-from coheft.wire.messages.states import Validity
-from coheft.wire.messages.structs import Estimate, EstimateBeside
-from coheft.wire.messages.truth import Truth
+from coheft.wire.messages.structs import Estimate, EstimateBeside, Validity
+from coheft.wire.messages.truth import Scene, Truth
 from coheft.wire.scenario.plugins import estimator_names
 from coheft.wire.scenario.schema import Scenario
 
@@ -46,13 +44,10 @@ class Record:
         pairing: That of the record that this one is beside.
 
     Attributes:
-        judge: Compares estimates with the newest truths.
         blocks: Number of truths that have arrived.
         periods: Periods between load changes; the first one begins with the first truth.
-        robots: Records of each robot's estimates.
         latest: The newest estimate of each robot, as received.
         estimators: The estimators that the robots have used, the newest last.
-        slips: Grasps that have slipped.
         carried: How the load is carried along the common path; None if there is no path.
         beside: The same of the estimators that run beside the robots' own, by name.
     """
@@ -117,9 +112,9 @@ class Record:
     def complete(self) -> bool:
         """Whether the estimates of all robots for the newest truth's block have arrived."""
         newest = self.truth
-        if not all(other.complete for other in self.beside.values()):
+        if newest is None or self.silent or any(e.block < newest.block for e in self.latest.values()):
             return False
-        return newest is not None and not self.silent and all(e.block >= newest.block for e in self.latest.values())
+        return all(other.complete for other in self.beside.values())
 
     def receive(self, news: News) -> list[tuple[str, Estimate]]:
         """Process a received message; return what ``Pairing.receive`` does."""
@@ -146,10 +141,7 @@ class Record:
             self.carried.add(truth)
 
     def _note_estimate(self, estimate: Estimate) -> None:
-        """Note an estimate, and whether the estimator has changed.
-
-        All robots change it at the same block; older estimates may arrive later.
-        """
+        """Note an estimate, and whether the estimator has changed: all robots change it at the same block."""
         self.latest[estimate.robot] = estimate
         since = estimate.time * estimate.block / (estimate.block + 1)
         newest = self.estimators[-1] if self.estimators else None

@@ -1,4 +1,4 @@
-"""The results of a run in one struct, which becomes the JSON report."""
+"""The results of a run in one struct, which becomes the JSON report; ``docs/json-report.md`` describes all of it."""
 
 from __future__ import annotations
 
@@ -32,8 +32,6 @@ class LoadChangeReport(msgspec.Struct, frozen=True):
     """A load that was added or removed.
 
     Attributes:
-        at_s: Time of the change [s].
-        truth: The payload right after the change.
         leak_kg_s: Total leak rate of the loads from then on [kg/s]; the robots have to recover the payload as it
             changes.
         detected_at_s: Time at which the last robot had noticed the change [s]; None if some never did.
@@ -65,8 +63,6 @@ class CarryPhaseReport(msgspec.Struct, frozen=True):
     Attributes:
         what: ``alone``: each robot moved independently; ``springs``: along the common path, without feed-forward;
             ``feedforward``: with it.
-        from_s: Start of the phase [s].
-        to_s: End of the phase [s].
         position_rms_mm: Distance of the payload's frame from the path [mm]; None if there was no path.
         rotation_rms_deg: Angle between the payload's frame and the path [degrees]; None if there was no path.
         internal_force_rms_n: Internal force per robot: measured forces that do not move the load [N].
@@ -86,7 +82,6 @@ class LoadDropReport(msgspec.Struct, frozen=True):
     """Deviation from the path after a load change.
 
     Attributes:
-        at_s: Time of the change [s].
         mass: Mass of the payload from then on [kg].
         largest_mm: Largest distance from the path since then [mm].
         back_after_s: Time from the change to the last moment, before the next change, at which the load was farther
@@ -102,14 +97,7 @@ class LoadDropReport(msgspec.Struct, frozen=True):
 
 
 class CarryReport(msgspec.Struct, frozen=True):
-    """Results of carrying a load.
-
-    Attributes:
-        phases: Phases in order of time.
-        drops: Load changes.
-        noise_force_n: Internal force that sensor noise alone would cause [N].
-        noise_torque_nm: Internal torque that sensor noise alone would cause [N·m].
-    """
+    """Results of carrying a load, and the internal force and torque that sensor noise alone would cause [N, N·m]."""
 
     phases: list[CarryPhaseReport]
     drops: list[LoadDropReport]
@@ -118,13 +106,7 @@ class CarryReport(msgspec.Struct, frozen=True):
 
 
 class BoundReport(msgspec.Struct, frozen=True):
-    """Cramér-Rao bound of a robot's estimate: root mean squares of the errors that are possible, as in its report.
-
-    Attributes:
-        mass_pct: Bound of the mass [%].
-        com_mm: Bound of the distance between the centre of mass and where it is estimated to be [mm].
-        inertia_pct: Bound of the inertia's error, Frobenius norm relative to the truth [%].
-    """
+    """Cramér-Rao bound of a robot's estimate: root mean squares of the errors that are possible, as in its report."""
 
     mass_pct: float
     com_mm: float
@@ -135,14 +117,7 @@ class Report(msgspec.Struct, frozen=True):
     """The report of a run.
 
     Attributes:
-        scenario: The scenario's name.
-        seed: Seed of the sensors' noise and the robots' motions.
         estimator: The estimator in use at the end.
-        duration_s: Simulated time [s].
-        robots: Each robot's estimate at the end.
-        load_changes: Changes of the load.
-        estimator_changes: Restarts of all robots with another estimator.
-        consensus: Errors of the total wrench.
         processes: Number of processes: physics server and agents.
         real_time_factor: Simulated time divided by wall time.
         messages_per_s: Messages between processes per second of wall time: for each block one measurement and one
@@ -150,9 +125,6 @@ class Report(msgspec.Struct, frozen=True):
             every 0.1 s.
         late_blocks: Number of late references over all robots; only in real time. In spite of its name it does not
             count blocks: if several robots are late for a block, each one counts.
-        history: Errors about once a second, if requested.
-        carry: How the load was carried, if the scenario has a common path.
-        slips: Grasps that slipped.
         beside: The same of the estimators that ran beside the robots' own on the same samples, by name.
         bound: The smallest possible error of each robot's estimate at the end, if several estimators ran; None if there
             was one, or the bound of such a run cannot be computed.
@@ -206,15 +178,9 @@ def chosen_estimator(name: str | None, names: Sequence[str]) -> str:
 
 
 def build_report(scenario: Scenario, record: Record, *, real_time_factor: float = 0.0, late_blocks: int = 0) -> Report:
-    """Build the report of a run of a scenario from what an observer has recorded.
-
-    Raises:
-        ValueError: There is no truth, or a robot without any compared estimate.
+    """Build the report of a run of a scenario from what an observer has recorded: a truth, and estimates of all robots,
+    see ``Record.silent``.
     """
-    if record.truth is None:
-        raise ValueError("a report needs at least one truth")
-    if record.silent:
-        raise ValueError(f"a report needs an estimate of every robot; missing: {', '.join(record.silent)}")
     robots = {}
     for name, belief in record.beliefs.items():
         if (report := record.robots[name].report) is not None:

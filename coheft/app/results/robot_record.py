@@ -57,10 +57,8 @@ class RobotRecord:
     """Compares one robot's estimates with the truth; its reactions to changes of the load are kept in the periods.
 
     Attributes:
-        compared: Number of estimates so far.
         wrench_errors: Sums of squares of the errors of total force and torque in phase ``inertia``, shape (2,).
         wrench_totals: Sums of squares of the true total force and torque, shape (2,).
-        history: Errors about once a second.
     """
 
     def __init__(self, judge: Judge, periods: Sequence[LoadPeriod], *, with_history: bool) -> None:
@@ -93,7 +91,6 @@ class RobotRecord:
             self._add_history(estimate)
 
     def _follow_load(self, estimate: Estimate) -> None:
-        """Update the load periods with an estimate."""
         name, periods = estimate.robot, self._periods
         while self._period + 1 < len(periods) and periods[self._period + 1].truth.block <= estimate.block:
             self._period += 1
@@ -109,9 +106,10 @@ class RobotRecord:
     def _follow_recovery(self, estimate: Estimate, recovered: dict[str, float | None]) -> None:
         """Note since when the robot has been near the truth, until it has recovered."""
         name = estimate.robot
-        since = recovered.get(name)
-        if since is not None and self._has_restarted(estimate):
-            self._has_recovered = True
+        since, last = recovered.get(name), self._last
+        if since is not None and last is not None:  # an estimate that is missing after a restart is not wrong
+            has_forgotten = last.payload is not None and estimate.payload is None
+            self._has_recovered |= has_forgotten or estimate.estimator != last.estimator
         if self._has_recovered:
             return
         if not self._judge.recovered(estimate):
@@ -120,14 +118,6 @@ class RobotRecord:
             recovered[name] = estimate.time
         else:
             self._has_recovered = estimate.time - since >= LASTING - _ROUNDING
-
-    def _has_restarted(self, estimate: Estimate) -> bool:
-        """Whether the agent or its estimator restarted: the estimate is then missing, not wrong."""
-        last = self._last
-        if last is None:
-            return False
-        has_forgotten = last.payload is not None and estimate.payload is None
-        return has_forgotten or estimate.estimator != last.estimator
 
     def _compare_wrench(self, estimate: Estimate) -> None:
         truth = self._judge.total_wrench(estimate.robot, estimate.total_block)

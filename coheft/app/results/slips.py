@@ -14,15 +14,7 @@ _ROUNDING = 1e-9
 
 
 class SlipReport(msgspec.Struct, frozen=True):
-    """A grasp that slipped.
-
-    Attributes:
-        at_s: Time of the slip [s].
-        robot: The robot whose grasp slipped.
-        translation_mm: Displacement of its frame [mm].
-        rotation_deg: Rotation of its frame [degrees].
-        named_at_s: When the last robot had identified this slip [s]; None if some never did.
-    """
+    """A grasp that slipped; ``named_at_s`` is when the last robot had identified this slip, None if some never did."""
 
     at_s: float
     robot: str

@@ -1,17 +1,10 @@
-"""States of a robot and names of estimators, the same in terminal, view, reports, JSON and documentation."""
+"""States of a robot, the same in terminal, view, reports, JSON and documentation."""
 
 from __future__ import annotations
 
 from enum import StrEnum
 
-from coheft.wire.messages.states import Validity
-from coheft.wire.messages.structs import Estimate
-
-ESTIMATORS = {
-    "efficient": "efficient, which reaches the Cramér-Rao bound",
-    "fan2017": "fan2017, the method of Fan et al. (CDC 2017)",
-}
-"""The estimators that come with coheft, with a description."""
+from coheft.wire.messages.structs import Estimate, Validity
 
 
 class State(StrEnum):

@@ -9,13 +9,11 @@ from coheft.app.recording.topics import estimate_messages, scene_messages, truth
 from coheft.app.ros2.names import check_ros_names
 from coheft.app.ros2.node import RosNode, open_node
 from coheft.app.run.folder import RunFile
-from coheft.app.run.heard import News
+from coheft.app.run.news import News
 from coheft.app.run.observer import observe
-from coheft.wire.messages.requests import StatusRequest
-from coheft.wire.messages.scene import Scene
-from coheft.wire.messages.states import RunState
+from coheft.wire.messages.requests import RunState, StatusRequest
 from coheft.wire.messages.structs import Estimate
-from coheft.wire.messages.truth import Truth
+from coheft.wire.messages.truth import Scene, Truth
 
 NODES = ("coheft", "coheft_driver")
 """Names of bridges and drivers, which publish on the same topics."""

@@ -17,7 +17,7 @@ from coheft.app.ros2.node import RosNode, typed_topic
 from coheft.app.ros2.pace import words_of
 from coheft.app.ros2.samples import STREAMS, BlockBuilder, Readings, streams_of
 from coheft.app.ros2.stamps import LIMIT, Stamps
-from coheft.app.run.heard import check_estimate
+from coheft.app.run.news import check_estimate
 from coheft.errors import CoheftError, MessageError, one_line
 from coheft.estimation.geometry.spatial import quaternion_from_rotation, rotation_exp
 from coheft.wire.config import AgentConfig, AgentProcessConfig

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from coheft.app.run.follower import Follower
-from coheft.app.run.heard import News
+from coheft.app.run.news import News
 from coheft.wire.messages.requests import Status
 from coheft.wire.messages.truth import Truth
 

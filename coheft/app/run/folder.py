@@ -24,9 +24,6 @@ class RunFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Addresses of a run in progress; the file exists as long as the run.
 
     Attributes:
-        run: Prefix of all its keys.
-        server: Endpoint at which the server answers observers.
-        agents: Endpoint at which each agent answers observers, by name.
         pids: Process ids by name, of processes that a supervisor has started.
         keys: Folder with the credentials of observers and operators, relative to the run's folder; None for the open
             profile.
@@ -60,11 +57,12 @@ def runs_folder() -> Path:
 def make_run_folder(run: str, logs: Path | None = None) -> Path:
     """Make the folder of a new run: ``logs``, or a new one among the user's runs, of which the oldest are removed.
 
-    Raises:
-        CoheftError: It cannot be made, contains logs already, or belongs to a run in progress.
+    ``logs`` that hold logs already, or belong to a run in progress, are a ``CoheftError``.
     """
     if logs is None:
-        _remove_old_folders(_KEPT - 1)
+        for old in sorted(runs_folder().glob(_FOLDERS), reverse=True)[_KEPT - 1 :]:
+            if _running(old) is None:
+                shutil.rmtree(old, ignore_errors=True)
     elif _running(logs) is not None:
         raise CoheftError(
             f"a run is in progress in {logs}: name another folder with --logs DIR, or end it: coheft stop"
@@ -77,13 +75,6 @@ def make_run_folder(run: str, logs: Path | None = None) -> Path:
     with file_errors(CoheftError, f"cannot make the folder of the run, {folder}", "; name another: --logs DIR"):
         folder.mkdir(parents=True, exist_ok=True)
     return folder.resolve()
-
-
-def _remove_old_folders(kept: int) -> None:
-    """Remove the folders of all but the user's newest runs, as far as possible."""
-    for folder in sorted(runs_folder().glob(_FOLDERS), reverse=True)[kept:]:
-        if _running(folder) is None:
-            shutil.rmtree(folder, ignore_errors=True)
 
 
 @contextlib.contextmanager
@@ -135,10 +126,8 @@ def locate_run(folder: Path | None = None, *, acts: bool = False) -> tuple[Path,
     """Return a run in progress and its folder. If it is the newest of several, print that to stderr.
 
     A folder among this user's runs can be given by its bare name, unless a folder of that name exists here. For a
-    command that ``acts``, which changes the run, the folder is required if there are several.
-
-    Raises:
-        CoheftError: There is no such run, or it is not clear which one is meant.
+    command that ``acts``, which changes the run, the folder is required if there are several. A ``CoheftError`` says
+    that there is no such run, or that it is not clear which one is meant.
     """
     if folder is not None:
         if len(folder.parts) == 1 and not folder.exists() and (among_runs := runs_folder() / folder).is_dir():

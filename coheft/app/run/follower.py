@@ -1,6 +1,6 @@
 """Interface of everything that follows a run beside the report: a recorder, a view, curves over time."""
 
-from coheft.app.run.heard import News
+from coheft.app.run.news import News
 from coheft.wire.messages.requests import Status
 
 

@@ -193,7 +193,6 @@ def _main() -> None:
 
 
 def _report_ends(asks: socket.socket) -> None:
-    """Report all processes that have ended."""
     with suppress(ChildProcessError):
         while (ended := os.waitpid(-1, os.WNOHANG))[0]:
             asks.send(f"ended {ended[0]} {os.waitstatus_to_exitcode(ended[1])}".encode())

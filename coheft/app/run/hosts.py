@@ -15,7 +15,7 @@ from typing import Annotated
 
 import msgspec
 
-from coheft.errors import LinkError, ScenarioError
+from coheft.errors import LinkError, ScenarioError, file_errors
 from coheft.wire.scenario.errors import explain
 from coheft.wire.scenario.schema import Scenario
 from coheft.wire.scenario.toml_value import as_toml
@@ -67,10 +67,9 @@ def load_hosts(path: Path, scenario: Scenario) -> Hosts:
     """Read the hosts of the parts of a scenario, or raise a ``ScenarioError``."""
     table: dict[str, object] = {}
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        with file_errors(ScenarioError, f"{path}: cannot be read"):
+            table = tomllib.loads(path.read_text(encoding="utf-8-sig"))
         hosts = msgspec.convert(table, Hosts)
-    except OSError as error:
-        raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ScenarioError(f"{path}: not valid TOML: {error}") from error
     except msgspec.ValidationError as error:

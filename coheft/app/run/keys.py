@@ -32,7 +32,6 @@ except ImportError as error:
 CLOCK_TOLERANCE = timedelta(minutes=5)
 """Difference between the clocks of two hosts that new certificates tolerate."""
 _MINUTE = "%Y-%m-%d %H:%M"
-"""Format of times in errors."""
 
 
 @dataclass(frozen=True)

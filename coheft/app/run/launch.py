@@ -2,7 +2,7 @@
 
 import select
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,15 +20,13 @@ from coheft.app.run.fork_server import ForkServer
 from coheft.app.run.observer import Observer, observe
 from coheft.app.run.plan import Plan
 from coheft.app.run.processes import Processes, make_fork_server
-from coheft.app.run.restarts import Restarts
 from coheft.app.terminal.digits import seconds_of
 from coheft.app.terminal.screen import Display
 from coheft.app.terminal.standard_output import check_standard_output
 from coheft.errors import CoheftError, LinkError
-from coheft.wire.messages.requests import Status, StatusRequest
-from coheft.wire.messages.states import RunState
+from coheft.wire.messages.requests import RunState, Status, StatusRequest
 from coheft.wire.messages.structs import Problem
-from coheft.wire.process.supervised import BEAT
+from coheft.wire.process.supervised import BEAT, UNUSABLE
 from coheft.wire.transport.planes import SERVER
 
 _POLL = 0.02
@@ -125,6 +123,45 @@ class Audience:
         return self.record.time > before
 
 
+@dataclass(frozen=True)
+class Restarts:
+    """Restarts agents that fail, each up to ``limit`` times, shows that, and announces their new process ids."""
+
+    limit: int
+    processes: Processes
+    observer: Observer
+    display: Display
+    announce: Callable[[], None]
+
+    def check(self, *, has_begun: bool = True) -> None:
+        """Restart agents that have failed; a ``ProcessError`` says why that is not possible (any more).
+
+        Before the run has begun, it is enough that the server's process runs, which may answer late.
+        """
+        failed = self.processes.failed
+        if not failed:
+            return
+        goes_on = self._goes_on if has_begun else lambda: not self.processes.ended(SERVER)
+        is_server_there = all(child.name != SERVER for child in failed)
+        may_try_again = all(child.restarts < self.limit and child.status != UNUSABLE for child in failed)
+        if not (is_server_there and may_try_again and goes_on()):
+            self.processes.check(self.limit if is_server_there else None)
+        for child in failed:
+            text = f"{child.name} {child.how_and_why}; restarted ({child.restarts + 1} of {self.limit})"
+            self.processes.start_again(child)
+            self.display.problem(Problem(source="supervisor", text=text))
+        try:
+            self.announce()
+        except CoheftError as error:  # the run continues, although other commands may not find it
+            self.display.problem(Problem(source="supervisor", text=str(error)))
+
+    def _goes_on(self) -> bool:
+        while (status := self.observer.status()) is None:
+            if self.observer.has_lost_server or self.processes.ended(SERVER):
+                return False
+        return status.state in (RunState.RUNNING, RunState.PAUSED)
+
+
 def _beating(stdin: IO[bytes]) -> Heartbeat:
     """Return a context in which heartbeats, a line each, are sent to the server's stdin.
 
@@ -170,14 +207,10 @@ def _wait_for_start(observer: Observer, again: Restarts, display: Display) -> St
 def _follow(
     audience: Audience, observer: Observer, processes: Processes, again: Restarts, *, is_saving: bool
 ) -> Status:
-    """Process messages until all agents have ended; return the server's final status.
+    """Process messages until all agents have ended; return the server's final status, or raise a ``LinkError``.
 
-    Saving may take long: while the server runs, only Ctrl-C interrupts it.
-
-    Raises:
-        ProcessError: A process failed, possibly the server after the agents; or an agent does not end although the run
-            is over.
-        LinkError: The server sent no final status.
+    Saving may take long: while the server runs, only Ctrl-C interrupts it. A ``ProcessError`` says that a process has
+    failed, possibly the server after the agents, or that an agent does not end although the run is over.
     """
     news = time.monotonic()
     while not processes.all_done_but(SERVER) or processes.failed:

@@ -10,7 +10,7 @@ import zenoh
 
 from coheft.app.names import check_link
 from coheft.app.run.folder import RunFile, find_run
-from coheft.app.run.heard import News, check_news, check_status
+from coheft.app.run.news import News, check_news, check_status
 from coheft.errors import CoheftError, LinkError, MessageError
 from coheft.wire.messages.requests import (
     CutLinks,
@@ -22,9 +22,8 @@ from coheft.wire.messages.requests import (
     Status,
     StatusRequest,
 )
-from coheft.wire.messages.scene import Scene
 from coheft.wire.messages.structs import Estimate, EstimateBeside, Message, Problem
-from coheft.wire.messages.truth import Truth
+from coheft.wire.messages.truth import Scene, Truth
 from coheft.wire.scenario.network import LinkQuality
 from coheft.wire.transport.inbox import Inbox, Received, Refused
 from coheft.wire.transport.planes import SERVER, guard_observer
@@ -129,10 +128,7 @@ class Observer:
     def ask(self, request: Request) -> Status:
         """Send a request to the server, as soon as the link to it is up.
 
-        Raises:
-            LinkError: The server does not answer.
-            MessageError: The answer is invalid.
-            CoheftError: The server refuses; the message says why.
+        It raises a ``LinkError`` without an answer, and a ``CoheftError`` if the server refuses, which says why.
         """
         silence = LinkError(f"the run's server does not answer within {_ANSWER_LIMIT:g} s")
         deadline = time.monotonic() + _ANSWER_LIMIT
@@ -166,12 +162,7 @@ def observe(run_file: RunFile) -> Iterator[Observer]:
 
 
 def set_link(run_file: RunFile, scene: Scene, one: str, other: str, *, cut: bool) -> None:
-    """Cut the link between two neighbours, or restore it, as the operator.
-
-    Raises:
-        CoheftError: They are not neighbours, or the run is secure and there are no operator's keys.
-        LinkError: The robot that dials does not answer.
-    """
+    """Cut the link between two neighbours, or restore it, as the operator; errors are those of ``disturb_links``."""
     check_link(scene.neighbours, one, other)
     listens, dials = sorted((one, other), key=scene.robots.index)  # see ``coheft.app.run.plan.link_neighbours``
     _ask_agent(run_file, dials, LinkRequest(neighbour=listens, cut=cut), CutLinks)

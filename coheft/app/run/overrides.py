@@ -16,6 +16,7 @@ _ORIGIN = "command line"
 _OPTIONS = {"duration": "duration", "seed": "seed", "estimator": "estimator", "sensors.rate": "sensor-rate"}
 """Options, by the keys of a scenario that they change."""
 _CHANGE_KEYS = {"t": "at", "mass": "mass", "at": "position", "size": "size", "leak": "leak", "remove": "remove"}
+_KEYS_OF_CHANGES = {theirs: ours for ours, theirs in _CHANGE_KEYS.items()}
 _CHANGE_EXAMPLE = "--change t=20,mass=3,at=0.4,0.3,0.1"
 
 
@@ -71,43 +72,31 @@ def _by_options(text: str, changes: Sequence[str]) -> str:
         return f"--{_OPTIONS[key]}: {rest}"
     if key != "load_changes" or index is None or not changes:
         return text
-    names = {theirs: ours for ours, theirs in _CHANGE_KEYS.items()}
-    return f"--change {changes[int(index)]}: {f'key {names[part]!r}: ' if part is not None else ''}{rest}"
+    return f"--change {changes[int(index)]}: {f'key {_KEYS_OF_CHANGES[part]!r}: ' if part is not None else ''}{rest}"
 
 
 def _parse_change(text: str) -> LoadChange:
     """Parse a load change such as ``t=20,mass=3,at=0.4,0.3,0.1``: a part without ``=`` belongs to the key before it."""
-    numbers: dict[str, list[float]] = {}
+    values: dict[str, list[str]] = {}
     key = ""
     for part in text.split(","):
         name, equals, value = part.rpartition("=")
         if equals:
             key = name.strip()
-            if key not in _CHANGE_KEYS or key in numbers:
-                raise _change_error(text, f"key '{key}' {'is there twice' if key in numbers else 'is unknown'}")
-            numbers[key] = []
+            if key not in _CHANGE_KEYS or key in values:
+                raise _change_error(text, f"key '{key}' {'is there twice' if key in values else 'is unknown'}")
+            values[key] = []
         if not key:
             raise _change_error(text, f"found '{part}' before any key")
-        try:
-            numbers[key].append(float(value))
-        except ValueError:
-            raise _change_error(text, f"key '{key}': found '{value}', expected a number") from None
-    if "t" not in numbers:
-        raise _change_error(text, "key 't', the time, is missing")
-    change: dict[str, object] = {}
-    for key, values in numbers.items():
-        length = 3 if key in ("at", "size") else 1
-        if len(values) != length:
-            raise _change_error(text, f"key '{key}': found {len(values)} numbers, expected {length}")
-        if key == "remove" and values[0].is_integer():
-            change["remove"] = int(values[0])
-        else:
-            change[_CHANGE_KEYS[key]] = values if length == 3 else values[0]
+        values[key].append(value.strip())
+    change = {_CHANGE_KEYS[key]: found[0] if len(found) == 1 else found for key, found in values.items()}
     try:
-        return msgspec.convert(change, LoadChange)
+        return msgspec.convert(change, LoadChange, strict=False)  # numbers are still texts
     except msgspec.ValidationError as error:
-        # The scenario's key for the time, 'at', is the command line's for the position.
-        raise _change_error(text, explain(error, change, LoadChange).replace("key 'at'", "key 't'")) from error
+        explained = explain(error, change, LoadChange)
+        raise _change_error(
+            text, re.sub(r"^key '(\w+)", lambda found: f"key '{_KEYS_OF_CHANGES[found[1]]}", explained)
+        ) from error
 
 
 def _change_error(text: str, what: str) -> ScenarioError:

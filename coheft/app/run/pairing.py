@@ -4,10 +4,9 @@ from collections import deque
 from collections.abc import Iterable, Sequence
 
 from coheft.app.results.judge import Judge
-from coheft.app.run.heard import News
-from coheft.wire.messages.scene import Scene
+from coheft.app.run.news import News
 from coheft.wire.messages.structs import Estimate, EstimateBeside
-from coheft.wire.messages.truth import Truth
+from coheft.wire.messages.truth import Scene, Truth
 
 REMEMBERED = 1000
 """Number of blocks by which an estimate, and its total wrench, may arrive later than the truth."""

@@ -3,7 +3,7 @@
 import signal
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from importlib.util import find_spec
 from typing import Any, TypeVar
 
@@ -25,13 +25,8 @@ def usual_jobs() -> int:
 def workers(jobs: int | None = None, dask: str | None = None) -> Iterator[None]:
     """Configure where ``side_by_side`` makes its calls, while the context lasts.
 
-    Args:
-        jobs: Number of processes; None for one per core.
-        dask: Address of a Dask scheduler whose workers are used, instead of this machine's cores.
-
-    Raises:
-        MissingPackageError: A required package is not installed.
-        CoheftError: There is no such scheduler, or a worker was killed.
+    That is in a number of processes, by default one per core, or at the workers of the Dask scheduler at an address.
+    A ``CoheftError`` says that there is no such scheduler, or that a worker was killed.
     """
     try:
         import joblib
@@ -50,7 +45,15 @@ def workers(jobs: int | None = None, dask: str | None = None) -> Iterator[None]:
                     "use fewer processes, with --jobs"
                 ) from error
         return
-    with _client(dask), joblib.parallel_config("dask", n_jobs=-1):
+    try:
+        from distributed import Client
+
+        client = Client(dask)
+    except ImportError as error:
+        raise MissingPackageError("distributed", "dask") from error
+    except (OSError, ValueError) as error:
+        raise CoheftError(f"no Dask scheduler answers at {dask}: {error}") from error
+    with client, joblib.parallel_config("dask", n_jobs=-1):
         yield
 
 
@@ -61,15 +64,3 @@ def side_by_side(function: Callable[..., T], arguments: Iterable[tuple[Any, ...]
     parallel = joblib.Parallel(return_as="generator_unordered")
     results: Iterator[T] = parallel(joblib.delayed(function)(*each) for each in arguments)
     return results
-
-
-def _client(address: str) -> AbstractContextManager[object]:
-    try:
-        from distributed import Client
-    except ImportError as error:
-        raise MissingPackageError("distributed", "dask") from error
-    try:
-        client: AbstractContextManager[object] = Client(address)
-    except (OSError, ValueError) as error:
-        raise CoheftError(f"no Dask scheduler answers at {address}: {error}") from error
-    return client

@@ -33,16 +33,11 @@ class Plan:
     keys: Path | None = None
     began: float = field(default_factory=time.time)
 
-    @property
-    def run(self) -> str:
-        """Prefix of all keys of the run."""
-        return self.server.run
-
     def run_file(self) -> RunFile:
         """Return the addresses of the run."""
         agents = {name: agent.observe for name, agent in self.agents.items()}
         keys = str(self.keys.resolve()) if self.keys is not None else None
-        return RunFile(run=self.run, server=self.server.observe, agents=agents, keys=keys, began=self.began)
+        return RunFile(run=self.server.run, server=self.server.observe, agents=agents, keys=keys, began=self.began)
 
     def write(self, folder: Path) -> list[Path]:
         """Write each configuration to a file of its own, so that the parts can be started by hand; return the paths.

@@ -12,12 +12,12 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import IO, Any, Self
+from typing import IO, Self
 
 import msgspec
 
 from coheft.app.run.fork_server import Forked, ForkServer, can_fork
-from coheft.errors import CoheftError, one_line
+from coheft.errors import CoheftError, file_errors, one_line
 from coheft.wire.process.supervised import KILLED_BY, ONE_THREAD, TERMINATED, UNUSABLE
 
 # Nothing is rendered, so MuJoCo need not load a graphics library.
@@ -34,7 +34,7 @@ _BY_HAND = {
     "agent": ("coheft.agents.process.main", "an agent's configuration: start it with 'coheft agent'"),
     "agents": ("", "not a configuration; it tells other commands the run's addresses: start the parts beside it"),
 }
-"""By a key that only this file has: the module that uses the file, and a description."""
+"""By a key that only this file has: the module that uses the file, which checks the rest, and a description."""
 
 
 class ProcessError(CoheftError):
@@ -210,7 +210,6 @@ def _spawned(module: str, output: IO[bytes] | None = None) -> subprocess.Popen[b
 
 
 def _configure(process: subprocess.Popen[bytes] | Forked, config: bytes) -> None:
-    """Send a process its configuration."""
     assert process.stdin is not None
     with suppress(BrokenPipeError):  # it has already failed, which is reported elsewhere
         process.stdin.write(config + b"\n")
@@ -267,11 +266,13 @@ def _error(failed: Sequence[Child], limit: int | None = None) -> ProcessError:
 def read_config(config: Path) -> bytes:
     """Return a configuration as one line of JSON, with absolute file paths, or raise a ``CoheftError``."""
     try:
-        return msgspec.json.encode(_with_paths_from(config.parent, msgspec.json.decode(config.read_bytes())))
-    except OSError as error:
-        raise CoheftError(f"{config}: cannot be read: {error.strerror}") from error
+        with file_errors(CoheftError, f"{config}: cannot be read"):
+            found = msgspec.json.decode(config.read_bytes())
     except msgspec.DecodeError as error:
         raise CoheftError(f"{config}: not JSON: {error}") from error
+    if isinstance(found, dict) and isinstance(security := found.get("security"), dict):
+        found["security"] = {name: str((config.parent / str(path)).resolve()) for name, path in security.items()}
+    return msgspec.json.encode(found)
 
 
 def run_in_foreground(module: str, config: Path) -> int:
@@ -280,7 +281,10 @@ def run_in_foreground(module: str, config: Path) -> int:
     A configuration that cannot be read, or is for another part, raises a ``CoheftError``.
     """
     line = read_config(config)
-    _check_part(module, config, line)
+    found = msgspec.json.decode(line)
+    for key, (part, what) in _BY_HAND.items():
+        if part != module and isinstance(found, dict) and key in found:
+            raise CoheftError(f"{config} is {what}")
     process = _spawned(module)
     try:
         _configure(process, line)
@@ -292,18 +296,3 @@ def run_in_foreground(module: str, config: Path) -> int:
             process.wait(_EXIT_TIMEOUT)
         except subprocess.TimeoutExpired:
             process.kill()
-
-
-def _check_part(module: str, config: Path, line: bytes) -> None:
-    """Check that a configuration is not for another part; the part itself checks the rest."""
-    found = msgspec.json.decode(line)
-    for key, (part, what) in _BY_HAND.items():
-        if part != module and isinstance(found, dict) and key in found:
-            raise CoheftError(f"{config} is {what}")
-
-
-def _with_paths_from(folder: Path, config: Any) -> Any:
-    """Make the file paths of a configuration absolute; they are relative to its folder."""
-    if isinstance(config, dict) and isinstance(security := config.get("security"), dict):
-        config["security"] = {name: str((folder / str(path)).resolve()) for name, path in security.items()}
-    return config

@@ -11,7 +11,6 @@ from coheft.app.results.points import sizes
 from coheft.app.results.quantities import QUANTITIES, Quantity
 from coheft.app.results.report import Report
 from coheft.app.results.states import State
-from coheft.app.run_report.panels import mark_changes, robots_shown, use_logarithm
 from coheft.app.run_report.series import Series
 from coheft.app.terminal.digits import significant
 from coheft.estimation.geometry.spatial import Array
@@ -27,6 +26,7 @@ class Shown:
     per_unit: float
 
 
+_MOST_CHANGES = 50
 _ROTATION, _TRANSLATION, _MASS, _COM, _INERTIA = QUANTITIES
 COM_SHOWN = Shown("centre-of-mass", _COM, "mm", 1e3)
 ALL_SHOWN = (
@@ -44,8 +44,6 @@ class Curve:
 
     Attributes:
         neighbour: The neighbour whose pose it is of; None for the payload.
-        time: Times of the estimates [s].
-        error: Norms of the errors.
         std: The robot's own standard deviations of these.
     """
 
@@ -77,6 +75,19 @@ def inside_band(series: Series, shown: Shown) -> float | None:
     return float(np.mean(below)) if len(below) else None
 
 
+def use_logarithm(axes: Any) -> None:
+    """Use a logarithmic scale with powers of ten that are written out."""
+    axes.set_yscale("log")
+    axes.yaxis.set_major_formatter("{x:g}")
+    axes.minorticks_off()
+
+
+def mark_changes(axes: Any, theme: Theme, report: Report) -> None:
+    """Draw dotted lines where the load changed."""
+    for change in report.load_changes[:_MOST_CHANGES]:
+        axes.axvline(change.at_s, color=theme.muted, linewidth=0.9, linestyle=":")
+
+
 def grid_of(panels: int) -> tuple[int, int]:
     """Return the rows and columns of a grid of panels."""
     columns = 2 if panels in (2, 4) else 3
@@ -88,35 +99,34 @@ def draw_convergence(figure: Any, theme: Theme, series: Series, report: Report, 
 
     Of the payload, those of estimators that ran beside the robots' own are drawn in other colours.
     """
-    names = robots_shown(series)
+    names = series.drawn
     rows, columns = grid_of(len(names))
     grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
-    drawn = {name: curves(series, name, shown) for name in names}
-    others = {
-        name: {other: curves(series, name, shown, other)[0] for other in series.beside}
-        for name in names
-        if shown.quantity.of_payload
-    }
+    drawn: list[Curve] = []
     for axes, name in zip(grid, names, strict=False):
+        own = curves(series, name, shown)
+        estimators = series.beside if shown.quantity.of_payload else []
+        others = {other: curves(series, name, shown, other)[0] for other in estimators}
+        drawn += [*own, *others.values()]
         use_logarithm(axes)
         axes.set_title(name, loc="left", fontweight="bold")
         for span in series.robots[name].states.spans:
             if span.state is State.STALE:
                 axes.axvspan(span.start, span.end, color=theme.warning, alpha=0.18, linewidth=0)
         mark_changes(axes, theme, report)
-        for k, curve in enumerate(drawn[name]):
+        for k, curve in enumerate(own):
             label = series.estimator if curve.neighbour is None else f"of {curve.neighbour}"
             colour = theme.of_curve(k)
             if k == 0:
                 axes.fill_between(curve.time, 1e-12, 3.0 * curve.std, color=colour, alpha=0.10, linewidth=0)
             axes.plot(curve.time, 3.0 * curve.std, color=colour, linewidth=0.9, linestyle=(0, (4, 2)))
             axes.plot(curve.time, curve.error, color=colour, label=label)
-        for k, (other, curve) in enumerate(others.get(name, {}).items(), start=1):
+        for k, (other, curve) in enumerate(others.items(), start=1):
             style = {"color": theme.of_curve(k), "linewidth": 1.0}
             axes.plot(curve.time, 3.0 * curve.std, linestyle=(0, (4, 2)), **style)
             axes.plot(curve.time, curve.error, label=other, **style)
-        first = drawn[name][0]
-        if first.neighbour is not None or others.get(name):
+        first = own[0]
+        if first.neighbour is not None or others:
             axes.legend(loc="upper right", ncols=2, handlelength=1.0, borderaxespad=0.0)
         elif len(first.error) and np.isfinite(first.error[-1]):
             text = f"at the end {significant(first.error[-1], 2)} {shown.unit}, own std {significant(first.std[-1], 2)}"
@@ -124,8 +134,7 @@ def draw_convergence(figure: Any, theme: Theme, series: Series, report: Report, 
     for axes in grid[len(names) :]:
         axes.set_visible(False)
     grid[0].set_xlim(0.0, report.duration_s)
-    every = [*drawn.values(), *(list(found.values()) for found in others.values())]
-    grid[0].set_ylim(*_limits(curve for found in every for curve in found))
+    grid[0].set_ylim(*_limits(drawn))
     for axes in grid[max(0, len(names) - columns) : len(names)]:
         axes.set_xlabel("time [s]")
         axes.tick_params(labelbottom=True)

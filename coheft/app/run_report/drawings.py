@@ -1,6 +1,8 @@
-"""The report's pictures, except for the errors over time."""
+"""The pictures of a report; ``convergence`` draws the errors over time."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -9,8 +11,15 @@ from coheft.app.figures import Theme
 from coheft.app.results.points import Point, sizes
 from coheft.app.results.report import Report
 from coheft.app.results.states import MEANINGS, State
-from coheft.app.run_report.convergence import COM_SHOWN
-from coheft.app.run_report.panels import mark_changes, robots_shown, use_logarithm
+from coheft.app.run_report.convergence import (
+    ALL_SHOWN,
+    COM_SHOWN,
+    draw_convergence,
+    grid_of,
+    inside_band,
+    mark_changes,
+    use_logarithm,
+)
 from coheft.app.run_report.series import AFTER, BEFORE, Series
 from coheft.estimation.geometry.spatial import Array
 
@@ -18,11 +27,47 @@ STALE_STYLE: dict[str, Any] = {"linestyle": (0, (1, 2)), "linewidth": 0.8, "labe
 """Style of lines where a robot could not know whether its estimate still held."""
 
 
+@dataclass(frozen=True)
+class Picture:
+    """One picture, ten inches wide; ``pictures.html.jinja`` has its title and text, by the name, which is also its
+    file's.
+
+    Of a picture of errors, ``inside`` is the share of them that are inside of their band.
+    """
+
+    name: str
+    section: str
+    height: float
+    draw: Callable[[Any, Theme, Series, Report], None]
+    inside: float | None = None
+
+
+def pictures_of(series: Series, report: Report) -> list[Picture]:
+    """Return the pictures of a run, in their order on the page."""
+    robots = len(series.drawn)
+    pictures = [Picture("mass-over-time", "glance", 0.6 + 2.6 * len(series.by_estimator), draw_overview)]
+    for shown in ALL_SHOWN:
+        inside = inside_band(series, shown)
+        if inside is not None:  # else nothing was claimed, and there is nothing to draw
+            height, draw = 0.9 + 2.0 * grid_of(robots)[0], partial(draw_convergence, shown=shown)
+            pictures.append(Picture(shown.name, "errors", height, draw, inside))
+    if series.close_ups:
+        height = 0.6 + 2.9 * len(series.close_ups)
+        pictures.append(Picture("load-changes", "changes", height, draw_close_ups))
+    if report.consensus.force_rel_error is not None:
+        pictures.append(Picture("consensus", "consensus", 3.8, draw_consensus))
+    height = 1.8 + 0.28 * robots
+    pictures.append(Picture("observability", "observability", height, draw_observability))
+    if list(series.pace):  # else it is a recording
+        pictures.append(Picture("pace", "timing", 2.6, draw_pace))
+    return pictures
+
+
 def draw_overview(figure: Any, theme: Theme, series: Series, report: Report) -> None:
     """Draw each robot's estimate of the mass, and the truth; a panel for each estimator."""
     grid = figure.subplots(len(series.by_estimator), 1, sharex=True, squeeze=False).ravel()
     for axes, (estimator, robots) in zip(grid, series.by_estimator.items(), strict=True):
-        _draw_overview_of(axes, theme, {name: list(robots[name].points) for name in robots_shown(series)})
+        _draw_overview_of(axes, theme, {name: list(robots[name].points) for name in series.drawn})
         mark_changes(axes, theme, report)
         axes.set_ylabel("mass [kg]")
         if series.beside:
@@ -33,7 +78,6 @@ def draw_overview(figure: Any, theme: Theme, series: Series, report: Report) -> 
 
 
 def _draw_overview_of(axes: Any, theme: Theme, robots: Mapping[str, Sequence[Point]]) -> None:
-    """Draw the robots' estimates by one estimator."""
     points = next(iter(robots.values()))
     axes.plot(
         [p.time for p in points],
@@ -56,7 +100,7 @@ def _draw_overview_of(axes: Any, theme: Theme, robots: Mapping[str, Sequence[Poi
 
 def draw_close_ups(figure: Any, theme: Theme, series: Series, report: Report) -> None:
     """Draw mass and centre of mass around each change of the load, all robots in one panel."""
-    names = robots_shown(series)
+    names = series.drawn
     grid = figure.subplots(len(series.close_ups), 2, sharex=True, squeeze=False)
     for (left, right), close_up in zip(grid, series.close_ups, strict=True):
         change = next((c for c in report.load_changes if abs(c.at_s - close_up.at) < 1e-6), None)
@@ -136,7 +180,7 @@ def _fit_masses(axes: Any, masses: Array, robots: Iterable[Sequence[Point]]) -> 
 def draw_consensus(figure: Any, theme: Theme, series: Series, report: Report) -> None:
     """Draw the difference between each robot's total wrench and the true one, and the total itself."""
     grid = figure.subplots(1, 2, sharex=True)
-    names = robots_shown(series)
+    names = series.drawn
     for axes, title, part, unit in zip(
         grid, ("force", "torque"), (slice(0, 3), slice(3, 6)), ("N", "N·m"), strict=True
     ):
@@ -164,7 +208,7 @@ def draw_consensus(figure: Any, theme: Theme, series: Series, report: Report) ->
 def draw_observability(figure: Any, theme: Theme, series: Series, report: Report) -> None:
     """Draw each robot's states over time."""
     axes = figure.subplots()
-    names = robots_shown(series)
+    names = series.drawn
     styles = state_styles(theme)
     used: dict[State, Any] = {}
     for row, name in enumerate(names):

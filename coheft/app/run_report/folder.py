@@ -6,15 +6,14 @@ from pathlib import Path
 from coheft.app.figures import DARK, LIGHT, Theme, figure_to
 from coheft.app.results.report import Report, write_report
 from coheft.app.run_report.data import write_data
+from coheft.app.run_report.drawings import Picture, pictures_of
 from coheft.app.run_report.page import render_page
-from coheft.app.run_report.pictures import Picture, pictures_of
 from coheft.app.run_report.series import Series
 from coheft.errors import CoheftError, file_errors
 from coheft.wire.scenario.schema import Scenario
 
 PAGE = "report.html"
-_WIDTH = 10.0
-"""Width of pictures [inches]."""
+_WIDTH = 10.0  # [inches]
 
 
 def write_folder(folder: Path, scenario: Scenario, clock: str | None, series: Series, report: Report) -> Path:

@@ -2,41 +2,99 @@
 
 import time
 from collections import deque
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from typing import Generic, TypeVar
+
+import numpy as np
 
 from coheft.app.results.points import Point, make_point
 from coheft.app.results.record import load_ids, loads_since
+from coheft.app.results.states import State
 from coheft.app.run.follower import Follower
-from coheft.app.run.heard import News
+from coheft.app.run.news import News
 from coheft.app.run.pairing import Pairing
-from coheft.app.run_report.limited import Spans, Thinned
 from coheft.wire.messages.requests import Status
-from coheft.wire.messages.scene import Scene
 from coheft.wire.messages.structs import Estimate, Problem
-from coheft.wire.messages.truth import Truth
+from coheft.wire.messages.truth import Scene, Truth
 from coheft.wire.scenario.plugins import estimator_names
 
-_POINTS = 20_000
-"""Number of points that are kept, of all robots together."""
-_MOMENTS = 4_000
-"""Number of moments of the pace that are kept."""
-_SHOWN = 1_000
-"""Number of moments of the scene that are kept."""
+MOST_ROBOTS = 24
+"""Largest number of robots that are drawn; what follows is the number of items that are kept."""
+_POINTS = 20_000  # of all robots together
+_MOMENTS = 1_000
+_PACE = 4_000
 _CLOSE_UPS = 6
 _PROBLEMS = 100
+_SPANS = 400
+"""Longest list of spans; then the shortest of them becomes part of the one before."""
 BEFORE, AFTER = 0.5, 3.0
 """Time before and after a change of the load that a close-up shows [s]."""
+
+T = TypeVar("T")
+
+
+class Thinned(Generic[T]):
+    """At most ``capacity`` evenly spread items of a series, one of ``every``: all, of 2, of 4, …; and the last."""
+
+    def __init__(self, capacity: int) -> None:
+        self.every = 1
+        self._capacity = capacity
+        self._items: list[T] = []
+        self._seen = 0
+        self._last: T | None = None
+
+    def add(self, item: T) -> None:
+        """Add the next item."""
+        self._last = item
+        if self._seen % self.every == 0:
+            if len(self._items) == self._capacity:
+                del self._items[1::2]
+                self.every *= 2
+            if self._seen % self.every == 0:
+                self._items.append(item)
+        self._seen += 1
+
+    def __iter__(self) -> Iterator[T]:
+        yield from self._items
+        if self._items and self._last is not None and self._last is not self._items[-1]:
+            yield self._last
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """A time [s] in which a robot reported the same about its knowledge."""
+
+    start: float
+    end: float
+    state: State
+    not_observable: tuple[str, ...]
+    reasons: tuple[str, ...]
+
+
+class Spans:
+    """The spans of one robot up to its newest estimate."""
+
+    def __init__(self) -> None:
+        self.spans: list[Span] = []
+
+    def add(self, estimate: Estimate) -> None:
+        """Add the next estimate, which is for the time since the one before."""
+        start = self.spans[-1].end if self.spans else 0.0
+        new = Span(start, estimate.time, State.of(estimate), tuple(estimate.not_observable), tuple(estimate.reasons))
+        if self.spans and new == replace(self.spans[-1], start=new.start, end=new.end):
+            self.spans[-1] = replace(self.spans[-1], end=new.end)
+            return
+        self.spans.append(new)
+        if len(self.spans) > _SPANS:
+            shortest = min(range(1, _SPANS), key=lambda k: self.spans[k].end - self.spans[k].start)
+            self.spans[shortest - 1] = replace(self.spans[shortest - 1], end=self.spans[shortest].end)
+            del self.spans[shortest]
 
 
 @dataclass(eq=False)
 class CloseUp:
-    """The time around one change of the load.
-
-    Attributes:
-        at: Time of the change [s].
-        masses: Times [s] and true masses of the payload [kg].
-        points: All estimates of each robot.
-    """
+    """The time around one change of the load; ``masses`` are times [s] and true masses of the payload [kg]."""
 
     at: float
     masses: list[tuple[float, float]]
@@ -57,21 +115,18 @@ class Series:
     """All data that the report draws.
 
     Attributes:
-        scene: The scene, with the grasps.
         by_estimator: Each robot's estimates, by name, in the scene's order; of the estimator with which the run began,
             the robots' own, and of each that ran beside it.
         moments: Truths, some of them, evenly spread.
-        close_ups: The first changes of the load.
         pace: Simulated times, and the wall-clock times of their arrival [s]; empty for a recording.
         problems: The first problems that processes reported, with their simulated times.
-        problem_count: Number of all problems.
     """
 
     scene: Scene
     by_estimator: dict[str, dict[str, RobotSeries]]
-    moments: Thinned[Truth] = field(default_factory=lambda: Thinned(_SHOWN))
+    moments: Thinned[Truth] = field(default_factory=lambda: Thinned(_MOMENTS))
     close_ups: list[CloseUp] = field(default_factory=list)
-    pace: Thinned[tuple[float, float]] = field(default_factory=lambda: Thinned(_MOMENTS))
+    pace: Thinned[tuple[float, float]] = field(default_factory=lambda: Thinned(_PACE))
     problems: list[tuple[float, Problem]] = field(default_factory=list)
     problem_count: int = 0
 
@@ -89,6 +144,14 @@ class Series:
     def beside(self) -> list[str]:
         """The estimators that ran beside the robots' own."""
         return list(self.by_estimator)[1:]
+
+    @property
+    def drawn(self) -> list[str]:
+        """The robots that are drawn: all, or evenly spread ones of many."""
+        names = list(self.robots)
+        if len(names) <= MOST_ROBOTS:
+            return names
+        return [names[k] for k in np.linspace(0, len(names) - 1, MOST_ROBOTS).round().astype(int)]
 
 
 class SeriesFollower(Follower):

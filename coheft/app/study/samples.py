@@ -13,9 +13,8 @@ from coheft.errors import ScenarioError
 from coheft.estimation.geometry.spatial import Array
 from coheft.physics_server.simulation import BlockResult, Simulation
 from coheft.wire.config import agent_config
-from coheft.wire.messages.scene import Scene
 from coheft.wire.messages.structs import Reference
-from coheft.wire.messages.truth import Truth
+from coheft.wire.messages.truth import Scene, Truth
 from coheft.wire.scenario.schema import Scenario
 
 ReferenceOf = Callable[[int], Array]

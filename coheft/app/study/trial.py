@@ -22,8 +22,7 @@ from coheft.app.run.inprocess import run_in_process
 from coheft.app.study.exact_run import ExactRun
 from coheft.app.study.samples import simulate, with_exact_sensors
 from coheft.estimation.geometry.spatial import Array
-from coheft.wire.messages.states import Validity
-from coheft.wire.messages.structs import Estimate, LoadChangeNotice
+from coheft.wire.messages.structs import Estimate, LoadChangeNotice, Validity
 from coheft.wire.scenario.schema import Scenario
 
 

@@ -27,10 +27,7 @@ def seconds_of(time: float, duration: float) -> str:
 
 
 def error_and_std(error: float, std: float, unit: str) -> tuple[str, str]:
-    """Format an error and its standard deviation.
-
-    Both have the decimals with which the standard deviation shows two digits.
-    """
+    """Format an error and its standard deviation, with the decimals with which the latter shows two digits."""
     decimals = decimals_for(std, 2)
     form = f".{decimals}f" if decimals <= _MOST_DECIMALS else ".1e"
     return f"{error:{form}} {unit}", f"{std:{form}} {unit}"

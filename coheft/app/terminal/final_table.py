@@ -1,12 +1,13 @@
 """The table and the sentences printed at the end of a run."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from coheft.app.names import few
 from coheft.app.results.errors import MOST_STDS
 from coheft.app.results.judge import RobotReport, Verdict, why_stale
 from coheft.app.results.report import LoadChangeReport, Report
@@ -73,33 +74,24 @@ def table_rows(report: Report) -> dict[str, list[tuple[str, ...]]]:
     """Return each robot's rows: one for each quantity, and if several estimators ran, for each of these below it."""
     if not report.beside:
         return {name: list(robot_rows(robot)) for name, robot in report.robots.items()}
-    found: dict[str, list[tuple[str, ...]]] = {}
-    for name in report.robots:
-        each = {estimator: robot_rows(other.robots[name]) for estimator, other in report.by_estimator.items()}
-        bounds = _bounds(report, name)
-        found[name] = [
-            (
-                *(rows[k][:2] if is_first else ("", "")),
-                estimator,
-                *rows[k][2:],
-                *(bounds[k : k + 1] if is_first else ()),
-            )
-            for k in range(len(each[report.estimator]))
-            for estimator, rows in each.items()
-            for is_first in [estimator == report.estimator]
-        ]
-    return found
+    return {name: list(_rows_side_by_side(report, name)) for name in report.robots}
 
 
-def _bounds(report: Report, name: str) -> tuple[str, ...]:
-    """Return the bounds of a robot's quantities, in the order of their rows; none if there are none."""
-    if report.bound is None:
-        return ()
-    bound = report.bound[name]
-    return tuple(
-        error_and_std(x, x, unit)[1]
-        for x, unit in ((bound.mass_pct, "%"), (bound.com_mm, "mm"), (bound.inertia_pct, "%"))
-    )
+def _rows_side_by_side(report: Report, name: str) -> Iterator[tuple[str, ...]]:
+    """Yield a robot's rows; quantity, truth and bound stand in the first of the estimators' rows only."""
+    bounds: list[tuple[str, ...]] = [(), (), ()]
+    if report.bound is not None:
+        bound = report.bound[name]
+        parts = (bound.mass_pct, "%"), (bound.com_mm, "mm"), (bound.inertia_pct, "%")
+        bounds = [(error_and_std(size, size, unit)[1],) for size, unit in parts]
+    robots = {estimator: robot_rows(other.robots[name]) for estimator, other in report.by_estimator.items()}
+    for k, last in enumerate(bounds):
+        for estimator, rows in robots.items():
+            quantity, truth, *found = rows[k]
+            if estimator == report.estimator:
+                yield quantity, truth, estimator, *found, *last
+            else:
+                yield "", "", estimator, *found
 
 
 def legend(report: Report) -> list[str]:
@@ -149,7 +141,6 @@ def _inertia_row(robot: RobotReport) -> tuple[str, str, str, str, str]:
 
 
 def _missing(robot: RobotReport) -> str:
-    """Describe why there is no estimate."""
     return "not observable" if robot.not_observable else "not known"
 
 
@@ -157,47 +148,33 @@ def _numbers(values: Array, decimals: int = 0) -> str:
     return " ".join(f"{value:z.{decimals}f}" for value in values)  # z: no minus sign for zero
 
 
-def sentences(report: Report) -> list[str]:
-    """Return the sentences that complete the table."""
+def sentences(report: Report) -> Iterator[str]:
+    """Yield the sentences that complete the table."""
     changes = report.load_changes
-    return [
-        *_most([_load_change_sentence(change, is_last=change is changes[-1]) for change in changes]),
-        *_most([_slip_sentence(slip) for slip in report.slips]),
-        *_most(
-            [
-                f"At {change.since_s:g} s all robots restarted with the estimator {change.estimator}."
-                for change in report.estimator_changes
-            ]
-        ),
-        *_pose_sentence(report),
-        *_not_observable_sentences(report),
-        *_most([f"Stale at {', '.join(names)}: {reason}." for reason, names in why_stale(report.robots).items()]),
-        *_most(sensor_sentences(report.robots)),
-        *_convergence_sentences(report),
-        *(f"{name}: {text}" for name, other in report.beside.items() for text in _convergence_sentences(other)),
-        *_speed_sentence(report),
-        *_late_sentence(report.late_blocks),
-    ]
-
-
-def _speed_sentence(report: Report) -> list[str]:
-    """Say how fast the run was; nothing if that is unknown, because the report was made from a recording."""
-    if not report.real_time_factor:
-        return []
-    return [
-        f"{report.duration_s:g} s simulated at {report.real_time_factor:.1f} times real time; "
-        f"{report.processes} processes, {report.messages_per_s:,.0f} messages a second."
-    ]
-
-
-def _late_sentence(late_blocks: int) -> list[str]:
-    if not late_blocks:
-        return []
-    times = "Once" if late_blocks == 1 else f"{late_blocks:,} times"
-    return [
-        f"{times} a robot answered too late: this machine was too slow for real time. Leave out --realtime, "
-        f"or raise 'lookahead' or 'sensors.block' in the scenario."
-    ]
+    yield from _most([_load_change_sentence(change, is_last=change is changes[-1]) for change in changes])
+    yield from _most([_slip_sentence(slip) for slip in report.slips])
+    restarts = [(change.since_s, change.estimator) for change in report.estimator_changes]
+    yield from _most([f"At {at:g} s all robots restarted with the estimator {name}." for at, name in restarts])
+    if poses := [pose for robot in report.robots.values() for pose in robot.poses.values()]:
+        rotation = max(pose.rotation_error_deg for pose in poses)
+        translation = max(pose.translation_error_mm for pose in poses)
+        yield f"Poses of the neighbours: off by at most {rotation:.2f}° and {translation:.1f} mm."
+    yield from _not_observable_sentences(report)
+    yield from _most([f"Stale at {', '.join(names)}: {reason}." for reason, names in why_stale(report.robots).items()])
+    yield from _most(sensor_sentences(report.robots))
+    yield from _convergence_sentences(report)
+    for name, other in report.beside.items():
+        yield from (f"{name}: {text}" for text in _convergence_sentences(other))
+    if report.real_time_factor:  # which is unknown if the report was made from a recording
+        yield (
+            f"{report.duration_s:g} s simulated at {report.real_time_factor:.1f} times real time; "
+            f"{report.processes} processes, {report.messages_per_s:,.0f} messages a second."
+        )
+    if late := report.late_blocks:
+        yield (
+            f"{'Once' if late == 1 else f'{late:,} times'} a robot answered too late: this machine was too slow for "
+            f"real time. Leave out --realtime, or raise 'lookahead' or 'sensors.block' in the scenario."
+        )
 
 
 def _load_change_sentence(change: LoadChangeReport, *, is_last: bool) -> str:
@@ -228,22 +205,14 @@ def _slip_sentence(slip: SlipReport) -> str:
     )
 
 
-def _pose_sentence(report: Report) -> list[str]:
-    poses = [pose for robot in report.robots.values() for pose in robot.poses.values()]
-    if not poses:
-        return []
-    rotation = max(pose.rotation_error_deg for pose in poses)
-    translation = max(pose.translation_error_mm for pose in poses)
-    return [f"Poses of the neighbours: off by at most {rotation:.2f}° and {translation:.1f} mm."]
-
-
-def _not_observable_sentences(report: Report) -> list[str]:
-    """Return one example of each kind; the advice after the last colon is the same for all of a kind."""
+def _not_observable_sentences(report: Report) -> Iterator[str]:
+    """Yield one example of each kind; the advice after the last colon is the same for all of a kind."""
     kinds: dict[str, list[str]] = {}
     for name, robot in report.robots.items():
         for text in robot.not_observable:
             kinds.setdefault(text.rpartition(": ")[2], []).append(f"Not observable for {name}: {text}.")
-    return [sentence for kind in kinds.values() for sentence in _most(kind, show=1)]
+    for kind in kinds.values():
+        yield from _most(kind, show=1)
 
 
 def _most(found: list[str], show: int = _SHOWN) -> list[str]:
@@ -254,30 +223,30 @@ def _most(found: list[str], show: int = _SHOWN) -> list[str]:
     return [*found[:show], f"And {more} more; the report (--json FILE) lists them all."]
 
 
-def _convergence_sentences(report: Report) -> list[str]:
+def _convergence_sentences(report: Report) -> Iterator[str]:
     """Describe the convergence: of all robots together if all have converged, otherwise of groups of robots."""
     if report.converged:
         first = max(robot.converged_at_s or 0.0 for robot in report.robots.values())
-        return [f"All robots converged, for the first time at {first:.1f} s."]
-    missing = {name: robot for name, robot in report.robots.items() if robot.verdict is Verdict.NOT_CONVERGED}
-    return [*_contradictions(report.robots), *([_not_converged(missing)] if missing else [])]
+        yield f"All robots converged, for the first time at {first:.1f} s."
+        return
+    yield from _contradictions(report.robots)
+    if missing := {name: robot for name, robot in report.robots.items() if robot.verdict is Verdict.NOT_CONVERGED}:
+        yield _not_converged(missing)
 
 
-def _contradictions(robots: Mapping[str, RobotReport]) -> list[str]:
+def _contradictions(robots: Mapping[str, RobotReport]) -> Iterator[str]:
     """Describe robots whose errors contradict their own std, with the worst quantity of each."""
     found = []
     for name, robot in robots.items():
         if robot.contradictions:
             worst = max(robot.contradictions, key=lambda each: each.stds)
             found.append((worst.stds, f"{name} ({worst.quantity}, by {significant(worst.stds, 3)} own std)"))
-    if not found:
-        return []
-    texts = [text for _, text in sorted(found, reverse=True)]
-    others = f" and {len(texts) - _SHOWN} more" if len(texts) > _SHOWN else ""
-    return [
-        f"Further off than they claim: {', '.join(texts[:_SHOWN])}{others}; up to {MOST_STDS:g} is normal. "
-        f"Do not rely on their std: the sensors or the load are not as the robots assume."
-    ]
+    if found:
+        texts = [text for _, text in sorted(found, reverse=True)]
+        yield (
+            f"Further off than they claim: {few(texts, most=_SHOWN + 1)}; up to {MOST_STDS:g} is normal. "
+            f"Do not rely on their std: the sensors or the load are not as the robots assume."
+        )
 
 
 def _lack(robot: RobotReport) -> str:

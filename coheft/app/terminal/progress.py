@@ -7,8 +7,7 @@ from rich import progress
 from rich.console import Console
 from rich.table import Column
 
-_LINES = 10
-"""Largest number of lines without a terminal."""
+_LINES = 10  # at most, without a terminal
 _WIDTH_OF_A_BAR = 50
 """Smallest width of a window with room for a bar and times."""
 

@@ -15,7 +15,7 @@ from rich.text import Text
 
 from coheft.app.results.judge import RobotReport, why_stale
 from coheft.app.results.record import Record
-from coheft.app.results.states import ESTIMATORS, State
+from coheft.app.results.states import State
 from coheft.app.terminal.digits import seconds_of, value_and_std
 from coheft.app.terminal.wide_table import needed_width
 from coheft.wire.messages.requests import Status
@@ -24,14 +24,16 @@ from coheft.wire.messages.truth import Truth
 from coheft.wire.scenario.plugins import estimator_names
 from coheft.wire.scenario.schema import MAX_DURATION
 
-_LINE_EVERY = 5.0
-"""Simulated time between two lines without a terminal [s]."""
+_ESTIMATORS = {
+    "efficient": "efficient, which reaches the Cramér-Rao bound",
+    "fan2017": "fan2017, the method of Fan et al. (CDC 2017)",
+}
+_LINE_EVERY = 5.0  # [s] of simulated time
 _CHECK_EVERY = 0.5
 """Simulated time between two checks for stale estimates [s]: robots notice a problem one after the other."""
 _LASTING = 1.0
 """Reasons for stale estimates that last less are not printed as lines [s]; every change of the load causes some."""
-_DRAW_EVERY = 0.2
-"""Wall time between two updates in a terminal [s]."""
+_DRAW_EVERY = 0.2  # [s] of wall time
 _LEAST_LINES = 5
 """Smallest number of lines for a table: progress, headings, a robot, a summary of the others, a reason."""
 _DIRECTION = re.compile(r" (along|about) \([^)]*\)")
@@ -171,7 +173,7 @@ class LiveDisplay(Display):
 
 def _first_line(status: Status) -> str:
     robots = len(status.scene.robots)
-    estimators = " and ".join(ESTIMATORS.get(name, name) for name in estimator_names(status.estimator))
+    estimators = " and ".join(_ESTIMATORS.get(name, name) for name in estimator_names(status.estimator))
     return f"{status.scenario}: {robots} robots, estimator {estimators}"
 
 
@@ -207,13 +209,11 @@ def _stale_line(reason: str, names: list[str]) -> str:
 
 
 def _counts(reports: Iterable[RobotReport]) -> str:
-    """Describe how many robots are in each state."""
     counts = Counter(report.state for report in reports)
     return ", ".join(f"{count} {state}" for state, count in counts.items())
 
 
 def _found_line(record: Record) -> str:
-    """Describe the robots' states and masses."""
     reports = _reports(record)
     masses = [(each.mass.estimate, each.mass.truth) for each in reports.values() if each.mass.estimate is not None]
     if not masses:

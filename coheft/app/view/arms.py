@@ -10,8 +10,8 @@ from coheft.app.view import colours
 from coheft.app.view.geometry import extent, rotation_to, stands
 from coheft.app.view.model import ViewModel
 from coheft.estimation.geometry.spatial import Array, quaternion_from_rotation
-from coheft.wire.messages.scene import Scene
-from coheft.wire.messages.states import Validity
+from coheft.wire.messages.structs import Validity
+from coheft.wire.messages.truth import Scene
 
 
 class Arms:
@@ -64,7 +64,7 @@ class Arms:
 
     def paint(self, model: ViewModel, chosen: str) -> None:
         """Colour hands by the status of their robots' estimates, and the arm of the chosen robot."""
-        names, beliefs = model.scene.robots, model.beliefs
+        names, beliefs = model.scene.robots, model.record.beliefs
         statuses = [beliefs[name].status if name in beliefs else Validity.STARTING for name in names]
         self._hands.batched_colors = np.array([colours.STATUS[status] for status in statuses], dtype=np.uint8)
         arms = [colours.ACCENT if name == chosen else colours.ARM for name in names]

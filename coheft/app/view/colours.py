@@ -1,6 +1,6 @@
 """Colours, each with one meaning, for the scene and the panel."""
 
-from coheft.wire.messages.states import Validity
+from coheft.wire.messages.structs import Validity
 
 Colour = tuple[int, int, int]
 

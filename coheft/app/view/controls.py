@@ -3,7 +3,7 @@
 import os
 import signal
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,6 @@ from coheft.app.run.observer import ask_server, set_link
 from coheft.app.view import words
 from coheft.app.view.disturbing import Disturbing
 from coheft.app.view.geometry import resting_place
-from coheft.app.view.load_choice import LoadChoice
 from coheft.app.view.model import Edge, ViewModel
 from coheft.app.view.page import Page
 from coheft.errors import CoheftError
@@ -25,12 +24,15 @@ from coheft.wire.messages.requests import (
     PauseRequest,
     RemoveRequest,
     Request,
+    RunState,
     StopRequest,
 )
-from coheft.wire.messages.states import RunState
+from coheft.wire.messages.truth import LoadState
 
 _NOTE_SECONDS = 6.0
 _TAKE_AWAY = "Take a load away"
+_NO_LOAD = "nothing on it"
+_CHOOSE = "choose one"
 _MASSES = (0.1, 10.0, 0.1, 3.0)
 """Lowest, highest, step and initial value [kg]."""
 
@@ -219,6 +221,40 @@ class Controls:
                 title, text, colour = "Not done", str(error), "red"
         if event.client is not None:
             event.client.add_notification(title, text, auto_close_seconds=_NOTE_SECONDS, color=colour)
+
+
+class LoadChoice:
+    """A list of the loads' numbers, and a line with their masses.
+
+    Attributes:
+        dropdown: The list. It has numbers only: with a leaking mass in it, an option would change, and viser would
+            select the first one instead.
+    """
+
+    def __init__(self, gui: viser.GuiApi) -> None:
+        self.dropdown: viser.GuiDropdownHandle[str] = gui.add_dropdown("Loads", (_NO_LOAD,))
+        self.masses = gui.add_html("")
+
+    @property
+    def number(self) -> int:
+        """Number of the chosen load; raises ``CoheftError`` if none is chosen."""
+        value = self.dropdown.value
+        if not value.startswith("#"):
+            raise CoheftError("there is no load" if value == _NO_LOAD else "choose a load first")
+        return int(value[1:])
+
+    def show(self, loads: Sequence[LoadState]) -> None:
+        """Show the loads.
+
+        If the chosen load is gone, the user has to choose again: if another one were selected, a late click would
+        remove it.
+        """
+        names = tuple(f"#{load.id}" for load in loads)
+        is_gone = self.dropdown.value not in (_NO_LOAD, *names)
+        options = ((_CHOOSE, *names) if is_gone else names) if names else (_NO_LOAD,)
+        if self.dropdown.options != options:
+            self.dropdown.options = options
+        self.masses.content = words.loads(loads)
 
 
 def _edge(mass: float) -> float:

@@ -12,8 +12,7 @@ from coheft.app.view.model import ViewModel
 from coheft.wire.messages.requests import ClockRequest
 from coheft.wire.scenario.network import LinkQuality
 
-_LATEST = 1000
-"""Largest delay [ms]."""
+_LATEST = 1000  # [ms]
 
 
 class Disturbing:

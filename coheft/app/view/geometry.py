@@ -9,7 +9,7 @@ import trimesh
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.linear_algebra import principal_axes
 from coheft.estimation.rigid_body.mass_properties import Inertia, edges_of_box
-from coheft.wire.messages.scene import BoxShape, Scene
+from coheft.wire.messages.truth import BoxShape, Scene
 from coheft.wire.scenario.payload_extent import corners
 from coheft.wire.scenario.section import pose_of
 
@@ -91,12 +91,8 @@ def extent(scene: Scene) -> float:
 def whole_team(middle: Array, size: float, aspect: float) -> tuple[Array, Array]:
     """Return the camera's target and position, both (3,) [m], from which all robots with their stands are visible.
 
-    In a narrow window the panel covers the lower part, so the team is in the upper one.
-
-    Args:
-        middle: Centre of the team, (3,) [m].
-        size: Its ``extent`` [m].
-        aspect: Width over height of the window.
+    ``middle`` is the centre of the team, (3,) [m], ``size`` its ``extent`` [m], and ``aspect`` the width of the window
+    over its height. In a narrow window the panel covers the lower part, so the team is in the upper one.
     """
     half = np.tan(0.5 * FOV)
     free = 1.0 if aspect > _NARROW else _ABOVE_PANEL
@@ -148,14 +144,9 @@ def triangles_of(boxes: Sequence[BoxShape]) -> Array:
 
 
 def place_under_ray(triangles: Array, origin: Array, direction: Array) -> Array | None:
-    """Return the first point of a surface on a ray, all in the payload's frame; None if there is none.
+    """Return the first point of a surface (n, 3, 3) on a ray, all in the payload's frame [m]; None if there is none.
 
     Source: Möller and Trumbore, "Fast, minimum storage ray/triangle intersection", J. Graphics Tools 2 (1997).
-
-    Args:
-        triangles: The surface, (n, 3, 3) [m].
-        origin: Origin of the ray, (3,) [m].
-        direction: Its direction, (3,).
     """
     corner, first, second = triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     across, start = np.cross(direction, second), origin - corner
@@ -173,12 +164,8 @@ def place_under_ray(triangles: Array, origin: Array, direction: Array) -> Array 
 
 
 def resting_place(triangles: Array, hit: Array, height: float) -> tuple[float, float, float]:
-    """Return the centre of a load that lies on the highest surface at the horizontal position of a point.
-
-    Args:
-        triangles: The payload's surface, (n, 3, 3) [m].
-        hit: A point on it, (3,) in the payload's frame [m].
-        height: Height of the load [m].
+    """Return the centre of a load of some height that lies on the payload's surface (n, 3, 3), at the highest place
+    above or below a point on it (3,), all in the payload's frame [m].
     """
     above = np.array([hit[0], hit[1], 1e3])
     top = place_under_ray(triangles, above, np.array([0.0, 0.0, -1.0]))

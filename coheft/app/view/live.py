@@ -16,8 +16,7 @@ from coheft.app.view.model import ViewModel
 from coheft.app.view.page import FRAME, Page
 from coheft.app.view.place import Place
 from coheft.app.view.server import open_server
-from coheft.wire.messages.requests import Status, StatusRequest
-from coheft.wire.messages.states import RunState
+from coheft.wire.messages.requests import RunState, Status, StatusRequest
 
 _STATUS_EVERY = 0.5
 _STILL = 1.0
@@ -27,11 +26,7 @@ _LAST_NEWS = 1.0
 
 
 def view_run(folder: Path | None, place: Place, shown: Callable[[], None], *, read_only: bool = False) -> None:
-    """Show a run, or without a folder the newest one in progress, at a place; otherwise as ``show_run``.
-
-    Raises:
-        CoheftError: There is no such run, or it does not answer, or the port is taken.
-    """
+    """Show a run, or without a folder the newest one in progress, at a place; otherwise as ``show_run``."""
     folder, _ = locate_run(folder)
     with open_server(place) as server:
         show_run(server, folder, shown, read_only=read_only)
@@ -45,14 +40,10 @@ def show_run(
     read_only: bool = False,
     ask_again: Callable[[], None] | None = None,
 ) -> NoReturn:
-    """Show a run until Ctrl-C; after its end, the last state stays visible.
+    """Show the run in a folder until Ctrl-C; after its end, the last state stays visible.
 
-    Args:
-        server: The server for browsers.
-        folder: Folder of the run.
-        shown: Called when the page is complete.
-        read_only: Whether to show no controls, as without the operator's keys.
-        ask_again: Requests another run when this one has ended; None if there cannot be one.
+    ``shown`` is called when the page is complete. A view that is ``read_only`` has no controls, as without the
+    operator's keys. ``ask_again`` requests another run when this one has ended; None if there cannot be one.
     """
     folder, run_file = locate_run(folder)
     with observe(run_file) as observer:
@@ -77,7 +68,7 @@ def show_run(
 def _follow(observer: Observer, model: ViewModel, page: Page, controls: Controls | None) -> None:
     """Show news until the run has ended or its server is lost."""
     asked_at = drawn_at = -math.inf
-    moved_at, end_at, seen = time.monotonic(), math.inf, model.time
+    moved_at, end_at, seen = time.monotonic(), math.inf, model.record.time
     while not observer.has_lost_server and time.monotonic() < end_at:
         for news in observer.collect(model.scene, FRAME):
             model.receive(news)
@@ -90,8 +81,8 @@ def _follow(observer: Observer, model: ViewModel, page: Page, controls: Controls
                     controls.update()
                 if status.state is RunState.FINISHED:
                     end_at = min(end_at, now + _LAST_NEWS)
-        if model.time != seen:
-            moved_at, seen = now, model.time
+        if model.record.time != seen:
+            moved_at, seen = now, model.record.time
         if (now := time.monotonic()) > drawn_at + FRAME:
             drawn_at = now
             page.draw(model, words.waiting_note(model.status, is_still=now > moved_at + _STILL))

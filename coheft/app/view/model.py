@@ -6,18 +6,16 @@ from typing import Literal
 from coheft.app.results.judge import RobotReport
 from coheft.app.results.points import make_point
 from coheft.app.results.record import SILENT, Record
-from coheft.app.run.heard import News
+from coheft.app.run.news import News
 from coheft.app.view.traces import Trace
 from coheft.estimation.rigid_body.mass_properties import Inertia
-from coheft.wire.messages.requests import Status
-from coheft.wire.messages.states import RunState
+from coheft.wire.messages.requests import RunState, Status
 from coheft.wire.messages.structs import Estimate, Problem
-from coheft.wire.messages.truth import LoadState, Truth
+from coheft.wire.messages.truth import LoadState
 from coheft.wire.scenario.plugins import estimator_names
 
 LinkHealth = Literal["up", "silent", "unknown"]
-_PROBLEMS = 100
-"""Number of problems that are kept."""
+_MOST_PROBLEMS = 100
 
 Edge = tuple[str, str]
 """Two neighbours, in the order of the scene."""
@@ -27,10 +25,10 @@ class ViewModel:
     """The state of a run, from the messages that were received.
 
     Attributes:
-        status: The latest status.
-        scene: The scene.
+        record: What was received, compared with the truth.
         edges: Edges of the graph, each once.
         problems: Problems with the time of their arrival [s], latest last.
+        traces: Errors over time, by robot, and by estimator as in ``reports``.
         changes: Number of changes so far; a drawing is up to date while it stays the same.
     """
 
@@ -44,20 +42,20 @@ class ViewModel:
             for other in sorted(self.scene.neighbours[name], key=lambda neighbour: order[neighbour])
             if order[name] < order[other]
         ]
-        self._record = Record(self.scene, status.duration, status.estimator)
+        self.record = Record(self.scene, status.duration, status.estimator)
         own, *_ = estimator_names(status.estimator)
-        self._records = {own: self._record, **self._record.beside}
-        self._traces = {name: {estimator: Trace() for estimator in self._records} for name in order}
-        self.problems: deque[tuple[float, Problem]] = deque(maxlen=_PROBLEMS)
+        self._records = {own: self.record, **self.record.beside}
+        self.traces = {name: {estimator: Trace() for estimator in self._records} for name in order}
+        self.problems: deque[tuple[float, Problem]] = deque(maxlen=_MOST_PROBLEMS)
         self.changes = 0
 
     def receive(self, news: News) -> None:
         """Add a received message."""
         self.changes += 1
         if isinstance(news, Problem):
-            self.problems.append((self.time, news))
-        for estimator, estimate in self._record.receive(news):
-            self._traces[estimate.robot][estimator].add(make_point(self._record.judge, estimate))
+            self.problems.append((self.record.time, news))
+        for estimator, estimate in self.record.receive(news):
+            self.traces[estimate.robot][estimator].add(make_point(self.record.judge, estimate))
 
     def note_status(self, status: Status) -> None:
         """Set the status."""
@@ -66,19 +64,9 @@ class ViewModel:
         self.status = status
 
     @property
-    def truth(self) -> Truth | None:
-        """The latest truth."""
-        return self._record.truth
-
-    @property
-    def time(self) -> float:
-        """Simulated time of the latest truth [s]."""
-        return self._record.time
-
-    @property
     def loads(self) -> list[LoadState]:
         """Loads on the payload, from the server's latest message: while paused, the status is newer than the truth."""
-        truth, status = self.truth, self.status
+        truth, status = self.record.truth, self.status
         if truth is None or (status.state is RunState.PAUSED and status.block > truth.block):
             return status.loads
         return truth.loads
@@ -88,22 +76,17 @@ class ViewModel:
         """What the operator has disturbed, in words, by sender and receiver of messages, or by a clock's robot."""
         found: dict[tuple[str, ...], str] = {
             (sender, name): quality.in_words
-            for name, estimate in self._record.latest.items()
+            for name, estimate in self.record.latest.items()
             for sender, quality in estimate.disturbed.items()
         }
-        clocks = {} if self.truth is None else self.truth.clocks
+        clocks = {} if self.record.truth is None else self.record.truth.clocks
         return found | {(robot,): f"{ahead:g} s ahead" for robot, ahead in clocks.items()}
 
     @property
     def estimator(self) -> str:
         """Name of the estimator in use."""
-        newest = max(self._record.latest.values(), key=lambda estimate: estimate.block, default=None)
+        newest = max(self.record.latest.values(), key=lambda estimate: estimate.block, default=None)
         return self.status.estimator if newest is None else newest.estimator
-
-    @property
-    def beliefs(self) -> dict[str, Estimate]:
-        """Latest estimate of each robot, in the scene's order; stale if the robot is silent."""
-        return self._record.beliefs
 
     def reports(self, robot: str) -> dict[str, tuple[RobotReport, Estimate] | None]:
         """Return a robot's latest estimate, after its comparison with the truth; None if there is none yet.
@@ -117,24 +100,19 @@ class ViewModel:
             found[estimator] = None if report is None or belief is None else (report.as_of_now(belief), belief)
         return found
 
-    def traces(self, robot: str) -> dict[str, Trace]:
-        """Return a robot's errors over time, by estimator as in ``reports``."""
-        return self._traces[robot]
-
     def believed_payload(self, robot: str) -> Inertia | None:
         """Return a robot's estimate of the payload in the payload's frame; None while it is not complete."""
-        estimate = self._record.latest.get(robot)
+        estimate = self.record.latest.get(robot)
         payload = estimate.payload if estimate is not None else None
         if estimate is None or payload is None or payload.com is None or payload.tensor is None:
             return None
-        pose_robot_in_payload = self._record.judge.pose_payload_in(robot, estimate.block).inverse()
+        pose_robot_in_payload = self.record.judge.pose_payload_in(robot, estimate.block).inverse()
         return Inertia(payload.mass, payload.com, payload.tensor).carried(pose_robot_in_payload)
 
     def link(self, edge: Edge) -> LinkHealth:
         """Return the state of a link, as reported by the robots at its ends."""
-        ends = [self._record.latest.get(name) for name in edge]
+        ends = [self.record.latest.get(name) for name in edge]
         if any(end is not None and other in end.silent for end, other in zip(ends, reversed(edge), strict=True)):
             return "silent"
-        if any(end is None or (self.truth is not None and self.truth.block - end.block > SILENT) for end in ends):
-            return "unknown"
-        return "up"
+        newest = 0 if self.record.truth is None else self.record.truth.block
+        return "unknown" if any(end is None or newest - end.block > SILENT for end in ends) else "up"

@@ -14,8 +14,7 @@ FRAME = 0.05
 """Shortest time between two drawings [s]."""
 _TEXT_EVERY = 0.2
 _PLOT_EVERY = 0.25
-_LAST = 1e9
-"""Order of the last element."""
+_LAST = 1e9  # order of the last element
 
 
 class Page:
@@ -74,7 +73,7 @@ class Page:
                 self._plots_at = now
                 if picture != self._plotted:
                     self._plotted = picture
-                    self._plots.draw(model.traces(self.chosen), model.time)
+                    self._plots.draw(model.traces[self.chosen], model.record.time)
 
     def _draw_texts(self, model: ViewModel, note: str) -> None:
         for handle, text in (

@@ -19,7 +19,7 @@ from coheft.errors import CoheftError
 from coheft.wire.process.supervised import supervised_main
 
 _LOOK_EVERY = 0.2
-_READY, _SEEN, _AGAIN = "the view is ready", "a browser is connected", "again"
+READY, SEEN, _AGAIN = "the view is ready", "a browser is connected", "again"
 """Lines of its log, which does not contain the secret, because others may read it."""
 
 
@@ -28,7 +28,6 @@ class ViewConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     Attributes:
         folder: Folder of the run, which may not have begun yet.
-        place: Address of the view.
         read_only: Whether the view has no controls.
         offers_another: Whether it offers another run when this one has ended.
     """
@@ -49,39 +48,29 @@ class ViewBeside:
     @property
     def is_there(self) -> bool:
         """Whether the view is ready."""
-        return self._has_said(_READY) and not self._processes.ended("view")
+        return READY in self._child.lines and not self._processes.ended("view")
 
     @property
     def log(self) -> Path:
         """Path of its log."""
-        return Path(self._config.folder) / "view.log"
+        return self._child.log
 
-    def wait_until_there(self) -> None:
-        """Wait until the view is ready; raise a ``ProcessError`` if it fails."""
-        self._wait_for(_READY)
-
-    def wait_until_seen(self) -> None:
-        """Wait until a browser is connected; raise a ``ProcessError`` if the view fails."""
-        self._wait_for(_SEEN)
+    def wait_for(self, line: str) -> None:
+        """Wait until the view has said ``READY``, or ``SEEN``; raise a ``ProcessError`` if it fails."""
+        while line not in self._child.lines:
+            self._processes.check()
+            time.sleep(_LOOK_EVERY)
 
     def wait_for_another(self) -> bool:
         """Show the view until Ctrl-C or a request for another run; return whether there was such a request."""
         try:
-            self._wait_for(_AGAIN)
+            self.wait_for(_AGAIN)
         except (KeyboardInterrupt, ProcessError):
             return False
         return True
 
-    def _wait_for(self, line: str) -> None:
-        while not self._has_said(line):
-            self._processes.check()
-            time.sleep(_LOOK_EVERY)
-
-    def _has_said(self, line: str) -> bool:
-        return any(line in child.lines for child in self._processes.children)
-
     def __enter__(self) -> Self:
-        self._processes.start("view", "coheft.app.view.process", self._config)
+        self._child = self._processes.start("view", "coheft.app.view.process", self._config)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -96,12 +85,12 @@ def _view(config: ViewConfig) -> None:
     folder, is_seen = Path(config.folder), False
     ask_again = partial(_say, _AGAIN) if config.offers_another else None
     with open_server(config.place) as server:
-        _say(_READY)
+        _say(READY)
         waiting = server.gui.add_markdown("Waiting for the robots …")
         while not _goes_on(folder):
             if not is_seen and server.get_clients():
                 is_seen = True
-                _say(_SEEN)
+                _say(SEEN)
             time.sleep(_LOOK_EVERY)
         waiting.remove()
         show_run(server, folder, read_only=config.read_only, ask_again=ask_again)

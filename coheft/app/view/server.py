@@ -18,12 +18,7 @@ from coheft.errors import CoheftError
 
 @contextmanager
 def open_server(place: Place) -> Iterator[viser.ViserServer]:
-    """Run a server for browsers that have the secret of a place.
-
-    Raises:
-        LinkError: It cannot listen there.
-        CoheftError: Access to this release of viser cannot be controlled.
-    """
+    """Run a server for browsers that have the secret of a place; ``LinkError`` if it cannot listen there."""
     port = choose_port(place.host, place.port)  # viser itself would try others
     with contextlib.redirect_stdout(io.StringIO()), _behind(Door(place)) as doors:  # viser prints a banner
         server = viser.ViserServer(host=place.host, port=port, verbose=False)

@@ -25,16 +25,14 @@ from coheft.app.view.model import ViewModel
 from coheft.estimation.geometry.spatial import Array, Pose, quaternion_from_rotation, rotation_from_quaternion
 from coheft.estimation.measurement import WRENCH
 from coheft.estimation.rigid_body.mass_properties import Inertia
-from coheft.wire.messages.scene import Scene
 from coheft.wire.messages.structs import Estimate
-from coheft.wire.messages.truth import LoadState, Truth
+from coheft.wire.messages.truth import LoadState, Scene, Truth
 from coheft.wire.scenario.section import Vector, pose_of
 
 _NO_LINES = np.zeros((1, 2, 3))
 _FORCE_LENGTH = 0.15
 """Length of the arrow of a robot's share of the weight, relative to the payload's extent."""
-_LONGEST = 1.0
-"""Largest length of an arrow, relative to the extent."""
+_LONGEST = 1.0  # arrow, relative to the extent
 _ARC_POINTS = 16
 _EDGE = (148, 163, 184)
 _SHARP = np.radians(25.0)
@@ -173,7 +171,7 @@ class Stage:
 
     def draw(self, model: ViewModel, chosen: str) -> None:
         """Draw the present state; ``chosen`` is the robot whose estimate is shown."""
-        truth = model.truth
+        truth = model.record.truth
         if truth is not None:
             self._move(Pose(rotation_from_quaternion(truth.quaternion), truth.position))
             self._draw_wrenches(truth)
@@ -181,7 +179,7 @@ class Stage:
             self._true_com.position = payload.com
             self._true_box.points = box_edges(*equivalent_box(payload))
         self._draw_loads(model.loads)
-        self._draw_belief(model.believed_payload(chosen), model.beliefs.get(chosen))
+        self._draw_belief(model.believed_payload(chosen), model.record.beliefs.get(chosen))
         self._arms.paint(model, chosen)
         for edge, lines in self._links.items():
             lines.colors = np.array(colours.LINK[model.link(edge)], dtype=np.uint8)

@@ -11,9 +11,8 @@ from coheft.app.templates import templates_beside
 from coheft.app.terminal.digits import decimals_for, seconds_of, significant, std_text, value_and_std
 from coheft.app.view import colours
 from coheft.app.view.model import ViewModel
-from coheft.wire.messages.requests import Status
-from coheft.wire.messages.states import RunState, Validity
-from coheft.wire.messages.structs import Estimate
+from coheft.wire.messages.requests import RunState, Status
+from coheft.wire.messages.structs import Estimate, Validity
 from coheft.wire.messages.truth import LoadState
 from coheft.wire.scenario.schema import MAX_DURATION
 
@@ -28,7 +27,6 @@ NO_OPERATOR = "This view is read-only: it has no operator's keys."
 
 @cache
 def _template() -> Any:
-    """Return the template's macros."""
     environment = templates_beside(__file__)
     environment.filters["css"] = colours.css
     environment.globals["colours"] = colours
@@ -36,15 +34,14 @@ def _template() -> Any:
 
 
 def _filled(part: str, *values: object) -> str:
-    """Return the HTML of a part of the panel."""
     return str(getattr(_template(), part)(*values))
 
 
 def header(model: ViewModel, note: str = "") -> str:
     """Return the header: name, time and state of the run."""
-    duration = model.status.duration
-    share = min(1.0, model.time / duration) if 0.0 < duration < MAX_DURATION else None
-    return _filled("header", model, share, seconds_of(model.time, duration), model.truth, note)
+    duration, record = model.status.duration, model.record
+    share = min(1.0, record.time / duration) if 0.0 < duration < MAX_DURATION else None
+    return _filled("header", model, share, seconds_of(record.time, duration), record.truth, note)
 
 
 def waiting_note(status: Status, *, is_still: bool) -> str:
@@ -118,9 +115,9 @@ def belief(found: tuple[RobotReport, Estimate] | None) -> str:
 
 def team(model: ViewModel, chosen: str) -> str:
     """Return a table with a line for each robot."""
-    robots = []
+    robots, beliefs = [], model.record.beliefs
     for name in model.scene.robots:
-        estimate = model.beliefs.get(name)
+        estimate = beliefs.get(name)
         payload = estimate.payload if estimate is not None else None
         known = value_and_std(payload.mass, payload.covariance[0, 0] ** 0.5, 2) if payload is not None else "–"
         mass, _, std = known.partition(" ± ")
@@ -146,7 +143,7 @@ def _rows(
     result = []
     for index, axis in enumerate(axes):
         truth, estimate, std = (None if values is None else scale * values[index] for values in found)
-        needed = digits if std is None else max(digits, decimals_for(std, 2))
+        needed = digits if std is None else decimals_for(std, 2, at_least=digits)
         decimals = min(needed, _MOST_DECIMALS)
         numbers = ("–" if value is None else f"{value:.{decimals}f}" for value in (truth, estimate))
         std_cell = "–" if std is None else std_text(std, needed)

@@ -10,8 +10,6 @@ class CartAgentConfig(CartTask, frozen=True, forbid_unknown_fields=True, kw_only
     """All that one pusher knows at the start.
 
     Attributes:
-        name: Its name.
-        neighbours: Names of its neighbours.
         hand: Its first contact point in ``{b}`` [m].
         reach: Range of ``y`` of its hand [m].
     """

@@ -15,7 +15,6 @@ class CartMeasurement(Message, frozen=True):
     """Server to pusher: a sample of its sensors.
 
     Attributes:
-        robot: Name of the pusher.
         block: Number of the sample, ``block / rate`` seconds after the start.
         motion: ``(q, qd)`` of the cart at that time: pose of ``{b}`` in ``{s}`` and its rate, shape (6,) [m, m, rad,
             m/s, m/s, rad/s].
@@ -36,9 +35,7 @@ class CartPush(Message, frozen=True):
     """Pusher to server: the answer to a sample, with the wrench of its hand ``lag`` samples later.
 
     Attributes:
-        robot: Name of the pusher.
         block: The sample from which to the next the push holds.
-        answers: The sample that is answered.
         wrench: Wrench about the contact point, axes of ``{b}``, shape (3,) [N, N, N·m].
         hand: The contact point in ``{b}``, shape (2,) [m].
     """
@@ -58,9 +55,7 @@ class CartMessage(Message, frozen=True):
     """Pusher to each neighbour, once per sample.
 
     Attributes:
-        sender: Name of the sender.
         block: The sample after which it was sent.
-        gossip: New records of pushers.
         stages: Partial sums, see ``coheft.consensus.pipeline``, shape (K, 1, C); empty before the sums begin.
         valid: Which of them are complete, 0 or 1, shape (K,).
     """
@@ -80,16 +75,11 @@ class CartEstimate(Message, frozen=True):
     """Estimate of one pusher, to observers.
 
     Attributes:
-        robot: Name of the pusher.
         block: The last sample that it has processed.
-        time: Time of that sample [s].
         members: Number of pushers according to gossip.
-        cart: The estimated cart.
         covariance: Of ``(m, d_x, d_y, I, sigma)``, shape (6, 6), in the squares of the units of ``CartBody``.
         not_known: Quantities that the motion has not shown, and what would show them.
-        jumps: Number of sudden changes that were detected.
         doubts: What is measured worse than stated, as sentences.
-        problems: Number of refused messages.
     """
 
     robot: str
@@ -109,9 +99,6 @@ class CartTruth(Message, frozen=True):
     """Server to observers: the truth, which pushers cannot read.
 
     Attributes:
-        block: Number of the sample.
-        time: Time of the sample [s].
-        cart: The true cart.
         motion: ``(q, qd)``: pose of ``{b}`` in ``{s}`` and its rate, shape (6,) [m, m, rad, m/s, m/s, rad/s].
         wrench: Total wrench of all hands from then on about the origin of ``{b}``, in its axes, shape (3,) [N, N, N·m].
         effort: Root of the sum over hands of ``f^2 + (tau / arm)^2`` [N].

@@ -45,11 +45,7 @@ class CartRecording:
 
 
 def read_cart_recording(path: Path) -> CartRecording:
-    """Read a recording, and check its form.
-
-    Raises:
-        RecordingError: It cannot be read or used; the message says where, and why.
-    """
+    """Read a recording, and check its form; a ``RecordingError`` says where it cannot be used, and why."""
     with recording_errors(path, advice=f"; expected a {_EXPECTED}"):
         arrays = _read(path)
         _check(arrays)

@@ -46,8 +46,6 @@ class CartTask(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
         lag: Number of samples from a measurement to the push that answers it.
         arm: Ratio of a hand's costs of force and torque [m], see ``coheft.estimation.cart.contact``.
         strength: Largest effort of all hands together [N].
-        prior: Uncertainty of the guess.
-        tracking: Settings of the regulator.
     """
 
     guess: CartBody
@@ -68,13 +66,8 @@ class CartScenario(CartTask, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     """One run with a cart.
 
     Attributes:
-        name: Name of the scenario.
-        cart: The true cart.
         noise_factor: True noise of the motion in multiples of ``noise``.
-        loads: Loads that are added and removed.
         casters: Whether casters turn around, with drag, when the cart reverses.
-        seed: Seed of all noise.
-        pushers: Number of pushers.
         duration: Duration [s].
         handle: ``x`` of the handle in ``{b}``, and half its length [m].
 

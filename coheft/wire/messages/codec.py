@@ -24,9 +24,8 @@ from coheft.wire.messages.structs import Message
 M = TypeVar("M")
 _LARGEST = 1e15
 """Limit of received numbers."""
-
-
 _kind = cache(Kind)
+_seal = lru_cache(maxsize=1024)(Seal)
 
 
 @cache
@@ -34,9 +33,6 @@ def _expected(kind: Any) -> tuple[str, dict[int, Kind]]:
     """Return the name of a kind, or those of a union of kinds, and all kinds by their codes."""
     kinds = typing.get_args(kind) or (kind,)
     return " or ".join(each.__name__ for each in kinds), {each.code: _kind(each) for each in kinds}
-
-
-_seal = lru_cache(maxsize=1024)(Seal)
 
 
 def encode(message: Message, key: str) -> bytes:
@@ -47,9 +43,8 @@ def encode(message: Message, key: str) -> bytes:
 def decode(data: bytes, kind: type[M], key: str) -> M:
     """Decode a message of a kind, or of a union of kinds, that was received under ``key``.
 
-    Raises:
-        MessageError: The bytes are damaged, were sent under another key (for instance in another run), are another
-            message, or have another protocol version.
+    Bytes that are damaged, were sent under another key (for instance in another run), are another message, or have
+    another protocol version raise a ``MessageError``.
     """
     name, kinds = _expected(kind)  # type: ignore[arg-type]
     frame = _seal(key).unwrapped(data, name)
@@ -70,11 +65,7 @@ def is_finite(array: Array) -> bool:
 
 
 def check_numbers(array: Array, shape: tuple[int, ...], name: str) -> None:
-    """Check a received array of numbers in double precision.
-
-    Raises:
-        MessageError: It has another shape or type, or contains numbers that are not finite or too large.
-    """
+    """Check shape and numbers of a received array in double precision; ``MessageError`` if it cannot be used."""
     check_field(f"{name}.shape", array.shape, shape)
     check_field(f"{name}.dtype", array.dtype.name, "float64")  # products of whole numbers may overflow
     # Nearly always the sum of squares shows it; it is not below the limit for numbers that are not finite.

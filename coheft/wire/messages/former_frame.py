@@ -27,11 +27,7 @@ def is_former(data: bytes) -> bool:
 
 
 def decode_former(data: bytes, kind: type[M], key: str) -> M:
-    """Decode a message in the old format.
-
-    Raises:
-        MessageError: The bytes are damaged, are another message, or have an older version.
-    """
+    """Decode a message in this format, or raise a ``MessageError`` that says what else it is."""
     body = data[CHECKSUM.size :]
     if CHECKSUM.unpack_from(data)[0] != zlib.crc32(body, zlib.crc32(key.encode())):
         raise MessageError(f"not a {kind.__name__}: its checksum is wrong")

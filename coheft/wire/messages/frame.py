@@ -32,9 +32,7 @@ DTYPES: dict[int, np.dtype[Any]] = {1: np.dtype("<f8"), 2: np.dtype("<f4"), 3: n
 CODES = {dtype: code for code, dtype in DTYPES.items()}
 DOUBLE = DTYPES[1]
 MAX_DIMENSIONS = 4
-"""Largest number of dimensions of an array."""
-_WORD = 4
-"""Size of the integers that encode shapes [B]."""
+_WORD = 4  # size of the integers that encode shapes [B]
 _ALIGNMENT = 16
 _ZEROS = [bytes(size) for size in range(_ALIGNMENT)]
 _MAPS = (*range(0x80, 0x90), 0xDE, 0xDF)
@@ -87,11 +85,7 @@ class Seal:
         return CHECKSUM.pack(zlib.crc32(body, self.seed)) + body
 
     def unwrapped(self, data: bytes, name: str) -> Frame:
-        """Check the frame of a message and return its parts.
-
-        Raises:
-            MessageError: It is damaged, was sent under another key, or has another protocol version.
-        """
+        """Return the parts of a message; ``MessageError`` if it is damaged, of another key, or another version."""
         view = memoryview(data)
         if len(data) < CHECKSUM.size or CHECKSUM.unpack_from(data)[0] != zlib.crc32(view[CHECKSUM.size :], self.seed):
             raise MessageError(
@@ -158,9 +152,5 @@ _SHORT = 512
 
 
 def places_of(shapes: bytes) -> tuple[list[Place], int]:
-    """Decode what ``described`` has encoded, and the size of all arrays [B].
-
-    Raises:
-        ValueError: The bytes are something else.
-    """
+    """Decode what ``described`` has encoded, and the size of all arrays [B]; ``ValueError`` if it is something else."""
     return _known(shapes) if len(shapes) <= _SHORT else _places_of(shapes)

@@ -60,11 +60,7 @@ class Kind:
         return _NEXT_ARRAY
 
     def decode(self, frame: Frame) -> Any:
-        """Decode a frame of this kind.
-
-        Raises:
-            ValueError, msgspec.DecodeError, struct.error, RecursionError: The frame is invalid.
-        """
+        """Decode a frame of this kind; an invalid one raises one of ``MALFORMED``."""
         places, size = places_of(frame.shapes)
         if size != len(frame.arrays):
             raise ValueError(f"its arrays take {size} bytes but there are {len(frame.arrays)}")

@@ -1,12 +1,12 @@
 """Requests of observers and of the operator to the server and the agents, with the answers, as msgspec structs."""
 
+from enum import StrEnum
+
 from msgspec.structs import force_setattr
 
 from coheft.wire.former_names import keep_present, present
-from coheft.wire.messages.scene import Scene
-from coheft.wire.messages.states import RunState
 from coheft.wire.messages.structs import Message, sent_as
-from coheft.wire.messages.truth import LoadState
+from coheft.wire.messages.truth import LoadState, Scene
 from coheft.wire.scenario.network import LinkQuality
 
 # --- to the server -----------------------------------------------------------------------------------------------
@@ -68,7 +68,6 @@ class ClockRequest(Message, frozen=True):
     """Set a robot's clock at the next block.
 
     Attributes:
-        robot: The robot.
         ahead: How far its clock is ahead [s], from 0 to 1: its samples were taken that long before their stamps, in
             addition to a delay that the scenario gives them.
     """
@@ -89,24 +88,29 @@ Request = (
 )
 
 
+class RunState(StrEnum):
+    """What the server of a run does."""
+
+    WAITING = "waiting"
+    """It waits for all robots."""
+    RUNNING = "running"
+    PAUSED = "paused"
+    FINISHED = "finished"
+    """It simulates no further block, and has stopped the robots."""
+
+
 @sent_as(40)
 class Status(Message, frozen=True):
     """The server's answer to every request that it has carried out; also sent to all observers at the end of the run.
 
     Attributes:
-        scenario: The scenario's name.
-        state: State of the run.
         block: Number of blocks that have been simulated.
-        time: Simulated time [s].
-        duration: Duration of the whole run [s].
         real_time_factor: Simulated time divided by the wall time for which the clock ran.
         late_blocks: Number of late references over all robots. In spite of its name it does not count blocks.
-        loads: Loads on the payload.
         slots_free: Number of loads that can still be added.
         waiting_for: Robots without which the run cannot begin or continue, or that have not answered the newest block.
         estimator: Estimator that the robots use, at the latest from the next block on.
         estimators: Estimators that may be chosen.
-        scene: The constant part of the scene.
         unsaved: Why the data file could not be written; empty if it was, or none was requested.
         failure: Why the run was aborted; empty if it was not.
     """
@@ -147,10 +151,6 @@ class LinkRequest(Message, frozen=True):
     """Cut the link with a neighbour, or restore it.
 
     Only the agent that dials the other one can do so. To both it looks as if the network between them were cut.
-
-    Attributes:
-        neighbour: Name of the neighbour.
-        cut: True to cut the link, False to restore it.
     """
 
     neighbour: str
@@ -167,12 +167,7 @@ class CutLinks(Message, frozen=True):
 
 @sent_as(44)
 class DisturbRequest(Message, frozen=True):
-    """Let messages that this robot receives from a neighbour be lost or late from now on.
-
-    Attributes:
-        neighbour: The sender of these messages.
-        quality: Their loss and delay; the default restores the link.
-    """
+    """Let messages that this robot receives from a neighbour be lost or late from now on; the default restores them."""
 
     neighbour: str
     quality: LinkQuality

@@ -26,14 +26,11 @@ MOST_TOLD = 450
 """With more unknowns, a robot that joins does not receive the team's estimate, which would take megabytes."""
 MOST_SEALED = 50
 """Largest number of a robot's rows in a seal."""
-_PER_SEAL = 512
-"""Size of a seal [B]; see ``coheft.agents.efficient.seals``."""
-_NUMBER, _LABEL, _NUMBER_OF_ROW = 8, 8, 4
-"""Sizes of a number of the consensus, of the label of a row, and of one of the row's numbers [B]."""
-_PER_RECORD = 4096
-"""Size of a robot's record in gossip and in forwarded tables [B]."""
-_PER_NAME = 40
-"""Size of a neighbour's name in such a record [B]."""
+# Sizes [B]:
+_PER_SEAL = 512  # see ``coheft.agents.efficient.seals``
+_NUMBER, _LABEL, _NUMBER_OF_ROW = 8, 8, 4  # of the consensus, of a row, and one of the row's numbers
+_PER_RECORD = 4096  # a robot's, in gossip and in forwarded tables
+_PER_NAME = 40  # a neighbour's, in such a record
 _REST = 65536
 
 
@@ -81,6 +78,5 @@ def largest_arrays(scenario: Scenario) -> int:
 
 
 def _besides_arrays(scenario: Scenario) -> int:
-    """Return the size of the content of a message other than arrays [B]."""
     lines = min(scenario.robot_count, PER_MESSAGE) * (_PER_RECORD + _PER_NAME * scenario.robot_count)
     return lines + _REST

@@ -1,6 +1,7 @@
 """Messages that the processes of a run send, as msgspec structs; ``codec`` converts them to bytes."""
 
 from collections.abc import Callable
+from enum import StrEnum
 from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
 import msgspec
@@ -8,7 +9,6 @@ import numpy as np
 from msgspec import Meta
 
 from coheft.wire.former_names import keep_present
-from coheft.wire.messages.states import Validity
 from coheft.wire.scenario.network import LinkQuality
 from coheft.wire.scenario.schema import MAX_ROBOTS
 
@@ -17,7 +17,7 @@ _Count = Annotated[int, Meta(ge=0, lt=2**62)]
 _Robot = Annotated[str, Meta(max_length=32)]
 
 
-class Message(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class Message(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Base of all messages; see ``sent_as``."""
 
     code: ClassVar[int]
@@ -28,12 +28,8 @@ M = TypeVar("M", bound=Message)
 
 
 def sent_as(code: int, *, block: str | None = None, number: str | None = None) -> Callable[[type[M]], type[M]]:
-    """Define how a kind of message is sent.
-
-    Args:
-        code: Its code; unique, and never reused for another kind.
-        block: Name of the field that is sent as the header's ``block``, see ``frame``.
-        number: The same for ``number``.
+    """Define how a kind of message is sent: its code, which is unique and never reused for another kind, and the names
+    of fields that are sent as the header's ``block`` and ``number``, see ``frame``.
     """
 
     def define(kind: type[M]) -> type[M]:
@@ -51,7 +47,6 @@ class Ready(Message, frozen=True):
     """Robot to server: asks for measurements.
 
     Attributes:
-        robot: The robot that asks.
         missing: Its neighbours that it is not linked with yet. A run begins when no robot misses a neighbour; a robot
             that returns to a run in progress receives measurements at once.
         attempt: Grows whenever the robot begins to ask anew, because it has started or lost its link; it has forgotten
@@ -68,12 +63,10 @@ class Measurements(Message, frozen=True):
     """Server to robot: its own sensors' samples of one block, see ``MeasurementBlock``.
 
     Attributes:
-        robot: The robot whose sensors they are from.
         block: Index of the block; grows, with gaps if blocks were missed.
         samples: Shape (B, 15).
         world: Number of the simulated world; a new one means that the server has restarted, and all learned is void.
         attempt: ``attempt`` of the robot's ``Ready``; measurements of an earlier attempt are not used.
-        holding: Whether its hand held the payload during the block.
         estimator: Estimator to use from this block on, the same for all robots; empty for that of its configuration.
     """
 
@@ -124,11 +117,6 @@ class Hello(Message, frozen=True):
 
     Sent twice per second, however long steps take; more often while there are no measurements; and at once when a link
     comes up, or in answer to a neighbour that does not receive the sender's messages yet.
-
-    Attributes:
-        sender: The sending robot.
-        heard: Neighbours whose messages it receives.
-        incarnation: As in ``NeighbourMessage``.
     """
 
     sender: str
@@ -140,9 +128,7 @@ class LinkState(msgspec.Struct, frozen=True, forbid_unknown_fields=True, order=T
     """A robot's record about itself, forwarded from neighbour to neighbour to all robots.
 
     Attributes:
-        robot: The robot.
         sequence: Grows with every change; within an incarnation the highest wins.
-        neighbours: Names of its neighbours.
         ready_block: Block from which it can take part in the sums of a team; -1 while it cannot.
         incarnation: Grows when the robot's agent restarts with an empty memory; the highest wins.
         holding: Whether it holds the load. A robot whose agent is dead still holds what it held.
@@ -169,7 +155,6 @@ class NeighbourMessage(Message, frozen=True):
     """Agent to each neighbour, once per block.
 
     Attributes:
-        sender: The sending robot.
         block: The block after which it was sent.
         gossip: New records about robots, see ``LinkState``.
         channels: The estimator's arrays by name; the estimator defines their frames.
@@ -187,10 +172,9 @@ class NeighbourMessage(Message, frozen=True):
 
 
 class PayloadEstimate(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Mass properties of the payload in ``F_i`` with their covariance, as far as they are observable.
+    """Mass [kg] and other mass properties of the payload in ``F_i`` with their covariance, as far as observable.
 
     Attributes:
-        mass: Mass [kg].
         com: Centre of mass (3,) [m], None while a direction is unobservable.
         tensor: Inertia (3, 3) about the centre of mass [kg·m²], None while a part of it or the centre of mass is
             unobservable.
@@ -228,8 +212,6 @@ class SlipNotice(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Notice of a slipped grasp.
 
     Attributes:
-        robot: The robot whose grasp slipped.
-        noticed_at: When a change was noticed [s].
         named_at: When it was distinguished from a change of the load [s].
         slipped_at: Approximate time of the slip [s].
     """
@@ -258,12 +240,22 @@ class SensorErrorEstimate(msgspec.Struct, frozen=True, forbid_unknown_fields=Tru
     told: float
 
 
+class Validity(StrEnum):
+    """Whether an agent's estimate may be relied upon."""
+
+    STARTING = "starting"
+    """There is no estimate of the payload yet."""
+    VALID = "valid"
+    """The truth is within five of the estimate's own standard deviations."""
+    STALE = "stale"
+    """The agent cannot know whether its last valid estimate still holds."""
+
+
 @sent_as(20, block="block")
 class Estimate(Message, frozen=True):
     """An agent's estimate after one block.
 
     Attributes:
-        robot: The robot.
         block: The last block that it had processed.
         time: End of that block [s].
         phase: ``poses`` while relative poses are being found, then ``inertia``.
@@ -275,15 +267,9 @@ class Estimate(Message, frozen=True):
         total_wrench: Total wrench (6,) about the origin of ``F_i``, as sensors read it, at the end of ``total_block``:
             with ``efficient`` the mean over its newest row, with ``fan2017`` of its last sample.
         not_observable: Descriptions of parameters that the motion so far does not show.
-        load_changes: Changes of the load noticed so far.
-        slips: Slips of grasps noticed so far.
-        problems: Number of messages refused so far.
         status: Whether the estimate may be relied upon; if it is stale, payload and poses are the last valid ones.
         reasons: Why it is not valid, or has not converged, in words, for instance "r3 is silent since 12.34 s".
         valid_block: Block to which payload and poses belong, the last valid one when stale; -1 if there is none.
-        silent: Neighbours whose messages are missing.
-        estimator: Name of the estimator.
-        sensor_errors: Estimates of the sensors' errors, for those with a tolerance.
         disturbed: Links that the operator has disturbed, by the neighbour that sends.
     """
 
@@ -337,12 +323,8 @@ class EstimateBeside(Message, frozen=True):
 
 @sent_as(21)
 class Problem(Message, frozen=True):
-    """Report that a process refused something, or why the run ends.
-
-    Attributes:
-        source: The process that reports.
-        text: Description of the problem.
-        is_end: Whether the run ends with it; the supervisor learns that from the process itself.
+    """Report that a process, ``source``, refused something; or, if ``is_end``, why the run ends, which the supervisor
+    learns from the process itself.
     """
 
     source: str

@@ -1,12 +1,52 @@
-"""What is true, as the server tells observers."""
+"""The scene, which does not change during a run, and what is true, as the server tells observers."""
 
 from typing import Any
 
 import msgspec
 import numpy as np
 
-from coheft.wire.messages.scene import SlippedGrasp
 from coheft.wire.messages.structs import Message, sent_as
+
+
+class BoxShape(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A box that is part of the payload's shape.
+
+    Attributes:
+        size: Edge lengths [m].
+        position: Position of its centre in the payload's frame [m].
+        rotation_deg: Orientation of its edges in the payload's frame, rotation vector [degrees].
+    """
+
+    size: tuple[float, float, float]
+    position: tuple[float, float, float]
+    rotation_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+class Scene(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The constant part of the scene.
+
+    Attributes:
+        rotations: Rotations of the true poses of the robots' ``F_i`` in the payload's frame, (N, 3, 3).
+        translations: Translations of the same poses, (N, 3) [m].
+        boxes: Boxes that make up the payload; empty if only its mass properties are given.
+        triangles: Surface of a payload from a file, in its frame, (k, 3, 3) in single precision [m]; often empty.
+        home: Initial position of the payload's frame in the world, with axes parallel to the world's [m].
+    """
+
+    robots: list[str]
+    rotations: np.ndarray[Any, Any]
+    translations: np.ndarray[Any, Any]
+    neighbours: dict[str, list[str]]
+    boxes: list[BoxShape] = []
+    triangles: np.ndarray[Any, Any] = msgspec.field(default_factory=lambda: np.empty((0, 3, 3), dtype=np.float32))
+    home: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+class SlippedGrasp(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Pose of a robot's ``F_i`` in the payload's frame after it has slipped: (3, 3), and (3,) [m]."""
+
+    rotation: np.ndarray[Any, Any]
+    translation: np.ndarray[Any, Any]
 
 
 class PayloadTruth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -21,7 +61,6 @@ class LoadState(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A load on the payload.
 
     Attributes:
-        id: Its number.
         mass: Its present mass [kg]; 0 when all has leaked out.
         position: Position of its centre in the payload's frame [m].
         size: Its edge lengths [m].
@@ -42,8 +81,6 @@ class Truth(Message, frozen=True):
     Attributes:
         block: The block; the payload was constant during it.
         time: End of the block [s].
-        payload: True mass properties.
-        loads: Loads on the payload.
         position: Position of the payload's frame in the world at the block's last sample, (3,) [m].
         quaternion: Its orientation, scalar first, (4,).
         total_wrench: Sum of the **measured** wrenches of the last sample, of all robots that hold the payload,

@@ -5,8 +5,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from typing import Protocol, TypeVar
 
-_ROUNDING = 1e-9
-"""Tolerance for the rounding of times [s]."""
+_ROUNDING = 1e-9  # of times [s]
 
 
 class Event(Protocol):

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from coheft.wire.scenario.errors import did_you_mean
 from coheft.wire.scenario.rules import Complaint, exactly_one
-from coheft.wire.scenario.schema import Scenario
+from coheft.wire.scenario.schema import LoadChange, Scenario
 
 
 def slip_complaints(scenario: Scenario) -> Iterator[Complaint]:
@@ -27,28 +27,34 @@ def slip_complaints(scenario: Scenario) -> Iterator[Complaint]:
 
 def load_complaints(scenario: Scenario) -> Iterator[Complaint]:
     """Complain about load changes that are ambiguous, or need a slot or a load that there will not be."""
-    loads: list[int] = []
-    total = 0
     slots = scenario.payload.load_slots
-    for number, change in sorted(enumerate(scenario.load_changes), key=lambda numbered: numbered[1].at):
+    for number, change, there in loads_over_time(scenario):
         key = f"load_changes[{number}]"
         yield from exactly_one(change, ("mass", "remove"), key)
         if change.leak > 0.0 and change.mass is None:
             yield f"{key}.leak", f"found {change.leak} without 'mass', expected it for a new load only"
-        if change.remove is None:
-            total += 1
-            loads.append(total)
-        elif change.remove in loads:
-            loads.remove(change.remove)
-        else:
-            there = loads or "none"
+        if change.remove is not None and change.remove not in there:
             yield (
                 f"{key}.remove",
-                f"found {change.remove} at {change.at} s, expected one of the loads that will be there then: {there}",
+                f"found {change.remove} at {change.at} s, expected one of the loads that will be there then: "
+                f"{list(there) or 'none'}",
             )
-        if len(loads) > slots:
-            found = f"found {len(loads)} loads at a time from {change.at} s on"
+        if change.remove is None and len(there) >= slots:
+            found = f"found {len(there) + 1} loads at a time from {change.at} s on"
             yield key, f"{found}, but 'payload.load_slots' is {slots}"
+
+
+def loads_over_time(scenario: Scenario) -> Iterator[tuple[int, LoadChange, dict[int, LoadChange]]]:
+    """Yield the changes of the load in order of time: index, change, and by number the loads before it."""
+    there: dict[int, LoadChange] = {}
+    count = 0
+    for index, change in sorted(enumerate(scenario.load_changes), key=lambda each: each[1].at):
+        yield index, change, there
+        if change.remove is not None:
+            there.pop(change.remove, None)
+        else:
+            count += 1
+            there[count] = change
 
 
 def late_change_complaints(scenario: Scenario) -> Iterator[Complaint]:

@@ -11,7 +11,6 @@ from coheft.estimation.tolerance import MOTION_SENSORS
 from coheft.wire.messages.size import LARGEST, largest_message
 from coheft.wire.scenario.arm_checks import arm_complaints
 from coheft.wire.scenario.change_checks import load_complaints, slip_complaints
-from coheft.wire.scenario.grasps import place_grasps
 from coheft.wire.scenario.motion_checks import motion_complaints
 from coheft.wire.scenario.payload import Payload
 from coheft.wire.scenario.payload_extent import load_place_complaints
@@ -24,10 +23,8 @@ from coheft.wire.scenario.schema import Scenario
 
 _MOST_ROBOTS = 128
 """Of a team in which each robot estimates all poses: a fit takes half a second there."""
-_LEAST_NOISE = 1e-3
-"""In units of the nominal noise."""
-_LEVEL = 1e-9
-"""A frame counts as level if its vertical is off by less than this."""
+_LEAST_NOISE = 1e-3  # in units of the nominal noise
+_LEVEL = 1e-9  # by which the vertical of a level frame may be off
 
 
 def check_scenario(scenario: Scenario, origin: str) -> None:
@@ -79,7 +76,6 @@ def choice_complaints(scenario: Scenario) -> Iterator[Complaint]:
 
 
 def _body_complaints(scenario: Scenario) -> Iterator[Complaint]:
-    """Complain about impossible payloads, arms and teams."""
     payload, robots, motion = scenario.payload, scenario.robots, scenario.motion
     if payload.properties is not None and not np.all(np.linalg.eigvalsh(payload.inertia().pseudo_inertia()) > 0.0):
         yield (
@@ -186,7 +182,7 @@ def _encoder_complaints(scenario: Scenario) -> Iterator[Complaint]:
             f"found with 'robots.stiffness' = {list(scenario.robots.stiffness)}, expected no stiffness in rotation: "
             f"such wrists are gimbals, and record no torque",
         )
-    for name, grasp in zip(scenario.robot_names, place_grasps(scenario), strict=True):
+    for name, grasp in zip(scenario.robot_names, scenario.robots.poses(), strict=True):
         off = float(np.linalg.norm(grasp.rotation[2] - [0.0, 0.0, 1.0]))
         if off >= _LEVEL:
             tilt = math.degrees(2.0 * math.asin(min(1.0, 0.5 * off)))

@@ -2,6 +2,7 @@
 
 import difflib
 import re
+from collections.abc import Mapping
 
 import msgspec
 from msgspec import inspect as types
@@ -24,11 +25,12 @@ _RENAMED = {
     "sensors.errors = { force_offset = 1.2 }",
 }
 """Keys of earlier releases, with their replacements."""
-_SHOWN = 100
-"""Number of characters of a key or a value that an error shows."""
+_SHOWN = 100  # characters of a key or a value
 
 
-def explain(error: msgspec.ValidationError, table: dict[str, object], section: type[msgspec.Struct] = Scenario) -> str:
+def explain(
+    error: msgspec.ValidationError, table: Mapping[str, object], section: type[msgspec.Struct] = Scenario
+) -> str:
     """Return a message with the key, the value that was found and what was expected."""
     message = str(error)
     match = re.search(r" - at `\$(.*)`$", message, re.DOTALL)

@@ -7,8 +7,6 @@ from msgspec import Meta
 from coheft.estimation.measurement import Positive
 from coheft.wire.scenario.section import Section
 
-KnownPart = Literal["mass", "com", "inertia"]
-
 
 class Fan2017Settings(Section, frozen=True):
     """The method of Fan et al., CDC 2017 (``coheft.agents.fan2017.estimator``).
@@ -42,7 +40,7 @@ class Fan2017Settings(Section, frozen=True):
     share_estimates: bool = True
     consensus_weights: Literal["metropolis", "uniform"] = "metropolis"
     equation_weights: Literal["proposition-2", "constant"] = "proposition-2"
-    known: tuple[KnownPart, ...] = ()
+    known: tuple[Literal["mass", "com", "inertia"], ...] = ()
     initial_mass: Positive = 1.0
     initial_com: Literal["centre", "grasp"] = "centre"
 

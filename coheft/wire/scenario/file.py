@@ -1,7 +1,7 @@
 """Scenarios from TOML files.
 
-``load_scenario`` takes a path, or the name of a scenario in ``configs/``. Every error names the file, the key, what
-was found there and what is allowed.
+``load_scenario`` takes a path, or the name of a scenario in ``configs/``. What cannot be used raises a
+``ScenarioError``, which names the file, the key, what was found there and what is allowed.
 """
 
 import os
@@ -34,11 +34,7 @@ def available_scenarios() -> dict[str, Path]:
 
 
 def scenario_path(source: str | Path) -> Path:
-    """Return the path of a scenario: a TOML file, or a shipped one by its name.
-
-    Raises:
-        ScenarioError: There is no shipped scenario of that name.
-    """
+    """Return the path of a TOML file, or of a shipped scenario by its name; ``ScenarioError`` if there is none."""
     path = Path(source)
     if path.suffix == ".toml":
         return path
@@ -49,18 +45,13 @@ def scenario_path(source: str | Path) -> Path:
 
 
 def load_scenario(source: str | Path, values: Sequence[str] = ()) -> Scenario:
-    """Read a scenario from a TOML file, or a shipped one by its name, with some values changed, see ``set_values``.
-
-    Raises:
-        ScenarioError: There is no such file or name, or its contents cannot be used.
-    """
+    """Read a scenario from a TOML file, or a shipped one by its name, with some values changed, see ``set_values``."""
     path = scenario_path(source)
-    origin = " ".join([str(path), *([f"with {' '.join(f'--set {value}' for value in values)}"] if values else [])])
-    return parse_scenario(read_text(path), origin, path.parent, values)
+    return parse_scenario(read_text(path), _origin(str(path), values), path.parent, values)
 
 
 def read_text(path: Path) -> str:
-    """Return the text of a scenario's file; raise ``ScenarioError`` if it cannot be read, or is none."""
+    """Return the text of a scenario's file."""
     try:
         data = path.read_bytes()
     except FileNotFoundError as error:
@@ -76,22 +67,14 @@ def read_text(path: Path) -> str:
 
 
 def parse_scenario(text: str, origin: str, folder: Path = Path(), values: Sequence[str] = ()) -> Scenario:
-    """Make a scenario from TOML text, with some values changed, see ``set_values`` and ``scenario_of``.
-
-    Raises:
-        ScenarioError: It is not TOML, or not a scenario, or a file that it names cannot be used.
-    """
+    """Make a scenario from TOML text, with some values changed, see ``set_values`` and ``scenario_of``."""
     table = parse_table(text, origin)
     set_values(table, values)
     return scenario_of(table, origin, folder)
 
 
 def parse_table(text: str, origin: str) -> dict[str, Any]:
-    """Return nested dictionaries and lists from TOML text, with present names of sections.
-
-    Raises:
-        ScenarioError: It is not TOML.
-    """
+    """Return nested dictionaries and lists from TOML text, with present names of sections."""
     try:
         table = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # also raised for too many digits, and for deep nesting
@@ -104,9 +87,6 @@ def scenario_of(table: dict[str, Any], origin: str, folder: Path = Path()) -> Sc
     """Make a scenario from nested dictionaries and lists, with all checks, and read the files that it names.
 
     ``origin`` names it in errors; ``folder`` is that of relative paths.
-
-    Raises:
-        ScenarioError: It is not a scenario, or a file that it names cannot be used.
     """
     try:
         scenario = msgspec.convert(table, Scenario)
@@ -118,18 +98,18 @@ def scenario_of(table: dict[str, Any], origin: str, folder: Path = Path()) -> Sc
 
 
 def with_values(scenario: Scenario, values: Sequence[str]) -> Scenario:
-    """Return a scenario with some values changed, see ``set_values``, and all checks.
-
-    Raises:
-        ScenarioError: A value is invalid.
-    """
+    """Return a scenario with some values changed, see ``set_values``, and all checks."""
     table = msgspec.to_builtins(scenario)
     set_values(table, values)
-    return scenario_of(table, " ".join([scenario.name, *(f"with --set {value}" for value in values)]))
+    return scenario_of(table, _origin(scenario.name, values))
+
+
+def _origin(name: str, values: Sequence[str]) -> str:
+    return f"{name} with {' '.join(f'--set {value}' for value in values)}" if values else name
 
 
 def complete_scenario(scenario: Scenario, origin: str, folder: Path) -> Scenario:
-    """Check a scenario, and read the files that it names; raise ``ScenarioError`` if it cannot be used."""
+    """Check a scenario, and read the files that it names."""
     check(scenario, origin, choice_complaints, place_complaints)
     scenario = read_files(scenario, origin, folder)
     check_scenario(scenario, origin)

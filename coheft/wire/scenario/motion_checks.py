@@ -12,9 +12,8 @@ from coheft.estimation.geometry.smooth_step import cubic_step, least_jerk_step
 from coheft.estimation.geometry.spatial import Array
 from coheft.wire.scenario.motion import Carry, Motion
 from coheft.wire.scenario.reach import MAX_POSITION, MAX_ROTATION, Reach
-from coheft.wire.scenario.rules import Complaint
+from coheft.wire.scenario.rules import Complaint, rounded_down
 from coheft.wire.scenario.schema import Scenario
-from coheft.wire.scenario.stability import rounded_down
 
 _IN_METRES = "in metres, not millimetres"
 _IN_RADIANS = "in radians, not degrees"

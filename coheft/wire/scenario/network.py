@@ -6,8 +6,7 @@ from msgspec import Meta
 
 from coheft.wire.scenario.section import Section
 
-Share = Annotated[float, Meta(ge=0, le=1)]
-Lateness = Annotated[float, Meta(ge=0, le=1)]
+_UpToOne = Annotated[float, Meta(ge=0, le=1)]
 
 
 class LinkQuality(Section, frozen=True):
@@ -19,9 +18,9 @@ class LinkQuality(Section, frozen=True):
         jitter: Largest additional delay [s], drawn for each message; messages may overtake each other.
     """
 
-    loss: Share = 0.0
-    delay: Lateness = 0.0
-    jitter: Lateness = 0.0
+    loss: _UpToOne = 0.0
+    delay: _UpToOne = 0.0
+    jitter: _UpToOne = 0.0
 
     @property
     def is_ideal(self) -> bool:

@@ -43,7 +43,6 @@ class HeldBody:
     """A body of a model, and all bodies that are fixed to it.
 
     Attributes:
-        model: The model.
         root: Number of the body, whose frame is the payload's frame.
         inside: Numbers of the body and of all below it; parents come before their children.
     """
@@ -56,8 +55,7 @@ class HeldBody:
     def find(cls, model: PayloadModel, name: str | None, place: str) -> Self:
         """Return the body that is named, or else the one that floats, or else the only one.
 
-        Raises:
-            ScenarioError: There is no such body, there are several, or it is not one rigid body.
+        A ``ScenarioError`` says that there is none, that there are several, or that it is not one rigid body.
         """
         compiled = model.compiled
         names = [compiled.body(body).name for body in range(1, compiled.nbody)]
@@ -83,16 +81,16 @@ class HeldBody:
         held._check_is_rigid(place)
         return held
 
-    def mass_properties(self, place: str) -> MassProperties:
+    def inertia(self, place: str) -> Inertia:
         """Return the mass properties in the body's frame; raise ``ScenarioError`` without mass or extent."""
         with np.errstate(all="ignore"):
-            whole = self._inertia(self.model.compiled)
+            whole = self._inertia_of(self.model.compiled)
             if whole is None:
                 refuse_scenario(place, f"body {self._name!r} has no mass: give its geoms a density or a mass")
             is_solid = np.all(np.isfinite(whole.tensor)) and np.all(np.linalg.eigvalsh(whole.pseudo_inertia()) > 0.0)
         if not is_solid:
             refuse_scenario(place, f"a body of {whole.mass:g} kg with such moments of inertia has no extent somewhere")
-        return MassProperties.of(whole)
+        return whole
 
     def extent(self, properties: MassProperties) -> Extent:
         """Return the extent of its shapes, or, if it has none, of a box with its mass properties."""
@@ -122,8 +120,7 @@ class HeldBody:
     def grasps(self, names: Sequence[str], extent: Extent, place: str) -> tuple[Grasp, ...]:
         """Return sites that are fixed to it, as grasps in its frame.
 
-        Raises:
-            ScenarioError: There is no such site, it is named twice, or it is far outside of the body.
+        A site that is not there, named twice, or far outside of the body is a ``ScenarioError``.
         """
         model, placed = self.model.compiled, _placed(self.model.compiled)
         named = {model.site(site).name: site for site in range(model.nsite) if model.site_bodyid[site] in self.inside}
@@ -142,14 +139,22 @@ class HeldBody:
             grasps.append(Grasp(vector_of(pose.translation), vector_of(np.degrees(rotation_log(pose.rotation)))))
         return tuple(grasps)
 
-    def remark_doubts(self, place: str) -> None:
-        """Log shapes and fillings that have mass, but may not be meant to."""
-        whole = self._inertia(self.model.compiled)
-        solid = self._inertia(self.model.variant(leave_out_looks))
-        exact = self._inertia(self.model.variant(fill_meshes_exactly))
-        if whole is None:
-            return
-        self._remark_what_is_not_written(place, whole)
+    def remark_doubts(self, place: str, whole: Inertia) -> None:
+        """Log what may not be meant: mass that MuJoCo chooses or changes, shapes with mass, fillings of meshes."""
+        given = self._inertia_of(self.model.variant(leave_out_defaults))
+        chosen = whole.mass - (given.mass if given is not None else 0.0)
+        if chosen > _SMALL_SHARE * whole.mass:
+            LOG.warning(
+                f"coheft: {place}: {chosen:.4g} kg of {whole.mass:.4g} kg are of shapes that MuJoCo fills with "
+                f"{DEFAULT_DENSITY:g} kg/m³, as it does if a file gives neither mass nor density: give one"
+            )
+        written = self._inertia_of(self.model.variant(keep_what_is_written))
+        if written is None or not _alike(whole, written):
+            LOG.warning(
+                f"coheft: {place}: boundmass, boundinertia, balanceinertia or settotalmass of its compiler change its "
+                f"mass properties: they are not those in the file"
+            )
+        solid = self._inertia_of(self.model.variant(leave_out_looks))
         looks = whole.mass - solid.mass if solid is not None else 0.0
         if looks > _SMALL_SHARE * whole.mass:
             LOG.warning(
@@ -157,30 +162,14 @@ class HeldBody:
                 f"collide with nothing (contype and conaffinity 0); if they are there for their looks only, give them "
                 f"mass = 0"
             )
+        exact = self._inertia_of(self.model.variant(fill_meshes_exactly))
         if exact is not None and not _alike(whole, exact):
             LOG.warning(
                 f"coheft: {place}: MuJoCo fills meshes by a rule that is exact for convex ones only, which makes "
                 f"{whole.mass:.4g} kg; up to their surfaces there would be {exact.mass:.4g} kg with other moments of "
                 f"inertia, as 'payload.mesh' has it: give these meshes inertia=\"exact\" if that is meant"
             )
-
         self._remark_shapes(place)
-
-    def _remark_what_is_not_written(self, place: str, whole: Inertia) -> None:
-        """Log mass that MuJoCo chooses, as the file does not say it, and what it enlarges."""
-        given = self._inertia(self.model.variant(leave_out_defaults))
-        chosen = whole.mass - (given.mass if given is not None else 0.0)
-        if chosen > _SMALL_SHARE * whole.mass:
-            LOG.warning(
-                f"coheft: {place}: {chosen:.4g} kg of {whole.mass:.4g} kg are of shapes that MuJoCo fills with "
-                f"{DEFAULT_DENSITY:g} kg/m³, as it does if a file gives neither mass nor density: give one"
-            )
-        written = self._inertia(self.model.variant(keep_what_is_written))
-        if written is None or not _alike(whole, written):
-            LOG.warning(
-                f"coheft: {place}: boundmass, boundinertia, balanceinertia or settotalmass of its compiler change its "
-                f"mass properties: they are not those in the file"
-            )
 
     def _remark_shapes(self, place: str) -> None:
         """Write to the log which of the shapes that have mass are not closed, and which overlap."""
@@ -228,7 +217,7 @@ class HeldBody:
                 other = model.body(body).name
                 refuse_scenario(place, f"body {self._name!r} has a free joint, of {other!r} below it: {expected}")
 
-    def _inertia(self, model: mujoco.MjModel | None) -> Inertia | None:
+    def _inertia_of(self, model: mujoco.MjModel | None) -> Inertia | None:
         """Return the mass properties by a variant of the model, in the body's frame; None without any mass."""
         if model is None:
             return None

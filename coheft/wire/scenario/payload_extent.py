@@ -60,11 +60,6 @@ class Extent:
         """Its longest edge [m]."""
         return float(np.max(self.upper - self.lower))
 
-    def distance(self, point: Iterable[float]) -> float:
-        """Return the distance of a point from the box [m]; 0 inside."""
-        position = np.array(tuple(point), dtype=np.float64)
-        return float(np.linalg.norm(np.maximum(0.0, np.maximum(self.lower - position, position - self.upper))))
-
     def length_complaint(self, what: str, if_long: str) -> str:
         """Describe a payload that is too long to be carried, and the possible cause; empty if it is not."""
         if self.length <= LARGEST:
@@ -91,8 +86,9 @@ class Extent:
 
     def complaint(self, position: Iterable[float]) -> str:
         """Describe what is wrong with the position of a grasp or a load [m], as the end of a sentence; or empty."""
+        point = np.array(tuple(position), dtype=np.float64)
         with np.errstate(over="ignore"):
-            distance = self.distance(position)
+            distance = float(np.linalg.norm(np.maximum(0.0, np.maximum(self.lower - point, point - self.upper))))
         if distance <= self.margin:
             return ""
         return (

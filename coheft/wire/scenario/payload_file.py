@@ -33,10 +33,7 @@ _ADVICE = {
 def read_files(scenario: Scenario, origin: str, folder: Path) -> Scenario:
     """Return the scenario with mass properties and grasps in place of the files and sites that it names.
 
-    It is as written, see ``checks.choice_complaints``; other arguments as for ``file.scenario_of``.
-
-    Raises:
-        ScenarioError: A file cannot be read, or its payload cannot be carried.
+    It is as written, see ``checks.choice_complaints``; other arguments, and errors, as for ``file.scenario_of``.
     """
     payload, robots = scenario.payload, scenario.robots
     if payload.mjcf is not None:
@@ -51,13 +48,14 @@ def read_files(scenario: Scenario, origin: str, folder: Path) -> Scenario:
             advice = next((f"; {words}" for sign, words in _ADVICE.items() if sign in reason), "")
             refuse_scenario(place, f"{path}: MuJoCo cannot use it: {reason}{advice}")
         body = HeldBody.find(model, payload.body, f"{origin}: key 'payload.body'")
-        properties = body.mass_properties(place)
+        whole = body.inertia(place)
+        properties = MassProperties.of(whole)
         extent, surface = body.extent(properties), body.surface()
         advice = "lengths in models are in metres"
         complaint = extent.file_complaint("the body", advice, advice) or extent.properties_complaint(properties)
         if complaint:
             refuse_scenario(place, complaint)
-        body.remark_doubts(place)
+        body.remark_doubts(place, whole)
         if robots.sites:
             grasps = body.grasps(robots.sites, extent, f"{origin}: key 'robots.sites'")
             robots = msgspec.structs.replace(robots, sites=(), grasps=grasps)

@@ -39,8 +39,7 @@ _MOST_ANGLES = 1_000_000
 def read_triangles(path: Path) -> Array:
     """Return the corners of a file's triangles, shape (n, 3, 3), in its own unit: STL, OBJ, PLY, or MuJoCo's MSH.
 
-    Raises:
-        ValueError: It cannot be read as the format that its suffix names.
+    What is not in the format that the suffix names is a ``ValueError``.
     """
     if path.suffix.lower() == ".msh":
         return _read_msh(path)
@@ -76,14 +75,8 @@ def _read_msh(path: Path) -> Array:
 def filled(triangles: Array, mass: float | None, density: float | None, place: str) -> Inertia:
     """Return the mass properties of the homogeneous inside of a surface, in its own frame.
 
-    Args:
-        triangles: Corners (n, 3, 3) [m], counterclockwise as seen from outside.
-        mass: Its mass [kg], or None if its density is given.
-        density: Its density [kg/m³].
-        place: Key of the scenario, for errors.
-
-    Raises:
-        ScenarioError: The surface encloses nothing, or is ambiguous.
+    Its triangles have corners (n, 3, 3) [m], counterclockwise as seen from outside. Either its mass [kg] or its density
+    [kg/m³] is given. A surface that encloses nothing, or is ambiguous, is a ``ScenarioError``; ``place`` names its key.
     """
     import trimesh
 
@@ -109,10 +102,9 @@ def filled(triangles: Array, mass: float | None, density: float | None, place: s
 
 
 def check_surface(triangles: Array, place: str) -> Array:
-    """Check that a surface encloses something once; return its vertices, shape (m, 3). Arguments as of ``filled``.
+    """Return the vertices of a surface, shape (m, 3), if it encloses something once; ``ScenarioError`` if not.
 
-    Raises:
-        ScenarioError: It does not.
+    Arguments are as of ``filled``.
     """
     import trimesh
 

@@ -32,7 +32,6 @@ class PayloadModel:
         compiled: The model; its bodies have unique names.
         floating: Bodies that have a free joint.
         weighing: Shapes from which MuJoCo computes mass properties.
-        spec: Its file.
     """
 
     compiled: mujoco.MjModel

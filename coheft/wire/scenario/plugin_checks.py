@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from coheft.errors import one_line
 from coheft.wire.former_names import present
 from coheft.wire.scenario.errors import did_you_mean
-from coheft.wire.scenario.plugins import SECTIONS, Kind, available, estimator_names, is_available
+from coheft.wire.scenario.plugins import BUILT_IN, Kind, available, estimator_names, is_available
 from coheft.wire.scenario.rules import Complaint
 from coheft.wire.scenario.schema import Scenario
 from coheft.wire.scenario.toml_value import as_toml
@@ -32,11 +32,11 @@ def plugin_complaints(scenario: Scenario) -> Iterator[Complaint]:
             )
     for name, table in scenario.settings.items():
         key = f"settings.{one_line(name)}"
-        if present(name) in SECTIONS and name != scenario.motion.own:
+        if present(name) in BUILT_IN["estimator"] and name != scenario.motion.own:
             yield (
                 key,
                 f"these tables are for estimators and motions of your own; settings of '{name}' go under "
-                f"[{SECTIONS[present(name)]}]",
+                f"[{present(name)}]",
             )
         if not (is_available("estimator", name) or is_available("motion", name)):
             there = [*available("estimator"), *available("motion")]

@@ -16,10 +16,9 @@ if TYPE_CHECKING:
 
 Kind = Literal["estimator", "motion"]
 GROUPS: dict[Kind, str] = {"estimator": "coheft.estimators", "motion": "coheft.motions"}
-SECTIONS = {"efficient": "efficient", "fan2017": "fan2017"}
-"""Estimators that come with coheft, with the sections of their settings; ``messages.size`` has their message sizes."""
-BUILT_IN: dict[Kind, tuple[str, ...]] = {"estimator": tuple(SECTIONS), "motion": ()}
-"""Names that users' plugins may not have."""
+BUILT_IN: dict[Kind, tuple[str, ...]] = {"estimator": ("efficient", "fan2017"), "motion": ()}
+"""What comes with coheft, which users' plugins may not be named after; an estimator's settings have a section of its
+name, and ``messages.size`` the size of its messages."""
 
 
 def estimator_names(estimator: str) -> list[str]:
@@ -41,8 +40,7 @@ def available(kind: Kind) -> list[str]:
 def usable_in_run(estimator: str) -> list[str]:
     """Return the estimators that the robots of a run can use that started with ``estimator``.
 
-    Of users' estimators only that one: settings of others are not available, and they may not be installed on all
-    hosts.
+    Of users' own only that one: settings of others are not there, and they may not be installed on all hosts.
     """
     return list(dict.fromkeys([*BUILT_IN["estimator"], estimator]))
 
@@ -50,8 +48,7 @@ def usable_in_run(estimator: str) -> list[str]:
 def load_plugin(kind: Kind, name: str) -> Any:
     """Load what an installed package registers under a name.
 
-    Raises:
-        PluginError: No package registers the name, or several do, or it cannot be imported.
+    A ``PluginError`` says that no package registers it, that several do, or why it cannot be imported.
     """
     points = _points(kind, name)
     if not points:
@@ -79,9 +76,7 @@ def _moved(error: Exception) -> str:
 def told(error: Exception, module: str) -> str:
     """Describe an exception from a user's code in one line, with the place where it was raised.
 
-    Args:
-        error: The exception.
-        module: Name of the user's module. The last place in its package is shown, not places in code that it calls.
+    That is the last place in the package of the user's ``module``, rather than in code that it calls.
     """
     frames = [(frame, line) for frame, line in walk_tb(error.__traceback__)]
     package = module.partition(".")[0]

@@ -15,8 +15,7 @@ MAX_POSITION = 2.0
 """Largest displacement from the home pose along an axis of the home frame [m]."""
 MAX_ROTATION = 2.0 * np.pi
 """Largest component of the rotation vector [rad]."""
-_LONGEST_SAMPLE = 0.01
-"""Period of the lowest sensor rate [s]."""
+_LONGEST_SAMPLE = 0.01  # period of the lowest sensor rate [s]
 
 
 class Reach:

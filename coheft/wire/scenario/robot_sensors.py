@@ -26,7 +26,6 @@ class RobotSensors(NamedTuple):
     """One robot's sensors, as all robots know them.
 
     Attributes:
-        noise: Their noise.
         tolerance: Their tolerances; those of sensors that are missing are 0.
         missing: Which of ``SENSORS`` it does not have, so that it reads zero there.
     """

@@ -3,6 +3,7 @@
 A rule is a function that returns complaints about a scenario: none if it is met.
 """
 
+import math
 from collections.abc import Callable, Iterable, Iterator
 
 import msgspec
@@ -16,11 +17,7 @@ Rule = Callable[[Scenario], Iterable[Complaint]]
 
 
 def check(scenario: Scenario, origin: str, *rules: Rule) -> None:
-    """Check that a scenario meets some rules, in this order; ``origin`` names the scenario's source in errors.
-
-    Raises:
-        ScenarioError: It does not; the message is the first complaint.
-    """
+    """Raise the first complaint of some rules, in this order, as a ``ScenarioError``; ``origin`` names the source."""
     for rule in rules:
         for key, complaint in rule(scenario):
             raise ScenarioError(f"{origin}: key '{key}': {complaint}")
@@ -32,3 +29,11 @@ def exactly_one(section: msgspec.Struct, keys: tuple[str, ...], place: str) -> I
     if len(given) != 1:
         found = f"both {' and '.join(given)}" if given else f"neither {' nor '.join(repr(key) for key in keys)}"
         yield place, f"found {found}, expected exactly one of them"
+
+
+def rounded_down(value: float) -> float:
+    """Round to two digits; 0 if there are none."""
+    if not 0.0 < value < math.inf:
+        return 0.0
+    unit = 10.0 ** (math.floor(math.log10(value)) - 1)
+    return math.floor(value / unit) * unit

@@ -2,9 +2,10 @@
 
 from typing import Annotated, Any, Literal, get_args
 
+import numpy as np
 from msgspec import Meta, field
 
-from coheft.estimation.geometry.spatial import Pose
+from coheft.estimation.geometry.spatial import Pose, rotation_from_quaternion
 from coheft.estimation.measurement import Positive, SensorNoise
 from coheft.estimation.tolerance import INDUSTRIAL, SensorDrift, SensorTolerance
 from coheft.wire.former_names import keep_present
@@ -83,6 +84,23 @@ class Robots(Section, frozen=True):
     stiffness: tuple[Positive, NotNegative] = (800.0, 30.0)
     damping: tuple[NotNegative, NotNegative] = (70.0, 3.0)
     arms: Literal["springs", "seven-joint"] = "springs"
+
+    def poses(self) -> tuple[Pose, ...]:
+        """Return the true pose of each robot's grasp frame ``F_i`` in the payload's frame, in order of names."""
+        if self.perimeter is None:
+            return tuple(grasp.pose() for grasp in self.grasps)
+        # At equal distances along the rim, counter-clockwise, with uniformly distributed orientations.
+        rng, (width, depth) = np.random.default_rng(self.perimeter.seed), self.perimeter.extent
+        corners = np.array([[-width, -depth], [width, -depth], [width, depth], [-width, depth], [-width, -depth]]) / 2.0
+        along = np.cumsum([0.0, width, depth, width, depth])
+        poses = []
+        for distance in (np.arange(self.perimeter.count) + 0.5) / self.perimeter.count * 2.0 * (width + depth):
+            x, y = (np.interp(distance, along, corners[:, axis]) for axis in (0, 1))
+            quaternion = rng.standard_normal(4)
+            height = rng.uniform(-self.perimeter.height, self.perimeter.height)
+            rotation = rotation_from_quaternion(quaternion / np.linalg.norm(quaternion))
+            poses.append(Pose(rotation, np.array([x, y, height])))
+        return tuple(poses)
 
 
 class Graph(Section, frozen=True):
@@ -249,13 +267,10 @@ class Scenario(Section, frozen=True):
     @property
     def sensor_errors(self) -> SensorTolerance:
         """Standard deviations from which true errors are drawn, of all robots' sensors but those in ``sensors.of``."""
-        match self.sensors.errors:
-            case "drawn":
-                return self.sensors.tolerance
-            case "none":
-                return SensorTolerance()
-            case given:
-                return given
+        errors = self.sensors.errors
+        if isinstance(errors, SensorTolerance):
+            return errors
+        return self.sensors.tolerance if errors == "drawn" else SensorTolerance()
 
     def robot_errors(self) -> list[SensorTolerance]:
         """Return standard deviations from which the true errors of each robot's sensors are drawn."""

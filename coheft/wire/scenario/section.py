@@ -20,7 +20,7 @@ NAME_IN_WORDS = "text: a lower-case letter, then up to 31 lower-case letters, di
 Lengths = tuple[Positive, Positive, Positive]
 
 
-class Section(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class Section(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Base class of all sections of a scenario: unknown keys are errors."""
 
 

@@ -15,14 +15,10 @@ _BARE = re.compile(r"[A-Za-z][\w./-]*")
 
 
 def set_values(table: dict[str, Any], texts: Sequence[str]) -> None:
-    """Put values into a table that was read from TOML; they are checked later.
+    """Put values into a scenario's table, nested dictionaries and lists, in place; they are checked later.
 
-    Args:
-        table: A scenario, as nested dictionaries and lists; modified in place.
-        texts: Texts of a key, an equals sign, and a value in TOML syntax; names need no quotes.
-
-    Raises:
-        ScenarioError: A text has another form, or its key leads into a value without parts.
+    ``texts`` have a key, an equals sign, and a value in TOML syntax; names need no quotes. Another form is a
+    ``ScenarioError``, as is a key that leads into a value without parts.
     """
     for text in texts:
         key, equals, value = (part.strip() for part in text.partition("="))
@@ -33,10 +29,7 @@ def set_values(table: dict[str, Any], texts: Sequence[str]) -> None:
 
 def varied_values(text: str) -> list[str]:
     """Return texts for ``set_values``, one for each value of ``KEY=a,b,c``; commas in brackets or quotes do not
-    separate.
-
-    Raises:
-        ScenarioError: There is no key, or less than two different values.
+    separate. No key, or less than two different values, is a ``ScenarioError``.
     """
     key, _, rest = (part.strip() for part in text.partition("="))
     values = [value.strip() for value in _parts(rest)]
@@ -77,11 +70,7 @@ def _parsed(value: str, text: str) -> object:
 
 
 def put_value(table: dict[str, Any], key: str, value: object, where: str) -> None:
-    """Put a value into a table that was read from TOML, in place; ``where`` names its source in errors.
-
-    Raises:
-        ScenarioError: The key leads into a value without parts.
-    """
+    """Put a value into a scenario's table, in place; ``where`` names its source in a ``ScenarioError``."""
     if not _KEY.fullmatch(key):
         raise ScenarioError(f"{where}: found the key {key!r}, expected one such as 'sensors.noise_scale'")
     first, *parts = re.findall(r"\[\d+\]|[^.\[\]]+", key)

@@ -13,8 +13,8 @@ import numpy as np
 
 from coheft.estimation.geometry.spatial import Array, Pose, rotation_exp, rotation_log, skew
 from coheft.estimation.rigid_body.mass_properties import Inertia, combined
+from coheft.wire.scenario.rules import rounded_down
 from coheft.wire.scenario.schema import Robots
-from coheft.wire.scenario.stability import gains_at_payload, rounded_down
 
 MAX_DISTANCE = 5.0
 """Distance from its home beyond which the payload is lost [m]."""
@@ -22,13 +22,11 @@ MAX_ANGLE = 2.5
 """Rotation beyond which the payload is lost [rad]: near pi the rotation springs push the wrong way round."""
 SETTLING_TIME = 2.0
 """Time for which the payload settles in the robots' springs before a run [s]."""
-GRAVITY = 9.81
-"""Gravity [m/s²]."""
+_GRAVITY = 9.81  # [m/s²]
 _SURE, _SAFE = 1.05, 0.8
 """Shares of ``MAX_DISTANCE`` and ``MAX_ANGLE``: a payload that is predicted to exceed the first is refused, and the
 recommended mass stays within the second."""
-_STEP = 0.01
-"""Time step of a predicted fall [s]."""
+_STEP = 0.01  # of a predicted fall [s]
 _WATCHED = 10.0
 """Time after which a payload that has not been lost will not be lost by its weight [s]."""
 _HALVINGS = 5
@@ -59,9 +57,7 @@ class Strength:
     def complaint(self, load: Inertia, before: Inertia | None = None) -> str:
         """Describe what is wrong with a load's weight, as the end of a sentence; empty if it can be held.
 
-        Args:
-            load: The new load, in the payload's frame.
-            before: The body that has settled in the springs; None if the load is the payload itself.
+        ``before`` is the body that has settled in the springs; None if the load is the payload itself.
         """
         with np.errstate(all="ignore"):
             if self._is_light(_together(before, load)):
@@ -91,7 +87,7 @@ class Strength:
 
     def _is_light(self, inertia: Inertia) -> bool:
         """Whether the springs hardly give way, so that no prediction is needed."""
-        weight = GRAVITY * inertia.mass
+        weight = _GRAVITY * inertia.mass
         middle = self._sum / self._count
         sag = weight / (self._count * self._robots.stiffness[0])
         # An upper bound of the rotation, because the weight's lever becomes shorter.
@@ -102,7 +98,7 @@ class Strength:
         """Return the wrench ``(t, f)`` of springs and weight at the payload's origin in its own axes, shape (6,)."""
         k_t, k_r = self._robots.stiffness
         rotation = pose.rotation
-        weight = -GRAVITY * inertia.mass * rotation[2]
+        weight = -_GRAVITY * inertia.mass * rotation[2]
         shift = rotation.T @ pose.translation
         spread = self._products @ rotation
         force = k_t * (rotation.T @ self._sum - self._sum - self._count * shift)
@@ -128,20 +124,23 @@ class Strength:
             angular, linear = skew(mass[:3] @ twist), skew(mass[3:] @ twist)
             gyroscopic = np.concatenate([angular @ twist[:3] + linear @ twist[3:], linear @ twist[:3]])
             twist = twist + give @ (self._pull(inertia, pose) + gyroscopic - resistance @ twist)
-            pose = _moved(pose, _STEP * twist)
+            pose = pose @ Pose(rotation_exp(_STEP * twist[:3]), _STEP * twist[3:])
             distance, angle = np.linalg.norm(pose.translation), np.linalg.norm(rotation_log(pose.rotation))
             if not (distance < share * MAX_DISTANCE and angle < share * MAX_ANGLE):
                 return None
         return pose
 
 
+def gains_at_payload(grasps: Sequence[Pose], gains: tuple[float, float]) -> Array:
+    """Return the sum of all arms' gains (translation, rotation) for the payload's twist ``(w, v)``, shape (6, 6)."""
+    at_grasp = np.repeat([gains[1], gains[0]], 3)
+    adjoints = [grasp.inverse().adjoint() for grasp in grasps]
+    result: Array = np.sum([adjoint.T @ (at_grasp[:, None] * adjoint) for adjoint in adjoints], axis=0)
+    return result
+
+
 def _together(before: Inertia | None, load: Inertia) -> Inertia:
     return load if before is None else combined([before, load])
-
-
-def _moved(pose: Pose, step: Array) -> Pose:
-    """Return the pose after a small motion (6,) in its own axes."""
-    return pose @ Pose(rotation_exp(step[:3]), step[3:])
 
 
 def _axial(matrix: Array) -> Array:

@@ -8,8 +8,7 @@ from datetime import date, time
 def as_toml(value: object) -> str:
     """Format a value that was read from TOML in one line; None, which TOML does not have, is ``nothing``.
 
-    Raises:
-        ValueError: A number has more than 4300 digits, which Python does not print.
+    A number of more than 4300 digits, which Python does not print, is a ``ValueError``.
     """
     match value:
         case None:

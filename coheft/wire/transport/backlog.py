@@ -20,7 +20,7 @@ _BUFFER = 2**16
 _state = local()
 
 
-class Said(NamedTuple):
+class RawMessage(NamedTuple):
     """A message as received."""
 
     key: zenoh.KeyExpr
@@ -49,7 +49,7 @@ class Backlog:
         keep_thread_state()
         if isinstance(item, zenoh.Sample):
             # A copy, because the sample would keep a whole receive buffer alive.
-            item = Said(item.key_expr, item.payload.to_bytes())
+            item = RawMessage(item.key_expr, item.payload.to_bytes())
             size = _OVERHEAD + len(item.data)
         else:
             size = _BUFFER

@@ -24,8 +24,6 @@ class DialledLink:
     """A link with the process that listens at an endpoint.
 
     Attributes:
-        guard: Access rules; None for the open profile.
-        inbox: Receives its messages.
         listen: Subscribes the inbox to a new session.
         senders: Senders to be attached to each session.
         largest: Larger messages are dropped [B].

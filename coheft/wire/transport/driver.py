@@ -37,6 +37,8 @@ _TICK = 0.5
 class Driver:
     """The sensors and the arm of one robot, see ``open_driver``. Not thread-safe: use it in one thread.
 
+    Methods that wait for the agent raise a ``LinkError`` after ``seconds``.
+
     Attributes:
         name: The robot's name.
         rate: Samples per second that the agent expects.
@@ -61,36 +63,23 @@ class Driver:
         )
 
     def wait_for_agent(self, seconds: float = math.inf) -> None:
-        """Wait until the agent can receive measurements and is linked with all its neighbours.
-
-        Raises:
-            LinkError: It takes longer than ``seconds``.
-        """
+        """Wait until the agent can receive measurements and is linked with all its neighbours."""
         self._wait(lambda: self._link.is_settled, seconds, "is not ready")
 
     def reference(self, block: int, seconds: float = 10.0) -> Reference | None:
         """Return what the arm shall do during a block, when the agent has answered the block that determines it.
 
-        Returns:
-            The reference; None if there is none, as for the first blocks: the arm then has to hold its position.
-
-        Raises:
-            LinkError: It takes longer than ``seconds``.
+        It is None for the first blocks, or if there is none: the arm then has to hold its position.
         """
         wanted = block - self._lag
         self._wait(lambda: self._link.is_ready and self._link.answered >= wanted, seconds, f"has not answered {wanted}")
         return self._link.take_reference(block)
 
     def send(self, block: int, samples: Array) -> None:
-        """Send the agent its measurements of a block.
+        """Send the agent its measurements of a block: samples (B, 15), columns as in ``MeasurementBlock``.
 
-        Args:
-            block: The block's number, the same for all robots; block k holds the samples from ``k B / rate`` seconds
-                on.
-            samples: Shape (B, 15), columns as in ``MeasurementBlock``.
-
-        Raises:
-            MessageError: The samples have another shape, or are not finite.
+        Block k, the same for all robots, holds the samples from ``k B / rate`` seconds on. Samples of another shape, or
+        that are not finite, are a ``MessageError``.
         """
         samples = np.array(samples, dtype=np.float64)  # estimators compute in double precision
         check_numbers(samples, (self.samples, SAMPLE_SIZE), f"samples of block {block}")
@@ -98,11 +87,7 @@ class Driver:
         self._link.send_measurements(Measurements(robot=self.name, block=block, samples=samples))
 
     def finish(self, seconds: float = 10.0) -> None:
-        """Wait for the answer to the last block.
-
-        Raises:
-            LinkError: It takes longer than ``seconds``.
-        """
+        """Wait for the answer to the last block."""
         self._wait(lambda: not self._link.owes_answer, seconds, "has not answered the last block")
 
     def stop(self, reason: str) -> None:
@@ -110,7 +95,6 @@ class Driver:
         self._link.send_stop(reason)
 
     def _wait(self, condition: Callable[[], bool], seconds: float, what: str) -> None:
-        """Process events until a condition is true."""
         deadline = time.monotonic() + seconds
         self._receive(0.0)
         while not condition():
@@ -137,14 +121,10 @@ class Driver:
 
 @contextmanager
 def open_driver(config: AgentProcessConfig, credentials: Credentials | None = None) -> Iterator[Driver]:
-    """Listen at the endpoint at which a robot's agent dials its server.
+    """Listen at the endpoint at which the agent of this configuration dials its server.
 
-    Args:
-        config: The agent's configuration, as written by ``coheft run --write-configs``.
-        credentials: The server's credentials, see ``credentials_in``, in the secure profile; None for the open profile.
-
-    Raises:
-        LinkError: Another process listens there.
+    The configuration is one of ``coheft run --write-configs``. In the secure profile, ``credentials`` are the server's,
+    see ``credentials_in``. If another process listens there, that is a ``LinkError``.
     """
     name, inbox = config.agent.name, Inbox()
     guard = guard_server_for_robot(credentials, Keys(config.run), name)

@@ -13,7 +13,7 @@ from coheft.errors import MessageError
 from coheft.wire.messages.codec import decode, encode
 from coheft.wire.messages.requests import Refusal, Request
 from coheft.wire.messages.structs import Message
-from coheft.wire.transport.backlog import Backlog, Said
+from coheft.wire.transport.backlog import Backlog, RawMessage
 from coheft.wire.transport.security import Guard
 from coheft.wire.transport.sessions import REFUSAL, Role, session_id
 
@@ -38,8 +38,6 @@ class Presence:
     """A source has become reachable within one hop, or unreachable.
 
     Attributes:
-        source: Name of the source.
-        is_here: Whether it is reachable.
         session: Identity of the session that noticed it, which may have been replaced since.
     """
 
@@ -78,13 +76,10 @@ class Inbox:
         self._kept: dict[str, list[Any]] = {}  # by session; a subscriber without a reference is closed
 
     def listen(self, session: zenoh.Session, source: str, kinds: Mapping[str, type[Message] | UnionType]) -> None:
-        """Receive the messages of one source.
+        """Receive the messages of one source, which events name so.
 
-        Args:
-            session: The session.
-            source: Name of the source in events.
-            kinds: Expected type of message by key, or a union of types; the keys differ in their last part only. They
-                share one subscription, so that if messages under one key arrive, those under the others do, too.
+        ``kinds`` has the expected type of message by key, or a union of types; the keys differ in their last part only.
+        They share one subscription, so that if messages under one key arrive, those under the others do, too.
         """
         self._kinds |= {key: (source, kind) for key, kind in kinds.items()}
         place = f"{next(iter(kinds)).rpartition('/')[0]}/*"
@@ -129,9 +124,9 @@ class Inbox:
 
     def watch_strangers(self, session: zenoh.Session, guard: Guard | None) -> None:
         """Report participants that dial a session at which they are not allowed."""
-        backlog = self._backlog("strangers")
         if guard is None:
             return
+        backlog = self._backlog("strangers")
 
         def put(event: zenoh.LinkEvent) -> None:
             name = event.link.auth_identifier
@@ -168,7 +163,7 @@ class Inbox:
         except Empty:
             return None
         item = backlog.take()
-        if isinstance(item, Said):
+        if isinstance(item, RawMessage):
             return self._decode(item)
         if isinstance(item, zenoh.Query):
             return self._decode_query(item, backlog.source)
@@ -177,13 +172,13 @@ class Inbox:
             return Refused(backlog.source, MessageError(why))
         return cast(Presence | Refused, item)
 
-    def _decode(self, said: Said) -> Event:
-        key = str(said.key)
+    def _decode(self, raw: RawMessage) -> Event:
+        key = str(raw.key)
         source, kind = self._kinds.get(key, (key, None))
         if kind is None:
             return Refused(source, MessageError(f"no message is expected under the key '{key}'"))
         try:
-            return Received(source, decode(said.data, kind, key))
+            return Received(source, decode(raw.data, kind, key))
         except MessageError as error:
             return Refused(source, error)
 

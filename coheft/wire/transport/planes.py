@@ -16,19 +16,19 @@ SERVER = "server"
 
 def guard_server_for_robot(credentials: Credentials | None, keys: Keys, robot: str) -> Guard | None:
     """Return the rules of the robot plane at the server's end of one robot's link."""
-    return _guard(credentials, [Party(robot, says=_up(keys, robot), hears=_down(keys, robot))])
+    return _guard(credentials, [Party(robot, sends=_up(keys, robot), receives=_down(keys, robot))])
 
 
 def guard_robot(credentials: Credentials | None, keys: Keys, robot: str) -> Guard | None:
     """Return the rules of the robot plane at the robot's end."""
-    return _guard(credentials, [Party(SERVER, says=_down(keys, robot), hears=_up(keys, robot))])
+    return _guard(credentials, [Party(SERVER, sends=_down(keys, robot), receives=_up(keys, robot))])
 
 
 def guard_neighbours(credentials: Credentials | None, keys: Keys, own: str, others: Iterable[str]) -> Guard | None:
-    """Return the rules of the neighbour plane: each neighbour sends under its own name, and hears us only."""
-    hears, watches = (keys.agent(own, "*"),), (keys.agent(own, "alive"),)
+    """Return the rules of the neighbour plane: each neighbour sends under its own name, and receives ours only."""
+    receives, watches = (keys.agent(own, "*"),), (keys.agent(own, "alive"),)
     parties = [
-        Party(other, (keys.agent(other, "alive"),), watches, says=(keys.agent(other, "*"),), hears=hears)
+        Party(other, (keys.agent(other, "alive"),), watches, sends=(keys.agent(other, "*"),), receives=receives)
         for other in others
     ]
     return _guard(credentials, parties)
@@ -36,22 +36,21 @@ def guard_neighbours(credentials: Credentials | None, keys: Keys, own: str, othe
 
 def guard_server_for_observers(credentials: Credentials | None, keys: Keys) -> Guard | None:
     """Return the rules of the observer plane at the server's end. Each role has its own request key."""
-    return _guard(credentials, [Party(role, hears=_server_topics(keys), asks=(keys.request(role),)) for role in ROLES])
+    topics = _server_topics(keys)
+    return _guard(credentials, [Party(role, receives=topics, requests=(keys.request(role),)) for role in ROLES])
 
 
 def guard_agent_for_observers(credentials: Credentials | None, keys: Keys, agent: str) -> Guard | None:
     """Return the rules of the observer plane at an agent's end: only the operator may send requests."""
-    return _guard(
-        credentials,
-        [Party(role, hears=_agent_topics(keys, agent), asks=_agent_requests(keys, agent, role)) for role in ROLES],
-    )
+    topics, requests = _agent_topics(keys, agent), {role: _agent_requests(keys, agent, role) for role in ROLES}
+    return _guard(credentials, [Party(role, receives=topics, requests=requests[role]) for role in ROLES])
 
 
 def guard_observer(credentials: Credentials | None, keys: Keys, role: Role, agents: Iterable[str]) -> Guard | None:
     """Return the rules of the observer plane at the observer's end: no agent can imitate another one, or the server."""
-    server = Party(SERVER, says=_server_topics(keys), answers=(keys.request(role),))
+    server = Party(SERVER, sends=_server_topics(keys), serves=(keys.request(role),))
     others = [
-        Party(agent, says=_agent_topics(keys, agent), answers=_agent_requests(keys, agent, role)) for agent in agents
+        Party(agent, sends=_agent_topics(keys, agent), serves=_agent_requests(keys, agent, role)) for agent in agents
     ]
     return _guard(credentials, [server, *others])
 

@@ -19,13 +19,11 @@ class RobotLink:
 
     Args:
         world: Number of the simulated world; a new number makes agents restart.
-        lag: Number of blocks from a measurement to the reference that answers it.
         excess: Describes why an arm cannot follow a finite reference; returns None if it can.
 
     Attributes:
         is_ready: Whether it asks for measurements, and can receive them.
         is_linked: Whether a process is at the other end.
-        missing: Neighbours that it is not linked with yet.
         answered: The last block of measurements that it has answered or will not answer any more, -1 if none.
         joined: The first block in which it took part.
         is_refused: Whether its latest reference cannot be followed.
@@ -117,8 +115,7 @@ class RobotLink:
     def _keep(self, reference: Reference) -> None:
         """Keep a reference for its block. One that no arm can follow counts as an answer, but is not used.
 
-        Raises:
-            MessageError: It is the first of a series that no arm can follow.
+        The first of a series of these raises a ``MessageError``.
         """
         if is_finite(reference.motion) and is_finite(reference.wrench):
             excess = self._excess(reference)

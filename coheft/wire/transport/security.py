@@ -20,7 +20,6 @@ class Credentials(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     Attributes:
         authority: Certificate of the authority that all participants trust.
         certificate: The participant's certificate; its common name is the participant's name.
-        key: Its private key.
     """
 
     authority: str
@@ -29,11 +28,7 @@ class Credentials(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
 
 
 def credentials_in(folder: Path, name: str) -> Credentials:
-    """Return a participant's credentials in a folder made by ``coheft keys``, with absolute paths.
-
-    Raises:
-        CoheftError: A file is missing.
-    """
+    """Return the absolute paths of a participant's files in a folder of ``coheft keys``, or raise a ``CoheftError``."""
     folder = folder.resolve()
     paths = folder / "authority.crt", folder / f"{name}.crt", folder / f"{name}.key"
     missing = [path.name for path in paths if not path.is_file()]
@@ -50,21 +45,21 @@ class Party:
 
     Attributes:
         name: Common name in its certificate.
-        shows: Keys under which it may announce its presence.
+        announces: Keys under which it may announce its presence.
         watches: Keys under which it may see our presence.
-        says: Keys under which it may send messages to us.
-        hears: Keys under which we may send messages to it.
-        asks: Keys under which it may send requests to us.
-        answers: Keys under which we may send requests to it.
+        sends: Keys under which it may send messages to us.
+        receives: Keys under which we may send messages to it.
+        requests: Keys under which it may send requests to us.
+        serves: Keys under which we may send requests to it.
     """
 
     name: str
-    shows: tuple[str, ...] = ()
+    announces: tuple[str, ...] = ()
     watches: tuple[str, ...] = ()
-    says: tuple[str, ...] = ()
-    hears: tuple[str, ...] = ()
-    asks: tuple[str, ...] = ()
-    answers: tuple[str, ...] = ()
+    sends: tuple[str, ...] = ()
+    receives: tuple[str, ...] = ()
+    requests: tuple[str, ...] = ()
+    serves: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -113,20 +108,20 @@ class Guard:
 def _rules(party: Party) -> Iterator[dict[str, object]]:
     """Return what is allowed to a party: ``ingress`` is what it sends, ``egress`` what it receives."""
     allowed = [
-        ("ingress", "liveliness_token", party.shows),
-        ("egress", "declare_liveliness_subscriber", party.shows),
+        ("ingress", "liveliness_token", party.announces),
+        ("egress", "declare_liveliness_subscriber", party.announces),
         ("egress", "liveliness_token", party.watches),
         ("ingress", "declare_liveliness_subscriber", party.watches),
-        ("ingress", "put", party.says),
-        ("egress", "declare_subscriber", _places(party.says)),
-        ("egress", "put", party.hears),
-        ("ingress", "declare_subscriber", _places(party.hears)),
-        ("ingress", "query", party.asks),
-        ("egress", "reply", party.asks),
-        ("egress", "declare_queryable", party.asks),
-        ("egress", "query", party.answers),
-        ("ingress", "reply", party.answers),
-        ("ingress", "declare_queryable", party.answers),
+        ("ingress", "put", party.sends),
+        ("egress", "declare_subscriber", _places(party.sends)),
+        ("egress", "put", party.receives),
+        ("ingress", "declare_subscriber", _places(party.receives)),
+        ("ingress", "query", party.requests),
+        ("egress", "reply", party.requests),
+        ("egress", "declare_queryable", party.requests),
+        ("egress", "query", party.serves),
+        ("ingress", "reply", party.serves),
+        ("ingress", "declare_queryable", party.serves),
     ]
     for flow, message, keys in allowed:
         if keys:

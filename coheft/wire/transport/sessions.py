@@ -82,15 +82,9 @@ def open_session(
 ) -> Iterator[zenoh.Session]:
     """Open a session with the given links only; closed at the end of the context.
 
-    Args:
-        listen: Endpoints at which others may dial in, such as ``tcp/127.0.0.1:20000``, or ``tls/127.0.0.1:20000`` with
-            a guard.
-        connect: Endpoints to dial until they answer.
-        guard: Access rules; None for the open profile, without restrictions.
-        largest: Larger messages are dropped before they are assembled [B].
-
-    Raises:
-        LinkError: An endpoint is malformed, or another process listens there.
+    Others may dial in at the endpoints ``listen``, such as ``tcp/127.0.0.1:20000``, or ``tls/127.0.0.1:20000`` with a
+    guard; those of ``connect`` are dialled until they answer. Messages larger than ``largest`` [B] are dropped before
+    they are assembled. An endpoint that is malformed, or at which another process listens, is a ``LinkError``.
     """
     listen, connect = list(listen), list(connect)
     settings = {
@@ -132,12 +126,7 @@ def session_id(session: zenoh.Session) -> str:
 
 
 def check_name(name: str) -> str:
-    """Return a name if it can be part of a key.
-
-    Raises:
-        CoheftError: It has characters other than letters, digits, ``-`` and ``_``, which could change the key's
-            meaning.
-    """
+    """Return a name if it can be part of a key; a ``CoheftError`` if its characters could change the key's meaning."""
     if not _NAME.fullmatch(name):
         raise CoheftError(f"{name!r} cannot be a name: expected letters, digits, '-' and '_', a letter or digit first")
     return name
@@ -221,11 +210,9 @@ class Sender:
 
 
 def ask(kind: type[M], session: zenoh.Session, key: str, request: Message, timeout: float = 2.0) -> M | Refusal:
-    """Send a request under a key and return the answer, of type ``kind``.
+    """Send a request under a key and return the answer, of type ``kind``; ``MessageError`` if that is invalid.
 
-    Raises:
-        LinkError: There is no answer within ``timeout`` [s].
-        MessageError: The answer is invalid.
+    No answer within ``timeout`` [s] is a ``LinkError``.
     """
     for reply in session.get(key, payload=encode(request, key), timeout=timeout):
         if reply.ok is not None:

@@ -88,11 +88,7 @@ class Signatures:
         return msgspec.msgpack.encode(("rows", self._run, content))
 
     def _checked(self, record: LinkState) -> x509.Certificate:
-        """Return the certificate of a record.
-
-        Raises:
-            Exception: It is not a certificate, or another participant's, or the team's authority has not signed it.
-        """
+        """Return the certificate of a record; any exception if it is not the robot's, signed by the authority."""
         if len(record.certificate) > _LARGEST_CERTIFICATE:
             raise ValueError(f"{len(record.certificate)} B")
         certificate = x509.load_der_x509_certificate(record.certificate)

@@ -8,11 +8,11 @@ import msgspec
 import numpy as np
 import pytest
 
-from coheft.app.run.heard import check_news, check_status
+from coheft.app.run.news import check_news, check_status
 from coheft.errors import MessageError
 from coheft.wire.messages.requests import Status
-from coheft.wire.messages.scene import BoxShape
 from coheft.wire.messages.structs import Problem
+from coheft.wire.messages.truth import BoxShape
 from tests.recording.runs import BEGIN
 from tests.synthetic_run import SCENE
 
