@@ -107,8 +107,9 @@ def try_recording(what: str, seed: int, method: Method | None = None, *, calibra
     method = "pose" if calibrate else method
     by_twists = method != "pose" and (method is not None or seed % 2 == 0)
     if what == "good":
-        kind: str = KINDS[seed // 2 % len(KINDS)]
-        case = Faulty(recorded(draw_team(seed), KINDS[seed // 2 % len(KINDS)], by_twists=by_twists), (), None)
+        noise = KINDS[seed // 2 % len(KINDS)]
+        kind: str = noise
+        case = Faulty(recorded(draw_team(seed), noise, by_twists=by_twists), (), None)
     else:
         kinds = LISTED if what == "listed" else UNLISTED
         kind = kinds[seed // 2 % len(kinds)]
