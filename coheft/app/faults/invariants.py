@@ -42,10 +42,7 @@ class Violation(msgspec.Struct, frozen=True):
     """A broken promise.
 
     Attributes:
-        promise: Name of the promise.
         time: End of the block after which it was first broken [s].
-        robot: The robot that broke it.
-        what: Description.
         size: For P1, the largest error in standard deviations; for P3, the time it took [s].
     """
 

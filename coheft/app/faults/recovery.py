@@ -48,7 +48,6 @@ def latest_recovery(schedule: FaultSchedule) -> float:
 
 
 def _last_event(schedule: FaultSchedule) -> float:
-    """Return the time of the last event [s]."""
     scenario = schedule.scenario
     changes = (*(_end_of(change) for change in scenario.load_changes), *(slip.at for slip in scenario.slips))
     return max([schedule.last_fault_end, *changes])
@@ -71,8 +70,6 @@ class Recovery:
 
     Attributes:
         first_valid: When all were valid for the first time [s]; None if never.
-        stale: Number of published estimates that were stale.
-        published: Number of published estimates.
     """
 
     def __init__(self, schedule: FaultSchedule) -> None:

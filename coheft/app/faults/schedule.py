@@ -1,7 +1,7 @@
 """Faults of one simulated run, with their times. Equal schedules give equal runs, bit for bit."""
 
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Literal
 
 import msgspec
 from msgspec import Meta
@@ -25,23 +25,25 @@ ALL_ROBOTS = "*"
 
 
 class Fault(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind"):
-    """Base of all faults.
-
-    Attributes:
-        start: Time at which it begins [s].
-        end: Time at which it ends [s].
-        seed: Seed of its own random numbers, so that removing a fault does not change the others.
-    """
+    """A fault from ``start`` to ``end`` [s]; its own ``seed``, so that removing a fault does not change the others."""
 
     start: NotNegative
     end: NotNegative
     seed: Seed = 0
-    _in_tables: ClassVar[str] = "{0.__struct_config__.tag}"
 
     @property
     def kind(self) -> str:
         """Name of the kind of fault in tables."""
-        return self._in_tables.format(self)
+        match self:
+            case Corruption(sealed=True):
+                return "corruption before the checksum"
+            case Replay():
+                return f"replay ({self.source})"
+            case SensorFault():
+                return f"sensor {self.how}"
+            case Lie():
+                return f"lie ({self.how})"
+        return str(self.__struct_config__.tag)
 
     def is_active(self, time: float) -> bool:
         """Whether the fault is active at a time [s]."""
@@ -91,8 +93,6 @@ class Corruption(LinkFault, frozen=True, kw_only=True, tag="corruption"):
     """Bits of messages flip.
 
     Attributes:
-        probability: Probability that a message is affected.
-        bits: Number of bits that flip in it.
         sealed: Whether they flip before the checksum is computed: a message that can be decoded is then delivered.
     """
 
@@ -100,24 +100,17 @@ class Corruption(LinkFault, frozen=True, kw_only=True, tag="corruption"):
     bits: Count
     sealed: bool = False
 
-    @property
-    def kind(self) -> str:
-        """Name of the kind of fault in tables."""
-        return "corruption before the checksum" if self.sealed else "corruption"
-
 
 class Replay(LinkFault, frozen=True, kw_only=True, tag="replay"):
     """In each block a message is repeated with a probability.
 
     Attributes:
-        probability: The probability.
         source: A message that the receiver has had before, one from before the sender's last restart (if it did
             restart), or one of another run.
     """
 
     probability: Probability
     source: ReplaySource
-    _in_tables: ClassVar[str] = "replay ({0.source})"
 
 
 class Malformed(LinkFault, frozen=True, kw_only=True, tag="malformed"):
@@ -173,7 +166,6 @@ class SensorFault(RobotFault, frozen=True, kw_only=True, tag="sensor"):
     """One of the robot's sensors fails.
 
     Attributes:
-        sensor: The sensor.
         how: NaN in some samples; a constant value; bursts of outliers; readings clipped at a limit; a constant error.
         size: Share of samples that are NaN, or outliers; limit as a multiple of the usual reading; constant error per
             axis as a multiple of the noise.
@@ -182,7 +174,6 @@ class SensorFault(RobotFault, frozen=True, kw_only=True, tag="sensor"):
     sensor: Sensor
     how: SensorFailure
     size: Positive
-    _in_tables: ClassVar[str] = "sensor {0.how}"
 
 
 class Lie(RobotFault, frozen=True, kw_only=True, tag="lie"):
@@ -195,7 +186,6 @@ class Lie(RobotFault, frozen=True, kw_only=True, tag="lie"):
 
     how: LieKind
     size: Positive
-    _in_tables: ClassVar[str] = "lie ({0.how})"
 
 
 OfNetwork = Delay | Loss | Duplication | Reordering | Corruption | Replay | Malformed | Partition

@@ -19,7 +19,6 @@ class Outcome(msgspec.Struct, frozen=True, kw_only=True):
     """Outcome of one schedule.
 
     Attributes:
-        seed: Seed of the schedule.
         faults: Kinds of its faults, including lasting ones.
         last: Kind of the fault that ended last; empty if there was none.
         simulated: Simulated time [s].
@@ -29,8 +28,6 @@ class Outcome(msgspec.Struct, frozen=True, kw_only=True):
         first_valid: When all were valid for the first time [s]; None if never.
         recovered: Time from the end of all faults and load changes until all were valid [s]; None if they were not.
         stale: Share of published estimates that were stale.
-        refused: Number of messages that the codec refused.
-        lied: Number of agents that lied.
         named: Number of agents that lied and that another agent named in a reason or a problem.
         lost: Why the robots lost the payload; the run then ended early, and was checked up to there.
         took: Wall-clock time [s].
