@@ -23,13 +23,10 @@ class FoundLoad:
     """Mass properties of the whole load in one frame.
 
     Attributes:
-        inertia: The estimate.
         mass_std: Standard deviation of the mass [kg].
         com_std: Standard deviation of the centre of mass, shape (3,) [m].
         tensor_std: Standard deviations of the entries of the inertia about the centre of mass, shape (3, 3) [kg·m²].
         robot: Robot in whose grasp frame the load was identified.
-        source: Description of the source.
-        remarks: Remarks for the user.
     """
 
     inertia: Inertia

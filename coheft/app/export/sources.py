@@ -39,11 +39,7 @@ def read_load(path: Path, robot: str | None, estimator: str | None = None) -> Fo
 
 
 def refuse_estimator(estimator: str | None, source: str) -> None:
-    """Refuse the choice of an estimator for a load that was identified from a recording.
-
-    Raises:
-        UsageError: There is such a choice.
-    """
+    """Raise a ``UsageError`` if an estimator is chosen for a load that was identified from a recording."""
     if estimator is not None:
         raise UsageError(
             f"--estimator chooses between estimators of a run, but {source} is of a recording: leave it out"

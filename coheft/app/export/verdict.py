@@ -31,10 +31,8 @@ class Part(msgspec.Struct, frozen=True):
     """A number with its uncertainty and its limit.
 
     Attributes:
-        value: The estimate.
         low: Lower bound with the uncertainty.
         high: Upper bound with the uncertainty.
-        limit: The limit; None if there is none.
         answer: ``within``: also ``high`` is; ``exceeds``: not even ``low`` is within; ``unclear``: in between.
     """
 
@@ -56,9 +54,6 @@ class LoadVerdict(msgspec.Struct, frozen=True):
         com: Centre of mass [m].
         tensor: Inertia about the centre of mass [kg·m²].
         frame: Description of the frame of these.
-        robot: Robot that identified the load.
-        source: Description of the source.
-        remarks: Remarks for the user.
     """
 
     answer: Answer

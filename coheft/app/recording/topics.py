@@ -54,10 +54,7 @@ def truth_messages(time: int, truth: Truth, scene: Scene) -> Iterator[tuple[str,
 def estimate_messages(time: int, estimate: Estimate, total_time: int) -> Iterator[tuple[str, RosMessage]]:
     """Yield the messages of an estimate by topic.
 
-    Args:
-        time: End of the block [ns].
-        estimate: The estimate.
-        total_time: Time of the sample to which its total wrench belongs [ns].
+    ``time`` is the end of its block, ``total_time`` that of the sample to which its total wrench belongs [ns].
     """
     name, payload = estimate.robot, estimate.payload
     if payload is not None:
@@ -82,11 +79,7 @@ def estimate_messages(time: int, estimate: Estimate, total_time: int) -> Iterato
 def error_messages(time: int, estimate: Estimate, judge: Judge, total_time: int) -> Iterator[tuple[str, RosMessage]]:
     """Yield the errors (estimate minus truth) of an estimate by topic; the judge has the truth of its block.
 
-    Args:
-        time: End of the block [ns].
-        estimate: The estimate.
-        judge: Compares estimates with the truth.
-        total_time: Time of the sample to which its total wrench belongs [ns].
+    Times are as of ``estimate_messages``.
     """
     name = estimate.robot
     if estimate.payload is not None:

@@ -28,11 +28,8 @@ _GROUPS = {"estimate", "measured"}
 class Bridge:
     """Publishes an observer's messages on a node.
 
-    Stamps are the ends of blocks: of the run's own time, or, given an epoch, of the robots'.
-
-    Args:
-        node: The node.
-        epoch: ROS time of the start of block 0 [ns].
+    Stamps are the ends of blocks: of the run's own time or, given the ROS time of the start of block 0 as ``epoch``
+    [ns], of the robots'.
     """
 
     def __init__(self, node: RosNode, epoch: int = 0) -> None:
@@ -72,12 +69,7 @@ class Bridge:
 def bridge_run(run_file: RunFile, endpoint: str, domain: int, tell: Callable[[str], None], namespace: str = "") -> None:
     """Publish the messages of a run in ROS 2, until the run has ended.
 
-    Args:
-        run_file: Addresses of the run.
-        endpoint: Endpoint of the router of ROS 2.
-        domain: Number of the ROS domain.
-        tell: Called with lines for the user.
-        namespace: Prefix of all topics, such as ``/cell``.
+    ``endpoint`` is that of the router of ROS 2; ``tell`` is called with lines for the user.
 
     Raises:
         LinkError: There is no router there, or another bridge or a driver uses it with these topics, or the run's

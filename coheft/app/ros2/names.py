@@ -56,9 +56,6 @@ class Node:
     """A node, the only one of its session.
 
     Attributes:
-        domain: Number of the ROS domain.
-        session: Identity of the session.
-        name: Name of the node.
         namespace: Namespace, such as ``/cell``; empty if there is none.
     """
 
@@ -89,13 +86,7 @@ class Node:
 
 
 def attachment(sequence: int, time: int, gid: bytes) -> bytes:
-    """Return the attachment of a message.
-
-    Args:
-        sequence: Number of the message of this publisher, from 1.
-        time: Time of sending [ns].
-        gid: Identity of the publisher, 16 bytes.
-    """
+    """Return the attachment of a message: its number from 1, time of sending [ns], and the publisher's identity."""
     return _ATTACHMENT.pack(sequence, time, GID_SIZE, gid)
 
 

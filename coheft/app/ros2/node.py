@@ -25,9 +25,7 @@ class RosNode:
     """Publishes and receives standard messages, see ``open_node``.
 
     Attributes:
-        topics: The topics that it publishes, by name.
         published: Number of messages that had a subscriber.
-        domain: Number of the ROS domain.
     """
 
     def __init__(self, session: zenoh.Session, domain: int, name: str, namespace: str = "") -> None:
@@ -74,12 +72,9 @@ class RosNode:
                 )
 
     def publish(self, topic: str, message: ros.RosMessage, *, latched: bool = False) -> None:
-        """Publish a message; all messages of a topic must have the same type.
+        """Publish a message on a topic such as ``/r3/payload``; all messages of a topic must have the same type.
 
-        Args:
-            topic: Name of the topic, such as ``/r3/payload``.
-            message: The message.
-            latched: Whether to keep it for late subscribers.
+        A ``latched`` one is kept for late subscribers.
         """
         topic = self.full(topic)
         if topic not in self.topics:
@@ -89,12 +84,9 @@ class RosNode:
         self.published += self.topics[topic].publish(message)
 
     def listen(self, topic: str, kind: str, receive: Callable[[bytes], None]) -> None:
-        """Subscribe to the messages of a topic, as CDR, received in a thread of Zenoh's.
+        """Subscribe to the messages of a topic, of a type such as ``geometry_msgs/msg/WrenchStamped``.
 
-        Args:
-            topic: Name of the topic.
-            kind: Type of its messages, such as ``geometry_msgs/msg/WrenchStamped``.
-            receive: Called with each message.
+        ``receive`` is called with each of them, as CDR, in a thread of Zenoh's.
         """
         typed = typed_topic(self.full(topic), kind)
         handler: Any = zenoh.handlers.Callback(lambda sample: receive(sample.payload.to_bytes()), indirect=False)

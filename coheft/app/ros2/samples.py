@@ -123,7 +123,6 @@ class BlockBuilder:
     Attributes:
         counts: Measurements that have arrived since the last complete block, by stream.
         behind: Time by which the last of these is older than the next possible block [s]; 0 if it is not.
-        paces: The pace of each stream.
     """
 
     def __init__(self, robot: str, rate: int, block: int, epoch: int, stamps: Stamps, sensors: RobotSensors) -> None:
@@ -138,13 +137,9 @@ class BlockBuilder:
         self._newest = -1
 
     def add(self, stream: str, stamp: int, values: Array, arrival: int) -> tuple[int, Array] | None:
-        """Add a measurement; return the block that it completes: its number, and the samples (B, 15).
+        """Add a measurement with its stamp and its arrival by our own clock [ns].
 
-        Args:
-            stream: Name of the stream.
-            stamp: Its stamp [ns].
-            values: Its numbers.
-            arrival: Time of arrival [ns], by our own clock.
+        Return the block that it completes: its number, and the samples (B, 15).
 
         Raises:
             MessageError: Its stamp is too far in the future.

@@ -27,11 +27,8 @@ class Stamps:
     def settle(self, *, patient: bool) -> int | None:
         """Use the time of those robots that agree on it; return their newest stamp [ns], None if they are too few.
 
-        So a robot whose clock is wrong does not decide when the run begins, if there are others to compare with.
-
-        Args:
-            patient: Whether they have to be more than half of all robots, not only of those that have sent
-                measurements.
+        So a robot whose clock is wrong does not decide when the run begins, if there are others to compare with: those
+        that agree have to be more than half of all that have sent measurements, or, if ``patient``, of all robots.
         """
         if not self._heard:
             return None

@@ -90,8 +90,7 @@ class Team:
     def begin(self, epoch: int | None) -> Stamps:
         """Wait until robots send measurements and agree on the time; these measurements are not used.
 
-        Args:
-            epoch: ROS time of the start of block 0 [ns]; None for one block after the measurements.
+        Block 0 begins at ``epoch``, a ROS time [ns]; None for one block after the measurements.
 
         Raises:
             CoheftError: The epoch is that of another clock than the robots'.
@@ -212,7 +211,6 @@ class Team:
         link.note_link(is_here)
 
     def _take(self, name: str, message: Message) -> None:
-        """Pass on an agent's message."""
         link, config = self._links[name], self._configs[name]
         match message:
             case Estimate():
@@ -231,7 +229,6 @@ class Team:
                     self._publish(config, message)
 
     def _publish(self, config: AgentConfig, reference: Reference) -> None:
-        """Publish an agent's reference for each sample of a block."""
         name = config.name
         first = reference.block * config.block
         for row, motion in enumerate(reference.motion):
@@ -262,7 +259,6 @@ class Team:
                 self._complain(line)
 
     def _topics(self, streams: Iterable[tuple[str, str]]) -> list[Topic]:
-        """Return the topics of streams, by robot and kind."""
         return [typed_topic(self._node.full(f"/{name}/{kind}"), STREAMS[kind].kind) for name, kind in streams]
 
     def _tell_silence(self, streams: Iterable[tuple[str, str]]) -> None:

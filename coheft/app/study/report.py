@@ -70,7 +70,6 @@ class Cells(msgspec.Struct, frozen=True):
     """Number of NEES within their intervals, each of one quantity at one time and noise.
 
     Attributes:
-        count: Number of NEES.
         outside_95: Number outside their 95 % interval.
         outside_9999: Number outside their 99.99 % interval.
     """
@@ -85,9 +84,6 @@ class Recovery(msgspec.Struct, frozen=True):
 
     Attributes:
         seconds_after: Time since the change [s].
-        mass: Accuracy of the new mass.
-        com: Accuracy of its centre of mass.
-        inertia: Accuracy of its inertia.
     """
 
     seconds_after: float
@@ -146,14 +142,10 @@ class StudyReport(msgspec.Struct, frozen=True):
     """The report of a study.
 
     Attributes:
-        scenario: Name of the scenario.
         seeds: First and last seed.
-        runs: Number of runs per noise scale.
         at_s: Times at which accuracy was evaluated [s].
-        noise_scales: Factors on the scenario's noise.
         units: Units of ``rms`` and bounds.
         results: Results for all of these times and noises together, by estimator.
-        cells: Results for each noise and time.
     """
 
     scenario: str

@@ -27,8 +27,6 @@ class TeamSamples:
     """All sensors' samples of a run.
 
     Attributes:
-        scene: The scene, with the grasps.
-        truths: Truths, one per block.
         samples: Shape (n, N, 15), columns as in ``MeasurementBlock``.
     """
 
