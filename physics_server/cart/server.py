@@ -110,7 +110,6 @@ class CartServer:
         self._truth.send(sample.truth)
 
     def _wait_for(self, block: int) -> None:
-        """Wait until all pushers have answered a sample."""
         deadline = time.monotonic() + _ANSWER_LIMIT
         while silent := [name for name, link in self._links.items() if link.answered < block]:
             left = deadline - time.monotonic()
@@ -119,7 +118,6 @@ class CartServer:
             self._handle(self._inbox.receive(left))
 
     def _handle(self, event: Event | None) -> None:
-        """Process an event."""
         match event:
             case Received(name, CartPush() | Ready() as message):
                 try:

@@ -22,11 +22,9 @@ class Case(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """Errors of one run, and the data of its figures.
+    """A run with its errors, and the data of its figures.
 
     Attributes:
-        case: The run.
-        report: Its errors.
         times: Times of the tracking errors [s], shape (samples,).
         tracking_errors: Distances from the reference [m], shape (samples,).
         masses: Times [s], the first pusher's estimates and their standard deviations [kg], shape (estimates, 3).

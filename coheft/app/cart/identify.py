@@ -41,7 +41,6 @@ class Quantity(msgspec.Struct, frozen=True):
     Attributes:
         value: Value in ``unit``.
         std: Its standard deviation.
-        unit: Unit of both.
         not_known: What would show it, if the recording does not; empty if it is known.
     """
 
@@ -55,9 +54,6 @@ class CartIdentification(msgspec.Struct, frozen=True):
     """The cart at the end of a recording.
 
     Attributes:
-        samples: Number of samples.
-        duration_s: Time from the first to the last sample [s].
-        quantities: Quantities by name.
         changes_s: Times of sudden changes of the cart [s].
         doubts: What is measured worse than stated, as sentences.
     """

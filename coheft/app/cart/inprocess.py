@@ -16,7 +16,6 @@ class CartRun:
     """Results of a run.
 
     Attributes:
-        scenario: The scenario.
         truths: The truth at every sample.
         estimates: Each pusher's estimates, ten per second, by its name.
     """

@@ -53,10 +53,8 @@ def run_in_processes(
 ) -> CartRun:
     """Run a scenario to its end.
 
-    Args:
-        scenario: The scenario.
-        make_folder: Makes a folder for the logs of a run, given its name.
-        on_problem: Called with each problem that a process reports.
+    ``make_folder`` makes a folder for the logs of a run, given its name; ``on_problem`` is called with each problem
+    that a process reports.
 
     Raises:
         ProcessError: A process failed; the others have been stopped.

@@ -34,20 +34,12 @@ def leverage(contact: Array, arm: float) -> Array:
 
 
 def share(wrench_b: Array, contact: Array, arm: float, all_leverage: Array) -> Array:
-    """One hand's share of a wrench, such that all hands together need the least effort.
+    """One hand's share of a wrench about its contact point, shape (3,), such that all hands together need the least
+    effort.
 
     Minimises ``sum_i w_i^T W w_i`` subject to ``G_1 w_1 + G_2 w_2 + ... = wrench_b`` (Aguilera et al., eq. 25) in the
-    components that move the cart: ``w_i = W^-1 G_i^T E^T (E (sum_j G_j W^-1 G_j^T) E^T)^-1 E wrench_b``. So a hand
-    needs only the sum of all hands' ``leverage``.
-
-    Args:
-        wrench_b: Total wrench, shape (3,).
-        contact: This hand's contact point in ``{b}``, shape (2,) [m].
-        arm: What torque costs a hand [m].
-        all_leverage: Sum of all hands' leverage, shape (3, 3).
-
-    Returns:
-        This hand's wrench ``w_i`` about its contact point, shape (3,).
+    components that move the cart: ``w_i = W^-1 G_i^T E^T (E (sum_j G_j W^-1 G_j^T) E^T)^-1 E wrench_b``. So of the
+    other hands it needs only the sum of the ``leverage``, shape (3, 3); contact and arm are as there.
     """
     multipliers = np.linalg.solve(all_leverage[np.ix_(MOVING, MOVING)], wrench_b[MOVING])
     return np.array([1.0, 1.0, arm**2]) * (grasp_map(contact)[MOVING].T @ multipliers)
