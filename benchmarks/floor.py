@@ -15,8 +15,6 @@ wall-clock time, because a team with few processes that are ready to run gets a 
 these are guarded.
 """
 
-from __future__ import annotations
-
 import statistics
 import tempfile
 import time

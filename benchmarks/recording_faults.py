@@ -1,7 +1,5 @@
 """Recordings with one fault of random size, with the robot and the causes that a verdict may name."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """Random schedules: a small team that is quick to simulate, and up to four faults."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, TypeVar, get_args
 

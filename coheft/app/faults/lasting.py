@@ -5,8 +5,6 @@ Sensor errors are 0.3 to 3 times the sensor's noise at usual readings. They are 
 tolerances, so that runs with real processes can have the same.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 

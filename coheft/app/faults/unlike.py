@@ -4,8 +4,6 @@ One robot may lack a motion sensor, one may be noisier, one may have a compliant
 set in the scenario, so that runs with real processes can have the same.
 """
 
-from __future__ import annotations
-
 import msgspec
 import numpy as np
 
