@@ -144,9 +144,7 @@ class WholeAgent:
     def step(self, measured: bytes, sent: Mapping[str, bytes]) -> tuple[bytes, Estimate | None]:
         """Decode, step and encode; return the agent's message, and its report if one is due.
 
-        Args:
-            measured: The robot's encoded measurements.
-            sent: All robots' encoded messages of the previous block, by name.
+        It gets the robot's encoded measurements, and all robots' encoded messages of the previous block, by name.
         """
         own = decode(measured, Measurements, self._own)
         messages = [decode(sent[name], NeighbourMessage, key) for name, key in self._others.items() if name in sent]

@@ -22,7 +22,6 @@ class Faulty:
     """A recording with a fault.
 
     Attributes:
-        recording: The recording.
         causes: Causes that are right; empty for recordings that have to be refused.
         robot: The robot with the fault; None if it concerns all robots, or none.
     """

@@ -36,10 +36,8 @@ class Trial(msgspec.Struct):
     """Result of one recording.
 
     Attributes:
-        seed: Its seed.
         kind: Kind of noise, or of the fault.
         by_twists: Whether twists and accelerations were recorded instead of poses.
-        robots: Number of robots.
         seconds: CPU time of the identification [s].
         is_refuted: Whether the recording was refuted or refused.
         cause: The named cause.
@@ -48,7 +46,6 @@ class Trial(msgspec.Struct):
         is_open: Whether several robots are named.
         margin: Margin over the second best cause.
         off: Largest error in standard deviations of an accepted result, or of one with ``--assume``.
-        words: Text of the verdict.
     """
 
     seed: int

@@ -96,7 +96,6 @@ def _draw_com(axes: Axes, com: Array) -> None:
 
 
 def _draw_mass(result: coheft.Result) -> None:
-    """Draw all robots' masses over the run, and around the load change."""
     scenario, change = result.scenario, result.load_changes[0].at_s
     figure = Figure(figsize=(9.0, 3.6), layout="constrained")
     whole, close = figure.subplots(1, 2, width_ratios=(1.5, 1.0))
@@ -186,7 +185,6 @@ def _gains(graph: dict[str, tuple[str, ...]]) -> list[float]:
 
 
 def _draw_deviations(result: coheft.Result) -> None:
-    """Draw errors of one robot with its own standard deviations."""
     change, robot = result.load_changes[0].at_s, result.robots["r1"]
     known = _knows_all(robot)
     times = robot.time[known]

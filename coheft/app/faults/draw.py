@@ -210,7 +210,6 @@ class _Team:
         return LoadChange(at=time, mass=self._number(0.5, 3.0), position=self._place())
 
     def _place(self) -> Vector:
-        """Draw a position on the plate."""
         x, y = self._rng.uniform(-0.4, 0.4, size=2) * self._extent
         return _round(x), _round(y), 0.1
 
@@ -301,7 +300,6 @@ class _Team:
 
 
 def _round(value: float) -> float:
-    """Round to a readable number."""
     return round(float(value), 3)
 
 

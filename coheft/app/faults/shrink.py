@@ -99,7 +99,6 @@ def _shorter_runs(schedule: FaultSchedule) -> Iterator[FaultSchedule]:
 
 
 def _shorter_faults(schedule: FaultSchedule) -> Iterator[FaultSchedule]:
-    """Yield schedules in which one fault lasts half as long."""
     for k, fault in enumerate(schedule.faults):
         if fault.end - fault.start <= 2.0 * _LEAST:
             continue

@@ -97,7 +97,6 @@ def _off(outcomes: Sequence[Outcome]) -> tuple[int, int]:
 
 
 def _spread(values: Sequence[float]) -> tuple[float, float, float] | None:
-    """Return median, 95th percentile and largest value."""
     if not values:
         return None
     median, high, largest = np.quantile(values, [0.5, 0.95, 1.0]).round(2).tolist()

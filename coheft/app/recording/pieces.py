@@ -131,7 +131,6 @@ def _readable_at(content: bytes, place: int) -> Piece | None:
 
 
 def _single(content: bytes, opcode: int, place: int, end: int) -> Piece | None:
-    """Return a record that is not a chunk."""
     if opcode >= _FIRST_UNKNOWN:
         return None
     try:

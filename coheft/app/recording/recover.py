@@ -81,7 +81,6 @@ def _content(path: Path) -> Iterator[bytes]:
 
 
 def _copy(content: bytes, writer: Writer) -> Saved:
-    """Write all undamaged pieces and a summary."""
     channels = _define(content, writer)
     count, nameless, latest = 0, 0, -math.inf
     lost: list[Lost] = []
@@ -147,7 +146,6 @@ def _define(content: bytes, writer: Writer) -> dict[int, int]:
 
 
 def _with_copied(records: list[McapRecord]) -> Iterator[McapRecord]:
-    """Yield all records, and those in copies of the definitions."""
     for record in records:
         yield record
         if isinstance(record, Attachment) and record.name == COPY:

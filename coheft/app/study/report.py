@@ -245,7 +245,6 @@ def _nees(quantity: Quantity, cells: Sequence[Sequence[_Judged]], confidence: fl
 
 
 def _cells(quantities: Sequence[Quantity], cells: Sequence[Sequence[_Judged]]) -> Cells:
-    """Count NEES outside their intervals."""
 
     def outside(confidence: float) -> int:
         found = [_nees(quantity, [cell], confidence) for quantity in quantities for cell in cells]
