@@ -115,12 +115,9 @@ class CartSums:
         self._pipeline = Pipeline(schedule.rounds, 1, CHANNELS)
 
     def _stages(self, inbox: Sequence[CartMessage]) -> list[NeighbourStages]:
-        received = {message.sender: message for message in inbox}
+        received = {message.sender: (message.stages, message.valid > 0.5) for message in inbox}
         return [
-            NeighbourStages(None, gains, message.stages, message.valid > 0.5)
-            if (message := received.get(other)) is not None
-            else NeighbourStages(None, gains, None, None)
-            for other, gains in self._gains.items()
+            NeighbourStages(None, gains, *received.get(other, (None, None))) for other, gains in self._gains.items()
         ]
 
 

@@ -42,27 +42,13 @@ class Outcome:
 Run = Callable[[CartScenario], CartRun]
 
 
-def run_cases(
-    cases: Sequence[Case],
-    *,
-    jobs: int = 1,
-    run: Run = run_in_process,
-    on_progress: Callable[[int], None] = lambda done: None,
-) -> list[Outcome]:
-    """Run all cases with ``run``, or in so many processes, and return their outcomes in the same order.
+def run_cases(cases: Sequence[Case], jobs: int, run: Run) -> Iterator[Outcome]:
+    """Run all cases with ``run``, or in so many processes, and yield their outcomes as they arrive.
 
     Raises:
         MissingPackageError: There is more than one job, but joblib is not installed.
         SimulationError: A cart has moved out of bounds.
     """
-    found: dict[Case, Outcome] = {}
-    for done, outcome in enumerate(_outcomes(cases, jobs, run), start=1):
-        found[outcome.case] = outcome
-        on_progress(done)
-    return [found[case] for case in cases]
-
-
-def _outcomes(cases: Sequence[Case], jobs: int, run: Run) -> Iterator[Outcome]:
     if jobs == 1:
         yield from (_outcome(case, run) for case in cases)
     else:

@@ -5,7 +5,7 @@ from functools import partial
 import msgspec
 import numpy as np
 
-from coheft.app.cart.explain import explanation
+from coheft.app.cart.explain import Hand, explanation
 from coheft.errors import RecordingError, UsageError
 from coheft.estimation.cart.contact import grasp_map
 from coheft.estimation.cart.filter import MOTION_SIZE, Push, Sighting
@@ -80,7 +80,7 @@ def identify_cart(
     *,
     mass: float,
     com: tuple[float, float],
-    hand: tuple[float, float],
+    hand: Hand,
     noise: float,
     force_noise: float,
 ) -> CartIdentification:
@@ -102,15 +102,16 @@ def identify_cart(
     for option, value in given.items():
         if not np.all(np.isfinite(np.asarray(value))):
             raise UsageError(f"{option}: found {value}, expected finite numbers")
-    run = partial(_identified, mass=mass, com=com, noise=noise, force_noise=force_noise)
+    guess = CartBody(mass, com, mass * _BOX, _FRICTION)
+    run = partial(_identified, guess=guess, noise=noise, force_noise=force_noise)
 
-    def is_known(given: CartRecording, point: tuple[float, float]) -> bool:
-        return run(given, hand=point).is_known
+    def is_known(given: CartRecording, point: Hand) -> bool:
+        return run(given, point).is_known
 
     _check_motion(recording)
     _check_axle(recording, noise)
     try:
-        found = run(recording, hand=hand)
+        found = run(recording, hand)
     except RecordingError as error:
         other = explanation(recording, hand, is_known)
         raise RecordingError(f"{error}; {other}" if other else str(error)) from error
@@ -121,13 +122,7 @@ def identify_cart(
 
 
 def _identified(
-    recording: CartRecording,
-    *,
-    mass: float,
-    com: tuple[float, float],
-    hand: tuple[float, float],
-    noise: float,
-    force_noise: float,
+    recording: CartRecording, hand: Hand, *, guess: CartBody, noise: float, force_noise: float
 ) -> CartIdentification:
     """Run the learner once; arguments and errors as of ``identify_cart``."""
     grasp, lever = grasp_map(np.array(hand)), np.diag([1.0, 1.0, _ARM**2])
@@ -136,7 +131,6 @@ def _identified(
     planned = pushes if recording.planned is None else recording.planned @ grasp.T
     motions = np.hstack([recording.poses, recording.rates])
     covariance = noise**2 * np.eye(MOTION_SIZE)
-    guess = CartBody(mass, com, mass * _BOX, _FRICTION)
     prior = msgspec.structs.replace(_PRIOR, start=max(_PRIOR.start, float(np.linalg.norm(recording.rates[0]))))
     learner = CartLearner(guess, Sighting(motions[0], covariance), prior)
     changes: list[float] = []

@@ -71,10 +71,11 @@ def faults(
 
     from coheft.app.faults.campaign import kept_first_seed, new_first_seed, run_campaign
     from coheft.app.faults.draw import draw_schedule
-    from coheft.app.faults.output import campaign_progress, markdown, print_campaign
+    from coheft.app.faults.output import markdown, print_campaign
     from coheft.app.faults.summary import summarise
     from coheft.app.outputs import write_outputs, write_text
     from coheft.app.results.report import write_report
+    from coheft.app.terminal.progress import show_progress
 
     of_campaigns = {
         "first-seed": first_seed,
@@ -101,27 +102,28 @@ def faults(
     chosen = range(first_seed, first_seed + seeds)
     console.print(f"first seed {first_seed}", highlight=False)
     draw_schedule(first_seed, values=values)  # reports invalid values before anything starts
-    done: list[Outcome] = []
+    outcomes: dict[int, Outcome] = {}
+    failures = 0
     try:
-        with campaign_progress(console, len(chosen)) as on_outcome:
-
-            def tell(outcome: Outcome) -> None:
-                done.append(outcome)
-                on_outcome(outcome)
+        with show_progress(console, "schedules", seeds) as show:
+            for outcome in run_campaign(chosen, jobs=jobs, kept=kept, mutant=mutant, values=values):
+                outcomes[outcome.seed] = outcome
+                failures += bool(outcome.violations)
+                show(len(outcomes), f"{failures} failed")
                 if outcome.violations and not mutant:
                     _keep_failed(outcome.seed, values, failed or _FAILED)
-
-            outcomes = run_campaign(chosen, jobs=jobs, kept=kept, mutant=mutant, values=values, on_outcome=tell)
     except KeyboardInterrupt:
-        if done:
-            print_campaign(console, summarise(done), sorted(done, key=lambda outcome: outcome.seed), mutant, values)
+        if outcomes:
+            done = [outcomes[seed] for seed in sorted(outcomes)]
+            print_campaign(console, summarise(done), done, mutant, values)
         unwritten = [what for what, place in (("summary (--json)", json), ("table (--table)", table)) if place]
-        clauses = [f"stopped after {len(done)} of {len(chosen)} schedules"]
+        clauses = [f"stopped after {len(outcomes)} of {seeds} schedules"]
         clauses += [f"no {what} was written" for what in unwritten]
         clauses += [] if kept is None else [f"the same command continues with the outcomes in {kept}"]
         raise KeyboardInterrupt("; ".join(clauses)) from None
-    summary = summarise(outcomes)
-    print_campaign(console, summary, outcomes, mutant, values)
+    in_order = [outcomes[seed] for seed in sorted(outcomes)]
+    summary = summarise(in_order)
+    print_campaign(console, summary, in_order, mutant, values)
     write_outputs(
         (json, lambda target: write_report(summary, target)), (table, lambda path: write_text(path, markdown(summary)))
     )

@@ -3,7 +3,7 @@
 import hashlib
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import msgspec
@@ -101,33 +101,27 @@ def run_campaign(
     kept: Path | None = None,
     mutant: str = "",
     values: Sequence[str] = (),
-    on_outcome: Callable[[Outcome], None] = lambda outcome: None,
-) -> list[Outcome]:
-    """Run one schedule per seed; return all outcomes, in the order of seeds.
+) -> Iterator[Outcome]:
+    """Run one schedule per seed; yield all outcomes as they arrive.
 
-    Outcomes are appended to the file ``kept``, and schedules whose outcome it contains are not run again.
-    ``on_outcome`` is called with every outcome, those in the file first. See ``workers``, ``mutants`` and
-    ``draw_schedule``.
+    Outcomes are appended to the file ``kept``, and schedules whose outcome it contains are not run again: these come
+    first. See ``workers``, ``mutants`` and ``draw_schedule``.
 
     Raises:
         MissingPackageError: A package that campaigns need is not installed.
         CoheftError: The file cannot be read or written, or contains something else.
     """
     file = None if kept is None else OutcomeFile(kept, mutant, values, min(seeds))
-    outcomes: dict[int, Outcome] = {}
+    left = dict.fromkeys(seeds)
     with workers(jobs):
-        if file is not None:
-            wanted = set(seeds)
-            outcomes = {outcome.seed: outcome for outcome in file.begin() if outcome.seed in wanted}
-        for outcome in outcomes.values():
-            on_outcome(outcome)
-        left = [seed for seed in seeds if seed not in outcomes]
+        for outcome in [] if file is None else file.begin():
+            if outcome.seed in left:
+                del left[outcome.seed]
+                yield outcome
         for outcome in side_by_side(try_seed, ((seed, mutant, tuple(values)) for seed in left)):
-            outcomes[outcome.seed] = outcome
             if file is not None:
                 file.append(outcome)
-            on_outcome(outcome)
-    return [outcomes[seed] for seed in seeds]
+            yield outcome
 
 
 def try_seed(seed: int, mutant: str = "", values: Sequence[str] = ()) -> Outcome:

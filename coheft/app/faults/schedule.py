@@ -239,16 +239,15 @@ def _check_fault(fault: AnyFault, robots: tuple[str, ...], place: str) -> None:
         raise ScenarioError(
             f"{place}.end': found {fault.end:g} s, expected a time after 'start', which is {fault.start:g} s"
         )
-    named: dict[str, tuple[str, ...]] = {}
+    named: list[tuple[str, str]] = []
     match fault:
         case LinkFault():
-            named = {"sender": (fault.sender,), "receiver": (fault.receiver,)}
+            named = [("sender", fault.sender), ("receiver", fault.receiver)]
             robots = (*robots, ALL_ROBOTS)
         case Partition():
-            named = {"group": fault.group}
+            named = [("group", name) for name in fault.group]
         case RobotFault():
-            named = {"robot": (fault.robot,)}
-    for key, names in named.items():
-        for name in names:
-            if name not in robots:
-                raise ScenarioError(f"{place}.{key}': found {name!r}, expected one of: {', '.join(robots)}")
+            named = [("robot", fault.robot)]
+    for key, name in named:
+        if name not in robots:
+            raise ScenarioError(f"{place}.{key}': found {name!r}, expected one of: {', '.join(robots)}")
