@@ -205,6 +205,16 @@ def test_a_campaign_goes_on_where_it_was_cut_off(tmp_path: Path, monkeypatch: py
     assert [outcome.seed for outcome in OutcomeFile(kept).begin()] == [0, 1, 2, 3, 4]  # also those not asked for
 
 
+def test_a_header_without_its_end_of_line_is_written_again(tmp_path: Path):
+    kept = tmp_path / "outcomes"
+    OutcomeFile(kept).begin()
+    kept.write_bytes(kept.read_bytes().rstrip(b"\n"))
+    file = OutcomeFile(kept)
+    assert file.begin() == []
+    file.append(OUTCOME)
+    assert OutcomeFile(kept).begin() == [OUTCOME]
+
+
 def test_what_other_code_a_mutant_or_somebody_else_has_left_stays_as_it_is(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):

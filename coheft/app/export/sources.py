@@ -46,7 +46,7 @@ def refuse_estimator(estimator: str | None, source: str) -> None:
         )
 
 
-def hear_load(folder: Path | None, robot: str | None, estimator: str | None = None) -> FoundLoad:
+def load_of_run(folder: Path | None, robot: str | None, estimator: str | None = None) -> FoundLoad:
     """Return the load that a robot of a run in progress, by default the newest, reports now; choices as for ``of_run``.
 
     Raises:

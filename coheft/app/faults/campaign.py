@@ -57,13 +57,13 @@ class OutcomeFile:
         """
         try:
             lines = self._path.read_bytes().splitlines(keepends=True) if self._path.exists() else []
-            if not lines:
-                self._path.write_bytes(msgspec.json.encode(self._header) + b"\n")
-                return []
-            self._check(lines[0])
-            if not lines[-1].endswith(b"\n"):
+            if lines:
+                self._check(lines[0])
+            if lines and not lines[-1].endswith(b"\n"):
                 os.truncate(self._path, sum(map(len, lines[:-1])))
                 del lines[-1]
+            if not lines:
+                self._path.write_bytes(msgspec.json.encode(self._header) + b"\n")
             return [msgspec.json.decode(line, type=Outcome) for line in lines[1:]]
         except OSError as error:
             raise CoheftError(f"cannot keep outcomes in {self._path}: {error.strerror}") from error

@@ -54,7 +54,7 @@ def try_schedule(schedule: FaultSchedule) -> Outcome:
     """Run a schedule until its end, or until all robots have recovered for good, and check every promise."""
     began = time.perf_counter()
     run = FaultyRun(schedule)
-    watch, recovery, quiet = Watch(schedule, run.scene), Recovery(schedule), _Quiet(schedule, run)
+    watch, recovery, check = Watch(schedule, run.scene), Recovery(schedule), _HarmlessCheck(schedule, run)
     lies = [fault for fault in schedule.faults if isinstance(fault, Lie)]
     named: set[str] = set()
     simulated, lost, undeclared = 0.0, "", is_undeclared(schedule.scenario)
@@ -64,7 +64,7 @@ def try_schedule(schedule: FaultSchedule) -> Outcome:
             watch.look(block)
             recovery.look(block)
             named |= _named(lies, block)
-            quiet.look(block)
+            check.look(block)
             if recovery.is_steady and not undeclared:  # effects of a lasting sensor error may show late
                 break
     except SimulationError as error:
@@ -72,7 +72,7 @@ def try_schedule(schedule: FaultSchedule) -> Outcome:
     violations = [violation for violation in watch.violations if not undeclared or violation.promise == "P2"]
     if not lost and not undeclared:
         violations += filter(None, [recovery.violation()])
-    violations += filter(None, [quiet.violation])
+    violations += filter(None, [check.violation])
     last = max(schedule.faults, key=lambda fault: fault.end, default=None)
     return Outcome(
         seed=schedule.seed,
@@ -97,7 +97,7 @@ def try_schedule(schedule: FaultSchedule) -> Outcome:
     )
 
 
-class _Quiet:
+class _HarmlessCheck:
     """Compares a run with a second one without harmless messages, which starts when they begin; keeps the first
     difference.
     """
@@ -107,20 +107,20 @@ class _Quiet:
         block_duration = schedule.scenario.block_duration
         self._first = min((int(fault.start / block_duration) for fault in harmless), default=-1)
         self._run = run
-        self._quiet: Iterator[FaultyBlock] | None = None
+        self._without: Iterator[FaultyBlock] | None = None
         self.violation: Violation | None = None
         self._begin()
 
     def look(self, block: FaultyBlock) -> None:
         """Compare the estimates that were published after a block."""
-        if self._quiet is not None and _published(next(self._quiet)) != _published(block):
-            said = "estimates differ from those without the harmless messages"
-            self.violation = self.violation or Violation("P2", block.truth.time, "", said)
+        if self._without is not None and _published(next(self._without)) != _published(block):
+            text = "estimates differ from those without the harmless messages"
+            self.violation = self.violation or Violation("P2", block.truth.time, "", text)
         self._begin()
 
     def _begin(self) -> None:
         if self._run.next_block == self._first:
-            self._quiet = iter(self._run.without_harmless())
+            self._without = iter(self._run.without_harmless())
 
 
 def _published(block: FaultyBlock) -> bytes:

@@ -42,23 +42,23 @@ def with_unlike_robots(schedule: FaultSchedule, rng: np.random.Generator, delay:
     """Return a schedule with robots that differ, or with a slip, which is later by ``delay`` [s]."""
     scenario, names = schedule.scenario, schedule.scenario.robot_names
     robots = [names[k] for k in rng.permutation(len(names))]
-    sheet = _replace(scenario.sensors.tolerance, grasp_compliance=readable(between(_COMPLIANCE, rng)))
-    told = (
+    tolerance = _replace(scenario.sensors.tolerance, grasp_compliance=readable(between(_COMPLIANCE, rng)))
+    differing = (
         (_LACKING, OtherSensors(robot=robots[0], missing=_SENSORS[rng.integers(len(_SENSORS))])),
         (_NOISY, OtherSensors(robot=robots[1], noise_scale=readable(between(_NOISIER, rng)))),
-        (_COMPLIANT, OtherSensors(robot=robots[2], tolerance=sheet)),
+        (_COMPLIANT, OtherSensors(robot=robots[2], tolerance=tolerance)),
     )
-    of = tuple(each for share, each in told if rng.random() < share)
+    of = tuple(each for share, each in differing if rng.random() < share)
     scenario = _replace(scenario, sensors=_replace(scenario.sensors, of=of))
-    loose = {fault.robot for fault in schedule.faults if isinstance(fault, Release)}
-    firm = [name for name in robots if name not in loose]
+    releasing = {fault.robot for fault in schedule.faults if isinstance(fault, Release)}
+    holding = [name for name in robots if name not in releasing]
     slip = Slip(
         at=round(delay + float(rng.uniform(_EARLIEST, _LATEST)), 3),
-        robot=firm[0] if firm else robots[0],
+        robot=holding[0] if holding else robots[0],
         translation=_vector(_DISPLACED, rng),
         rotation_deg=_vector(_TURNED, rng),
     )
-    if (rng.random() < _SLIPPING or not of) and firm:
+    if (rng.random() < _SLIPPING or not of) and holding:
         scenario = _replace(scenario, slips=(slip,), duration=max(scenario.duration, slip.at + scenario.block_duration))
     return _replace(schedule, scenario=scenario)
 

@@ -74,17 +74,17 @@ class Readings:
     """Queue of measurements; ``complain`` is called with descriptions of refused messages.
 
     Attributes:
-        came: Streams, by robot and kind, of which any message arrived, including refused ones.
+        received: Streams, by robot and kind, of which any message arrived, including refused ones.
     """
 
     def __init__(self, complain: Callable[[str], None]) -> None:
-        self.came: set[tuple[str, str]] = set()
+        self.received: set[tuple[str, str]] = set()
         self._complain = complain
         self._waiting: SimpleQueue[tuple[str, str, bytes, int]] = SimpleQueue()
 
     def put(self, robot: str, stream: str, cdr: bytes) -> None:
         """Add a message to the queue, in any thread."""
-        self.came.add((robot, stream))
+        self.received.add((robot, stream))
         if self._waiting.qsize() < _ROOM:
             self._waiting.put((robot, stream, cdr, time.monotonic_ns()))
 
