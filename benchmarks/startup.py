@@ -15,7 +15,7 @@ from typing import Self
 
 import psutil
 
-from benchmarks.figures import Effort, Figure, Section, ratio
+from benchmarks.figures import Effort, Figure, Section, against
 from benchmarks.scenarios import SETTLED
 from coheft.app.run.folder import RunFile, find_run
 from coheft.app.run.observer import observe
@@ -61,12 +61,7 @@ def _first_block(turns: int) -> list[Figure]:
             bar=_FIRST_BLOCK_BAR,
             note=f"best of {turns}: {min(real):.2f} s",
         ),
-        Figure(
-            name=f"{name}, against bare processes",
-            value=ratio(real, bare),
-            is_guarded=True,
-            note=f"bare ones take {statistics.median(bare):.2f} s",
-        ),
+        against(f"{name}, against bare processes", real, bare, is_guarded=True),
     ]
 
 
@@ -150,16 +145,10 @@ def _imports(turns: int) -> list[Figure]:
     figures = []
     for name, code in _IMPORTED.items():
         times, least = zip(*((_import_time(code), _import_time(_LEAST)) for _ in range(turns)), strict=True)
-        median = statistics.median(times)
-        figures.append(
-            Figure(
-                name=f"imports of {name}, against msgspec, numpy and zenoh",
-                value=ratio(times, least),
-                is_guarded=True,
-                note=f"{median:.3f} against {statistics.median(least):.3f} s of CPU time",
-            )
-        )
+        what = f"imports of {name}, against msgspec, numpy and zenoh"
+        figures.append(against(what, times, least, is_guarded=True, of=" of CPU time"))
         if name == "an agent":
+            median = statistics.median(times)
             figures.append(Figure(name=f"imports of {name}", value=median, unit="s", bar=_IMPORT_BAR))
     return figures
 

@@ -156,7 +156,8 @@ def _draw_sums(scenario: Scenario, moment: Truth) -> None:
     values = len(forces) * np.array(forces)
     graph = build_graph(scenario.graph, scenario.robot_names)
     rounds = [values]
-    for gain in _gains(graph):
+    name, others = next(iter(graph.items()))
+    for gain in sorted(finite_time(graph).gains(name, others[0])):  # the same on all edges, in any order
         rounds.append(rounds[-1] - gain * laplacian(graph) @ rounds[-1])
     figure = Figure(figsize=(7.0, 3.5), layout="constrained")
     axes = figure.subplots()
@@ -174,14 +175,6 @@ def _draw_sums(scenario: Scenario, moment: Truth) -> None:
     low, high = axes.get_ylim()
     axes.set_ylim(low, high + 0.16 * (high - low))
     save(figure, "tutorial-sums.svg")
-
-
-def _gains(graph: dict[str, tuple[str, ...]]) -> list[float]:
-    """Return the gains of the rounds ``x <- x - gain L x``."""
-    values = np.linalg.eigvalsh(laplacian(graph))[1:]
-    distinct = np.unique(np.round(values, 9))
-    assert len(distinct) == finite_time(graph).rounds
-    return [1.0 / float(value) for value in distinct[::-1]]
 
 
 def _draw_deviations(result: coheft.Result) -> None:
