@@ -101,8 +101,7 @@ class Process:
     def answer(self) -> bytes:
         """Wait for the next line of the process, and return it; the first one says that the team is ready.
 
-        Raises:
-            CoheftError: The process has ended; the reason is on stderr.
+        It raises a ``CoheftError`` if the process has ended; the reason is on stderr.
         """
         assert self._process.stdout is not None
         if line := self._process.stdout.readline():
@@ -150,11 +149,7 @@ class Pair:
 
 
 def measure(robots: int, estimators: Sequence[str], seconds: float, against: Path | None) -> dict[str, Any]:
-    """Measure one team with each estimator, and return its part of the JSON.
-
-    Raises:
-        CoheftError: An estimator cannot be used, or there is no such team.
-    """
+    """Measure one team with each estimator, and return its part of the JSON; errors as of ``Process.answer``."""
     scenario = ring(robots)
     samples = simulated(scenario)
     blocks = max(1, round(seconds / scenario.block_duration))

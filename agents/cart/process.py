@@ -130,11 +130,7 @@ def check_content(message: CartMessage) -> None:
 
 
 def run_agent(config: CartAgentProcessConfig) -> None:
-    """Run a pusher until the server ends the run.
-
-    Raises:
-        LinkError: Another process listens at one of its endpoints, or the link with the server is lost.
-    """
+    """Run a pusher until the server ends the run; errors as of ``open_links`` and of the pusher."""
     with open_links(config, CartMeasurement, CartMessage) as links:
         CartAgentProcess(config.agent, links).run()
 

@@ -131,12 +131,7 @@ class CartServer:
 
 
 def run_server(config: CartServerConfig) -> None:
-    """Run the server to the end of the run.
-
-    Raises:
-        LinkError: Another process listens at one of its endpoints, or a pusher is lost.
-        SimulationError: The cart has moved out of bounds.
-    """
+    """Run the server to the end of the run; errors as of ``open_session`` and ``CartServer.run``."""
     with ExitStack() as stack:
         # Observers can connect before the pushers, so that they miss nothing.
         observers = stack.enter_context(open_session(listen=[config.observe]))

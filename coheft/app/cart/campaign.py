@@ -43,12 +43,7 @@ Run = Callable[[CartScenario], CartRun]
 
 
 def run_cases(cases: Sequence[Case], jobs: int, run: Run) -> Iterator[Outcome]:
-    """Run all cases with ``run``, or in so many processes, and yield their outcomes as they arrive.
-
-    Raises:
-        MissingPackageError: There is more than one job, but joblib is not installed.
-        SimulationError: A cart has moved out of bounds.
-    """
+    """Run all cases with ``run``, or in so many processes (see ``workers``), and yield their outcomes as they arrive."""
     if jobs == 1:
         yield from (_outcome(case, run) for case in cases)
     else:

@@ -33,11 +33,7 @@ def neighbours_of(scenario: CartScenario) -> dict[str, tuple[str, ...]]:
 
 
 def run_in_process(scenario: CartScenario) -> CartRun:
-    """Run a scenario to its end.
-
-    Raises:
-        SimulationError: The cart has moved out of bounds.
-    """
+    """Run a scenario to its end; raise a ``SimulationError`` if the cart moves out of bounds."""
     graph = neighbours_of(scenario)
     simulation = CartSimulation(scenario)
     agents = {name: CartAgent(agent_config(scenario, name, graph[name])) for name in scenario.names}

@@ -46,10 +46,9 @@ def hand_over(load: FoundLoad, target: Target, flange: Placement | None, limits:
 
 
 def export_load(load: FoundLoad, format: Format, frame: str) -> str:
-    """Return the text for a model or a controller; ``frame`` describes the load's frame, which is the one used there.
+    """Return the text for a model or a controller, or raise a ``CoheftError`` if that does not accept such a load.
 
-    Raises:
-        CoheftError: The controller does not accept such a load.
+    ``frame`` describes the load's frame, which is the one used there.
     """
     begin, end, write = _FORMATS[format]
     mass, std = load.inertia.mass, load.mass_std

@@ -16,12 +16,7 @@ _PATIENCE = 5.0
 
 
 def read_load(path: Path, robot: str | None, estimator: str | None = None) -> FoundLoad:
-    """Return the load of a JSON report of ``coheft run`` or ``coheft identify``; choices as for ``of_run``.
-
-    Raises:
-        CoheftError: It is not such a report, that estimator did not run, or its estimate may not be used; the message
-            says why.
-    """
+    """Return the load of a JSON report of ``coheft run`` or ``coheft identify``; choices and errors as of ``of_run``."""
     try:
         text = path.read_bytes()
         keys = msgspec.json.decode(text, type=dict[str, msgspec.Raw])
@@ -47,10 +42,9 @@ def refuse_estimator(estimator: str | None, source: str) -> None:
 
 
 def load_of_run(folder: Path | None, robot: str | None, estimator: str | None = None) -> FoundLoad:
-    """Return the load that a robot of a run in progress, by default the newest, reports now; choices as for ``of_run``.
+    """Return the load that a robot of a run in progress, by default the newest, reports now.
 
-    Raises:
-        CoheftError: There is no such run, robot or estimator, it sends no estimate, or its estimate may not be used.
+    Choices and errors are as of ``of_run``; it is also an error if the robot sends no estimate.
     """
     from coheft.app.run.folder import locate_run
     from coheft.app.run.observer import observe

@@ -52,8 +52,7 @@ class OutcomeFile:
     def begin(self) -> list[Outcome]:
         """Return all outcomes in the file; an incomplete last line is removed.
 
-        Raises:
-            CoheftError: The file cannot be read or written, or is of other code, or something else: it is not changed.
+        A ``CoheftError`` says that it cannot be read or written, or is of something else; then it is not changed.
         """
         try:
             lines = self._path.read_bytes().splitlines(keepends=True) if self._path.exists() else []

@@ -50,8 +50,7 @@ class _Bounded:
 def read_records(file: BinaryIO) -> Iterator[McapRecord]:
     """Yield the file's records from its start; those in chunks one by one.
 
-    Raises:
-        DamagedError: The file is incomplete or damaged; raised after all records before that place.
+    After all records before the first damage, or an early end, it raises a ``DamagedError``.
     """
     schemas, channels = {0}, set[int]()
     try:

@@ -42,11 +42,7 @@ class Recording:
 
 
 def read_recording(path: Path) -> Recording:
-    """Read a recording that ``coheft run --record`` made.
-
-    Raises:
-        RecordingError: It cannot be read, is incomplete, or is something else.
-    """
+    """Read a recording that ``coheft run --record`` made; ``RecordingError`` if it is incomplete or something else."""
     advice = f". To save its content: coheft recover {path}"
     with recording_errors(path), path.open("rb") as file:
         if not is_finished(file):

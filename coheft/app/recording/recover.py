@@ -38,12 +38,9 @@ class Saved:
 
 
 def recover(path: Path, output: Path, *, overwrite: bool = False) -> Saved | None:
-    """Write the undamaged content of an incomplete or damaged MCAP file to a new, complete one.
+    """Write the undamaged content of an incomplete or damaged MCAP file to a new, complete one; None if it is complete.
 
     The old file is not changed, unless it is also the output. The output appears only when it is complete.
-
-    Returns:
-        The result; None if the recording is complete, so that nothing was written.
 
     Raises:
         RecordingError: It cannot be read, contains no messages that could be saved, or the output cannot be written.

@@ -20,12 +20,7 @@ from coheft.wire.transport.sessions import Keys, open_session
 
 
 def read_agents(paths: Sequence[Path]) -> list[AgentProcessConfig]:
-    """Read the configurations of the agents to drive.
-
-    Raises:
-        UsageError: There are none.
-        CoheftError: One cannot be read, or is no agent's; or they are not of one run.
-    """
+    """Read the configurations of the agents to drive, all of one run, or raise a ``CoheftError``."""
     if not paths:
         raise UsageError("expected the configuration of an agent, as 'coheft run --write-configs DIR' writes it")
     configs = []

@@ -101,10 +101,8 @@ def check_ros_names(robots: Iterable[str]) -> None:
 
 
 def namespace_of(text: str) -> str:
-    """Return a namespace in the form of a prefix: ``/cell`` for ``cell`` or ``/cell/``; empty if there is none.
-
-    Raises:
-        CoheftError: The namespace is not allowed in ROS.
+    """Return a namespace as a prefix, ``/cell`` for ``cell`` or ``/cell/``, or empty; ``CoheftError`` if ROS does not
+    allow it.
     """
     parts = [part for part in text.split("/") if part]
     for part in parts:

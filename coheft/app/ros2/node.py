@@ -58,10 +58,8 @@ class RosNode:
         return [each for each in seen_in(tokens) if each.session != self._node.session]
 
     def check_alone(self, names: Collection[str]) -> None:
-        """Check that no node with one of these names exists in this domain and namespace.
-
-        Raises:
-            LinkError: One exists: its topics would be mixed with this node's.
+        """Raise a ``LinkError`` if a node with one of these names is in this domain and namespace: topics would be
+        mixed.
         """
         own = {f"{self._node.namespace}/{name}" for name in names}
         for other in self.seen():
@@ -132,10 +130,7 @@ class Publisher:
 def open_node(name: str, endpoint: str, domain: int, namespace: str = "") -> Iterator[RosNode]:
     """Open a node that is linked with a router of ROS 2, and through it with all other nodes, while the context lasts.
 
-    A router that goes is dialled again in the background.
-
-    Raises:
-        LinkError: No router listens there.
+    A router that goes is dialled again in the background; that there is none at first is a ``LinkError``.
     """
     settings = {
         "mode": "client",

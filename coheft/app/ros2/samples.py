@@ -48,8 +48,7 @@ def streams_of(sensors: RobotSensors) -> tuple[str, ...]:
 def read(stream: str, cdr: bytes) -> tuple[int, Array]:
     """Return the stamp of a measurement [ns] and its numbers, as many as the stream has columns.
 
-    Raises:
-        MessageError: It has another type, numbers that are not finite, or no stamp.
+    A ``MessageError`` says that it has another type, numbers that are not finite, or no stamp.
     """
     message = ros.from_cdr(cdr, STREAMS[stream].kind)
     if ros.time_of(message) == 0:
@@ -137,12 +136,9 @@ class BlockBuilder:
         self._newest = -1
 
     def add(self, stream: str, stamp: int, values: Array, arrival: int) -> tuple[int, Array] | None:
-        """Add a measurement with its stamp and its arrival by our own clock [ns].
+        """Add a measurement with its stamp and its arrival by our own clock [ns]; errors as of ``Stamps.check``.
 
         Return the block that it completes: its number, and the samples (B, 15).
-
-        Raises:
-            MessageError: Its stamp is too far in the future.
         """
         self.counts[stream] += 1
         self.paces[stream].note(stamp, arrival)

@@ -56,10 +56,8 @@ class Stamps:
         return median_low(lead for lead, _ in self._heard.values())
 
     def check(self, robot: str, stamp: int, arrival: int) -> None:
-        """Check a robot's later measurement: its stamp [ns], and its arrival [ns].
-
-        Raises:
-            MessageError: Its stamp is too far in the future.
+        """Check a robot's later measurement, its stamp and its arrival [ns]; ``MessageError`` if it is from the far
+        future.
         """
         self.receive(robot, stamp, arrival)
         lead = self._lead

@@ -23,11 +23,7 @@ def leverage(contact: Array, arm: float) -> Array:
     """``G W^-1 G^T``, shape (3, 3), with ``W`` the weights of a hand's effort ``f^2 + (tau / arm)^2``.
 
     Those of several hands add up. It is also the covariance of the wrench on the cart if the variance of a hand's
-    measured force is 1 and that of its torque ``arm^2``.
-
-    Args:
-        contact: Contact point in ``{b}``, shape (2,) [m].
-        arm: What torque costs a hand [m].
+    measured force is 1 and that of its torque ``arm^2``. The contact point is in ``{b}``, shape (2,) [m].
     """
     grasp = grasp_map(contact)
     return grasp @ np.diag([1.0, 1.0, arm**2]) @ grasp.T
@@ -55,10 +51,8 @@ class BestContact:
     """Contact point of least effort on a handle parallel to the y axis of ``{b}``, for one hand.
 
     With the contact at ``(x, y)``, the squared effort is ``f^2 + (tau + y f)^2 / (x^2 + arm^2)``. Summed over the last
-    pushes with exponential forgetting, it is least at ``y = -sum(f tau) / sum(f^2)``.
-
-    Args:
-        memory: Number of pushes in the forgetting's time constant.
+    pushes with exponential forgetting, it is least at ``y = -sum(f tau) / sum(f^2)``. ``memory`` is the number of
+    pushes in the time constant.
     """
 
     def __init__(self, memory: float) -> None:
