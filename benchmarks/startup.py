@@ -102,7 +102,7 @@ class Run:
         return time.monotonic() - status.time / status.real_time_factor
 
     def memory(self, simulated: float) -> dict[str, float]:
-        """Return the resident memory of each process at a simulated time [s], by name [MB], or raise a ``LinkError``."""
+        """Return the resident memory of each process at a simulated time [s], by name [MB]; or raise ``LinkError``."""
         _, run_file = self._wait_for(lambda status: status.time >= simulated)
         pids = {"the command": self._process.pid, **run_file.pids}
         return {name: psutil.Process(pid).memory_info().rss / 1e6 for name, pid in pids.items()}

@@ -43,7 +43,7 @@ Run = Callable[[CartScenario], CartRun]
 
 
 def run_cases(cases: Sequence[Case], jobs: int, run: Run) -> Iterator[Outcome]:
-    """Run all cases with ``run``, or in so many processes (see ``workers``), and yield their outcomes as they arrive."""
+    """Run all cases with ``run``, or in so many ``workers``, and yield their outcomes as they arrive."""
     if jobs == 1:
         yield from (_outcome(case, run) for case in cases)
     else:

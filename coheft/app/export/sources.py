@@ -16,7 +16,7 @@ _PATIENCE = 5.0
 
 
 def read_load(path: Path, robot: str | None, estimator: str | None = None) -> FoundLoad:
-    """Return the load of a JSON report of ``coheft run`` or ``coheft identify``; choices and errors as of ``of_run``."""
+    """Return the load of a report of ``coheft run`` or ``coheft identify``; choices and errors as of ``of_run``."""
     try:
         text = path.read_bytes()
         keys = msgspec.json.decode(text, type=dict[str, msgspec.Raw])
