@@ -290,7 +290,7 @@ def goes_wrong(schedule: FaultSchedule, within: float) -> bool:
     watch = Watch(schedule, run.scene)
     calm = max([schedule.last_fault_end, 0.0, *(change.at for change in schedule.scenario.load_changes)])
     for block in run:
-        watch.look(block)
+        watch.check(block)
         latest |= {name: outbox.estimate for name, outbox in block.outboxes.items() if outbox.estimate is not None}
         if watch.violations or block.truth.time > calm + within:
             break

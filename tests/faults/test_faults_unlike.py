@@ -103,7 +103,7 @@ def test_what_is_published_before_a_slip_can_be_noticed_is_not_judged(
     run = FaultyRun(schedule)
     watch = Watch(schedule, run.scene)
     for block in run:
-        watch.look(block)
+        watch.check(block)
         if block.truth.time > 3.8:
             break
     assert bool(watch.violations) == (grace == 0.0)

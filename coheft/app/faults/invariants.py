@@ -81,7 +81,7 @@ class Watch:
         """Broken promises, each with its first time and its largest size, in order of time."""
         return sorted(self._found.values(), key=lambda violation: violation.time)
 
-    def look(self, block: FaultyBlock) -> None:
+    def check(self, block: FaultyBlock) -> None:
         """Check all estimates that were published after a block."""
         self._seen += 1
         self._judge.add(block.truth, remember=self._seen)

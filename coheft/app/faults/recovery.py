@@ -89,7 +89,7 @@ class Recovery:
         self._now = 0.0
         self.stale = self.published = 0
 
-    def look(self, block: FaultyBlock) -> None:
+    def add(self, block: FaultyBlock) -> None:
         """Add the estimates that were published after a block."""
         for robot, outbox in block.outboxes.items():
             if outbox.estimate is not None:
