@@ -48,12 +48,7 @@ _OWN_CALL = "<method 'disable' of '_lsprof.Profiler' objects>"
 
 
 class Turn(msgspec.Struct, frozen=True):
-    """Consecutive blocks.
-
-    Attributes:
-        path: NumPy file of all robots' samples, shape (blocks, robots, B, 15).
-        first: Number of the first block.
-    """
+    """Consecutive blocks, and the NumPy file with all robots' samples, shape (blocks, robots, B, 15)."""
 
     path: str
     first: int

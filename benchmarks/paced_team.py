@@ -33,12 +33,7 @@ TURN = {6: 1.0, 24: 2.0}
 
 @dataclass(frozen=True)
 class Turn:
-    """Blocks of a team in a turn.
-
-    Attributes:
-        wall: Wall-clock time [s].
-        cpu: CPU time of each process, by name [s].
-    """
+    """Blocks of a team in a turn, its wall-clock time, and the CPU time of each process by name [s]."""
 
     blocks: int
     wall: float

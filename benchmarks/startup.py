@@ -80,10 +80,9 @@ def _bare_start() -> float:
 
 
 class Run:
-    """``coheft run ring6`` in a separate process, which ends with the context.
+    """``coheft run ring6`` in a separate process, called at ``called_at`` (``time.monotonic``) [s].
 
-    Attributes:
-        called_at: Time of the command, by ``time.monotonic`` [s].
+    It ends with the context.
     """
 
     def __init__(self, folder: Path) -> None:

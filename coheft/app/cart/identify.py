@@ -36,13 +36,7 @@ _LITTLE = 0.03
 
 
 class Quantity(msgspec.Struct, frozen=True):
-    """An identified quantity.
-
-    Attributes:
-        value: Value in ``unit``.
-        std: Its standard deviation.
-        not_known: What would show it, if the recording does not; empty if it is known.
-    """
+    """An identified quantity with its standard deviation; ``not_known`` is what would show it, empty if it is known."""
 
     value: float
     std: float
@@ -51,11 +45,9 @@ class Quantity(msgspec.Struct, frozen=True):
 
 
 class CartIdentification(msgspec.Struct, frozen=True):
-    """The cart at the end of a recording.
+    """The cart at the end of a recording, and times of its sudden changes [s].
 
-    Attributes:
-        changes_s: Times of sudden changes of the cart [s].
-        doubts: What is measured worse than stated, as sentences.
+    Doubts are sentences about what is measured worse than stated.
     """
 
     samples: int

@@ -13,12 +13,7 @@ from coheft.wire.scenario.schema import Graph
 
 @dataclass(frozen=True, eq=False)
 class CartRun:
-    """Results of a run.
-
-    Attributes:
-        truths: The truth at every sample.
-        estimates: Each pusher's estimates, ten per second, by its name.
-    """
+    """Results of a run: the truth at every sample, and each pusher's estimates, ten per second, by its name."""
 
     scenario: CartScenario
     truths: list[CartTruth]

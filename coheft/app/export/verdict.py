@@ -14,12 +14,10 @@ Answer = Literal["within", "unclear", "exceeds"]
 
 
 class Limits(msgspec.Struct, frozen=True):
-    """Limits of a load; None if there is no limit.
+    """Limits, or None, of a load's mass [kg], and of what an arm feels of it.
 
-    Attributes:
-        mass: [kg].
-        offset: Distance of its centre of mass from the frame's origin [m].
-        inertia: Its largest principal moment of inertia about the centre of mass [kg·m²].
+    That is the distance of its centre of mass from the frame's origin [m], and its largest principal moment of inertia
+    about the centre of mass [kg·m²].
     """
 
     mass: float | None = None

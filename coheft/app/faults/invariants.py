@@ -39,11 +39,9 @@ _POSE = (*(f"rotation {axis}" for axis in "xyz"), *(f"position {axis}" for axis 
 
 
 class Violation(msgspec.Struct, frozen=True):
-    """A broken promise.
+    """A promise that a robot broke, first after the block that ended at ``time`` [s].
 
-    Attributes:
-        time: End of the block after which it was first broken [s].
-        size: For P1, the largest error in standard deviations; for P3, the time it took [s].
+    Its ``size`` is for P1 the largest error in standard deviations, for P3 the time it took [s].
     """
 
     promise: str
@@ -56,8 +54,7 @@ class Violation(msgspec.Struct, frozen=True):
 class Watch:
     """Checks everything that a team publishes, see the module.
 
-    Attributes:
-        off_for: Longest time for which a robot has reported wrong numbers as valid [s]; None if it never did.
+    For at most ``off_for`` [s] a robot has reported wrong numbers as valid; None if none ever did.
     """
 
     def __init__(self, schedule: FaultSchedule, scene: Scene) -> None:

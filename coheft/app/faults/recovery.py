@@ -66,10 +66,9 @@ def _exchange_time(schedule: FaultSchedule) -> float:
 
 
 class Recovery:
-    """Follows which robots are valid. Only robots that hold the load at the end and never lie are considered.
+    """Follows which robots are valid; all were so for the first time at ``first_valid`` [s].
 
-    Attributes:
-        first_valid: When all were valid for the first time [s]; None if never.
+    Only robots that hold the load at the end and never lie are considered.
     """
 
     def __init__(self, schedule: FaultSchedule) -> None:

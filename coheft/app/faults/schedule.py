@@ -90,11 +90,7 @@ class Reordering(LinkFault, frozen=True, kw_only=True, tag="reordering"):
 
 
 class Corruption(LinkFault, frozen=True, kw_only=True, tag="corruption"):
-    """Bits of messages flip.
-
-    Attributes:
-        sealed: Whether they flip before the checksum is computed: a message that can be decoded is then delivered.
-    """
+    """Bits of messages flip; if ``sealed``, before the checksum: a message that can be decoded is then delivered."""
 
     probability: Probability
     bits: Count
@@ -104,9 +100,8 @@ class Corruption(LinkFault, frozen=True, kw_only=True, tag="corruption"):
 class Replay(LinkFault, frozen=True, kw_only=True, tag="replay"):
     """In each block a message is repeated with a probability.
 
-    Attributes:
-        source: A message that the receiver has had before, one from before the sender's last restart (if it did
-            restart), or one of another run.
+    It is one that the receiver has had before, one from before the sender's last restart (if it did restart), or one of
+    another run.
     """
 
     probability: Probability
@@ -149,8 +144,7 @@ class Pause(RobotFault, frozen=True, kw_only=True, tag="pause"):
 class Release(RobotFault, frozen=True, kw_only=True, tag="release"):
     """The robot releases the load, and grasps it again at the end.
 
-    Attributes:
-        notice: Number of blocks by which the agent knows both in advance; of several releases, the largest counts.
+    The agent knows both ``notice`` blocks in advance; of several releases, the largest counts.
     """
 
     notice: Annotated[int, Meta(ge=0)] = 0
@@ -179,9 +173,7 @@ class SensorFault(RobotFault, frozen=True, kw_only=True, tag="sensor"):
 class Lie(RobotFault, frozen=True, kw_only=True, tag="lie"):
     """The agent sends wrong samples and sums to its neighbours.
 
-    Attributes:
-        how: All numbers are scaled, or shifted by a multiple of their root mean square, or replaced by random ones.
-        size: Factor, or multiple of the root mean square.
+    They are scaled by a factor, shifted by a multiple of their root mean square, or replaced by random ones.
     """
 
     how: LieKind

@@ -53,11 +53,7 @@ class Topic:
 
 @dataclass(frozen=True)
 class Node:
-    """A node, the only one of its session.
-
-    Attributes:
-        namespace: Namespace, such as ``/cell``; empty if there is none.
-    """
+    """A node, the only one of its session, in a namespace such as ``/cell``; empty if there is none."""
 
     domain: int
     session: str

@@ -22,11 +22,7 @@ _PATIENCE = 1.0
 
 
 class RosNode:
-    """Publishes and receives standard messages, see ``open_node``.
-
-    Attributes:
-        published: Number of messages that had a subscriber.
-    """
+    """Publishes and receives standard messages, see ``open_node``; ``published`` counts those with a subscriber."""
 
     def __init__(self, session: zenoh.Session, domain: int, name: str, namespace: str = "") -> None:
         self.topics: dict[str, Publisher] = {}

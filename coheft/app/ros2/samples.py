@@ -72,8 +72,7 @@ class Reading(NamedTuple):
 class Readings:
     """Queue of measurements; ``complain`` is called with descriptions of refused messages.
 
-    Attributes:
-        received: Streams, by robot and kind, of which any message arrived, including refused ones.
+    ``received`` are the streams, by robot and kind, of which any message arrived, including refused ones.
     """
 
     def __init__(self, complain: Callable[[str], None]) -> None:

@@ -67,12 +67,7 @@ class Accuracy(Recovered, frozen=True, kw_only=True):
 
 
 class Cells(msgspec.Struct, frozen=True):
-    """Number of NEES within their intervals, each of one quantity at one time and noise.
-
-    Attributes:
-        outside_95: Number outside their 95 % interval.
-        outside_9999: Number outside their 99.99 % interval.
-    """
+    """Number of NEES, each of one quantity at one time and noise, and of those outside their intervals."""
 
     count: int
     outside_95: int
@@ -80,11 +75,7 @@ class Cells(msgspec.Struct, frozen=True):
 
 
 class Recovery(msgspec.Struct, frozen=True):
-    """Accuracy after the load has changed.
-
-    Attributes:
-        seconds_after: Time since the change [s].
-    """
+    """Accuracy some time after the load has changed [s]: of its mass, centre of mass and inertia."""
 
     seconds_after: float
     mass: Recovered

@@ -24,11 +24,7 @@ ReferenceOf = Callable[[int], Array]
 
 @dataclass(frozen=True, eq=False)
 class TeamSamples:
-    """All sensors' samples of a run.
-
-    Attributes:
-        samples: Shape (n, N, 15), columns as in ``MeasurementBlock``.
-    """
+    """Truths of a run, one per block, and all sensors' samples (n, N, 15), columns as in ``MeasurementBlock``."""
 
     scene: Scene
     truths: tuple[Truth, ...]

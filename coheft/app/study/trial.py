@@ -49,12 +49,9 @@ class Moments:
 
 @dataclass(frozen=True, eq=False)
 class Curves:
-    """Errors of the first robot over time.
+    """Errors of the first robot over time [s].
 
-    Attributes:
-        times: Times [s], shape (n,).
-        errors: Norms by quantity, root mean square over its edges, shape (n, 5).
-        deviations: The robot's own standard deviations of these norms, shape (n, 5).
+    They are norms by quantity, root mean square over its edges, with its own standard deviations of these, (n, 5) each.
     """
 
     times: Array

@@ -46,11 +46,7 @@ _CHANCE = 1e-6
 
 
 class WhiteNoise:
-    """White noise of the measurements.
-
-    Attributes:
-        levels: Noise of each component in multiples of the stated one, at least 1, shape (6,).
-    """
+    """White noise of each component in multiples of the stated one, at least 1: ``levels``, shape (6,)."""
 
     def __init__(self) -> None:
         self.levels: Array = np.ones(MOTION_SIZE)
