@@ -61,11 +61,6 @@ class CartIdentification(msgspec.Struct, frozen=True):
         """Whether all quantities are known, and measurements are as good as stated."""
         return not self.doubts and not any(quantity.not_known for quantity in self.quantities.values())
 
-    @property
-    def is_contradicted(self) -> bool:
-        """Whether the cart does not move as it is pushed."""
-        return bool(self.changes_s) or any("unknown force" in doubt for doubt in self.doubts)
-
 
 def identify_cart(
     recording: CartRecording,
@@ -107,7 +102,8 @@ def identify_cart(
     except RecordingError as error:
         other = explanation(recording, hand, is_known)
         raise RecordingError(f"{error}; {other}" if other else str(error)) from error
-    if found.is_known or not found.is_contradicted:
+    is_contradicted = bool(found.changes_s) or any("unknown force" in doubt for doubt in found.doubts)
+    if found.is_known or not is_contradicted:
         return found
     other = explanation(recording, hand, is_known)
     return msgspec.structs.replace(found, doubts=[*found.doubts, *([other] if other else [])])

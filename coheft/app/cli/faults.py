@@ -69,7 +69,7 @@ def faults(
     """
     from rich.console import Console
 
-    from coheft.app.faults.campaign import kept_first_seed, new_first_seed, run_campaign
+    from coheft.app.faults.campaign import run_campaign, usual_first_seed
     from coheft.app.faults.draw import draw_schedule
     from coheft.app.faults.output import markdown, print_campaign
     from coheft.app.faults.summary import summarise
@@ -95,10 +95,8 @@ def faults(
     console = Console(stderr=json == "-", quiet=quiet)
     if replay is not None:
         return _replay(console, _schedule_of(replay, values), mutant, is_shrunk=shrink)
-    if first_seed is None and kept is not None:
-        first_seed = kept_first_seed(kept)
     if first_seed is None:
-        first_seed = new_first_seed()
+        first_seed = usual_first_seed(kept)
     chosen = range(first_seed, first_seed + seeds)
     console.print(f"first seed {first_seed}", highlight=False)
     draw_schedule(first_seed, values=values)  # reports invalid values before anything starts
@@ -139,12 +137,6 @@ def _keep_failed(seed: int, values: list[str], folder: Path) -> None:
         write_schedule(draw_schedule(seed, values=values), folder / f"{seed}.json")
 
 
-def _new_file(seed: int) -> Path:
-    """Return the name of a new file: what is replayed may be a simplified schedule of the same seed."""
-    names = (f"faults-{seed}-{number}.json" if number > 1 else f"faults-{seed}.json" for number in count(1))
-    return next(path for path in map(Path, names) if not path.exists())
-
-
 def _schedule_of(text: str, values: list[str]) -> FaultSchedule:
     from coheft.app.faults.draw import draw_schedule
     from coheft.app.faults.schedule import read_schedule
@@ -174,7 +166,9 @@ def _replay(console: Console, schedule: FaultSchedule, mutant: str, *, is_shrunk
                 console.print("the schedule cannot be simplified: anything simpler keeps these promises")
             else:
                 schedule, outcome = simplest, try_schedule(simplest)
-                path = _new_file(schedule.seed)
+                stem = f"faults-{schedule.seed}"
+                names = (f"{stem}-{number}.json" if number > 1 else f"{stem}.json" for number in count(1))
+                path = next(path for path in map(Path, names) if not path.exists())  # may be a simplified one's
                 write_schedule(schedule, path)
                 console.print(f"written to {path}")
     print_schedule(console, schedule)

@@ -4,6 +4,7 @@ import hashlib
 import os
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import msgspec
@@ -28,18 +29,15 @@ class Header(msgspec.Struct, frozen=True):
     first_seed: int = 0
 
 
-def new_first_seed() -> int:
-    """Return a first seed from the clock, so that each campaign runs new schedules."""
-    return time.time_ns() // 1_000_000 % (_SEEDS - _ROOM)
+def usual_first_seed(kept: Path | None) -> int:
+    """Return the first seed of the campaign that began a file of outcomes.
 
-
-def kept_first_seed(path: Path) -> int | None:
-    """Return the first seed of the campaign that began a file of outcomes; None if there is no such file."""
-    try:
-        with path.open("rb") as file:
+    If there is no such file, it is one from the clock, so that each campaign runs new schedules.
+    """
+    if kept is not None:
+        with suppress(OSError, msgspec.DecodeError), kept.open("rb") as file:
             return msgspec.json.decode(file.readline(), type=Header).first_seed
-    except (OSError, msgspec.DecodeError):
-        return None
+    return time.time_ns() // 1_000_000 % (_SEEDS - _ROOM)
 
 
 class OutcomeFile:

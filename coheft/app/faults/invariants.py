@@ -89,17 +89,15 @@ class Watch:
             if estimate is None:
                 continue
             since, self._is_off = self._off_since.pop(robot, estimate.time), False
-            is_judged = self._lies.get(robot, math.inf) > estimate.time and not self._has_just_slipped(estimate)
+            times = (self._block_duration * estimate.valid_block, estimate.time)
+            has_just_slipped = any(slip <= time < slip + GRACE_OF_SLIP for slip in self._slips for time in times)
+            is_judged = self._lies.get(robot, math.inf) > estimate.time and not has_just_slipped
             if estimate.status is Validity.VALID and is_judged:
                 self._check_payload(estimate)
                 self._check_poses(estimate)
             if self._is_off:
                 self._off_since[robot] = since
                 self.off_for = max(self.off_for or 0.0, estimate.time - since)
-
-    def _has_just_slipped(self, estimate: Estimate) -> bool:
-        times = (self._block_duration * estimate.valid_block, estimate.time)
-        return any(slip <= time < slip + GRACE_OF_SLIP for slip in self._slips for time in times)
 
     def _check_payload(self, estimate: Estimate) -> None:
         robot, payload, block = estimate.robot, estimate.payload, estimate.valid_block

@@ -119,10 +119,6 @@ class Partition(Fault, frozen=True, kw_only=True, tag="partition"):
 
     group: tuple[str, ...]
 
-    def separates(self, sender: str, receiver: str) -> bool:
-        """Whether the partition cuts a link."""
-        return (sender in self.group) != (receiver in self.group)
-
 
 # --- of one agent ----------------------------------------------------------------------------------------------------
 

@@ -22,7 +22,7 @@ NODES = ("coheft", "coheft_driver")
 _SILENCE = 2.0
 _LATCHED = "/tf_static"
 _GROUPS = {"estimate", "measured"}
-"""Parts of a recording's topics that are omitted in ROS topics."""
+"""Parts of a recording's topics that are omitted in ROS topics: ``/r3/payload`` for ``/r3/estimate/payload``."""
 
 
 class Bridge:
@@ -63,7 +63,8 @@ class Bridge:
 
     def _publish(self, messages: Iterable[tuple[str, RosMessage]]) -> None:
         for topic, message in messages:
-            self._node.publish(_ros_topic(topic), message, latched=topic == _LATCHED)
+            name = "/".join(part for part in topic.split("/") if part not in _GROUPS)
+            self._node.publish(name, message, latched=topic == _LATCHED)
 
 
 def bridge_run(run_file: RunFile, endpoint: str, domain: int, tell: Callable[[str], None], namespace: str = "") -> None:
@@ -96,8 +97,3 @@ def bridge_run(run_file: RunFile, endpoint: str, domain: int, tell: Callable[[st
                 had_router = not had_router
                 tell("the router is back" if had_router else f"the router at {endpoint} is gone; waiting for it")
         tell(f"the run has ended; {node.published} messages were received on {len(node.topics)} topics")
-
-
-def _ros_topic(topic: str) -> str:
-    """Return the ROS name of a recording's topic: ``/r3/payload`` for ``/r3/estimate/payload``."""
-    return "/".join(part for part in topic.split("/") if part not in _GROUPS)

@@ -38,12 +38,8 @@ class Topic:
 
     def key(self, domain: int) -> str:
         """Key of its messages."""
-        return f"{domain}/{self.name.strip('/')}/{self._dds_type}/{self.type_hash}"
-
-    @property
-    def _dds_type(self) -> str:
         package, _, name = self.kind.split("/")
-        return f"{package}::msg::dds_::{name}_"
+        return f"{domain}/{self.name.strip('/')}/{package}::msg::dds_::{name}_/{self.type_hash}"
 
     @property
     def quality(self) -> str:
