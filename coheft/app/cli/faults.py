@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -152,7 +153,7 @@ def _replay(console: Console, schedule: FaultSchedule, mutant: str, *, is_shrunk
     from coheft.app.faults.mutants import mutated
     from coheft.app.faults.output import print_outcome, print_schedule
     from coheft.app.faults.schedule import write_schedule
-    from coheft.app.faults.shrink import breaks_same_promise, shrink
+    from coheft.app.faults.shrink import breaks, shrink
     from coheft.app.faults.trial import try_schedule
 
     with mutated(mutant):
@@ -160,8 +161,9 @@ def _replay(console: Console, schedule: FaultSchedule, mutant: str, *, is_shrunk
         if is_shrunk and not outcome.violations:
             console.print("the schedule breaks no promise, so there is nothing to simplify")
         elif is_shrunk:
-            fails = breaks_same_promise(outcome)
-            simplest = shrink(schedule, fails, lambda simpler: print_schedule(console, simpler))
+            simplest = schedule
+            for simplest in shrink(schedule, partial(breaks, {violation.promise for violation in outcome.violations})):
+                print_schedule(console, simplest)
             if simplest == schedule:
                 console.print("the schedule cannot be simplified: anything simpler keeps these promises")
             else:

@@ -1,12 +1,12 @@
 """Simplification of a schedule that breaks a promise."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from typing import TypeVar
 
 import msgspec
 
 from coheft.app.faults.schedule import Crash, FaultSchedule
-from coheft.app.faults.trial import Outcome, try_schedule
+from coheft.app.faults.trial import try_schedule
 from coheft.errors import ScenarioError
 from coheft.wire.scenario.schema import Graph
 
@@ -15,35 +15,23 @@ _LEAST = 0.1
 T = TypeVar("T")
 _replace = msgspec.structs.replace
 
-Fails = Callable[[FaultSchedule], bool]
 
+def shrink(schedule: FaultSchedule, fails: Callable[[FaultSchedule], bool]) -> Iterator[FaultSchedule]:
+    """Yield simpler and simpler schedules that still fail; of the last one no single simplification does.
 
-def shrink(
-    schedule: FaultSchedule, fails: Fails, on_progress: Callable[[FaultSchedule], None] = lambda _: None
-) -> FaultSchedule:
-    """Return a simpler schedule that still fails, of which no single simplification does.
-
-    Simplifications are tried greedily, the largest first; ``on_progress`` is called with every schedule that is found.
+    Simplifications are tried greedily, the largest first.
     """
-    while True:
-        simpler = next((candidate for candidate in _simpler(schedule) if fails(candidate)), None)
-        if simpler is None:
-            return schedule
+    while simpler := next((candidate for candidate in _simpler(schedule) if fails(candidate)), None):
         schedule = simpler
-        on_progress(schedule)
+        yield schedule
 
 
-def breaks_same_promise(outcome: Outcome) -> Fails:
-    """Return a function that tells whether a schedule breaks one of the promises that an outcome broke."""
-    broken = {violation.promise for violation in outcome.violations}
-
-    def fails(schedule: FaultSchedule) -> bool:
-        try:
-            return any(violation.promise in broken for violation in try_schedule(schedule).violations)
-        except ScenarioError:  # for instance a load change that removes a load that is no longer added
-            return False
-
-    return fails
+def breaks(promises: Collection[str], schedule: FaultSchedule) -> bool:
+    """Whether a schedule breaks one of these promises."""
+    try:
+        return any(violation.promise in promises for violation in try_schedule(schedule).violations)
+    except ScenarioError:  # for instance a load change that removes a load that is no longer added
+        return False
 
 
 def _simpler(schedule: FaultSchedule) -> Iterator[FaultSchedule]:
