@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import insort
 from functools import partial
 from itertools import count
 from pathlib import Path
@@ -101,28 +102,26 @@ def faults(
     chosen = range(first_seed, first_seed + seeds)
     console.print(f"first seed {first_seed}", highlight=False)
     draw_schedule(first_seed, values=values)  # reports invalid values before anything starts
-    outcomes: dict[int, Outcome] = {}
+    outcomes: list[Outcome] = []
     failures = 0
     try:
         with show_progress(console, "schedules", seeds) as show:
             for outcome in run_campaign(chosen, jobs=jobs, kept=kept, mutant=mutant, values=values):
-                outcomes[outcome.seed] = outcome
+                insort(outcomes, outcome, key=lambda each: each.seed)
                 failures += bool(outcome.violations)
                 show(len(outcomes), f"{failures} failed")
                 if outcome.violations and not mutant:
                     _keep_failed(outcome.seed, values, failed or _FAILED)
     except KeyboardInterrupt:
         if outcomes:
-            done = [outcomes[seed] for seed in sorted(outcomes)]
-            print_campaign(console, summarise(done), done, mutant, values)
+            print_campaign(console, summarise(outcomes), outcomes, mutant, values)
         unwritten = [what for what, place in (("summary (--json)", json), ("table (--table)", table)) if place]
         clauses = [f"stopped after {len(outcomes)} of {seeds} schedules"]
         clauses += [f"no {what} was written" for what in unwritten]
         clauses += [] if kept is None else [f"the same command continues with the outcomes in {kept}"]
         raise KeyboardInterrupt("; ".join(clauses)) from None
-    in_order = [outcomes[seed] for seed in sorted(outcomes)]
-    summary = summarise(in_order)
-    print_campaign(console, summary, in_order, mutant, values)
+    summary = summarise(outcomes)
+    print_campaign(console, summary, outcomes, mutant, values)
     write_outputs(
         (json, lambda target: write_report(summary, target)), (table, lambda path: write_text(path, markdown(summary)))
     )
