@@ -80,9 +80,9 @@ def _bare_start() -> float:
 
 
 class Run:
-    """``coheft run ring6`` in a separate process, called at ``called_at`` (``time.monotonic``) [s].
+    """``coheft run ring6`` in a separate process, which ends with the context.
 
-    It ends with the context.
+    ``called_at`` is the time of the command, by ``time.monotonic`` [s].
     """
 
     def __init__(self, folder: Path) -> None:

@@ -54,7 +54,8 @@ class FoundLoad:
 def of_run(report: Report, robot: str | None, source: str, estimator: str | None = None) -> FoundLoad:
     """Return the load that a robot (default: the first) found in a run with an estimator (default: its own).
 
-    A ``CoheftError`` says why there is none, or why it may not be used.
+    It raises a ``CoheftError`` if there is no such robot or estimator, or if its estimate may not be used, with the
+    reason.
     """
     is_choice = bool(report.beside)
     report = report.of_estimator(estimator)
@@ -90,7 +91,7 @@ def of_estimate(estimate: Estimate, source: str) -> FoundLoad:
 def of_recording(report: IdentifyReport, robot: str | None, source: str) -> FoundLoad:
     """Return the load identified from a recording, in the grasp frame of its first robot.
 
-    A ``CoheftError`` says that another robot is requested, or why the result may not be used.
+    It raises a ``CoheftError`` if another robot is requested, or if the result may not be used, with the reason.
     """
     first = report.robots[0]
     if robot not in (None, first):

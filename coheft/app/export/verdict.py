@@ -14,10 +14,10 @@ Answer = Literal["within", "unclear", "exceeds"]
 
 
 class Limits(msgspec.Struct, frozen=True):
-    """Limits, or None, of a load's mass [kg], and of what an arm feels of it.
+    """Limits of a load's mass [kg], offset [m] and inertia [kg·m²]; None if there is none.
 
-    That is the distance of its centre of mass from the frame's origin [m], and its largest principal moment of inertia
-    about the centre of mass [kg·m²].
+    The offset is the distance of its centre of mass from the frame's origin, the inertia the largest principal moment
+    about its centre of mass.
     """
 
     mass: float | None = None

@@ -50,7 +50,8 @@ class OutcomeFile:
     def begin(self) -> list[Outcome]:
         """Return all outcomes in the file; an incomplete last line is removed.
 
-        A ``CoheftError`` says that it cannot be read or written, or is of something else; then it is not changed.
+        It raises a ``CoheftError`` if the file cannot be read or written, or is of something else, which is not
+        changed.
         """
         try:
             lines = self._path.read_bytes().splitlines(keepends=True) if self._path.exists() else []

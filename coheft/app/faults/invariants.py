@@ -39,9 +39,10 @@ _POSE = (*(f"rotation {axis}" for axis in "xyz"), *(f"position {axis}" for axis 
 
 
 class Violation(msgspec.Struct, frozen=True):
-    """A promise that a robot broke, first after the block that ended at ``time`` [s].
+    """A broken promise.
 
-    Its ``size`` is for P1 the largest error in standard deviations, for P3 the time it took [s].
+    It was first broken in the block that ended at ``time`` [s]; the ``size`` of P1 is the largest error in standard
+    deviations, that of P3 the time it took [s].
     """
 
     promise: str
@@ -54,7 +55,7 @@ class Violation(msgspec.Struct, frozen=True):
 class Watch:
     """Checks everything that a team publishes, see the module.
 
-    For at most ``off_for`` [s] a robot has reported wrong numbers as valid; None if none ever did.
+    ``off_for`` is the longest time for which a robot has reported wrong numbers as valid [s]; None if it never did.
     """
 
     def __init__(self, schedule: FaultSchedule, scene: Scene) -> None:

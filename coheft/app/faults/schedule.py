@@ -25,7 +25,10 @@ ALL_ROBOTS = "*"
 
 
 class Fault(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind"):
-    """A fault from ``start`` to ``end`` [s]; its own ``seed``, so that removing a fault does not change the others."""
+    """A fault from ``start`` to ``end`` [s].
+
+    It draws from a ``seed`` of its own, so that removing a fault does not change the others.
+    """
 
     start: NotNegative
     end: NotNegative

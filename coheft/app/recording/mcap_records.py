@@ -50,7 +50,7 @@ class _Bounded:
 def read_records(file: BinaryIO) -> Iterator[McapRecord]:
     """Yield the file's records from its start; those in chunks one by one.
 
-    After all records before the first damage, or an early end, it raises a ``DamagedError``.
+    If the file is incomplete or damaged, a ``DamagedError`` follows the records before that place.
     """
     schemas, channels = {0}, set[int]()
     try:

@@ -126,7 +126,7 @@ class Publisher:
 def open_node(name: str, endpoint: str, domain: int, namespace: str = "") -> Iterator[RosNode]:
     """Open a node that is linked with a router of ROS 2, and through it with all other nodes, while the context lasts.
 
-    A router that goes is dialled again in the background; that there is none at first is a ``LinkError``.
+    It raises a ``LinkError`` if no router listens there; one that goes later is dialled again in the background.
     """
     settings = {
         "mode": "client",

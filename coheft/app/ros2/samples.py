@@ -48,7 +48,7 @@ def streams_of(sensors: RobotSensors) -> tuple[str, ...]:
 def read(stream: str, cdr: bytes) -> tuple[int, Array]:
     """Return the stamp of a measurement [ns] and its numbers, as many as the stream has columns.
 
-    A ``MessageError`` says that it has another type, numbers that are not finite, or no stamp.
+    It raises a ``MessageError`` for another type, numbers that are not finite, or a missing stamp.
     """
     message = ros.from_cdr(cdr, STREAMS[stream].kind)
     if ros.time_of(message) == 0:
