@@ -73,13 +73,8 @@ def identify_cart(
 ) -> CartIdentification:
     """Run the learner over a recording; if this does not fit, say what would.
 
-    Args:
-        recording: The recording.
-        mass: First guess of the mass [kg].
-        com: First guess of the centre of mass [m].
-        hand: Point on the cart at which pushes are measured [m].
-        noise: Standard deviation of poses and rates [m, rad, m/s, rad/s].
-        force_noise: Standard deviation of forces [N].
+    Mass [kg] and centre of mass [m] are first guesses; the hand is the point on the cart at which pushes are measured
+    [m]. Noise is the standard deviation of poses and rates [m, rad, m/s, rad/s], and of forces [N].
 
     Raises:
         RecordingError: Poses, rates and pushes are not those of one cart.
