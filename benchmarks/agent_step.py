@@ -26,7 +26,7 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, suppress
 from itertools import islice
 from pathlib import Path
@@ -68,17 +68,11 @@ class StepFigures(msgspec.Struct, frozen=True, kw_only=True):
     bytes_per_message: float
 
 
-class Source:
-    """Measurements of all robots on their reference motions, which do not depend on estimates."""
-
-    def __init__(self, scenario: Scenario) -> None:
-        simulation = Simulation(scenario, build_graph(scenario.graph, scenario.robot_names))
-        self._blocks = reference_blocks(scenario, simulation)
-
-    def take(self, blocks: int) -> Array:
-        """Return the samples of the next blocks, shape (blocks, robots, B, 15)."""
-        results = islice(self._blocks, blocks)
-        return np.array([[each.samples for each in result.measurements.values()] for result in results])
+def simulated(scenario: Scenario) -> Iterator[Array]:
+    """Yield the samples of each block, (robots, B, 15), on reference motions, which do not depend on estimates."""
+    simulation = Simulation(scenario, build_graph(scenario.graph, scenario.robot_names))
+    for result in reference_blocks(scenario, simulation):
+        yield np.array([each.samples for each in result.measurements.values()])
 
 
 class Process:
@@ -97,11 +91,7 @@ class Process:
         )
 
     def take(self, turn: Turn) -> None:
-        """Let the team step through some blocks, and wait until it has.
-
-        Raises:
-            CoheftError: The process has ended; the reason is on stderr.
-        """
+        """Let the team step through some blocks, and wait until it has; errors as of ``answer``."""
         assert self._process.stdin is not None
         with suppress(BrokenPipeError):  # the process has ended, and will not answer
             self._process.stdin.write(msgspec.json.encode(turn) + b"\n")
@@ -111,8 +101,7 @@ class Process:
     def answer(self) -> bytes:
         """Wait for the next line of the process, and return it; the first one says that the team is ready.
 
-        Raises:
-            CoheftError: The process has ended; the reason is on stderr.
+        It raises a ``CoheftError`` if the process has ended; the reason is on stderr.
         """
         assert self._process.stdout is not None
         if line := self._process.stdout.readline():
@@ -160,13 +149,9 @@ class Pair:
 
 
 def measure(robots: int, estimators: Sequence[str], seconds: float, against: Path | None) -> dict[str, Any]:
-    """Measure one team with each estimator, and return its part of the JSON.
-
-    Raises:
-        CoheftError: An estimator cannot be used, or there is no such team.
-    """
+    """Measure one team with each estimator, and return its part of the JSON; errors as of ``Process.answer``."""
     scenario = ring(robots)
-    source = Source(scenario)
+    samples = simulated(scenario)
     blocks = max(1, round(seconds / scenario.block_duration))
     with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
         path = Path(folder) / "samples.npy"
@@ -183,7 +168,7 @@ def measure(robots: int, estimators: Sequence[str], seconds: float, against: Pat
             process.answer()
         for number, first in enumerate(range(0, blocks, _TURN), 1):
             last = min(first + _TURN, blocks)
-            np.save(path, source.take(last - first))
+            np.save(path, list(islice(samples, last - first)))
             for process in (*timed, *counted):
                 process.take(Turn(str(path), first))
             timed.reverse()  # so that none is always the first
@@ -195,7 +180,6 @@ def measure(robots: int, estimators: Sequence[str], seconds: float, against: Pat
 
 
 def _as_json(ours: Pair, theirs: Pair | None = None) -> dict[str, Any]:
-    """Return the JSON of an estimator, with that of the other checkout."""
     result = msgspec.structs.asdict(ours.figures())
     if theirs is None:
         return result
@@ -206,7 +190,6 @@ def _as_json(ours: Pair, theirs: Pair | None = None) -> dict[str, Any]:
 
 
 def _print_table(results: dict[str, Any]) -> None:
-    """Print a line for each team, estimator and checkout."""
     heads = ("µs", "µs, later", "later: s", "worst ms", "calls", "C calls", "bytes")
     print(f"{'robots':>7}  {'estimator':22}" + "".join(f"{head:>10}" for head in heads))
     for robots, table in results.items():

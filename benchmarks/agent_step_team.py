@@ -48,12 +48,7 @@ _OWN_CALL = "<method 'disable' of '_lsprof.Profiler' objects>"
 
 
 class Turn(msgspec.Struct, frozen=True):
-    """Consecutive blocks.
-
-    Attributes:
-        path: NumPy file of all robots' samples, shape (blocks, robots, B, 15).
-        first: Number of the first block.
-    """
+    """Consecutive blocks, and the NumPy file with all robots' samples, shape (blocks, robots, B, 15)."""
 
     path: str
     first: int
@@ -133,45 +128,17 @@ def ring(robots: int) -> Scenario:
     )
 
 
-class WholeAgent:
-    """An agent with the encoding and decoding of its process: bytes in, bytes out."""
-
-    def __init__(self, config: AgentConfig) -> None:
-        self._agent = Agent(config)
-        self._own = _key(config.name)
-        self._others = {name: _key(name) for name in config.neighbours}
-
-    def step(self, measured: bytes, sent: Mapping[str, bytes]) -> tuple[bytes, Estimate | None]:
-        """Decode, step and encode; return the agent's message, and its report if one is due.
-
-        Args:
-            measured: The robot's encoded measurements.
-            sent: All robots' encoded messages of the previous block, by name.
-        """
-        own = decode(measured, Measurements, self._own)
-        messages = [decode(sent[name], NeighbourMessage, key) for name, key in self._others.items() if name in sent]
-        outbox = self._agent.step(own.block, MeasurementBlock(own.block, own.samples), messages)
-        encode(outbox.reference, self._own)
-        if outbox.estimate is not None:
-            encode(outbox.estimate, self._own)
-        return encode(outbox.message, self._own), outbox.estimate
-
-
-def _key(name: str) -> str:
-    """Return a key for all messages of a robot, as long as those of a run."""
-    return f"coheft/agent-step/{name}/block"
-
-
 class WholeTeam:
-    """All agents of a team. Counting calls makes times longer."""
+    """All agents of a team, with the encoding and decoding of their processes. Counting calls makes times longer."""
 
     def __init__(self, scenario: Scenario, is_counting: bool) -> None:
-        graph = build_graph(scenario.graph, scenario.robot_names)
-        self._agents = {name: WholeAgent(agent_config(scenario, name, others)) for name, others in graph.items()}
+        self._graph = build_graph(scenario.graph, scenario.robot_names)
+        self._agents = {name: Agent(agent_config(scenario, name, others)) for name, others in self._graph.items()}
+        self._keys = {name: f"coheft/agent-step/{name}/block" for name in self._graph}  # as long as those of a run
         self._sent: dict[str, bytes] = {}
         self._knows_poses: set[str] = set()
         self._profile = cProfile.Profile()
-        names = list(graph)
+        names = list(self._graph)
         counted = min(COUNTED, len(names)) if is_counting else 0
         self._counted = {names[k * len(names) // counted] for k in range(counted)}
 
@@ -190,16 +157,16 @@ class WholeTeam:
     def _step(self, block: int, samples: Array) -> list[float]:
         """Run one block; return the CPU time of each agent [s]."""
         measured = [
-            encode(Measurements(robot=name, block=block, samples=each), _key(name))
+            encode(Measurements(robot=name, block=block, samples=each), self._keys[name])
             for name, each in zip(self._agents, samples, strict=True)
         ]
         sent: dict[str, bytes] = {}
         times = []
-        for (name, agent), mine in zip(self._agents.items(), measured, strict=True):
+        for name, mine in zip(self._agents, measured, strict=True):
             if is_counted := name in self._counted:
                 self._profile.enable()
             began = time.process_time()
-            sent[name], estimate = agent.step(mine, self._sent)
+            sent[name], estimate = self._answer(name, mine)
             times.append(time.process_time() - began)
             if is_counted:
                 self._profile.disable()
@@ -207,6 +174,18 @@ class WholeTeam:
                 self._knows_poses.add(name)
         self._sent = sent
         return times
+
+    def _answer(self, name: str, measured: bytes) -> tuple[bytes, Estimate | None]:
+        """Decode, step and encode; return an agent's message, and its report if one is due."""
+        keys, sent = self._keys, self._sent
+        own = decode(measured, Measurements, keys[name])
+        others = [other for other in self._graph[name] if other in sent]
+        messages = [decode(sent[other], NeighbourMessage, keys[other]) for other in others]
+        outbox = self._agents[name].step(own.block, MeasurementBlock(own.block, own.samples), messages)
+        encode(outbox.reference, keys[name])
+        if outbox.estimate is not None:
+            encode(outbox.estimate, keys[name])
+        return encode(outbox.message, keys[name]), outbox.estimate
 
     def _calls(self) -> tuple[int, int]:
         """Return the numbers of calls of Python and of C functions since the last time."""

@@ -1,7 +1,5 @@
 """Recordings of random teams: robots, load, motion, noise, rate, and measurements."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Literal
 

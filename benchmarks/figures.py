@@ -19,12 +19,10 @@ class Figure(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         name: Name, unique within the section.
-        value: Value.
         unit: Unit; "times" for a ratio.
         bar: Target; None if there is none.
         more_is_better: Whether larger figures are better.
         is_guarded: Whether the regression guard compares it: a ratio of two costs that were measured side by side.
-        note: Remark.
     """
 
     name: str
@@ -48,8 +46,6 @@ class Section(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         name: Name of its module.
-        title: Title.
-        figures: The figures.
         skipped: Reasons why measurements were not made, by name.
         seconds: Duration of the measurement [s].
         has_failed: Whether an error ended it; it then has no figures.

@@ -15,8 +15,6 @@ wall-clock time, because a team with few processes that are ready to run gets a 
 these are guarded.
 """
 
-from __future__ import annotations
-
 import statistics
 import tempfile
 import time
@@ -56,17 +54,6 @@ class Turns:
     zenoh: list[Turn]
     steps: list[float]
 
-    def ratios(self) -> dict[str, float]:
-        """Return the medians over the turns of ratios of times per block; of the whole team unless of the server."""
-        return {
-            "whole_over_zenoh": ratio(_wall(self.whole), _wall(self.zenoh)),
-            "bare_over_zenoh": ratio(_wall(self.bare), _wall(self.zenoh)),
-            "whole_over_zenoh_cpu": ratio(_cpu(self.whole), _cpu(self.zenoh)),
-            "bare_over_zenoh_cpu": ratio(_cpu(self.bare), _cpu(self.zenoh)),
-            "server_over_bare_server": ratio(_server(self.whole), _server(self.bare)),
-            "server_over_steps": ratio(_server(self.whole), self.steps),
-        }
-
 
 def _wall(turns: Sequence[Turn]) -> list[float]:
     return [turn.block_time for turn in turns]
@@ -82,14 +69,16 @@ def _server(turns: Sequence[Turn]) -> list[float]:
 
 def measure(effort: Effort) -> Section:
     """Compare both with Zenoh alone, for each size of team."""
-    return _section(effort)[0]
+    return _section(_measured(effort))
 
 
-def _section(effort: Effort) -> tuple[Section, dict[str, dict[str, float]]]:
-    found = {robots: _of_size(robots, _TURNS[effort]) for robots in SIZES}
-    figures = [figure for robots, turns in found.items() for figure in _figures(robots, turns)]
-    section = Section(name="floor", title="Whole system and bare floor against Zenoh alone", figures=figures)
-    return section, {str(robots): turns.ratios() for robots, turns in found.items()}
+def _measured(effort: Effort) -> dict[int, dict[str, Figure]]:
+    return {robots: figures_of(robots, _of_size(robots, _TURNS[effort])) for robots in SIZES}
+
+
+def _section(found: dict[int, dict[str, Figure]]) -> Section:
+    figures = [figure for each in found.values() for figure in each.values()]
+    return Section(name="floor", title="Whole system and bare floor against Zenoh alone", figures=figures)
 
 
 def _of_size(robots: int, turns: int) -> Turns:
@@ -127,37 +116,36 @@ def _stepper(scenario: Scenario) -> Callable[[], float]:
     return timed
 
 
-def _figures(robots: int, found: Turns) -> list[Figure]:
+def figures_of(robots: int, found: Turns) -> dict[str, Figure]:
+    """Return ratios of times per block by their names in the JSON; of the whole team unless of the server."""
     team, is_small = f"N = {robots}", robots == SIZES[0]
-    figures = []
-    for name, turns, bar in (
-        ("the whole system", found.whole, WHOLE_BAR),
-        ("the bare floor", found.bare, BARE_BAR[robots]),
+    figures = {}
+    for key, name, turns, bar in (
+        ("whole", "the whole system", found.whole, WHOLE_BAR),
+        ("bare", "the bare floor", found.bare, BARE_BAR[robots]),
     ):
         what = f"per block of {name}, against Zenoh alone, {team}"
-        figures += [
-            against(f"time {what}", _wall(turns), _wall(found.zenoh), bar=bar),
-            against(f"CPU time {what}", _cpu(turns), _cpu(found.zenoh), is_guarded=True, of=", all processes"),
-        ]
-    return [
-        *figures,
-        against(
-            f"CPU time of the server per block, against the floor's, {team}",
-            *(_server(found.whole), _server(found.bare)),
-            bar=SERVER_BAR if is_small else None,
-            is_guarded=True,
-        ),
-        Figure(
-            name=f"CPU time of the server per block, against MuJoCo's steps, {team}",
-            value=ratio(_server(found.whole), found.steps),
-            bar=STEPS_BAR if is_small else None,
-            note=f"of which a block takes {1e3 * statistics.median(found.steps):.3f} ms",
-        ),
-        against(
-            f"CPU time per agent and block, against the floor's, {team}",
-            *([turn.agent_time for turn in turns] for turns in (found.whole, found.bare)),
-        ),
-    ]
+        figures[f"{key}_over_zenoh"] = against(f"time {what}", _wall(turns), _wall(found.zenoh), bar=bar)
+        figures[f"{key}_over_zenoh_cpu"] = against(
+            f"CPU time {what}", _cpu(turns), _cpu(found.zenoh), is_guarded=True, of=", all processes"
+        )
+    figures["server_over_bare_server"] = against(
+        f"CPU time of the server per block, against the floor's, {team}",
+        *(_server(found.whole), _server(found.bare)),
+        bar=SERVER_BAR if is_small else None,
+        is_guarded=True,
+    )
+    figures["server_over_steps"] = Figure(
+        name=f"CPU time of the server per block, against MuJoCo's steps, {team}",
+        value=ratio(_server(found.whole), found.steps),
+        bar=STEPS_BAR if is_small else None,
+        note=f"of which a block takes {1e3 * statistics.median(found.steps):.3f} ms",
+    )
+    figures["agent_over_bare_agent"] = against(
+        f"CPU time per agent and block, against the floor's, {team}",
+        *([turn.agent_time for turn in turns] for turns in (found.whole, found.bare)),
+    )
+    return figures
 
 
 def main(*, effort: Effort = "usual", json: Path | None = None) -> None:
@@ -168,9 +156,10 @@ def main(*, effort: Effort = "usual", json: Path | None = None) -> None:
         json: File for the ratios by number of robots.
     """
     began = time.monotonic()
-    section, ratios = _section(effort)
-    print("\n".join(section_lines(msgspec.structs.replace(section, seconds=time.monotonic() - began))))
+    found = _measured(effort)
+    print("\n".join(section_lines(msgspec.structs.replace(_section(found), seconds=time.monotonic() - began))))
     if json is not None:
+        ratios = {str(robots): {key: each.value for key, each in figures.items()} for robots, figures in found.items()}
         json.write_bytes(msgspec.json.format(msgspec.json.encode(ratios)) + b"\n")
 
 

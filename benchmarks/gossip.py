@@ -8,15 +8,10 @@ import time
 from coheft.consensus.gossip import Gossip
 from coheft.consensus.graph import build_graph
 from coheft.wire.messages.codec import encode
-from coheft.wire.messages.structs import LinkState, NeighbourMessage
+from coheft.wire.messages.structs import NeighbourMessage
 from coheft.wire.scenario.schema import Graph, GraphKind
 
 KINDS: tuple[GraphKind, ...] = ("ring", "grid", "tree")
-
-
-def size(gossip: list[LinkState]) -> int:
-    """Return the size of an encoded message [B]."""
-    return len(encode(NeighbourMessage(sender="r00000", block=1, gossip=gossip, channels={}), "key"))
 
 
 def main() -> None:
@@ -30,7 +25,8 @@ def main() -> None:
             start = time.process_time()
             while any(robot.graph is None for robot in robots.values()):
                 sent = {name: robot.news() for name, robot in robots.items()}
-                sizes.append(size(sent["r00000"]))
+                message = NeighbourMessage(sender="r00000", block=1, gossip=sent["r00000"], channels={})
+                sizes.append(len(encode(message, "key")))
                 for name, others in graph.items():
                     for other in others:
                         robots[name].hear(sent[other])

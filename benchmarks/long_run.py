@@ -47,7 +47,7 @@ class Life:
     memory: list[int] = field(default_factory=list)
     files: list[int] = field(default_factory=list)
 
-    def look(self, now: float) -> None:
+    def sample(self, now: float) -> None:
         """Add a sample, if the process still exists."""
         try:
             process = psutil.Process(self.pid)
@@ -108,7 +108,7 @@ def follow(run: subprocess.Popen[bytes], folder: Path, seconds: float) -> tuple[
         except CoheftError as error:  # the run has not begun, or has ended
             print(f"after {elapsed:.0f} s: {error}", file=sys.stderr)
         for life in lives:
-            life.look(elapsed)
+            life.sample(elapsed)
         with suppress(subprocess.TimeoutExpired):
             run.wait(SAMPLE_EVERY)
     return lives, troubles

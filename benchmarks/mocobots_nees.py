@@ -65,7 +65,6 @@ def errors(recording: Recording, found: Identification) -> tuple[tuple[Array, Ar
 
 
 def _nees(errors: _Errors, part: slice) -> Interval:
-    """The NEES of a part of the errors."""
     return normalised_square([error[part] for error, _ in errors], [cov[part, part] for _, cov in errors])
 
 

@@ -32,13 +32,7 @@ TURN = {6: 1.0, 24: 2.0}
 
 @dataclass(frozen=True)
 class Turn:
-    """Blocks of a team in a turn.
-
-    Attributes:
-        blocks: Number of blocks.
-        wall: Wall-clock time [s].
-        cpu: CPU time of each process, by name [s].
-    """
+    """Blocks of a team in a turn, its wall-clock time, and the CPU time of each process by name [s]."""
 
     blocks: int
     wall: float
@@ -106,7 +100,6 @@ class PacedTeam:
         )
 
     def _ask(self, request: Request) -> Status:
-        """Return the server's answer."""
         answer = ask(Status, self._session, self._key, request, timeout=_ANSWER)
         if isinstance(answer, Refusal):
             raise LinkError(f"the server refuses: {answer.reason}")
@@ -128,14 +121,10 @@ def _ran(status: Status) -> float:
 def paced_team(
     scenario: Scenario, folder: Path, replay: Mapping[str, Path] | None = None, keys: Path | None = None
 ) -> Iterator[PacedTeam]:
-    """Start a team.
+    """Start a team, with its logs in a new folder.
 
-    Args:
-        scenario: The scenario.
-        folder: Folder for logs.
-        replay: Files of each agent's messages for a team without mathematics and physics, see ``benchmarks.replay``;
-            None for the product.
-        keys: Folder of certificates for the secure profile; None for the open profile.
+    ``replay`` are files of each agent's messages for a team without mathematics and physics, see ``benchmarks.replay``;
+    ``keys`` is the folder of certificates for the secure profile.
     """
     folder.mkdir()
     plan = make_plan(scenario, keys=keys)

@@ -22,7 +22,6 @@ from coheft.app.run.launch import launch
 from coheft.app.run.plan import make_plan
 from coheft.app.terminal.screen import Display
 from coheft.errors import CoheftError
-from coheft.wire.scenario.schema import Scenario
 
 _BARS = {("lockstep", 6): 15.0, ("lockstep", 24): 3.0, ("one process", 6): 20.0}
 """For sensors at 1 kHz and blocks of 20 ms."""
@@ -81,8 +80,15 @@ def measure(effort: Effort) -> Section:
 def _run(case: Case) -> Figure:
     duration = _BLOCKS * case.block / 1000
     scenario = team_scenario(case.robots, case.rate, case.rate * case.block // 1000, duration)
-    before = _cpu_time()
-    factor, late = _in_processes(scenario, case.how) if case.how != "one process" else _in_one_process(scenario)
+    before, late = _cpu_time(), 0
+    if case.how == "one process":
+        for _ in run_in_process(scenario):
+            pass
+        factor = duration / (_cpu_time() - before)
+    else:
+        with tempfile.TemporaryDirectory() as folder:
+            report = launch(make_plan(scenario, case.how), Path(folder), Display())
+        factor, late = report.real_time_factor, report.late_blocks
     cpu = (_cpu_time() - before) / duration
     note = f"{cpu:.2f} s of CPU time per simulated second"
     if case.how == "realtime":
@@ -97,20 +103,6 @@ def _run(case: Case) -> Figure:
         more_is_better=True,
         note=f"{note}: at most {cores / cpu:.2f} times",
     )
-
-
-def _in_processes(scenario: Scenario, clock: Literal["lockstep", "realtime"]) -> tuple[float, int]:
-    """Return the real-time factor, and the number of late answers."""
-    with tempfile.TemporaryDirectory() as folder:
-        report = launch(make_plan(scenario, clock), Path(folder), Display())
-    return report.real_time_factor, report.late_blocks
-
-
-def _in_one_process(scenario: Scenario) -> tuple[float, int]:
-    began = _cpu_time()
-    for _ in run_in_process(scenario):
-        pass
-    return scenario.duration / (_cpu_time() - began), 0
 
 
 def _cpu_time() -> float:

@@ -1,7 +1,5 @@
 """Recordings with one fault of random size, with the robot and the causes that a verdict may name."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -21,12 +19,9 @@ Change = Callable[[RobotRecord], dict[str, Array]]
 
 @dataclass(frozen=True, eq=False)
 class Faulty:
-    """A recording with a fault.
+    """A recording with a fault, the causes that are right, and the robot with the fault.
 
-    Attributes:
-        recording: The recording.
-        causes: Causes that are right; empty for recordings that have to be refused.
-        robot: The robot with the fault; None if it concerns all robots, or none.
+    There is no cause if the recording has to be refused, and no robot if the fault concerns all robots, or none.
     """
 
     recording: Recording

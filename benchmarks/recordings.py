@@ -36,10 +36,8 @@ class Trial(msgspec.Struct):
     """Result of one recording.
 
     Attributes:
-        seed: Its seed.
         kind: Kind of noise, or of the fault.
         by_twists: Whether twists and accelerations were recorded instead of poses.
-        robots: Number of robots.
         seconds: CPU time of the identification [s].
         is_refuted: Whether the recording was refuted or refused.
         cause: The named cause.
@@ -48,7 +46,6 @@ class Trial(msgspec.Struct):
         is_open: Whether several robots are named.
         margin: Margin over the second best cause.
         off: Largest error in standard deviations of an accepted result, or of one with ``--assume``.
-        words: Text of the verdict.
     """
 
     seed: int
@@ -107,8 +104,9 @@ def try_recording(what: str, seed: int, method: Method | None = None, *, calibra
     method = "pose" if calibrate else method
     by_twists = method != "pose" and (method is not None or seed % 2 == 0)
     if what == "good":
-        kind: str = KINDS[seed // 2 % len(KINDS)]
-        case = Faulty(recorded(draw_team(seed), KINDS[seed // 2 % len(KINDS)], by_twists=by_twists), (), None)
+        noise = KINDS[seed // 2 % len(KINDS)]
+        kind: str = noise
+        case = Faulty(recorded(draw_team(seed), noise, by_twists=by_twists), (), None)
     else:
         kinds = LISTED if what == "listed" else UNLISTED
         kind = kinds[seed // 2 % len(kinds)]

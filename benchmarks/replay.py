@@ -1,17 +1,13 @@
-"""Recorded messages of agents, which others repeat without mathematics."""
+"""Recorded messages of agents, which ``benchmarks.bare_agent`` repeats."""
 
 import statistics
 from collections import deque
-from collections.abc import Sequence
 from pathlib import Path
 
 import msgspec
 
 from benchmarks.scenarios import SETTLED
-from coheft.agents.agent import Outbox
 from coheft.app.run.inprocess import TeamInProcess, measured
-from coheft.estimation.measurement import MeasurementBlock
-from coheft.wire.config import AgentConfig
 from coheft.wire.messages.codec import decode, encode
 from coheft.wire.messages.structs import Estimate, NeighbourMessage, Reference
 from coheft.wire.scenario.schema import Scenario
@@ -44,28 +40,8 @@ def sizes(path: Path) -> tuple[int, int]:
     return message, reference
 
 
-class BareAgent:
-    """An agent that repeats recorded messages, with the interface of ``Agent``."""
-
-    def __init__(self, config: AgentConfig, incarnation: int, largest_arrays: int, signer: object) -> None:
-        self._config = config
-        self._incarnation = incarnation
-        self._recorded = _read(Path(config.estimator_settings[SETTING]))
-
-    def set_holding(self, holding: bool, from_block: int) -> None:
-        """Ignore the grasp."""
-
-    def step(self, index: int, block: MeasurementBlock | None, inbox: Sequence[NeighbourMessage]) -> Outbox:
-        """Return the next recorded messages, with this block's number."""
-        message, reference, estimate = self._recorded[index % len(self._recorded)]
-        return Outbox(
-            message=msgspec.structs.replace(message, block=index, incarnation=self._incarnation),
-            reference=msgspec.structs.replace(reference, block=index + self._config.lag, answers=index),
-            estimate=None if estimate is None else msgspec.structs.replace(estimate, block=index),
-        )
-
-
-def _read(path: Path) -> list[tuple[NeighbourMessage, Reference, Estimate | None]]:
+def read(path: Path) -> list[tuple[NeighbourMessage, Reference, Estimate | None]]:
+    """Read what an agent sent after each block."""
     return [
         (
             decode(message, NeighbourMessage, _KEY),

@@ -15,7 +15,7 @@ from typing import Self
 
 import psutil
 
-from benchmarks.figures import Effort, Figure, Section, ratio
+from benchmarks.figures import Effort, Figure, Section, against
 from benchmarks.scenarios import SETTLED
 from coheft.app.run.folder import RunFile, find_run
 from coheft.app.run.observer import observe
@@ -61,12 +61,7 @@ def _first_block(turns: int) -> list[Figure]:
             bar=_FIRST_BLOCK_BAR,
             note=f"best of {turns}: {min(real):.2f} s",
         ),
-        Figure(
-            name=f"{name}, against bare processes",
-            value=ratio(real, bare),
-            is_guarded=True,
-            note=f"bare ones take {statistics.median(bare):.2f} s",
-        ),
+        against(f"{name}, against bare processes", real, bare, is_guarded=True),
     ]
 
 
@@ -87,8 +82,7 @@ def _bare_start() -> float:
 class Run:
     """``coheft run ring6`` in a separate process, which ends with the context.
 
-    Attributes:
-        called_at: Time of the command, by ``time.monotonic`` [s].
+    ``called_at`` is the time of the command, by ``time.monotonic`` [s].
     """
 
     def __init__(self, folder: Path) -> None:
@@ -107,11 +101,7 @@ class Run:
         return time.monotonic() - status.time / status.real_time_factor
 
     def memory(self, simulated: float) -> dict[str, float]:
-        """Return the resident memory of each process at a simulated time [s], by name [MB].
-
-        Raises:
-            LinkError: The run does not reach this time.
-        """
+        """Return the resident memory of each process at a simulated time [s], by name [MB]; or raise ``LinkError``."""
         _, run_file = self._wait_for(lambda status: status.time >= simulated)
         pids = {"the command": self._process.pid, **run_file.pids}
         return {name: psutil.Process(pid).memory_info().rss / 1e6 for name, pid in pids.items()}
@@ -150,16 +140,10 @@ def _imports(turns: int) -> list[Figure]:
     figures = []
     for name, code in _IMPORTED.items():
         times, least = zip(*((_import_time(code), _import_time(_LEAST)) for _ in range(turns)), strict=True)
-        median = statistics.median(times)
-        figures.append(
-            Figure(
-                name=f"imports of {name}, against msgspec, numpy and zenoh",
-                value=ratio(times, least),
-                is_guarded=True,
-                note=f"{median:.3f} against {statistics.median(least):.3f} s of CPU time",
-            )
-        )
+        what = f"imports of {name}, against msgspec, numpy and zenoh"
+        figures.append(against(what, times, least, is_guarded=True, of=" of CPU time"))
         if name == "an agent":
+            median = statistics.median(times)
             figures.append(Figure(name=f"imports of {name}", value=median, unit="s", bar=_IMPORT_BAR))
     return figures
 

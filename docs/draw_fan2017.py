@@ -123,7 +123,6 @@ def main() -> None:
 
 
 def _draw_poses(found: Run) -> None:
-    """Draw rotation vector and translation of every edge, and their errors."""
     edges = [(name, other) for name, others in found.graph.items() for other in others if name < other]
     shown = slice(0, int(np.searchsorted(found.times, found.start + 4.0)), _EVERY)
     times = found.times[shown]
@@ -168,7 +167,6 @@ def _numbers(pose: Pose) -> Array:
 
 
 def _off(truth: Pose, estimate: Pose) -> Pose:
-    """Return the error of an estimate as a pose."""
     return Pose(truth.rotation.T @ estimate.rotation, estimate.translation - truth.translation)
 
 

@@ -47,7 +47,8 @@ def _draw_team(axes: Axes, scenario: Scenario) -> None:
     feet[:, 2] = _FLOOR
     behind = [k for k in range(len(grasps)) if grasps[k] @ _TOWARDS < 0.0]
     front = [k for k in np.argsort(feet @ _TOWARDS) if k not in behind]
-    _draw_shadow(axes)
+    shadow = np.array([[x, y, _FLOOR] for x, y in ((-0.5, -0.35), (0.5, -0.35), (0.5, 0.35), (-0.5, 0.35))])
+    axes.add_patch(Polygon(_flat(shadow), facecolor="#eef1f4", edgecolor="none"))
     for k in sorted(behind, key=lambda k: feet[k] @ _TOWARDS):
         _draw_robot(axes, feet[k], grasps[k], ROBOTS[k], scene.robots[k])
     for box in scenario.payload.boxes:
@@ -55,7 +56,15 @@ def _draw_team(axes: Axes, scenario: Scenario) -> None:
     change = scenario.load_changes[0]
     landing = np.array(change.position) - [0.0, 0.0, 0.05]
     lifted = np.array(change.position) + [0.0, 0.0, 0.30]
-    _draw_arrow(axes, lifted - [0.0, 0.0, 0.06], landing)
+    axes.add_patch(
+        FancyArrowPatch(
+            *(_flat(lifted - [0.0, 0.0, 0.06]), _flat(landing)),
+            arrowstyle="-|>",
+            mutation_scale=12,
+            color="#c0314f",
+            linestyle=(0, (3, 2)),
+        )
+    )
     _draw_box(axes, np.full(3, 0.12), lifted, np.zeros(3), "#f0b49a")
     axes.text(*(_flat(lifted) + [0.13, 0.06]), "3 kg are dropped\nonto it", va="center", color=INK, fontsize=10)
     for k in front:
@@ -77,11 +86,6 @@ def _draw_team(axes: Axes, scenario: Scenario) -> None:
         va="center",
         linespacing=1.35,
     )
-
-
-def _draw_shadow(axes: Axes) -> None:
-    corners = np.array([[x, y, _FLOOR] for x, y in ((-0.5, -0.35), (0.5, -0.35), (0.5, 0.35), (-0.5, 0.35))])
-    axes.add_patch(Polygon(_flat(corners), facecolor="#eef1f4", edgecolor="none"))
 
 
 def _draw_box(axes: Axes, size: Array, centre: Array, rotation_deg: Array, colour: str) -> None:
@@ -126,14 +130,6 @@ def _draw_frame(axes: Axes, origin: Array, rotation: Array) -> None:
     axes.add_patch(Circle(_flat(origin), 0.014, color=INK, zorder=7))
 
 
-def _draw_arrow(axes: Axes, start: Array, end: Array) -> None:
-    axes.add_patch(
-        FancyArrowPatch(
-            _flat(start), _flat(end), arrowstyle="-|>", mutation_scale=12, color="#c0314f", linestyle=(0, (3, 2))
-        )
-    )
-
-
 def _draw_link(axes: Axes, start: Array, end: Array) -> None:
     """Draw a link between neighbours as an arc that bends away from the load."""
     axes.add_patch(
@@ -162,18 +158,17 @@ def _draw_processes(axes: Axes) -> None:
     for k, place in enumerate(places):
         axes.plot(*np.array([middle, place]).T, color="#9aa5b1", linewidth=1.3, zorder=0)
         axes.plot(*np.array([place, places[(k + 1) % 6]]).T, color=_LINK, linewidth=3.0, zorder=0)
-    _box(axes, middle, 0.62, 0.34, "physics server\nMuJoCo", "white", SOFT)
+    style = "round,pad=0,rounding_size=0.06"
+    axes.add_patch(
+        FancyBboxPatch(
+            middle - [0.31, 0.17], 0.62, 0.34, boxstyle=style, facecolor="white", edgecolor=SOFT, linewidth=1.3
+        )
+    )
+    axes.text(*middle, "physics server\nMuJoCo", ha="center", va="center", fontsize=9.5)
     for k, place in enumerate(places):
         axes.add_patch(Circle(place, 0.165, facecolor=ROBOTS[k], edgecolor="white", linewidth=2.5))
         axes.text(*place, f"r{k + 1}", color="white", ha="center", va="center", weight="bold", fontsize=11)
     _legend(axes)
-
-
-def _box(axes: Axes, centre: Array, width: float, height: float, text: str, face: str, edge: str) -> None:
-    corner = centre - [width / 2.0, height / 2.0]
-    style = "round,pad=0,rounding_size=0.06"
-    axes.add_patch(FancyBboxPatch(corner, width, height, boxstyle=style, facecolor=face, edgecolor=edge, linewidth=1.3))
-    axes.text(*centre, text, ha="center", va="center", fontsize=9.5)
 
 
 def _legend(axes: Axes) -> None:

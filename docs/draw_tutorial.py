@@ -95,7 +95,6 @@ def _draw_com(axes: Axes, com: Array) -> None:
 
 
 def _draw_mass(result: coheft.Result) -> None:
-    """Draw all robots' masses over the run, and around the load change."""
     scenario, change = result.scenario, result.load_changes[0].at_s
     figure = Figure(figsize=(9.0, 3.6), layout="constrained")
     whole, close = figure.subplots(1, 2, width_ratios=(1.5, 1.0))
@@ -156,7 +155,8 @@ def _draw_sums(scenario: Scenario, moment: Truth) -> None:
     values = len(forces) * np.array(forces)
     graph = build_graph(scenario.graph, scenario.robot_names)
     rounds = [values]
-    for gain in _gains(graph):
+    name, others = next(iter(graph.items()))
+    for gain in sorted(finite_time(graph).gains(name, others[0])):  # the same on all edges, in any order
         rounds.append(rounds[-1] - gain * laplacian(graph) @ rounds[-1])
     figure = Figure(figsize=(7.0, 3.5), layout="constrained")
     axes = figure.subplots()
@@ -176,16 +176,7 @@ def _draw_sums(scenario: Scenario, moment: Truth) -> None:
     save(figure, "tutorial-sums.svg")
 
 
-def _gains(graph: dict[str, tuple[str, ...]]) -> list[float]:
-    """Return the gains of the rounds ``x <- x - gain L x``."""
-    values = np.linalg.eigvalsh(laplacian(graph))[1:]
-    distinct = np.unique(np.round(values, 9))
-    assert len(distinct) == finite_time(graph).rounds
-    return [1.0 / float(value) for value in distinct[::-1]]
-
-
 def _draw_deviations(result: coheft.Result) -> None:
-    """Draw errors of one robot with its own standard deviations."""
     change, robot = result.load_changes[0].at_s, result.robots["r1"]
     known = _knows_all(robot)
     times = robot.time[known]

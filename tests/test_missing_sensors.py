@@ -251,7 +251,7 @@ class Story:
         watch = Watch(schedule, run.scene)
         self.told: dict[str, list[Estimate]] = {name: [] for name in scenario.robot_names}
         for block in run:
-            watch.look(block)
+            watch.check(block)
             for name, outbox in block.outboxes.items():
                 if outbox.estimate is not None:
                     self.told[name].append(outbox.estimate)

@@ -42,7 +42,7 @@ class Story:
         watch = Watch(schedule, run.scene)
         self.estimates: dict[str, list[Estimate]] = {name: [] for name in ROBOTS}
         for block in run:
-            watch.look(block)
+            watch.check(block)
             for name, outbox in block.outboxes.items():
                 if outbox.estimate is not None:
                     self.estimates[name].append(outbox.estimate)

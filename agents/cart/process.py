@@ -83,13 +83,11 @@ class CartAgentProcess:
             self._links.estimate.send(structs.replace(outbox.estimate, problems=self._links.problems.count))
 
     def _handle(self, event: Event | None) -> None:
-        """Process an event."""
         match self._links.handle(event, self._take):
             case Presence(source, is_here=False):
                 raise LinkError(f"{self._config.name} lost its link with {source} at sample {self._block}")
 
     def _take(self, source: str, message: Message) -> None:
-        """Process a message."""
         match message:
             case CartMeasurement():
                 check_field("robot", message.robot, self._config.name)
@@ -132,11 +130,7 @@ def check_content(message: CartMessage) -> None:
 
 
 def run_agent(config: CartAgentProcessConfig) -> None:
-    """Run a pusher until the server ends the run.
-
-    Raises:
-        LinkError: Another process listens at one of its endpoints, or the link with the server is lost.
-    """
+    """Run a pusher until the server ends the run; errors as of ``open_links`` and of the pusher."""
     with open_links(config, CartMeasurement, CartMessage) as links:
         CartAgentProcess(config.agent, links).run()
 

@@ -28,8 +28,6 @@ class Totals:
     """Sums over all pushers at one sample.
 
     Attributes:
-        block: The sample.
-        members: Number of pushers.
         wrench_b: Total wrench of the hands from this sample to the next, as measured, shape (3,).
         leverage: Total leverage of the hands, see ``coheft.estimation.cart.contact``, shape (3, 3).
         motion: Mean of all measurements of ``(q, qd)``, shape (6,).
@@ -69,12 +67,8 @@ class CartSums:
         """Enter one sample, and return the totals of an earlier one, or that they are lost; None before the first
         result.
 
-        Args:
-            index: The sample.
-            wrench_b: Wrench of this pusher's hand from this sample on, shape (3,).
-            leverage: Leverage of this pusher's hand, shape (3, 3).
-            motion: The pusher's measurement of ``(q, qd)``, shape (6,).
-            inbox: The neighbours' messages of the previous sample.
+        A sample consists of this pusher's wrench from then on, shape (3,), the leverage of its hand, shape (3, 3), and
+        its measurement of ``(q, qd)``, shape (6,). The inbox has the neighbours' messages of the previous sample.
         """
         values = np.concatenate([wrench_b, leverage.ravel(), motion])
         if not self._gossip.own.neighbours:
@@ -121,12 +115,9 @@ class CartSums:
         self._pipeline = Pipeline(schedule.rounds, 1, CHANNELS)
 
     def _stages(self, inbox: Sequence[CartMessage]) -> list[NeighbourStages]:
-        received = {message.sender: message for message in inbox}
+        received = {message.sender: (message.stages, message.valid > 0.5) for message in inbox}
         return [
-            NeighbourStages(None, gains, message.stages, message.valid > 0.5)
-            if (message := received.get(other)) is not None
-            else NeighbourStages(None, gains, None, None)
-            for other, gains in self._gains.items()
+            NeighbourStages(None, gains, *received.get(other, (None, None))) for other, gains in self._gains.items()
         ]
 
 

@@ -110,7 +110,6 @@ class CartServer:
         self._truth.send(sample.truth)
 
     def _wait_for(self, block: int) -> None:
-        """Wait until all pushers have answered a sample."""
         deadline = time.monotonic() + _ANSWER_LIMIT
         while silent := [name for name, link in self._links.items() if link.answered < block]:
             left = deadline - time.monotonic()
@@ -119,7 +118,6 @@ class CartServer:
             self._handle(self._inbox.receive(left))
 
     def _handle(self, event: Event | None) -> None:
-        """Process an event."""
         match event:
             case Received(name, CartPush() | Ready() as message):
                 try:
@@ -133,12 +131,7 @@ class CartServer:
 
 
 def run_server(config: CartServerConfig) -> None:
-    """Run the server to the end of the run.
-
-    Raises:
-        LinkError: Another process listens at one of its endpoints, or a pusher is lost.
-        SimulationError: The cart has moved out of bounds.
-    """
+    """Run the server to the end of the run; errors as of ``open_session`` and ``CartServer.run``."""
     with ExitStack() as stack:
         # Observers can connect before the pushers, so that they miss nothing.
         observers = stack.enter_context(open_session(listen=[config.observe]))

@@ -6,6 +6,7 @@ No test here depends on how fast anything is.
 from __future__ import annotations
 
 import json
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ import pytest
 from msgspec.structs import replace
 
 from benchmarks import agent_step
-from benchmarks.agent_step import HERE, Source
+from benchmarks.agent_step import HERE, simulated
 from benchmarks.agent_step_team import NONE, NoMathematics, Turn, WholeTeam, ring
 from coheft.agents.agent import ESTIMATORS
 from coheft.app.run.inprocess import TeamInProcess, measured
@@ -26,9 +27,9 @@ BLOCKS = 12
 
 def test_teams_measure_and_say_what_they_do_in_a_run(tmp_path: Path) -> None:
     scenario = ring(3)
-    source, whole, run = Source(scenario), WholeTeam(scenario, is_counting=True), TeamInProcess(scenario)
+    blocks, whole, run = simulated(scenario), WholeTeam(scenario, is_counting=True), TeamInProcess(scenario)
     for first in (0, BLOCKS):
-        samples = source.take(BLOCKS)
+        samples = list(islice(blocks, BLOCKS))
         np.save(tmp_path / "samples.npy", samples)
         took = whole.take(Turn(str(tmp_path / "samples.npy"), first))
         sizes = 0
@@ -46,7 +47,7 @@ def test_teams_measure_and_say_what_they_do_in_a_run(tmp_path: Path) -> None:
 def test_without_mathematics_nothing_is_known(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setitem(ESTIMATORS, NONE, NoMathematics)
     scenario = replace(ring(3), estimator=NONE)
-    np.save(tmp_path / "samples.npy", Source(scenario).take(BLOCKS))
+    np.save(tmp_path / "samples.npy", list(islice(simulated(scenario), BLOCKS)))
     took = WholeTeam(scenario, is_counting=False).take(Turn(str(tmp_path / "samples.npy"), 0))
     assert not any(took.knows_poses)
     assert took.calls == took.c_calls == 0
@@ -57,7 +58,7 @@ def test_in_larger_rings_each_holds_as_much() -> None:
     assert larger.robot_count == 96
     assert [box.mass for box in larger.payload.boxes] == [4.0 * box.mass for box in shipped.payload.boxes]
     assert larger.payload.boxes[0].size == (4.0, 2.8, 0.06)
-    Source(larger)  # arms can hold it
+    next(simulated(larger))  # arms can hold it
 
 
 def run(**options: Any) -> None:

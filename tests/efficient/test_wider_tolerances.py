@@ -36,7 +36,7 @@ def share_valid(seed: int, after: float) -> float:
     run, valid = FaultyRun(schedule), list[bool]()
     watch = Watch(schedule, run.scene)
     for block in run:
-        watch.look(block)
+        watch.check(block)
         estimates = [outbox.estimate for outbox in block.outboxes.values() if outbox.estimate is not None]
         valid += [estimate.status == "valid" for estimate in estimates if estimate.time > after]
         for estimate in estimates:

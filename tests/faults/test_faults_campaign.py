@@ -195,15 +195,24 @@ def test_a_campaign_goes_on_where_it_was_cut_off(tmp_path: Path, monkeypatch: py
 
     monkeypatch.setattr(campaign, "try_seed", count)
     kept = tmp_path / "outcomes"
-    run_campaign(range(3), jobs=1, kept=kept)
+    list(run_campaign(range(3), jobs=1, kept=kept))
     kept.write_bytes(kept.read_bytes()[:-20])  # cut off within the last line
-    told: list[int] = []
-    outcomes = run_campaign(range(5), jobs=1, kept=kept, on_outcome=lambda outcome: told.append(outcome.seed))
+    outcomes = list(run_campaign(range(5), jobs=1, kept=kept))
     assert tried == [0, 1, 2, 2, 3, 4]
-    assert [outcome.seed for outcome in outcomes] == told == [0, 1, 2, 3, 4]
+    assert [outcome.seed for outcome in outcomes] == [0, 1, 2, 3, 4]
     assert [outcome.seed for outcome in OutcomeFile(kept).begin()] == [0, 1, 2, 3, 4]
     assert [outcome.seed for outcome in run_campaign([4], jobs=1, kept=kept)] == [4]
     assert [outcome.seed for outcome in OutcomeFile(kept).begin()] == [0, 1, 2, 3, 4]  # also those not asked for
+
+
+def test_a_header_without_its_end_of_line_is_written_again(tmp_path: Path):
+    kept = tmp_path / "outcomes"
+    OutcomeFile(kept).begin()
+    kept.write_bytes(kept.read_bytes().rstrip(b"\n"))
+    file = OutcomeFile(kept)
+    assert file.begin() == []
+    file.append(OUTCOME)
+    assert OutcomeFile(kept).begin() == [OUTCOME]
 
 
 def test_what_other_code_a_mutant_or_somebody_else_has_left_stays_as_it_is(
@@ -216,17 +225,17 @@ def test_what_other_code_a_mutant_or_somebody_else_has_left_stays_as_it_is(
     assert file.begin() == [OUTCOME]
     content = kept.read_bytes()
     with pytest.raises(CoheftError, match=r"outcomes contains outcomes of another mutant, or of another --set: name"):
-        run_campaign([1], kept=kept, mutant="wrong-row")
+        list(run_campaign([1], kept=kept, mutant="wrong-row"))
     with pytest.raises(CoheftError, match=r"outcomes contains outcomes of another mutant, or of another --set: name"):
-        run_campaign([1], kept=kept, values=["sensors.rate=200"])
+        list(run_campaign([1], kept=kept, values=["sensors.rate=200"]))
     monkeypatch.setattr(campaign, "code_hash", lambda: "other")
     with pytest.raises(CoheftError, match=r"outcomes is of other code: name another file"):
-        run_campaign([1], kept=kept)
+        list(run_campaign([1], kept=kept))
     assert kept.read_bytes() == content
     for foreign in ("text", '{"name": "r1"}'):
         kept.write_text(foreign)
         with pytest.raises(CoheftError, match=r"outcomes is not a file of outcomes: name another file"):
-            run_campaign([1], kept=kept)
+            list(run_campaign([1], kept=kept))
         assert kept.read_text() == foreign
 
 
@@ -281,7 +290,7 @@ def goes_wrong(schedule: FaultSchedule, within: float) -> bool:
     watch = Watch(schedule, run.scene)
     calm = max([schedule.last_fault_end, 0.0, *(change.at for change in schedule.scenario.load_changes)])
     for block in run:
-        watch.look(block)
+        watch.check(block)
         latest |= {name: outbox.estimate for name, outbox in block.outboxes.items() if outbox.estimate is not None}
         if watch.violations or block.truth.time > calm + within:
             break

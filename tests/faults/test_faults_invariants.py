@@ -92,8 +92,8 @@ def violations(run: FaultSchedule, number: int = 20, **made_up: object) -> list[
     team = Team(run)
     watch = Watch(run, team.scene)
     for block in range(number):
-        watch.look(team.block(block))
-    watch.look(team.block(number, team.estimate(number, **made_up)))  # type: ignore[arg-type]
+        watch.check(team.block(block))
+    watch.check(team.block(number, team.estimate(number, **made_up)))  # type: ignore[arg-type]
     return watch.violations
 
 
@@ -142,9 +142,9 @@ def test_a_change_of_the_load_must_be_known_after_the_time_of_grace():
     def found(valid_block: int) -> list[Violation]:
         watch = Watch(run, team.scene)
         for block in range(20):
-            watch.look(team.block(block))
+            watch.check(team.block(block))
         stays = msgspec.structs.replace(team.estimate(20, valid_block=valid_block), payload=old)
-        watch.look(team.block(20, stays))
+        watch.check(team.block(20, stays))
         return watch.violations
 
     assert found(9) == found(12) == []
@@ -156,10 +156,10 @@ def test_a_load_that_leaks_is_compared_with_what_is_left_of_it():
     team = Team(run)
     watch = Watch(run, team.scene)
     for block in range(80):
-        watch.look(team.block(block, team.estimate(block)))
+        watch.check(team.block(block, team.estimate(block)))
     assert watch.violations == []
     full = team.estimate(15).payload
-    watch.look(team.block(80, msgspec.structs.replace(team.estimate(80), payload=full)))
+    watch.check(team.block(80, msgspec.structs.replace(team.estimate(80), payload=full)))
     assert [violation.promise for violation in watch.violations] == ["P1"]
 
 
@@ -175,7 +175,7 @@ def test_an_exception_is_a_broken_promise():
     run = schedule()
     team = Team(run)
     watch = Watch(run, team.scene)
-    watch.look(team.block(0, crashes={"r2": ValueError("no such thing")}))
+    watch.check(team.block(0, crashes={"r2": ValueError("no such thing")}))
     (found,) = watch.violations
     assert (found.promise, found.robot, found.what) == ("P2", "r2", "raised ValueError: no such thing")
 
@@ -189,7 +189,7 @@ def recovered(run: FaultSchedule, valid: float, again: float) -> tuple[float | N
         faulty = any(fault.is_active(time) for fault in run.faults)
         is_valid = valid - 1e-9 <= time and not faulty and not (run.last_fault_end <= time < again - 1e-9)
         status = "valid" if is_valid else "stale"
-        recovery.look(team.block(block, *(team.estimate(block, name, status=status) for name in team.scene.robots)))
+        recovery.add(team.block(block, *(team.estimate(block, name, status=status) for name in team.scene.robots)))
     return recovery.taken, [violation for violation in [recovery.violation()] if violation is not None]
 
 
@@ -217,7 +217,7 @@ def test_a_run_is_over_when_all_have_long_been_valid_and_nothing_is_to_come():
     steady = []
     for block in range(run.scenario.blocks):
         status = "stale" if block == 50 else "valid"  # 5.1 s
-        recovery.look(team.block(block, *(team.estimate(block, name, status=status) for name in team.scene.robots)))
+        recovery.add(team.block(block, *(team.estimate(block, name, status=status) for name in team.scene.robots)))
         steady.append(recovery.is_steady)
     assert steady.index(True) == 76  # 2.5 s later
     assert recovery.taken == pytest.approx(0.0)  # stale for a moment only, 1.1 s after
@@ -228,5 +228,5 @@ def test_who_has_not_noticed_yet_what_is_wrong_is_not_valid_again():
     team, recovery = Team(run), Recovery(run)
     for block in range(run.scenario.blocks):
         status = "stale" if 38 <= block < 60 else "valid"  # 3.9 s to 6.1 s
-        recovery.look(team.block(block, *(team.estimate(block, name, status=status) for name in team.scene.robots)))
+        recovery.add(team.block(block, *(team.estimate(block, name, status=status) for name in team.scene.robots)))
     assert recovery.taken == pytest.approx(3.1)

@@ -101,7 +101,7 @@ def test_a_load_that_leaks_is_over_when_nothing_is_left() -> None:
     team = Team(run)
     recovery = Recovery(run)
     for block in range(60):
-        recovery.look(team.block(block, *(team.estimate(block, name) for name in team.scene.robots)))
+        recovery.add(team.block(block, *(team.estimate(block, name) for name in team.scene.robots)))
         assert recovery.is_steady == (block >= 54)  # from 3.0 s on for 2.5 s
 
 
@@ -114,7 +114,7 @@ def test_it_is_counted_how_long_a_robot_calls_valid_what_is_off() -> None:
         watch = Watch(run, team.scene)
         for block, size in enumerate(sizes):
             status = "stale" if size is None else "valid"
-            watch.look(team.block(block, team.estimate(block, off=one(0, size or 0.0), status=status)))
+            watch.check(team.block(block, team.estimate(block, off=one(0, size or 0.0), status=status)))
         return None if watch.off_for is None else round(watch.off_for, 6)
 
     assert off_for(0.0, 4.0, 0.0) is None

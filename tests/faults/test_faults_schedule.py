@@ -127,7 +127,7 @@ def test_shrinking_leaves_only_what_the_failure_needs():
         Loss(start=2.0, end=4.0, probability=0.1, sender="r2"),
     )
     drawn = next(s for s in DRAWN if s.scenario.robot_count == 6 and s.scenario.load_changes)
-    found = shrink(msgspec.structs.replace(drawn, faults=faults), fails)
+    *_, found = shrink(msgspec.structs.replace(drawn, faults=faults), fails)
     assert {fault.kind for fault in found.faults} == {"crash", "loss"}
     assert len(found.faults) == 2
     assert fails(found)

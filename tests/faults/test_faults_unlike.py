@@ -69,10 +69,10 @@ def test_slips_are_of_robots_that_hold_and_leave_time_to_recover() -> None:
 def test_shrinking_leaves_out_what_the_failure_does_not_need() -> None:
     drawn = next(each for each in DRAWN if len(each.scenario.sensors.of) > 1 and each.scenario.slips)
     lacking = drawn.scenario.sensors.of[-1]
-    found = shrink(drawn, lambda schedule: lacking in schedule.scenario.sensors.of)
+    *_, found = shrink(drawn, lambda schedule: lacking in schedule.scenario.sensors.of)
     assert found.scenario.sensors.of == (lacking,)
     assert found.scenario.slips == ()
-    slipping = shrink(drawn, lambda schedule: bool(schedule.scenario.slips))
+    *_, slipping = shrink(drawn, lambda schedule: bool(schedule.scenario.slips))
     assert slipping.scenario.sensors.of == ()
     assert slipping.scenario.duration > slipping.scenario.slips[0].at
 
@@ -103,7 +103,7 @@ def test_what_is_published_before_a_slip_can_be_noticed_is_not_judged(
     run = FaultyRun(schedule)
     watch = Watch(schedule, run.scene)
     for block in run:
-        watch.look(block)
+        watch.check(block)
         if block.truth.time > 3.8:
             break
     assert bool(watch.violations) == (grace == 0.0)

@@ -76,9 +76,9 @@ def test_a_process_of_a_long_run_is_looked_at_until_it_ends() -> None:
     with subprocess.Popen([sys.executable, "-c", ""]) as process:
         ended = Life("ended", process.pid)
         wait_until(lambda: psutil.Process(process.pid).status() == psutil.STATUS_ZOMBIE, "its end, of which none knows")
-        ended.look(0.0)
-    ended.look(1.0)
-    ours.look(1.0)
+        ended.sample(0.0)
+    ended.sample(1.0)
+    ours.sample(1.0)
     assert ours.times == [1.0]
     assert ours.memory[0] > 1e6
     assert ours.files[0] > 2

@@ -22,11 +22,9 @@ class Case(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """Errors of one run, and the data of its figures.
+    """A run with its errors, and the data of its figures.
 
     Attributes:
-        case: The run.
-        report: Its errors.
         times: Times of the tracking errors [s], shape (samples,).
         tracking_errors: Distances from the reference [m], shape (samples,).
         masses: Times [s], the first pusher's estimates and their standard deviations [kg], shape (estimates, 3).
@@ -44,27 +42,8 @@ class Outcome:
 Run = Callable[[CartScenario], CartRun]
 
 
-def run_cases(
-    cases: Sequence[Case],
-    *,
-    jobs: int = 1,
-    run: Run = run_in_process,
-    on_progress: Callable[[int], None] = lambda done: None,
-) -> list[Outcome]:
-    """Run all cases with ``run``, or in so many processes, and return their outcomes in the same order.
-
-    Raises:
-        MissingPackageError: There is more than one job, but joblib is not installed.
-        SimulationError: A cart has moved out of bounds.
-    """
-    found: dict[Case, Outcome] = {}
-    for done, outcome in enumerate(_outcomes(cases, jobs, run), start=1):
-        found[outcome.case] = outcome
-        on_progress(done)
-    return [found[case] for case in cases]
-
-
-def _outcomes(cases: Sequence[Case], jobs: int, run: Run) -> Iterator[Outcome]:
+def run_cases(cases: Sequence[Case], jobs: int, run: Run) -> Iterator[Outcome]:
+    """Run all cases with ``run``, or in so many ``workers``, and yield their outcomes as they arrive."""
     if jobs == 1:
         yield from (_outcome(case, run) for case in cases)
     else:

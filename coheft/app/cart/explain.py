@@ -18,10 +18,8 @@ Hand = tuple[float, float]
 def explanation(recording: CartRecording, hand: Hand, is_known: Callable[[CartRecording, Hand], bool]) -> str:
     """Find a meaning with which the whole recording fits; empty if there is none.
 
-    Args:
-        recording: A recording that does not fit.
-        hand: Point at which pushes are said to be measured [m].
-        is_known: Whether a recording fits, and shows everything.
+    ``hand`` is the point at which pushes are said to be measured [m]; ``is_known`` tells whether a recording fits, and
+    shows everything.
     """
     thin = _thinned(recording)
     for words, other, point in _meanings(thin, hand):

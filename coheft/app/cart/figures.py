@@ -12,11 +12,7 @@ _SIZE = (7.0, 4.2)
 
 
 def draw(outcomes: Sequence[Outcome], folder: Path) -> list[Path]:
-    """Draw the figures into an existing folder, with the first run of each test.
-
-    Raises:
-        MissingPackageError: matplotlib is not installed.
-    """
+    """Draw the figures into an existing folder, with the first run of each test."""
     learned: dict[int, Outcome] = {}
     fixed: dict[int, Outcome] = {}
     for outcome in outcomes:

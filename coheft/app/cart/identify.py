@@ -5,7 +5,7 @@ from functools import partial
 import msgspec
 import numpy as np
 
-from coheft.app.cart.explain import explanation
+from coheft.app.cart.explain import Hand, explanation
 from coheft.errors import RecordingError, UsageError
 from coheft.estimation.cart.contact import grasp_map
 from coheft.estimation.cart.filter import MOTION_SIZE, Push, Sighting
@@ -36,14 +36,7 @@ _LITTLE = 0.03
 
 
 class Quantity(msgspec.Struct, frozen=True):
-    """An identified quantity.
-
-    Attributes:
-        value: Value in ``unit``.
-        std: Its standard deviation.
-        unit: Unit of both.
-        not_known: What would show it, if the recording does not; empty if it is known.
-    """
+    """An identified quantity with its standard deviation; ``not_known`` is what would show it, empty if it is known."""
 
     value: float
     std: float
@@ -52,14 +45,9 @@ class Quantity(msgspec.Struct, frozen=True):
 
 
 class CartIdentification(msgspec.Struct, frozen=True):
-    """The cart at the end of a recording.
+    """The cart at the end of a recording, and times of its sudden changes [s].
 
-    Attributes:
-        samples: Number of samples.
-        duration_s: Time from the first to the last sample [s].
-        quantities: Quantities by name.
-        changes_s: Times of sudden changes of the cart [s].
-        doubts: What is measured worse than stated, as sentences.
+    Doubts are sentences about what is measured worse than stated.
     """
 
     samples: int
@@ -73,30 +61,20 @@ class CartIdentification(msgspec.Struct, frozen=True):
         """Whether all quantities are known, and measurements are as good as stated."""
         return not self.doubts and not any(quantity.not_known for quantity in self.quantities.values())
 
-    @property
-    def is_contradicted(self) -> bool:
-        """Whether the cart does not move as it is pushed."""
-        return bool(self.changes_s) or any("unknown force" in doubt for doubt in self.doubts)
-
 
 def identify_cart(
     recording: CartRecording,
     *,
     mass: float,
     com: tuple[float, float],
-    hand: tuple[float, float],
+    hand: Hand,
     noise: float,
     force_noise: float,
 ) -> CartIdentification:
     """Run the learner over a recording; if this does not fit, say what would.
 
-    Args:
-        recording: The recording.
-        mass: First guess of the mass [kg].
-        com: First guess of the centre of mass [m].
-        hand: Point on the cart at which pushes are measured [m].
-        noise: Standard deviation of poses and rates [m, rad, m/s, rad/s].
-        force_noise: Standard deviation of forces [N].
+    Mass [kg] and centre of mass [m] are first guesses; the hand is the point on the cart at which pushes are measured
+    [m]. Noise is the standard deviation of poses and rates [m, rad, m/s, rad/s], and of forces [N].
 
     Raises:
         RecordingError: Poses, rates and pushes are not those of one cart.
@@ -106,32 +84,28 @@ def identify_cart(
     for option, value in given.items():
         if not np.all(np.isfinite(np.asarray(value))):
             raise UsageError(f"{option}: found {value}, expected finite numbers")
-    run = partial(_identified, mass=mass, com=com, noise=noise, force_noise=force_noise)
+    guess = CartBody(mass, com, mass * _BOX, _FRICTION)
+    run = partial(_identified, guess=guess, noise=noise, force_noise=force_noise)
 
-    def is_known(given: CartRecording, point: tuple[float, float]) -> bool:
-        return run(given, hand=point).is_known
+    def is_known(given: CartRecording, point: Hand) -> bool:
+        return run(given, point).is_known
 
     _check_motion(recording)
     _check_axle(recording, noise)
     try:
-        found = run(recording, hand=hand)
+        found = run(recording, hand)
     except RecordingError as error:
         other = explanation(recording, hand, is_known)
         raise RecordingError(f"{error}; {other}" if other else str(error)) from error
-    if found.is_known or not found.is_contradicted:
+    is_contradicted = bool(found.changes_s) or any("unknown force" in doubt for doubt in found.doubts)
+    if found.is_known or not is_contradicted:
         return found
     other = explanation(recording, hand, is_known)
     return msgspec.structs.replace(found, doubts=[*found.doubts, *([other] if other else [])])
 
 
 def _identified(
-    recording: CartRecording,
-    *,
-    mass: float,
-    com: tuple[float, float],
-    hand: tuple[float, float],
-    noise: float,
-    force_noise: float,
+    recording: CartRecording, hand: Hand, *, guess: CartBody, noise: float, force_noise: float
 ) -> CartIdentification:
     """Run the learner once; arguments and errors as of ``identify_cart``."""
     grasp, lever = grasp_map(np.array(hand)), np.diag([1.0, 1.0, _ARM**2])
@@ -140,7 +114,6 @@ def _identified(
     planned = pushes if recording.planned is None else recording.planned @ grasp.T
     motions = np.hstack([recording.poses, recording.rates])
     covariance = noise**2 * np.eye(MOTION_SIZE)
-    guess = CartBody(mass, com, mass * _BOX, _FRICTION)
     prior = msgspec.structs.replace(_PRIOR, start=max(_PRIOR.start, float(np.linalg.norm(recording.rates[0]))))
     learner = CartLearner(guess, Sighting(motions[0], covariance), prior)
     changes: list[float] = []

@@ -13,13 +13,7 @@ from coheft.wire.scenario.schema import Graph
 
 @dataclass(frozen=True, eq=False)
 class CartRun:
-    """Results of a run.
-
-    Attributes:
-        scenario: The scenario.
-        truths: The truth at every sample.
-        estimates: Each pusher's estimates, ten per second, by its name.
-    """
+    """Results of a run: the truth at every sample, and each pusher's estimates, ten per second, by its name."""
 
     scenario: CartScenario
     truths: list[CartTruth]
@@ -34,11 +28,7 @@ def neighbours_of(scenario: CartScenario) -> dict[str, tuple[str, ...]]:
 
 
 def run_in_process(scenario: CartScenario) -> CartRun:
-    """Run a scenario to its end.
-
-    Raises:
-        SimulationError: The cart has moved out of bounds.
-    """
+    """Run a scenario to its end; raise a ``SimulationError`` if the cart moves out of bounds."""
     graph = neighbours_of(scenario)
     simulation = CartSimulation(scenario)
     agents = {name: CartAgent(agent_config(scenario, name, graph[name])) for name in scenario.names}

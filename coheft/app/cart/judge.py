@@ -42,23 +42,17 @@ class CartReport(msgspec.Struct, frozen=True):
 
     Attributes:
         test: Number in Table I.
-        seed: Seed of the noise.
-        pushers: Number of pushers.
-        learns: Whether the estimator was used.
         mass_error_kg: Mass error at 10 s.
         mass_std_kg: The pusher's standard deviation of it.
         com_error_mm: Error of the centre of mass at the end.
         com_known: Whether the pushers report the centre of mass as known.
         com_std_mm: Their standard deviation of it: root of the sum of both variances.
         inertia_error_kg_m2: Error of the central moment of inertia at the end.
-        not_known: Quantities that are not known at the end.
         largest_tracking_error_m: Largest distance from the reference after 5 s.
         first_tracking_error_m: Largest distance from the reference before.
         mean_effort_n: Mean effort of all hands, see ``CartTruth``.
         slip_m_s: Largest sideways velocity of the wheels.
-        jumps: Number of sudden changes that were detected.
         doubts: What the pushers report as measured worse than stated.
-        loads: Recoveries from load changes.
         diverged: Whether the estimate or the cart is lost at the end.
     """
 

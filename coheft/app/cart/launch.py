@@ -24,11 +24,7 @@ _COLLECT_LIMIT = 0.1  # processes are also checked while messages arrive faster 
 
 
 def make_configs(scenario: CartScenario, run: str) -> tuple[CartServerConfig, dict[str, CartAgentProcessConfig]]:
-    """Make the configurations of all processes of a run; ``run`` is the prefix of its keys.
-
-    Raises:
-        LinkError: There are not enough free ports.
-    """
+    """Make the configurations of all processes of a run; ``run`` is the prefix of its keys."""
     names, graph = scenario.names, neighbours_of(scenario)
     endpoints = iter([f"tcp/127.0.0.1:{port}" for port in free_ports(3 * len(names) + 1)])
     observe = next(endpoints)
@@ -53,10 +49,8 @@ def run_in_processes(
 ) -> CartRun:
     """Run a scenario to its end.
 
-    Args:
-        scenario: The scenario.
-        make_folder: Makes a folder for the logs of a run, given its name.
-        on_problem: Called with each problem that a process reports.
+    ``make_folder`` makes a folder for the logs of a run, given its name; ``on_problem`` is called with each problem
+    that a process reports.
 
     Raises:
         ProcessError: A process failed; the others have been stopped.
@@ -95,11 +89,7 @@ def run_in_processes(
 
 
 def check_complete(run: CartRun, folder: Path) -> None:
-    """Check that a run can be judged: messages to observers may be lost.
-
-    Raises:
-        LinkError: Samples of the cart are missing, or all estimates of a pusher.
-    """
+    """Raise a ``LinkError`` if too many messages to observers were lost to judge a run."""
     if len(run.truths) < run.scenario.blocks:
         raise LinkError(
             f"received {len(run.truths)} of {run.scenario.blocks} samples of the cart, so the run cannot be judged; "

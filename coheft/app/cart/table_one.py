@@ -51,17 +51,12 @@ def table_one(
     turning_friction: float = 1.0,
     noise_factor: float = 1.0,
 ) -> CartScenario:
-    """A test of Table I, or the one that is modelled on the paper's hardware experiment 5.
+    """Test 1 to 11 of Table I, or 12, which is modelled on the paper's hardware experiment 5.
 
-    Args:
-        number: 1 to 12.
-        seed: Seed of the noise.
-        learns: Whether to use the estimator.
-        pushers: Number of pushers; one in the paper.
-        friction_guess: The pushers' guess of the translational friction, relative to the true one; None if they know
-            it, as in the paper. They guess the same number for the turning friction, and estimate it.
-        turning_friction: Turning friction relative to the translational one [m²]; they are one number in the paper.
-        noise_factor: See ``CartScenario``.
+    ``friction_guess`` is the pushers' guess of the translational friction, relative to the true one; None if they know
+    it, as in the paper. They guess the same number for the turning friction, and estimate it. ``turning_friction`` is
+    relative to the translational one [m²]; in the paper they are one number. ``noise_factor`` is that of
+    ``CartScenario``.
     """
     row: _Row = ("there and back", 16.0, (0.3, 0.15), 0.005, False) if number == REVERSAL else _ROWS[number]
     trajectory, guessed_mass, com, noise, slides = row

@@ -59,7 +59,7 @@ def cart(
     """
     from rich.console import Console
 
-    from coheft.app.cart.campaign import Case, run_cases
+    from coheft.app.cart.campaign import Case, Outcome, Run, run_cases
     from coheft.app.cart.figures import draw
     from coheft.app.cart.inprocess import run_in_process
     from coheft.app.cart.launch import run_in_processes
@@ -85,15 +85,15 @@ def cart(
     cases = [Case(number, of_test(number, seed=seed, pushers=pushers)) for number in chosen for seed in chosen_seeds]
     cases += [Case(number, of_test(number, seed=first_seed, learns=False)) for number in chosen]
     console = Console(stderr=json == "-", quiet=quiet)
+    run: Run = run_in_process
+    if processes:
+        run = partial(run_in_processes, make_folder=log_folders(), on_problem=Console(stderr=json == "-").print)
+    found: dict[Case, Outcome] = {}
     with picture_folder(figures), show_progress(console, "runs", len(cases)) as progress:
-        outcomes = run_cases(
-            cases,
-            jobs=1 if processes else jobs or min(len(cases), usual_jobs()),
-            run=partial(run_in_processes, make_folder=log_folders(), on_problem=Console(stderr=json == "-").print)
-            if processes
-            else run_in_process,
-            on_progress=lambda done: progress(done, ""),
-        )
+        for outcome in run_cases(cases, 1 if processes else jobs or min(len(cases), usual_jobs()), run):
+            found[outcome.case] = outcome
+            progress(len(found), "")
+    outcomes = [found[case] for case in cases]
     reports = [outcome.report for outcome in outcomes]
     study = CartStudy(reports, missed(reports))
     print_study(console, study)

@@ -56,7 +56,6 @@ def _complaint(error: cyclopts.ValidationError, argument: cyclopts.Argument) -> 
 
 
 def _name(argument: cyclopts.Argument) -> str:
-    """Return an argument's name as shown in the help."""
     is_positional = argument.index is not None
     return argument.name.lstrip("-").upper() if is_positional else argument.name
 

@@ -46,14 +46,14 @@ def export(
         to: Write to this file instead of standard output.
     """
     from coheft.app.export.formats import hand_over
-    from coheft.app.export.sources import hear_load, read_load
+    from coheft.app.export.sources import load_of_run, read_load
     from coheft.app.export.verdict import Limits
     from coheft.app.outputs import write_text
 
     if report is not None and run is not None:
         raise UsageError(f"--run names a run in progress, but {report} is a report: leave one out")
     options.check_outputs(*([] if report is None else [report]), to=to)
-    load = read_load(report, robot, estimator) if report is not None else hear_load(run, robot, estimator)
+    load = read_load(report, robot, estimator) if report is not None else load_of_run(run, robot, estimator)
     text, answer = hand_over(load, as_, flange, Limits(max_mass, max_offset, max_inertia))
     if to is None:
         sys.stdout.write(text)

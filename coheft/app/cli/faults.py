@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from bisect import insort
+from functools import partial
 from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -69,12 +71,13 @@ def faults(
     """
     from rich.console import Console
 
-    from coheft.app.faults.campaign import kept_first_seed, new_first_seed, run_campaign
+    from coheft.app.faults.campaign import run_campaign, usual_first_seed
     from coheft.app.faults.draw import draw_schedule
-    from coheft.app.faults.output import campaign_progress, markdown, print_campaign
+    from coheft.app.faults.output import markdown, print_campaign
     from coheft.app.faults.summary import summarise
     from coheft.app.outputs import write_outputs, write_text
     from coheft.app.results.report import write_report
+    from coheft.app.terminal.progress import show_progress
 
     of_campaigns = {
         "first-seed": first_seed,
@@ -94,29 +97,26 @@ def faults(
     console = Console(stderr=json == "-", quiet=quiet)
     if replay is not None:
         return _replay(console, _schedule_of(replay, values), mutant, is_shrunk=shrink)
-    if first_seed is None and kept is not None:
-        first_seed = kept_first_seed(kept)
     if first_seed is None:
-        first_seed = new_first_seed()
+        first_seed = usual_first_seed(kept)
     chosen = range(first_seed, first_seed + seeds)
     console.print(f"first seed {first_seed}", highlight=False)
     draw_schedule(first_seed, values=values)  # reports invalid values before anything starts
-    done: list[Outcome] = []
+    outcomes: list[Outcome] = []
+    failures = 0
     try:
-        with campaign_progress(console, len(chosen)) as on_outcome:
-
-            def tell(outcome: Outcome) -> None:
-                done.append(outcome)
-                on_outcome(outcome)
+        with show_progress(console, "schedules", seeds) as show:
+            for outcome in run_campaign(chosen, jobs=jobs, kept=kept, mutant=mutant, values=values):
+                insort(outcomes, outcome, key=lambda each: each.seed)
+                failures += bool(outcome.violations)
+                show(len(outcomes), f"{failures} failed")
                 if outcome.violations and not mutant:
                     _keep_failed(outcome.seed, values, failed or _FAILED)
-
-            outcomes = run_campaign(chosen, jobs=jobs, kept=kept, mutant=mutant, values=values, on_outcome=tell)
     except KeyboardInterrupt:
-        if done:
-            print_campaign(console, summarise(done), sorted(done, key=lambda outcome: outcome.seed), mutant, values)
+        if outcomes:
+            print_campaign(console, summarise(outcomes), outcomes, mutant, values)
         unwritten = [what for what, place in (("summary (--json)", json), ("table (--table)", table)) if place]
-        clauses = [f"stopped after {len(done)} of {len(chosen)} schedules"]
+        clauses = [f"stopped after {len(outcomes)} of {seeds} schedules"]
         clauses += [f"no {what} was written" for what in unwritten]
         clauses += [] if kept is None else [f"the same command continues with the outcomes in {kept}"]
         raise KeyboardInterrupt("; ".join(clauses)) from None
@@ -137,12 +137,6 @@ def _keep_failed(seed: int, values: list[str], folder: Path) -> None:
         write_schedule(draw_schedule(seed, values=values), folder / f"{seed}.json")
 
 
-def _new_file(seed: int) -> Path:
-    """Return the name of a new file: what is replayed may be a simplified schedule of the same seed."""
-    names = (f"faults-{seed}-{number}.json" if number > 1 else f"faults-{seed}.json" for number in count(1))
-    return next(path for path in map(Path, names) if not path.exists())
-
-
 def _schedule_of(text: str, values: list[str]) -> FaultSchedule:
     from coheft.app.faults.draw import draw_schedule
     from coheft.app.faults.schedule import read_schedule
@@ -158,7 +152,7 @@ def _replay(console: Console, schedule: FaultSchedule, mutant: str, *, is_shrunk
     from coheft.app.faults.mutants import mutated
     from coheft.app.faults.output import print_outcome, print_schedule
     from coheft.app.faults.schedule import write_schedule
-    from coheft.app.faults.shrink import breaks_same_promise, shrink
+    from coheft.app.faults.shrink import breaks, shrink
     from coheft.app.faults.trial import try_schedule
 
     with mutated(mutant):
@@ -166,13 +160,16 @@ def _replay(console: Console, schedule: FaultSchedule, mutant: str, *, is_shrunk
         if is_shrunk and not outcome.violations:
             console.print("the schedule breaks no promise, so there is nothing to simplify")
         elif is_shrunk:
-            fails = breaks_same_promise(outcome)
-            simplest = shrink(schedule, fails, lambda simpler: print_schedule(console, simpler))
+            simplest = schedule
+            for simplest in shrink(schedule, partial(breaks, {violation.promise for violation in outcome.violations})):
+                print_schedule(console, simplest)
             if simplest == schedule:
                 console.print("the schedule cannot be simplified: anything simpler keeps these promises")
             else:
                 schedule, outcome = simplest, try_schedule(simplest)
-                path = _new_file(schedule.seed)
+                stem = f"faults-{schedule.seed}"
+                names = (f"{stem}-{number}.json" if number > 1 else f"{stem}.json" for number in count(1))
+                path = next(path for path in map(Path, names) if not path.exists())  # may be a simplified one's
                 write_schedule(schedule, path)
                 console.print(f"written to {path}")
     print_schedule(console, schedule)

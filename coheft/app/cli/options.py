@@ -115,14 +115,9 @@ def _check_recording(value: Path) -> None:
 
 
 def check_outputs(*inputs: Path, **targets: str | Path | None) -> None:
-    """Check that all outputs of a command have different paths, and that none is an input.
+    """Raise a ``UsageError`` if two outputs of a command have the same path, or if one of them is an input.
 
-    Args:
-        inputs: Input files.
-        targets: Output paths by name of the option; None if not requested; - is standard output.
-
-    Raises:
-        UsageError: Two paths are equal.
+    ``targets`` are the outputs by name of the option; None if not requested; - is standard output.
     """
     read = {os.path.realpath(path) for path in inputs}
     options: dict[str, str] = {}

@@ -20,7 +20,6 @@ if TYPE_CHECKING:  # loaded only by runs that need them
     from coheft.app.run.broken_off import BrokenOff
     from coheft.app.run.hosts import Hosts
     from coheft.app.run.plan import Plan
-    from coheft.app.run_report.series import SeriesFollower
     from coheft.app.view.place import Place
     from coheft.app.view.process import ViewBeside
     from coheft.wire.config import ClockKind
@@ -100,6 +99,7 @@ def run(
 
     from rich.console import Console
 
+    from coheft.app.run.hosts import LOOPBACK, load_hosts
     from coheft.app.run.overrides import override
     from coheft.app.run.plan import check_no_parts, make_plan, new_run_name
     from coheft.wire.scenario.file import load_scenario, scenario_path
@@ -131,11 +131,7 @@ def run(
     options.check_outputs(scenario_path(scenario), json=json, report=report, save_data=save_data, record=record)
     if keys is not None and not keys.is_dir():
         raise UsageError(f"--keys: there is no folder {str(keys)!r}; 'coheft keys' makes one")
-    places: Hosts | None = None
-    if hosts is not None:
-        from coheft.app.run.hosts import load_hosts
-
-        places = load_hosts(hosts, chosen)
+    places = load_hosts(hosts, chosen) if hosts is not None else None
     clock: ClockKind = "realtime" if realtime else "paced" if view else "lockstep"
 
     def planned(name: str, folder: Path) -> Plan:
@@ -156,8 +152,8 @@ def run(
     from coheft.app.results.report import write_report
     from coheft.app.run.broken_off import BrokenOff
     from coheft.app.run.folder import make_run_folder
-    from coheft.app.run.follower import Follower
     from coheft.app.run.launch import launch
+    from coheft.app.run_report.series import SeriesFollower
     from coheft.app.terminal.final_table import print_report
     from coheft.app.terminal.notes import print_notes
     from coheft.app.terminal.screen import make_display
@@ -168,7 +164,6 @@ def run(
     offers_another = view and not any((json, report, record, save_data, logs))
     place: Place | None = None
     if view:
-        from coheft.app.run.hosts import LOOPBACK
         from coheft.app.view.place import Place
 
         place = Place.choose(LOOPBACK)
@@ -179,11 +174,7 @@ def run(
         wants_another = False
         with ExitStack() as stack:
             stack.enter_context(picture_folder(report, "report"))
-            page: SeriesFollower | None = None
-            if report is not None:
-                from coheft.app.run_report.series import SeriesFollower
-
-                page = SeriesFollower()
+            page = SeriesFollower() if report is not None else None
             folder = make_run_folder(name, logs)
             plan = planned(name, folder)
             give_back_memory()
@@ -202,13 +193,12 @@ def run(
                 recorder = stack.enter_context(Recorder(record, chosen))
             asked = {"json": json, "report": report, "save_data": save_data, "record": record}
             broken_off = BrokenOff(asked, folder, recorder)
-            beside: list[Follower | None] = [page, recorder, broken_off]
             try:
                 found = launch(
                     plan,
                     folder,
                     make_display(console),
-                    followers=[follower for follower in beside if follower is not None],
+                    followers=[each for each in (page, recorder, broken_off) if each is not None],
                     with_history=history,
                     restarts=restarts,
                     fork_server=None if is_another else fork_server,

@@ -91,6 +91,7 @@ def study(
         report: Folder for a report with pictures.
     """
     from functools import partial
+    from itertools import count
 
     from msgspec import structs
     from rich.console import Console
@@ -133,12 +134,10 @@ def study(
     found: list[StudyReport] = []
     total = sum(plan.runs for plan in plans)
     with picture_folder(report), show_progress(console, "runs", total) as progress:
-        before = 0
+        done = count(1)
         for plan in plans:
-            tell = partial(lambda before, done: progress(before + done, ""), before)
-            study_report, trials = run_study(plan, jobs=jobs, dask=dask, on_progress=tell)
+            study_report, trials = run_study(plan, jobs=jobs, dask=dask, on_progress=lambda _: progress(next(done), ""))
             found.append(study_report)
-            before += plan.runs
     if varied:
         variants = VariedReport([Variant(value, each) for value, each in zip(varied, found, strict=True)])
         print_varied(console, variants)

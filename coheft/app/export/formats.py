@@ -25,13 +25,9 @@ _LARGEST_OF_UR = 133.0
 
 
 def hand_over(load: FoundLoad, target: Target, flange: Placement | None, limits: Limits) -> tuple[str, Answer]:
-    """Return the text for the target, and whether the load is within the limits.
+    """Return the text for the target, and whether the load, given in the robot's grasp frame, is within the limits.
 
-    Args:
-        load: The load in the grasp frame of the robot that identified it.
-        target: The target.
-        flange: Pose of that frame in the frame of the flange; None if they coincide.
-        limits: Limits for a verdict.
+    ``flange`` is the pose of that frame in the frame of the flange; None if they coincide.
 
     Raises:
         UsageError: There are limits, but the target is not a verdict.
@@ -50,15 +46,9 @@ def hand_over(load: FoundLoad, target: Target, flange: Placement | None, limits:
 
 
 def export_load(load: FoundLoad, format: Format, frame: str) -> str:
-    """Return the text for a model or a controller.
+    """Return the text for a model or a controller, or raise a ``CoheftError`` if that does not accept such a load.
 
-    Args:
-        load: The load, in the frame that the arm or the model uses for it.
-        format: The format.
-        frame: Description of that frame.
-
-    Raises:
-        CoheftError: The controller does not accept such a load.
+    ``frame`` describes the load's frame, which is the one used there.
     """
     begin, end, write = _FORMATS[format]
     mass, std = load.inertia.mass, load.mass_std

@@ -22,13 +22,10 @@ class FoundLoad:
     """Mass properties of the whole load in one frame.
 
     Attributes:
-        inertia: The estimate.
         mass_std: Standard deviation of the mass [kg].
         com_std: Standard deviation of the centre of mass, shape (3,) [m].
         tensor_std: Standard deviations of the entries of the inertia about the centre of mass, shape (3, 3) [kg·m²].
         robot: Robot in whose grasp frame the load was identified.
-        source: Description of the source.
-        remarks: Remarks for the user.
     """
 
     inertia: Inertia
@@ -56,8 +53,8 @@ class FoundLoad:
 def of_run(report: Report, robot: str | None, source: str, estimator: str | None = None) -> FoundLoad:
     """Return the load that a robot (default: the first) found in a run with an estimator (default: its own).
 
-    Raises:
-        CoheftError: There is no such robot or estimator, or its estimate may not be used; the message says why.
+    It raises a ``CoheftError`` if there is no such robot or estimator, or if its estimate may not be used, with the
+    reason.
     """
     is_choice = bool(report.beside)
     report = report.of_estimator(estimator)
@@ -93,8 +90,7 @@ def of_estimate(estimate: Estimate, source: str) -> FoundLoad:
 def of_recording(report: IdentifyReport, robot: str | None, source: str) -> FoundLoad:
     """Return the load identified from a recording, in the grasp frame of its first robot.
 
-    Raises:
-        CoheftError: Another robot is requested, or the result may not be used; the message says why.
+    It raises a ``CoheftError`` if another robot is requested, or if the result may not be used, with the reason.
     """
     first = report.robots[0]
     if robot not in (None, first):

@@ -16,12 +16,7 @@ _PATIENCE = 5.0
 
 
 def read_load(path: Path, robot: str | None, estimator: str | None = None) -> FoundLoad:
-    """Return the load of a JSON report of ``coheft run`` or ``coheft identify``; choices as for ``of_run``.
-
-    Raises:
-        CoheftError: It is not such a report, that estimator did not run, or its estimate may not be used; the message
-            says why.
-    """
+    """Return the load of a report of ``coheft run`` or ``coheft identify``; choices and errors as of ``of_run``."""
     try:
         text = path.read_bytes()
         keys = msgspec.json.decode(text, type=dict[str, msgspec.Raw])
@@ -39,22 +34,17 @@ def read_load(path: Path, robot: str | None, estimator: str | None = None) -> Fo
 
 
 def refuse_estimator(estimator: str | None, source: str) -> None:
-    """Refuse the choice of an estimator for a load that was identified from a recording.
-
-    Raises:
-        UsageError: There is such a choice.
-    """
+    """Raise a ``UsageError`` if an estimator is chosen for a load that was identified from a recording."""
     if estimator is not None:
         raise UsageError(
             f"--estimator chooses between estimators of a run, but {source} is of a recording: leave it out"
         )
 
 
-def hear_load(folder: Path | None, robot: str | None, estimator: str | None = None) -> FoundLoad:
-    """Return the load that a robot of a run in progress, by default the newest, reports now; choices as for ``of_run``.
+def load_of_run(folder: Path | None, robot: str | None, estimator: str | None = None) -> FoundLoad:
+    """Return the load that a robot of a run in progress, by default the newest, reports now.
 
-    Raises:
-        CoheftError: There is no such run, robot or estimator, it sends no estimate, or its estimate may not be used.
+    Choices and errors are as of ``of_run``; it is also an error if the robot sends no estimate.
     """
     from coheft.app.run.folder import locate_run
     from coheft.app.run.observer import observe

@@ -14,12 +14,10 @@ Answer = Literal["within", "unclear", "exceeds"]
 
 
 class Limits(msgspec.Struct, frozen=True):
-    """Limits of a load; None if there is no limit.
+    """Limits of a load's mass [kg], offset [m] and inertia [kg·m²]; None if there is none.
 
-    Attributes:
-        mass: [kg].
-        offset: Distance of its centre of mass from the frame's origin [m].
-        inertia: Its largest principal moment of inertia about the centre of mass [kg·m²].
+    The offset is the distance of its centre of mass from the frame's origin, the inertia the largest principal moment
+    about its centre of mass.
     """
 
     mass: float | None = None
@@ -31,10 +29,8 @@ class Part(msgspec.Struct, frozen=True):
     """A number with its uncertainty and its limit.
 
     Attributes:
-        value: The estimate.
         low: Lower bound with the uncertainty.
         high: Upper bound with the uncertainty.
-        limit: The limit; None if there is none.
         answer: ``within``: also ``high`` is; ``exceeds``: not even ``low`` is within; ``unclear``: in between.
     """
 
@@ -56,9 +52,6 @@ class LoadVerdict(msgspec.Struct, frozen=True):
         com: Centre of mass [m].
         tensor: Inertia about the centre of mass [kg·m²].
         frame: Description of the frame of these.
-        robot: Robot that identified the load.
-        source: Description of the source.
-        remarks: Remarks for the user.
     """
 
     answer: Answer

@@ -3,7 +3,8 @@
 import hashlib
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import msgspec
@@ -28,18 +29,15 @@ class Header(msgspec.Struct, frozen=True):
     first_seed: int = 0
 
 
-def new_first_seed() -> int:
-    """Return a first seed from the clock, so that each campaign runs new schedules."""
-    return time.time_ns() // 1_000_000 % (_SEEDS - _ROOM)
+def usual_first_seed(kept: Path | None) -> int:
+    """Return the first seed of the campaign that began a file of outcomes.
 
-
-def kept_first_seed(path: Path) -> int | None:
-    """Return the first seed of the campaign that began a file of outcomes; None if there is no such file."""
-    try:
-        with path.open("rb") as file:
+    If there is no such file, it is one from the clock, so that each campaign runs new schedules.
+    """
+    if kept is not None:
+        with suppress(OSError, msgspec.DecodeError), kept.open("rb") as file:
             return msgspec.json.decode(file.readline(), type=Header).first_seed
-    except (OSError, msgspec.DecodeError):
-        return None
+    return time.time_ns() // 1_000_000 % (_SEEDS - _ROOM)
 
 
 class OutcomeFile:
@@ -52,18 +50,18 @@ class OutcomeFile:
     def begin(self) -> list[Outcome]:
         """Return all outcomes in the file; an incomplete last line is removed.
 
-        Raises:
-            CoheftError: The file cannot be read or written, or is of other code, or something else: it is not changed.
+        It raises a ``CoheftError`` if the file cannot be read or written, or is of something else, which is not
+        changed.
         """
         try:
             lines = self._path.read_bytes().splitlines(keepends=True) if self._path.exists() else []
-            if not lines:
-                self._path.write_bytes(msgspec.json.encode(self._header) + b"\n")
-                return []
-            self._check(lines[0])
-            if not lines[-1].endswith(b"\n"):
+            if lines:
+                self._check(lines[0])
+            if lines and not lines[-1].endswith(b"\n"):
                 os.truncate(self._path, sum(map(len, lines[:-1])))
                 del lines[-1]
+            if not lines:
+                self._path.write_bytes(msgspec.json.encode(self._header) + b"\n")
             return [msgspec.json.decode(line, type=Outcome) for line in lines[1:]]
         except OSError as error:
             raise CoheftError(f"cannot keep outcomes in {self._path}: {error.strerror}") from error
@@ -101,33 +99,27 @@ def run_campaign(
     kept: Path | None = None,
     mutant: str = "",
     values: Sequence[str] = (),
-    on_outcome: Callable[[Outcome], None] = lambda outcome: None,
-) -> list[Outcome]:
-    """Run one schedule per seed; return all outcomes, in the order of seeds.
+) -> Iterator[Outcome]:
+    """Run one schedule per seed; yield all outcomes as they arrive.
 
-    Outcomes are appended to the file ``kept``, and schedules whose outcome it contains are not run again.
-    ``on_outcome`` is called with every outcome, those in the file first. See ``workers``, ``mutants`` and
-    ``draw_schedule``.
+    Outcomes are appended to the file ``kept``, and schedules whose outcome it contains are not run again: these come
+    first. See ``workers``, ``mutants`` and ``draw_schedule``.
 
     Raises:
         MissingPackageError: A package that campaigns need is not installed.
         CoheftError: The file cannot be read or written, or contains something else.
     """
     file = None if kept is None else OutcomeFile(kept, mutant, values, min(seeds))
-    outcomes: dict[int, Outcome] = {}
+    left = dict.fromkeys(seeds)
     with workers(jobs):
-        if file is not None:
-            wanted = set(seeds)
-            outcomes = {outcome.seed: outcome for outcome in file.begin() if outcome.seed in wanted}
-        for outcome in outcomes.values():
-            on_outcome(outcome)
-        left = [seed for seed in seeds if seed not in outcomes]
+        for outcome in [] if file is None else file.begin():
+            if outcome.seed in left:
+                del left[outcome.seed]
+                yield outcome
         for outcome in side_by_side(try_seed, ((seed, mutant, tuple(values)) for seed in left)):
-            outcomes[outcome.seed] = outcome
             if file is not None:
                 file.append(outcome)
-            on_outcome(outcome)
-    return [outcomes[seed] for seed in seeds]
+            yield outcome
 
 
 def try_seed(seed: int, mutant: str = "", values: Sequence[str] = ()) -> Outcome:

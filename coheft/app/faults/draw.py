@@ -1,7 +1,5 @@
 """Random schedules: a small team that is quick to simulate, and up to four faults."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, TypeVar, get_args
 
@@ -212,7 +210,6 @@ class _Team:
         return LoadChange(at=time, mass=self._number(0.5, 3.0), position=self._place())
 
     def _place(self) -> Vector:
-        """Draw a position on the plate."""
         x, y = self._rng.uniform(-0.4, 0.4, size=2) * self._extent
         return _round(x), _round(y), 0.1
 
@@ -303,7 +300,6 @@ class _Team:
 
 
 def _round(value: float) -> float:
-    """Round to a readable number."""
     return round(float(value), 3)
 
 

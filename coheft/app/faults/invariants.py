@@ -40,12 +40,8 @@ _POSE = (*(f"rotation {axis}" for axis in "xyz"), *(f"position {axis}" for axis 
 class Violation(msgspec.Struct, frozen=True):
     """A broken promise.
 
-    Attributes:
-        promise: Name of the promise.
-        time: End of the block after which it was first broken [s].
-        robot: The robot that broke it.
-        what: Description.
-        size: For P1, the largest error in standard deviations; for P3, the time it took [s].
+    It was first broken in the block that ended at ``time`` [s]; the ``size`` of P1 is the largest error in standard
+    deviations, that of P3 the time it took [s].
     """
 
     promise: str
@@ -58,8 +54,7 @@ class Violation(msgspec.Struct, frozen=True):
 class Watch:
     """Checks everything that a team publishes, see the module.
 
-    Attributes:
-        off_for: Longest time for which a robot has reported wrong numbers as valid [s]; None if it never did.
+    ``off_for`` is the longest time for which a robot has reported wrong numbers as valid [s]; None if it never did.
     """
 
     def __init__(self, schedule: FaultSchedule, scene: Scene) -> None:
@@ -83,7 +78,7 @@ class Watch:
         """Broken promises, each with its first time and its largest size, in order of time."""
         return sorted(self._found.values(), key=lambda violation: violation.time)
 
-    def look(self, block: FaultyBlock) -> None:
+    def check(self, block: FaultyBlock) -> None:
         """Check all estimates that were published after a block."""
         self._seen += 1
         self._judge.add(block.truth, remember=self._seen)
@@ -94,17 +89,15 @@ class Watch:
             if estimate is None:
                 continue
             since, self._is_off = self._off_since.pop(robot, estimate.time), False
-            is_judged = self._lies.get(robot, math.inf) > estimate.time and not self._has_just_slipped(estimate)
+            times = (self._block_duration * estimate.valid_block, estimate.time)
+            has_just_slipped = any(slip <= time < slip + GRACE_OF_SLIP for slip in self._slips for time in times)
+            is_judged = self._lies.get(robot, math.inf) > estimate.time and not has_just_slipped
             if estimate.status is Validity.VALID and is_judged:
                 self._check_payload(estimate)
                 self._check_poses(estimate)
             if self._is_off:
                 self._off_since[robot] = since
                 self.off_for = max(self.off_for or 0.0, estimate.time - since)
-
-    def _has_just_slipped(self, estimate: Estimate) -> bool:
-        times = (self._block_duration * estimate.valid_block, estimate.time)
-        return any(slip <= time < slip + GRACE_OF_SLIP for slip in self._slips for time in times)
 
     def _check_payload(self, estimate: Estimate) -> None:
         robot, payload, block = estimate.robot, estimate.payload, estimate.valid_block

@@ -5,8 +5,6 @@ Sensor errors are 0.3 to 3 times the sensor's noise at usual readings. They are 
 tolerances, so that runs with real processes can have the same.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 
@@ -48,7 +46,7 @@ def with_lasting_errors(schedule: FaultSchedule, rng: np.random.Generator) -> Fa
     for _ in range(rng.integers(1, _MOST + 1)):
         shape = shapes[rng.integers(len(shapes))]
         key, value = _error(scenario, shape, rng)
-        (drift if shape == "drift" else keys)[key] = float(f"{value:.3g}")
+        (drift if shape == "drift" else keys)[key] = readable(value)
     return _replace(
         schedule, scenario=_replace(scenario, sensors=_with_errors(scenario.sensors, keys, drift, is_declared))
     )
@@ -56,7 +54,7 @@ def with_lasting_errors(schedule: FaultSchedule, rng: np.random.Generator) -> Fa
 
 def _error(scenario: Scenario, shape: str, rng: np.random.Generator) -> tuple[str, float]:
     """Draw a key of the tolerance, or of the drift, and its value."""
-    size = _between(_SIZES, rng)
+    size = between(_SIZES, rng)
     if shape == "delay":
         return ("clock", "wrench_delay")[rng.integers(2)], size * _DELAY
     with_shape = {"mounting": SENSORS[:3], "drift": tuple(SensorDrift.__struct_fields__)}.get(shape, SENSORS)
@@ -73,7 +71,6 @@ def _error(scenario: Scenario, shape: str, rng: np.random.Generator) -> tuple[st
 
 
 def _with_errors(sensors: Sensors, keys: Mapping[str, float], drift: Mapping[str, float], is_declared: bool) -> Sensors:
-    """Return sensors with additional errors."""
     before = sensors.tolerance
     errors = _replace(before, **{key: math.hypot(getattr(before, key), value) for key, value in keys.items()})
     if is_declared:
@@ -84,17 +81,23 @@ def _with_errors(sensors: Sensors, keys: Mapping[str, float], drift: Mapping[str
 def _small_change(scenario: Scenario, rng: np.random.Generator) -> LoadChange:
     """Draw a change after all others, because loads are numbered in order."""
     width, depth = scenario.robots.perimeter.extent if scenario.robots.perimeter is not None else (0.5, 0.5)
-    mass = float(f"{_between(_CHANGES, rng) * scenario.payload.inertia().mass:.3g}")
-    leak = float(f"{mass / rng.uniform(*_LEAKS):.3g}") if rng.random() < _LEAK else 0.0
+    mass = readable(between(_CHANGES, rng) * scenario.payload.inertia().mass)
+    leak = readable(mass / rng.uniform(*_LEAKS)) if rng.random() < _LEAK else 0.0
     latest = max([1.0, *(change.at for change in scenario.load_changes)])
     x, y = rng.uniform(-0.4, 0.4, size=2) * (width, depth)
     place = round(float(x), 3), round(float(y), 3), 0.1
     return LoadChange(at=round(latest + float(rng.uniform(0.5, 6.0)), 3), mass=mass, position=place, leak=leak)
 
 
-def _between(ends: tuple[float, float], rng: np.random.Generator) -> float:
+def between(ends: tuple[float, float], rng: np.random.Generator) -> float:
+    """Draw a number whose logarithm is uniform."""
     low, high = ends
     return float(low * (high / low) ** rng.random())
+
+
+def readable(value: float) -> float:
+    """Round to three digits."""
+    return float(f"{value:.3g}")
 
 
 def is_undeclared(scenario: Scenario) -> bool:

@@ -1,7 +1,5 @@
 """Faults of single messages: flipped bits, lies, invalid contents, another run."""
 
-from __future__ import annotations
-
 import msgspec
 import numpy as np
 

@@ -19,7 +19,6 @@ from coheft.agents.efficient.session import Session
 from coheft.estimation.geometry.spatial import Array, skew
 from coheft.estimation.moments.body import BodyModel
 from coheft.estimation.moments.misfit import Explanations
-from coheft.estimation.moments.moments import Moments
 from coheft.estimation.moments.row_buffer import RowBuffer
 
 Function = Callable[..., Any]
@@ -69,29 +68,6 @@ def _no_lever_arm(set_wrench: Function) -> Function:
             part[3:, 12:15] -= lever[robot]
 
     return mutant
-
-
-def _wrong_side(begin_load: Function) -> Function:
-    """After a load change, also use rows from before the change."""
-
-    def mutant(self: RowBuffer, place: int) -> Moments:
-        return begin_load(self, max(self.start, place - 20))  # type: ignore[no-any-return]
-
-    return mutant
-
-
-def _no_rival(explanations: Function) -> Function:
-    """Treat everything that looks like a load change as one."""
-
-    def mutant(*arguments: Any) -> Explanations:
-        return Explanations(np.inf, 0.0, 0, "force")
-
-    return mutant
-
-
-def _no_confirmation(is_confirmed: property) -> property:
-    """Use earlier knowledge at once after rows were missing."""
-    return property(lambda self: True)
 
 
 def _endless_confirmation(fits_badly: Function) -> Function:
@@ -148,9 +124,12 @@ MUTANTS: dict[str, tuple[Any, str, Callable[[Any], Any]]] = {
     "half-complete-row": (Exchange, "complete", _half_complete_row),
     "wrong-row": (Exchange, "complete", _wrong_row),
     "no-lever-arm": (BodyModel, "_set_wrench", _no_lever_arm),
-    "wrong-side": (RowBuffer, "begin_load", _wrong_side),
-    "no-rival": (judge, "explanations", _no_rival),
-    "no-confirmation": (Session, "is_confirmed", _no_confirmation),
+    # After a load change, also use rows from before the change.
+    "wrong-side": (RowBuffer, "begin_load", lambda right: lambda self, place: right(self, max(self.start, place - 20))),
+    # Treat everything that looks like a load change as one.
+    "no-rival": (judge, "explanations", lambda right: lambda *_: Explanations(np.inf, 0.0, 0, "force")),
+    # Use earlier knowledge at once after rows were missing.
+    "no-confirmation": (Session, "is_confirmed", lambda right: property(lambda self: True)),
     "endless-confirmation": (Confirmation, "fits_badly", _endless_confirmation),
     "rare-fits": (ChangeDetector, "_refine", _rare_fits),
     **{f"without-{guard.replace('_', '-')}": (estimator, "Guards", _without(guard)) for guard in SWITCHED_OFF},

@@ -102,8 +102,8 @@ class Network:
         due, arrives = block + 1, True
         copies: list[int] = []
         for fault, rng in active:
-            if isinstance(fault, Partition) and fault.separates(message.sender, receiver):
-                arrives = False
+            if isinstance(fault, Partition):
+                arrives &= (message.sender in fault.group) == (receiver in fault.group)
             if not (isinstance(fault, LinkFault) and fault.concerns(message.sender, receiver)):
                 continue
             match fault:

@@ -2,8 +2,7 @@
 
 import math
 import shlex
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 
 import msgspec
 from rich.box import SIMPLE_HEAD
@@ -15,26 +14,10 @@ from coheft.app.faults.schedule import FaultSchedule
 from coheft.app.faults.summary import CampaignSummary, KindSummary
 from coheft.app.faults.trial import Outcome
 from coheft.app.faults.unlike import differences
-from coheft.app.terminal.progress import show_progress
 from coheft.app.terminal.wide_table import print_table
 
 _SHOWN = 10
 """Largest number of failed schedules that are shown."""
-
-
-@contextmanager
-def campaign_progress(console: Console, schedules: int) -> Iterator[Callable[[Outcome], None]]:
-    """Show the progress of a campaign; yields a function to call with every outcome."""
-    with show_progress(console, "schedules", schedules) as show:
-        done, failed = 0, 0
-
-        def on_outcome(outcome: Outcome) -> None:
-            nonlocal done, failed
-            done += 1
-            failed += bool(outcome.violations)
-            show(done, f"{failed} failed")
-
-        yield on_outcome
 
 
 def print_campaign(

@@ -1,7 +1,5 @@
 """Effects of faulty sensors and clocks on a robot's measurements."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from coheft.app.faults.schedule import ClockSkew, FaultSchedule, SensorFault

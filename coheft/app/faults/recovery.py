@@ -1,15 +1,15 @@
 """P3: some time after the last fault has ended and the load has changed for the last time, every robot is valid again.
 
-The time allowed depends on what happened; the first line that applies counts. ``tellings`` is ``_TELLINGS`` times the
-time until a message has reached all robots. Faults count if they ended less than ``FIND_OUT`` plus ``tellings`` before
+The time allowed depends on what happened; the first line that applies counts. ``exchange`` is ``_MESSAGES`` times the
+time until a message has reached all robots. Faults count if they ended less than ``FIND_OUT`` plus ``exchange`` before
 the last event.
 
 ======================================================  =======================  =====================================
 What happened                                           Time allowed             Why
 ======================================================  =======================  =====================================
-not all were valid before the first fault began, or     ``START_UP + tellings``  the duration of a start depends on
+not all were valid before the first fault began, or     ``START_UP + exchange``  the duration of a start depends on
 there was no fault                                                               the motion
-a robot slipped, grasped the load again, or was dead    ``FIND_OUT + tellings``  it has to find its grasp pose, which
+a robot slipped, grasped the load again, or was dead    ``FIND_OUT + exchange``  it has to find its grasp pose, which
 together with all its neighbours                                                 no other robot knows
 faults, all of them crashes and partitions              ``BACK_FROM_SILENCE``    no estimate was contaminated
 other faults, or changes of the load alone              ``BACK``                 contaminated rows are dropped first
@@ -29,11 +29,11 @@ BACK_FROM_SILENCE = 3.0
 BACK = 5.0
 """Time until every robot is valid again after other faults, and after changes of the load [s]."""
 FIND_OUT = 4.0
-"""Time until every robot is valid again if one has to find its grasp pose, without ``tellings`` [s]."""
+"""Time until every robot is valid again if one has to find its grasp pose, without ``exchange`` [s]."""
 START_UP = 6.0
-"""Time until every robot is valid again if they had not all been valid before, without ``tellings`` [s]."""
-_TELLINGS = 15
-"""``tellings`` in units of the time until a message has reached all robots."""
+"""Time until every robot is valid again if they had not all been valid before, without ``exchange`` [s]."""
+_MESSAGES = 15
+"""``exchange`` in units of the time until a message has reached all robots."""
 _LASTING = 1.0
 """Shortest time of being valid that counts as recovery: a robot might not have noticed a problem yet [s]."""
 _STEADY = 2.5
@@ -43,11 +43,10 @@ _ROUNDING = 1e-9
 
 def latest_recovery(schedule: FaultSchedule) -> float:
     """Return the time at which every robot has to be valid again at the latest, whatever happened [s]."""
-    return _last_event(schedule) + START_UP + _tellings(schedule)
+    return _last_event(schedule) + START_UP + _exchange_time(schedule)
 
 
 def _last_event(schedule: FaultSchedule) -> float:
-    """Return the time of the last event [s]."""
     scenario = schedule.scenario
     changes = (*(_end_of(change) for change in scenario.load_changes), *(slip.at for slip in scenario.slips))
     return max([schedule.last_fault_end, *changes])
@@ -58,20 +57,17 @@ def _end_of(change: LoadChange) -> float:
     return change.at + (change.mass or 0.0) / change.leak if change.leak > 0.0 else change.at
 
 
-def _tellings(schedule: FaultSchedule) -> float:
+def _exchange_time(schedule: FaultSchedule) -> float:
     """Return the time for all messages that robots need to exchange if they start without knowledge [s]."""
     scenario = schedule.scenario
     graph = build_graph(scenario.graph, scenario.robot_names)
-    return _TELLINGS * (diameter(graph) + 1) * scenario.block_duration
+    return _MESSAGES * (diameter(graph) + 1) * scenario.block_duration
 
 
 class Recovery:
-    """Follows which robots are valid. Only robots that hold the load at the end and never lie are considered.
+    """Follows which robots are valid; all were so for the first time at ``first_valid`` [s].
 
-    Attributes:
-        first_valid: When all were valid for the first time [s]; None if never.
-        stale: Number of published estimates that were stale.
-        published: Number of published estimates.
+    Only robots that hold the load at the end and never lie are considered.
     """
 
     def __init__(self, schedule: FaultSchedule) -> None:
@@ -79,7 +75,7 @@ class Recovery:
         self._schedule = schedule
         liars = {fault.robot for fault in schedule.faults if isinstance(fault, Lie)}
         self._graph = build_graph(scenario.graph, scenario.robot_names)
-        self._tellings, self._last_event = _tellings(schedule), _last_event(schedule)
+        self._exchange, self._last_event = _exchange_time(schedule), _last_event(schedule)
         last = scenario.blocks - 1
         self._considered = [
             n for n in scenario.robot_names if n not in liars and GraspSchedule(schedule, n).holds(last)
@@ -91,7 +87,7 @@ class Recovery:
         self._now = 0.0
         self.stale = self.published = 0
 
-    def look(self, block: FaultyBlock) -> None:
+    def add(self, block: FaultyBlock) -> None:
         """Add the estimates that were published after a block."""
         for robot, outbox in block.outboxes.items():
             if outbox.estimate is not None:
@@ -143,12 +139,12 @@ class Recovery:
 
     def _limit(self) -> tuple[float, bool]:
         """Return the time allowed [s], and whether a robot has to find its grasp pose."""
-        find_out = FIND_OUT + self._tellings
+        find_out = FIND_OUT + self._exchange
         last = [fault for fault in self._schedule.faults if fault.end > self._last_event - find_out]
         crashes = [fault for fault in last if isinstance(fault, Crash)]
         first_fault = min((fault.start for fault in self._schedule.faults), default=0.0)
         if self.first_valid is None or self.first_valid > first_fault:
-            return START_UP + self._tellings, True
+            return START_UP + self._exchange, True
         has_slipped = any(slip.at > self._last_event - find_out for slip in self._schedule.scenario.slips)
         if has_slipped or self._all_neighbours_dead(crashes) or any(isinstance(fault, Release) for fault in last):
             return find_out, True

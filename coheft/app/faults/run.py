@@ -33,12 +33,6 @@ class FaultyRun:
     """A team with its load and its faults.
 
     An agent that raises an exception is dead from then on, as its process would be.
-
-    Attributes:
-        graph: Neighbours of every robot.
-        scene: The scene, with the grasps.
-        network: The network between the agents.
-        next_block: Index of the next block.
     """
 
     def __init__(self, schedule: FaultSchedule) -> None:

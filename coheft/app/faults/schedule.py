@@ -1,7 +1,7 @@
 """Faults of one simulated run, with their times. Equal schedules give equal runs, bit for bit."""
 
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Literal
 
 import msgspec
 from msgspec import Meta
@@ -25,23 +25,28 @@ ALL_ROBOTS = "*"
 
 
 class Fault(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind"):
-    """Base of all faults.
+    """A fault from ``start`` to ``end`` [s].
 
-    Attributes:
-        start: Time at which it begins [s].
-        end: Time at which it ends [s].
-        seed: Seed of its own random numbers, so that removing a fault does not change the others.
+    It draws from a ``seed`` of its own, so that removing a fault does not change the others.
     """
 
     start: NotNegative
     end: NotNegative
     seed: Seed = 0
-    _in_tables: ClassVar[str] = "{0.__struct_config__.tag}"
 
     @property
     def kind(self) -> str:
         """Name of the kind of fault in tables."""
-        return self._in_tables.format(self)
+        match self:
+            case Corruption(sealed=True):
+                return "corruption before the checksum"
+            case Replay():
+                return f"replay ({self.source})"
+            case SensorFault():
+                return f"sensor {self.how}"
+            case Lie():
+                return f"lie ({self.how})"
+        return str(self.__struct_config__.tag)
 
     def is_active(self, time: float) -> bool:
         """Whether the fault is active at a time [s]."""
@@ -88,36 +93,22 @@ class Reordering(LinkFault, frozen=True, kw_only=True, tag="reordering"):
 
 
 class Corruption(LinkFault, frozen=True, kw_only=True, tag="corruption"):
-    """Bits of messages flip.
-
-    Attributes:
-        probability: Probability that a message is affected.
-        bits: Number of bits that flip in it.
-        sealed: Whether they flip before the checksum is computed: a message that can be decoded is then delivered.
-    """
+    """Bits of messages flip; if ``sealed``, before the checksum: a message that can be decoded is then delivered."""
 
     probability: Probability
     bits: Count
     sealed: bool = False
 
-    @property
-    def kind(self) -> str:
-        """Name of the kind of fault in tables."""
-        return "corruption before the checksum" if self.sealed else "corruption"
-
 
 class Replay(LinkFault, frozen=True, kw_only=True, tag="replay"):
     """In each block a message is repeated with a probability.
 
-    Attributes:
-        probability: The probability.
-        source: A message that the receiver has had before, one from before the sender's last restart (if it did
-            restart), or one of another run.
+    It is one that the receiver has had before, one from before the sender's last restart (if it did restart), or one of
+    another run.
     """
 
     probability: Probability
     source: ReplaySource
-    _in_tables: ClassVar[str] = "replay ({0.source})"
 
 
 class Malformed(LinkFault, frozen=True, kw_only=True, tag="malformed"):
@@ -130,10 +121,6 @@ class Partition(Fault, frozen=True, kw_only=True, tag="partition"):
     """No message passes between the robots of a group and the others."""
 
     group: tuple[str, ...]
-
-    def separates(self, sender: str, receiver: str) -> bool:
-        """Whether the partition cuts a link."""
-        return (sender in self.group) != (receiver in self.group)
 
 
 # --- of one agent ----------------------------------------------------------------------------------------------------
@@ -156,8 +143,7 @@ class Pause(RobotFault, frozen=True, kw_only=True, tag="pause"):
 class Release(RobotFault, frozen=True, kw_only=True, tag="release"):
     """The robot releases the load, and grasps it again at the end.
 
-    Attributes:
-        notice: Number of blocks by which the agent knows both in advance; of several releases, the largest counts.
+    The agent knows both ``notice`` blocks in advance; of several releases, the largest counts.
     """
 
     notice: Annotated[int, Meta(ge=0)] = 0
@@ -173,7 +159,6 @@ class SensorFault(RobotFault, frozen=True, kw_only=True, tag="sensor"):
     """One of the robot's sensors fails.
 
     Attributes:
-        sensor: The sensor.
         how: NaN in some samples; a constant value; bursts of outliers; readings clipped at a limit; a constant error.
         size: Share of samples that are NaN, or outliers; limit as a multiple of the usual reading; constant error per
             axis as a multiple of the noise.
@@ -182,20 +167,16 @@ class SensorFault(RobotFault, frozen=True, kw_only=True, tag="sensor"):
     sensor: Sensor
     how: SensorFailure
     size: Positive
-    _in_tables: ClassVar[str] = "sensor {0.how}"
 
 
 class Lie(RobotFault, frozen=True, kw_only=True, tag="lie"):
     """The agent sends wrong samples and sums to its neighbours.
 
-    Attributes:
-        how: All numbers are scaled, or shifted by a multiple of their root mean square, or replaced by random ones.
-        size: Factor, or multiple of the root mean square.
+    They are scaled by a factor, shifted by a multiple of their root mean square, or replaced by random ones.
     """
 
     how: LieKind
     size: Positive
-    _in_tables: ClassVar[str] = "lie ({0.how})"
 
 
 OfNetwork = Delay | Loss | Duplication | Reordering | Corruption | Replay | Malformed | Partition
@@ -249,16 +230,15 @@ def _check_fault(fault: AnyFault, robots: tuple[str, ...], place: str) -> None:
         raise ScenarioError(
             f"{place}.end': found {fault.end:g} s, expected a time after 'start', which is {fault.start:g} s"
         )
-    named: dict[str, tuple[str, ...]] = {}
+    named: list[tuple[str, str]] = []
     match fault:
         case LinkFault():
-            named = {"sender": (fault.sender,), "receiver": (fault.receiver,)}
+            named = [("sender", fault.sender), ("receiver", fault.receiver)]
             robots = (*robots, ALL_ROBOTS)
         case Partition():
-            named = {"group": fault.group}
+            named = [("group", name) for name in fault.group]
         case RobotFault():
-            named = {"robot": (fault.robot,)}
-    for key, names in named.items():
-        for name in names:
-            if name not in robots:
-                raise ScenarioError(f"{place}.{key}': found {name!r}, expected one of: {', '.join(robots)}")
+            named = [("robot", fault.robot)]
+    for key, name in named:
+        if name not in robots:
+            raise ScenarioError(f"{place}.{key}': found {name!r}, expected one of: {', '.join(robots)}")

@@ -1,81 +1,65 @@
 """Simplification of a schedule that breaks a promise."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
+from typing import TypeVar
 
 import msgspec
 
 from coheft.app.faults.schedule import Crash, FaultSchedule
-from coheft.app.faults.trial import Outcome, try_schedule
+from coheft.app.faults.trial import try_schedule
 from coheft.errors import ScenarioError
 from coheft.wire.scenario.schema import Graph
 
 _LEAST = 0.1
 """Faults are not made shorter than this [s]."""
+T = TypeVar("T")
 _replace = msgspec.structs.replace
 
-Fails = Callable[[FaultSchedule], bool]
 
+def shrink(schedule: FaultSchedule, fails: Callable[[FaultSchedule], bool]) -> Iterator[FaultSchedule]:
+    """Yield simpler and simpler schedules that still fail; of the last one no single simplification does.
 
-def shrink(
-    schedule: FaultSchedule, fails: Fails, on_progress: Callable[[FaultSchedule], None] = lambda _: None
-) -> FaultSchedule:
-    """Return a simpler schedule that still fails, of which no single simplification does.
-
-    Simplifications are tried greedily, the largest first; ``on_progress`` is called with every schedule that is found.
+    Simplifications are tried greedily, the largest first.
     """
-    while True:
-        simpler = next((candidate for candidate in _simpler(schedule) if fails(candidate)), None)
-        if simpler is None:
-            return schedule
+    while simpler := next((candidate for candidate in _simpler(schedule) if fails(candidate)), None):
         schedule = simpler
-        on_progress(schedule)
+        yield schedule
 
 
-def breaks_same_promise(outcome: Outcome) -> Fails:
-    """Return a function that tells whether a schedule breaks one of the promises that an outcome broke."""
-    broken = {violation.promise for violation in outcome.violations}
-
-    def fails(schedule: FaultSchedule) -> bool:
-        try:
-            return any(violation.promise in broken for violation in try_schedule(schedule).violations)
-        except ScenarioError:  # for instance a load change that removes a load that is no longer added
-            return False
-
-    return fails
+def breaks(promises: Collection[str], schedule: FaultSchedule) -> bool:
+    """Whether a schedule breaks one of these promises."""
+    try:
+        return any(violation.promise in promises for violation in try_schedule(schedule).violations)
+    except ScenarioError:  # for instance a load change that removes a load that is no longer added
+        return False
 
 
 def _simpler(schedule: FaultSchedule) -> Iterator[FaultSchedule]:
     """Yield all single simplifications, from the largest to the smallest."""
-    yield from _without_faults(schedule)
-    yield from _without_load_changes(schedule)
-    yield from _without_differences(schedule)
+    yield from _with_less(schedule)
     yield from _plainer_scenarios(schedule)
     yield from _shorter_runs(schedule)
     yield from _shorter_faults(schedule)
 
 
-def _without_faults(schedule: FaultSchedule) -> Iterator[FaultSchedule]:
-    faults = schedule.faults
-    if len(faults) > 1:
+def _with_less(schedule: FaultSchedule) -> Iterator[FaultSchedule]:
+    """Yield schedules without a fault, a load change, slips, or what makes a robot differ from the others."""
+    scenario, sensors = schedule.scenario, schedule.scenario.sensors
+    if len(schedule.faults) > 1:
         yield _replace(schedule, faults=())
-    for k in range(len(faults)):
-        yield _replace(schedule, faults=faults[:k] + faults[k + 1 :])
-
-
-def _without_load_changes(schedule: FaultSchedule) -> Iterator[FaultSchedule]:
-    changes = schedule.scenario.load_changes
-    # From the last one on, because loads are removed by their numbers.
-    for k in reversed(range(len(changes))):
-        yield _with_scenario(schedule, load_changes=changes[:k] + changes[k + 1 :])
-
-
-def _without_differences(schedule: FaultSchedule) -> Iterator[FaultSchedule]:
-    """Yield schedules in which no grasp slips, or in which one robot fewer differs from the others."""
-    if schedule.scenario.slips:
+    for faults in _without_one(schedule.faults):
+        yield _replace(schedule, faults=faults)
+    # From the last load change on, because loads are removed by their numbers.
+    for changes in reversed(list(_without_one(scenario.load_changes))):
+        yield _with_scenario(schedule, load_changes=changes)
+    if scenario.slips:
         yield _with_scenario(schedule, slips=())
-    sensors = schedule.scenario.sensors
-    for k in range(len(sensors.of)):
-        yield _with_scenario(schedule, sensors=_replace(sensors, of=sensors.of[:k] + sensors.of[k + 1 :]))
+    for of in _without_one(sensors.of):
+        yield _with_scenario(schedule, sensors=_replace(sensors, of=of))
+
+
+def _without_one(items: tuple[T, ...]) -> Iterator[tuple[T, ...]]:
+    return (items[:k] + items[k + 1 :] for k in range(len(items)))
 
 
 def _plainer_scenarios(schedule: FaultSchedule) -> Iterator[FaultSchedule]:
@@ -85,7 +69,10 @@ def _plainer_scenarios(schedule: FaultSchedule) -> Iterator[FaultSchedule]:
     if scenario.lookahead != 1:
         yield _with_scenario(schedule, lookahead=1)
     perimeter = scenario.robots.perimeter
-    if perimeter is not None and perimeter.count > 3 and not _names_last_robot(schedule, perimeter.count):
+    if perimeter is None or perimeter.count <= 3:
+        return
+    last = f'"r{perimeter.count}"'.encode()
+    if not any(last in msgspec.json.encode(fault) for fault in schedule.faults):
         fewer = _replace(perimeter, count=perimeter.count - 1)
         yield _with_scenario(schedule, robots=_replace(scenario.robots, perimeter=fewer))
 
@@ -100,7 +87,6 @@ def _shorter_runs(schedule: FaultSchedule) -> Iterator[FaultSchedule]:
 
 
 def _shorter_faults(schedule: FaultSchedule) -> Iterator[FaultSchedule]:
-    """Yield schedules in which one fault lasts half as long."""
     for k, fault in enumerate(schedule.faults):
         if fault.end - fault.start <= 2.0 * _LEAST:
             continue
@@ -110,12 +96,6 @@ def _shorter_faults(schedule: FaultSchedule) -> Iterator[FaultSchedule]:
             halves.append(_replace(fault, start=middle))
         for half in halves:
             yield _replace(schedule, faults=(*schedule.faults[:k], half, *schedule.faults[k + 1 :]))
-
-
-def _names_last_robot(schedule: FaultSchedule, count: int) -> bool:
-    """Whether a fault concerns the robot with the highest number."""
-    last = f'"r{count}"'.encode()
-    return any(last in msgspec.json.encode(fault) for fault in schedule.faults)
 
 
 def _with_scenario(schedule: FaultSchedule, **changes: object) -> FaultSchedule:

@@ -15,9 +15,6 @@ class KindSummary(msgspec.Struct, frozen=True):
     """Summary of all schedules with a kind of fault.
 
     Attributes:
-        kind: The kind of fault.
-        injected: Number of faults.
-        schedules: Number of schedules.
         went_stale: Number of schedules in which a robot published a stale estimate.
         violations: Number of promises broken in these schedules.
         off: Number of schedules in which a robot reported wrong numbers as valid, and in which it did for more than 1
@@ -40,17 +37,11 @@ class CampaignSummary(msgspec.Struct, frozen=True):
 
     Attributes:
         seeds: First and last seed.
-        schedules: Number of schedules.
-        simulated_h: Simulated time [h].
-        violations: Number of broken promises.
-        failed: Seeds of the schedules with broken promises.
         lost: Number of schedules in which the robots lost the payload, which ended them.
         first_valid_s: Like ``KindSummary.recovered_s``, for the time until all were valid for the first time.
-        refused: Number of messages that the codec refused.
         lies: Number of agents that lied, and number of them that another agent named.
         undeclared: Number of schedules in which sensor errors exceeded the known tolerances; of those in which a robot
             reported wrong numbers as valid; and of those in which it did for more than 1 s.
-        kinds: Summaries by kind of fault.
     """
 
     seeds: tuple[int, int]
@@ -106,7 +97,6 @@ def _off(outcomes: Sequence[Outcome]) -> tuple[int, int]:
 
 
 def _spread(values: Sequence[float]) -> tuple[float, float, float] | None:
-    """Return median, 95th percentile and largest value."""
     if not values:
         return None
     median, high, largest = np.quantile(values, [0.5, 0.95, 1.0]).round(2).tolist()

@@ -19,7 +19,6 @@ class Outcome(msgspec.Struct, frozen=True, kw_only=True):
     """Outcome of one schedule.
 
     Attributes:
-        seed: Seed of the schedule.
         faults: Kinds of its faults, including lasting ones.
         last: Kind of the fault that ended last; empty if there was none.
         simulated: Simulated time [s].
@@ -29,8 +28,6 @@ class Outcome(msgspec.Struct, frozen=True, kw_only=True):
         first_valid: When all were valid for the first time [s]; None if never.
         recovered: Time from the end of all faults and load changes until all were valid [s]; None if they were not.
         stale: Share of published estimates that were stale.
-        refused: Number of messages that the codec refused.
-        lied: Number of agents that lied.
         named: Number of agents that lied and that another agent named in a reason or a problem.
         lost: Why the robots lost the payload; the run then ended early, and was checked up to there.
         took: Wall-clock time [s].
@@ -57,17 +54,20 @@ def try_schedule(schedule: FaultSchedule) -> Outcome:
     """Run a schedule until its end, or until all robots have recovered for good, and check every promise."""
     began = time.perf_counter()
     run = FaultyRun(schedule)
-    watch, recovery, quiet = Watch(schedule, run.scene), Recovery(schedule), _Quiet(schedule, run)
+    watch, recovery = Watch(schedule, run.scene), Recovery(schedule)
     lies = [fault for fault in schedule.faults if isinstance(fault, Lie)]
     named: set[str] = set()
+    differences: list[Violation] = []
     simulated, lost, undeclared = 0.0, "", is_undeclared(schedule.scenario)
     try:
-        for block in run:
+        for block, without_harmless in _beside(schedule, run):
             simulated = block.truth.time
-            watch.look(block)
-            recovery.look(block)
+            watch.check(block)
+            recovery.add(block)
             named |= _named(lies, block)
-            quiet.look(block)
+            if without_harmless is not None and _published(next(without_harmless)) != _published(block):
+                text = "estimates differ from those without the harmless messages"
+                differences.append(Violation("P2", block.truth.time, "", text))
             if recovery.is_steady and not undeclared:  # effects of a lasting sensor error may show late
                 break
     except SimulationError as error:
@@ -75,7 +75,7 @@ def try_schedule(schedule: FaultSchedule) -> Outcome:
     violations = [violation for violation in watch.violations if not undeclared or violation.promise == "P2"]
     if not lost and not undeclared:
         violations += filter(None, [recovery.violation()])
-    violations += filter(None, [quiet.violation])
+    violations += differences[:1]
     last = max(schedule.faults, key=lambda fault: fault.end, default=None)
     return Outcome(
         seed=schedule.seed,
@@ -100,30 +100,15 @@ def try_schedule(schedule: FaultSchedule) -> Outcome:
     )
 
 
-class _Quiet:
-    """Compares a run with a second one without harmless messages, which starts when they begin; keeps the first
-    difference.
-    """
-
-    def __init__(self, schedule: FaultSchedule, run: FaultyRun) -> None:
-        harmless = [fault for fault in schedule.faults if is_harmless(fault)]
-        block_duration = schedule.scenario.block_duration
-        self._first = min((int(fault.start / block_duration) for fault in harmless), default=-1)
-        self._run = run
-        self._quiet: Iterator[FaultyBlock] | None = None
-        self.violation: Violation | None = None
-        self._begin()
-
-    def look(self, block: FaultyBlock) -> None:
-        """Compare the estimates that were published after a block."""
-        if self._quiet is not None and _published(next(self._quiet)) != _published(block):
-            said = "estimates differ from those without the harmless messages"
-            self.violation = self.violation or Violation("P2", block.truth.time, "", said)
-        self._begin()
-
-    def _begin(self) -> None:
-        if self._run.next_block == self._first:
-            self._quiet = iter(self._run.without_harmless())
+def _beside(schedule: FaultSchedule, run: FaultyRun) -> Iterator[tuple[FaultyBlock, Iterator[FaultyBlock] | None]]:
+    """Yield the blocks of a run, and from the first harmless message on a copy of it, without these messages."""
+    harmless = [fault for fault in schedule.faults if is_harmless(fault)]
+    first = min((int(fault.start / schedule.scenario.block_duration) for fault in harmless), default=-1)
+    blocks, copy = iter(run), None
+    while run.next_block < schedule.scenario.blocks:
+        if run.next_block == first:
+            copy = iter(run.without_harmless())
+        yield next(blocks), copy
 
 
 def _published(block: FaultyBlock) -> bytes:

@@ -4,13 +4,10 @@ One robot may lack a motion sensor, one may be noisier, one may have a compliant
 set in the scenario, so that runs with real processes can have the same.
 """
 
-from __future__ import annotations
-
-from dataclasses import dataclass
-
 import msgspec
 import numpy as np
 
+from coheft.app.faults.lasting import between, readable
 from coheft.app.faults.schedule import FaultSchedule, Release
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.tolerance import SENSOR_NAMES
@@ -33,47 +30,35 @@ _EARLIEST, _LATEST = 2.0, 6.0
 _replace = msgspec.structs.replace
 
 
-@dataclass(frozen=True)
-class _Draws:
-    """Draws of one team."""
-
-    rng: np.random.Generator
-
-    def happens(self, share: float) -> bool:
-        return bool(self.rng.random() < share)
-
-    def between(self, ends: tuple[float, float]) -> float:
-        """Draw a number whose logarithm is uniform, and round it to a readable one."""
-        return float(f"{ends[0] * (ends[1] / ends[0]) ** self.rng.random():.3g}")
-
-    def along(self, size: float) -> Vector:
-        """Draw a vector of this length."""
-        direction: Array = self.rng.normal(size=3)
-        x, y, z = (round(float(each), 4) for each in size * direction / np.linalg.norm(direction))
-        return x, y, z
+def _vector(lengths: tuple[float, float], rng: np.random.Generator) -> Vector:
+    """Draw a vector with a length in this range."""
+    size = readable(between(lengths, rng))
+    direction: Array = rng.normal(size=3)
+    x, y, z = (round(float(each), 4) for each in size * direction / np.linalg.norm(direction))
+    return x, y, z
 
 
 def with_unlike_robots(schedule: FaultSchedule, rng: np.random.Generator, delay: float) -> FaultSchedule:
     """Return a schedule with robots that differ, or with a slip, which is later by ``delay`` [s]."""
-    scenario, draws, names = schedule.scenario, _Draws(rng), schedule.scenario.robot_names
+    scenario, names = schedule.scenario, schedule.scenario.robot_names
     robots = [names[k] for k in rng.permutation(len(names))]
-    sheet = _replace(scenario.sensors.tolerance, grasp_compliance=draws.between(_COMPLIANCE))
-    told = (
+    tolerance = _replace(scenario.sensors.tolerance, grasp_compliance=readable(between(_COMPLIANCE, rng)))
+    differing = (
         (_LACKING, OtherSensors(robot=robots[0], missing=_SENSORS[rng.integers(len(_SENSORS))])),
-        (_NOISY, OtherSensors(robot=robots[1], noise_scale=draws.between(_NOISIER))),
-        (_COMPLIANT, OtherSensors(robot=robots[2], tolerance=sheet)),
+        (_NOISY, OtherSensors(robot=robots[1], noise_scale=readable(between(_NOISIER, rng)))),
+        (_COMPLIANT, OtherSensors(robot=robots[2], tolerance=tolerance)),
     )
-    of = tuple(each for share, each in told if draws.happens(share))
+    of = tuple(each for share, each in differing if rng.random() < share)
     scenario = _replace(scenario, sensors=_replace(scenario.sensors, of=of))
-    loose = {fault.robot for fault in schedule.faults if isinstance(fault, Release)}
-    firm = [name for name in robots if name not in loose]
+    releasing = {fault.robot for fault in schedule.faults if isinstance(fault, Release)}
+    holding = [name for name in robots if name not in releasing]
     slip = Slip(
         at=round(delay + float(rng.uniform(_EARLIEST, _LATEST)), 3),
-        robot=firm[0] if firm else robots[0],
-        translation=draws.along(draws.between(_DISPLACED)),
-        rotation_deg=draws.along(draws.between(_TURNED)),
+        robot=holding[0] if holding else robots[0],
+        translation=_vector(_DISPLACED, rng),
+        rotation_deg=_vector(_TURNED, rng),
     )
-    if (draws.happens(_SLIPPING) or not of) and firm:
+    if (rng.random() < _SLIPPING or not of) and holding:
         scenario = _replace(scenario, slips=(slip,), duration=max(scenario.duration, slip.at + scenario.block_duration))
     return _replace(schedule, scenario=scenario)
 

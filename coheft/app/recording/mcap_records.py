@@ -50,8 +50,7 @@ class _Bounded:
 def read_records(file: BinaryIO) -> Iterator[McapRecord]:
     """Yield the file's records from its start; those in chunks one by one.
 
-    Raises:
-        DamagedError: The file is incomplete or damaged; raised after all records before that place.
+    If the file is incomplete or damaged, a ``DamagedError`` follows the records before that place.
     """
     schemas, channels = {0}, set[int]()
     try:

@@ -34,11 +34,9 @@ _MAY_BE_SEALED = re.compile(rb"(?=[\x06\x09].{4}\x00{4})", re.DOTALL)
 
 @dataclass(frozen=True)
 class Piece:
-    """An undamaged piece of a file.
+    """An undamaged piece of a file, with its first and last offset [bytes].
 
     Attributes:
-        start: Its start [bytes].
-        end: Its end [bytes].
         records: All records of a chunk, or a single record.
         is_sealed: Whether it has a checksum, which is right.
     """
@@ -51,11 +49,9 @@ class Piece:
 
 @dataclass(frozen=True)
 class Lost:
-    """A part of a file that could not be saved.
+    """A part of a file that could not be saved, with its first and last offset [bytes].
 
     Attributes:
-        start: Its start [bytes].
-        end: Its end [bytes].
         after: Latest time of the run before it [s]; -inf if there is none.
         before: Earliest time of the run after it [s]; inf if there is none.
     """
@@ -69,8 +65,7 @@ class Lost:
 def pieces(content: bytes) -> Iterator[Piece | Lost]:
     """Yield all pieces of a file in order, without the magic bytes at both ends; times of lost ones are not set.
 
-    Args:
-        content: Content of the file; anything that can be sliced like bytes, so that it need not be in memory.
+    The content can be anything that is sliced like bytes, so that it need not be in memory.
     """
     place = len(MAGIC)
     while place < len(content) and not _is_end(content, place):
@@ -136,7 +131,6 @@ def _readable_at(content: bytes, place: int) -> Piece | None:
 
 
 def _single(content: bytes, opcode: int, place: int, end: int) -> Piece | None:
-    """Return a record that is not a chunk."""
     if opcode >= _FIRST_UNKNOWN:
         return None
     try:
@@ -155,10 +149,7 @@ def _single(content: bytes, opcode: int, place: int, end: int) -> Piece | None:
 def _chunk(content: bytes, place: int, end: int | None) -> Piece | None:
     """Return a chunk with a correct checksum, even if the head before it is damaged.
 
-    Args:
-        content: Content of the file.
-        place: Its start.
-        end: Its end according to its head; None if the head is not that of a chunk.
+    ``end`` is its end according to that head; None if the head is not that of a chunk.
     """
     body = place + _HEAD.size
     start = body + _CHUNK_HEAD.size

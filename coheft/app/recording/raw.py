@@ -25,11 +25,7 @@ def to_raw(message: Message) -> tuple[str, bytes]:
 
 
 def from_raw(topic: str, data: bytes) -> Message:
-    """Decode a recorded message.
-
-    Raises:
-        MessageError: It is damaged, or its protocol version is too old or too new.
-    """
+    """Decode a recorded message; ``MessageError`` if it is damaged, or of a protocol that is too old or too new."""
     if is_former(data):
         return decode_former(data, KINDS[topic], topic)
     return decode(data, KINDS[topic], topic)

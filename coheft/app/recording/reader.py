@@ -11,7 +11,7 @@ from coheft.app.recording.mcap_records import DamagedError, is_finished, read_re
 from coheft.app.recording.raw import KINDS, STATUS, from_raw
 from coheft.app.recording.ros import bytes_in
 from coheft.app.run.news import News, check_news, check_status
-from coheft.errors import MessageError, RecordingError
+from coheft.errors import MessageError, RecordingError, recording_errors
 from coheft.wire.messages.requests import Status
 from coheft.wire.messages.structs import Estimate, EstimateBeside, Message, Problem
 from coheft.wire.transport.planes import SERVER
@@ -42,25 +42,17 @@ class Recording:
 
 
 def read_recording(path: Path) -> Recording:
-    """Read a recording that ``coheft run --record`` made.
-
-    Raises:
-        RecordingError: It cannot be read, is incomplete, or is something else.
-    """
-    try:
-        with path.open("rb") as file:
-            if not is_finished(file):
-                raise RecordingError(
-                    "it is incomplete: the process that writes it was killed, or still runs. To save its content: "
-                    f"coheft recover {path}"
-                )
+    """Read a recording that ``coheft run --record`` made; ``RecordingError`` if it is incomplete or something else."""
+    advice = f". To save its content: coheft recover {path}"
+    with recording_errors(path), path.open("rb") as file:
+        if not is_finished(file):
+            raise RecordingError(f"it is incomplete: the process that writes it was killed, or still runs{advice}")
+        try:
             return _collect(read_records(file))
-    except DamagedError as error:
-        raise RecordingError(f"{path}: {error}. To save its content: coheft recover {path}") from error
-    except (RecordingError, MessageError) as error:
-        raise RecordingError(f"{path}: {error}") from error
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be read: {error.strerror}") from error
+        except DamagedError as error:
+            raise RecordingError(f"{error}{advice}") from error
+        except MessageError as error:
+            raise RecordingError(str(error)) from error
 
 
 def _collect(records: Iterable[McapRecord]) -> Recording:

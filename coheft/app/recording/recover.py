@@ -38,12 +38,9 @@ class Saved:
 
 
 def recover(path: Path, output: Path, *, overwrite: bool = False) -> Saved | None:
-    """Write the undamaged content of an incomplete or damaged MCAP file to a new, complete one.
+    """Write the undamaged content of an incomplete or damaged MCAP file to a new, complete one; None if it is complete.
 
     The old file is not changed, unless it is also the output. The output appears only when it is complete.
-
-    Returns:
-        The result; None if the recording is complete, so that nothing was written.
 
     Raises:
         RecordingError: It cannot be read, contains no messages that could be saved, or the output cannot be written.
@@ -81,7 +78,6 @@ def _content(path: Path) -> Iterator[bytes]:
 
 
 def _copy(content: bytes, writer: Writer) -> Saved:
-    """Write all undamaged pieces and a summary."""
     channels = _define(content, writer)
     count, nameless, latest = 0, 0, -math.inf
     lost: list[Lost] = []
@@ -147,7 +143,6 @@ def _define(content: bytes, writer: Writer) -> dict[int, int]:
 
 
 def _with_copied(records: list[McapRecord]) -> Iterator[McapRecord]:
-    """Yield all records, and those in copies of the definitions."""
     for record in records:
         yield record
         if isinstance(record, Attachment) and record.name == COPY:

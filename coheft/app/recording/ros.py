@@ -208,7 +208,6 @@ def _quaternion(quaternion: Array) -> RosMessage:
 
 
 def _marker(time: int, frame: str, number: int, box: MarkedBox) -> RosMessage:
-    """Return a marker with a box."""
     nothing = np.zeros(0, np.uint8)
     return _msg.Marker(
         header=_header(time, frame),

@@ -8,7 +8,7 @@ from coheft.app.recording import ros
 from coheft.app.recording.ros import RosMessage
 from coheft.app.results.judge import Judge, PoseReport, standard_deviations
 from coheft.app.results.states import State
-from coheft.estimation.geometry.spatial import Array, Pose, quaternion_from_rotation
+from coheft.estimation.geometry.spatial import Pose, quaternion_from_rotation
 from coheft.estimation.measurement import ACCELERATION, TWIST, WRENCH
 from coheft.estimation.rigid_body.mass_properties import Inertia, unpack_symmetric
 from coheft.wire.messages.structs import Estimate, PayloadEstimate, Validity
@@ -52,10 +52,7 @@ def truth_messages(time: int, truth: Truth, scene: Scene) -> Iterator[tuple[str,
 def estimate_messages(time: int, estimate: Estimate, total_time: int) -> Iterator[tuple[str, RosMessage]]:
     """Yield the messages of an estimate by topic.
 
-    Args:
-        time: End of the block [ns].
-        estimate: The estimate.
-        total_time: Time of the sample to which its total wrench belongs [ns].
+    ``time`` is the end of its block, ``total_time`` that of the sample to which its total wrench belongs [ns].
     """
     name, payload = estimate.robot, estimate.payload
     if payload is not None:
@@ -80,11 +77,7 @@ def estimate_messages(time: int, estimate: Estimate, total_time: int) -> Iterato
 def error_messages(time: int, estimate: Estimate, judge: Judge, total_time: int) -> Iterator[tuple[str, RosMessage]]:
     """Yield the errors (estimate minus truth) of an estimate by topic; the judge has the truth of its block.
 
-    Args:
-        time: End of the block [ns].
-        estimate: The estimate.
-        judge: Compares estimates with the truth.
-        total_time: Time of the sample to which its total wrench belongs [ns].
+    Times are as of ``estimate_messages``.
     """
     name = estimate.robot
     if estimate.payload is not None:
@@ -96,7 +89,7 @@ def error_messages(time: int, estimate: Estimate, judge: Judge, total_time: int)
         error, covariance = PoseReport.of(off), estimate.poses[other].covariance
         yield f"/{name}/error/poses/{other}/rotation_deg", ros.number(error.rotation_error_deg)
         yield f"/{name}/error/poses/{other}/translation_mm", ros.number(error.translation_error_mm)
-        rotation, translation = _length_spread(covariance[:3, :3]), _length_spread(covariance[3:, 3:])
+        rotation, translation = np.sqrt([np.trace(covariance[:3, :3]), np.trace(covariance[3:, 3:])]).tolist()
         yield f"/{name}/three_sigma/poses/{other}/rotation_deg", ros.number(3.0 * float(np.degrees(rotation)))
         yield f"/{name}/three_sigma/poses/{other}/translation_mm", ros.number(3e3 * translation)
 
@@ -111,8 +104,3 @@ def _payload_messages(
     com = None if claimed.com is None else spread[1:4]
     tensor = None if claimed.tensor is None else unpack_symmetric(spread[4:])
     yield f"/{name}/three_sigma/payload", ros.inertia(time, name, float(spread[0]), com, tensor)
-
-
-def _length_spread(covariance: Array) -> float:
-    """Return the root mean square length of a vector with a covariance (3, 3)."""
-    return float(np.sqrt(np.trace(covariance)))

@@ -54,11 +54,14 @@ class RunWriter:
             case Truth():
                 self._write_truth(time, news)
             case Estimate():
-                self._write_estimate(time, news, "")
+                self._write(time, estimate_messages(time, news, self._total_time(news)))
             case EstimateBeside(estimate=estimate) if estimate.estimator in self._under:
-                self._write_estimate(time, estimate, self._under[estimate.estimator])
-        for name, estimate in self._pairing.receive(news):
-            self._write_errors(estimate, self._under[name])
+                messages = estimate_messages(time, estimate, self._total_time(estimate))
+                self._write(time, messages, self._under[estimate.estimator])
+        for name, estimate in self._pairing.receive(news):  # those whose truth has arrived
+            end = _nanoseconds(estimate.time)
+            messages = error_messages(end, estimate, self._pairing.judge, self._total_time(estimate))
+            self._write(end, messages, self._under[name])
         for line in self._log.lines(news):
             self._out.write("/rosout", time, ros.log(time, *line))
 
@@ -70,17 +73,6 @@ class RunWriter:
             self._loads = loads
             self._write(time, box_messages(sampled, self._scenario.payload, truth.loads))
 
-    def _write_estimate(self, time: int, estimate: Estimate, under: str) -> None:
-        """Write an estimate; topics of an estimator that runs beside the robots' own begin with its name, ``under``."""
-        messages = estimate_messages(time, estimate, self._total_time(estimate))
-        self._write(time, ((under + topic, message) for topic, message in messages))
-
-    def _write_errors(self, estimate: Estimate, under: str) -> None:
-        """Write the errors of an estimate whose truth has arrived."""
-        time = _nanoseconds(estimate.time)
-        messages = error_messages(time, estimate, self._pairing.judge, self._total_time(estimate))
-        self._write(time, ((under + topic, message) for topic, message in messages))
-
     def _total_time(self, estimate: Estimate) -> int:
         """Return the time of the sample to which the total wrench of an estimate belongs [ns]."""
         age = (estimate.block - estimate.total_block) * self._scenario.block_duration
@@ -90,9 +82,10 @@ class RunWriter:
         topic, data = to_raw(message)
         self._out.write(topic, time, ros.of_bytes(data))
 
-    def _write(self, time: int, messages: Iterable[tuple[str, RosMessage]]) -> None:
+    def _write(self, time: int, messages: Iterable[tuple[str, RosMessage]], under: str = "") -> None:
+        """Write messages; topics of an estimator that runs beside the robots' own begin with its name, ``under``."""
         for topic, message in messages:
-            self._out.write(topic, time, message)
+            self._out.write(under + topic, time, message)
 
 
 def _nanoseconds(seconds: float) -> int:

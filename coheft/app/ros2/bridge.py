@@ -20,17 +20,14 @@ NODES = ("coheft", "coheft_driver")
 _SILENCE = 2.0
 _LATCHED = "/tf_static"
 _GROUPS = {"estimate", "measured"}
-"""Parts of a recording's topics that are omitted in ROS topics."""
+"""Parts of a recording's topics that are omitted in ROS topics: ``/r3/payload`` for ``/r3/estimate/payload``."""
 
 
 class Bridge:
     """Publishes an observer's messages on a node.
 
-    Stamps are the ends of blocks: of the run's own time, or, given an epoch, of the robots'.
-
-    Args:
-        node: The node.
-        epoch: ROS time of the start of block 0 [ns].
+    Stamps are the ends of blocks: of the run's own time or, given the ROS time of the start of block 0 as ``epoch``
+    [ns], of the robots'.
     """
 
     def __init__(self, node: RosNode, epoch: int = 0) -> None:
@@ -64,18 +61,14 @@ class Bridge:
 
     def _publish(self, messages: Iterable[tuple[str, RosMessage]]) -> None:
         for topic, message in messages:
-            self._node.publish(_ros_topic(topic), message, latched=topic == _LATCHED)
+            name = "/".join(part for part in topic.split("/") if part not in _GROUPS)
+            self._node.publish(name, message, latched=topic == _LATCHED)
 
 
 def bridge_run(run_file: RunFile, endpoint: str, domain: int, tell: Callable[[str], None], namespace: str = "") -> None:
     """Publish the messages of a run in ROS 2, until the run has ended.
 
-    Args:
-        run_file: Addresses of the run.
-        endpoint: Endpoint of the router of ROS 2.
-        domain: Number of the ROS domain.
-        tell: Called with lines for the user.
-        namespace: Prefix of all topics, such as ``/cell``.
+    ``endpoint`` is that of the router of ROS 2; ``tell`` is called with lines for the user.
 
     Raises:
         LinkError: There is no router there, or another bridge or a driver uses it with these topics, or the run's
@@ -102,8 +95,3 @@ def bridge_run(run_file: RunFile, endpoint: str, domain: int, tell: Callable[[st
                 had_router = not had_router
                 tell("the router is back" if had_router else f"the router at {endpoint} is gone; waiting for it")
         tell(f"the run has ended; {node.published} messages were received on {len(node.topics)} topics")
-
-
-def _ros_topic(topic: str) -> str:
-    """Return the ROS name of a recording's topic: ``/r3/payload`` for ``/r3/estimate/payload``."""
-    return "/".join(part for part in topic.split("/") if part not in _GROUPS)

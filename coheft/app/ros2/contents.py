@@ -21,12 +21,7 @@ _TURNING, _UNLIKE = 0.1, 0.3
 
 
 class Contents:
-    """The newest blocks of all robots.
-
-    Args:
-        rates: Blocks per second, by robot.
-        sensors: Their sensors.
-    """
+    """The newest blocks of all robots, of which there are ``rates`` per second by robot."""
 
     def __init__(self, rates: Mapping[str, float], sensors: Mapping[str, RobotSensors]) -> None:
         self._sensors = sensors

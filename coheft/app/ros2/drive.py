@@ -20,12 +20,7 @@ from coheft.wire.transport.sessions import Keys, open_session
 
 
 def read_agents(paths: Sequence[Path]) -> list[AgentProcessConfig]:
-    """Read the configurations of the agents to drive.
-
-    Raises:
-        UsageError: There are none.
-        CoheftError: One cannot be read, or is no agent's; or they are not of one run.
-    """
+    """Read the configurations of the agents to drive, all of one run, or raise a ``CoheftError``."""
     if not paths:
         raise UsageError("expected the configuration of an agent, as 'coheft run --write-configs DIR' writes it")
     configs = []
@@ -47,16 +42,10 @@ def drive(
     tell: Callable[[str], None],
     namespace: str = "",
 ) -> None:
-    """Feed agents with measurements from ROS 2, and publish their references and estimates, until Ctrl-C.
+    """Feed agents of one run with measurements from ROS 2, and publish their references and estimates, until Ctrl-C.
 
-    Args:
-        configs: Configurations of the agents, all of one run.
-        endpoint: Endpoint of the router of ROS 2.
-        domain: Number of the ROS domain.
-        epoch: ROS time at which block 0 begins [s], the same for the whole team; None: soon after robots
-            begin to measure, if this process drives the whole team.
-        tell: Called with lines for the user.
-        namespace: Prefix of all topics, such as ``/cell``.
+    Block 0 begins at ``epoch``, a ROS time [s], the same for the whole team; None: soon after robots begin to measure,
+    if this process drives the whole team. The other arguments are as of ``bridge_run``.
 
     Raises:
         UsageError: There is no epoch, and other processes drive neighbours of these robots.

@@ -19,8 +19,6 @@ class Seen:
     """A node, or one of its publishers.
 
     Attributes:
-        domain: Number of the ROS domain.
-        session: Identity of its session.
         node: Name of the node, with its namespace: ``/cell/talker``.
         topic: Topic that it publishes; empty for the node itself.
         kind: Type of the messages, such as ``geometry_msgs/msg/Wrench``.
@@ -68,11 +66,8 @@ def reasons(
 ) -> list[str]:
     """Describe why no messages arrive on some topics: a line for each reason, with all topics to which it applies.
 
-    Args:
-        silent: The topics, with the expected types.
-        seen: Nodes and publishers.
-        domain: Domain in which messages are expected.
-        own: Names of all topics that are expected, which are in no other's place.
+    Messages are expected in one domain; ``own`` are the names of all topics that are expected, also those with
+    messages.
     """
     publishers = [each for each in seen if each.topic]
     if not publishers:

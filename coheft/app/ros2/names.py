@@ -38,12 +38,8 @@ class Topic:
 
     def key(self, domain: int) -> str:
         """Key of its messages."""
-        return f"{domain}/{self.name.strip('/')}/{self._dds_type}/{self.type_hash}"
-
-    @property
-    def _dds_type(self) -> str:
         package, _, name = self.kind.split("/")
-        return f"{package}::msg::dds_::{name}_"
+        return f"{domain}/{self.name.strip('/')}/{package}::msg::dds_::{name}_/{self.type_hash}"
 
     @property
     def quality(self) -> str:
@@ -53,14 +49,7 @@ class Topic:
 
 @dataclass(frozen=True)
 class Node:
-    """A node, the only one of its session.
-
-    Attributes:
-        domain: Number of the ROS domain.
-        session: Identity of the session.
-        name: Name of the node.
-        namespace: Namespace, such as ``/cell``; empty if there is none.
-    """
+    """A node, the only one of its session, in a namespace such as ``/cell``; empty if there is none."""
 
     domain: int
     session: str
@@ -89,13 +78,7 @@ class Node:
 
 
 def attachment(sequence: int, time: int, gid: bytes) -> bytes:
-    """Return the attachment of a message.
-
-    Args:
-        sequence: Number of the message of this publisher, from 1.
-        time: Time of sending [ns].
-        gid: Identity of the publisher, 16 bytes.
-    """
+    """Return the attachment of a message: its number from 1, time of sending [ns], and the publisher's identity."""
     return _ATTACHMENT.pack(sequence, time, GID_SIZE, gid)
 
 
@@ -110,10 +93,8 @@ def check_ros_names(robots: Iterable[str]) -> None:
 
 
 def namespace_of(text: str) -> str:
-    """Return a namespace in the form of a prefix: ``/cell`` for ``cell`` or ``/cell/``; empty if there is none.
-
-    Raises:
-        CoheftError: The namespace is not allowed in ROS.
+    """Return a namespace as a prefix, ``/cell`` for ``cell`` or ``/cell/``, or empty; ``CoheftError`` if ROS does not
+    allow it.
     """
     parts = [part for part in text.split("/") if part]
     for part in parts:

@@ -22,13 +22,7 @@ _PATIENCE = 1.0
 
 
 class RosNode:
-    """Publishes and receives standard messages, see ``open_node``.
-
-    Attributes:
-        topics: The topics that it publishes, by name.
-        published: Number of messages that had a subscriber.
-        domain: Number of the ROS domain.
-    """
+    """Publishes and receives standard messages, see ``open_node``; ``published`` counts those with a subscriber."""
 
     def __init__(self, session: zenoh.Session, domain: int, name: str, namespace: str = "") -> None:
         self.topics: dict[str, Publisher] = {}
@@ -60,10 +54,8 @@ class RosNode:
         return [each for each in seen_in(tokens) if each.session != self._node.session]
 
     def check_alone(self, names: Collection[str]) -> None:
-        """Check that no node with one of these names exists in this domain and namespace.
-
-        Raises:
-            LinkError: One exists: its topics would be mixed with this node's.
+        """Raise a ``LinkError`` if a node with one of these names is in this domain and namespace: topics would be
+        mixed.
         """
         own = {f"{self._node.namespace}/{name}" for name in names}
         for other in self.seen():
@@ -74,12 +66,9 @@ class RosNode:
                 )
 
     def publish(self, topic: str, message: ros.RosMessage, *, latched: bool = False) -> None:
-        """Publish a message; all messages of a topic must have the same type.
+        """Publish a message on a topic such as ``/r3/payload``; all messages of a topic must have the same type.
 
-        Args:
-            topic: Name of the topic, such as ``/r3/payload``.
-            message: The message.
-            latched: Whether to keep it for late subscribers.
+        A ``latched`` one is kept for late subscribers.
         """
         topic = self.full(topic)
         if topic not in self.topics:
@@ -89,12 +78,9 @@ class RosNode:
         self.published += self.topics[topic].publish(message)
 
     def listen(self, topic: str, kind: str, receive: Callable[[bytes], None]) -> None:
-        """Subscribe to the messages of a topic, as CDR, received in a thread of Zenoh's.
+        """Subscribe to the messages of a topic, of a type such as ``geometry_msgs/msg/WrenchStamped``.
 
-        Args:
-            topic: Name of the topic.
-            kind: Type of its messages, such as ``geometry_msgs/msg/WrenchStamped``.
-            receive: Called with each message.
+        ``receive`` is called with each of them, as CDR, in a thread of Zenoh's.
         """
         typed = typed_topic(self.full(topic), kind)
         handler: Any = zenoh.handlers.Callback(lambda sample: receive(sample.payload.to_bytes()), indirect=False)
@@ -140,10 +126,7 @@ class Publisher:
 def open_node(name: str, endpoint: str, domain: int, namespace: str = "") -> Iterator[RosNode]:
     """Open a node that is linked with a router of ROS 2, and through it with all other nodes, while the context lasts.
 
-    A router that goes is dialled again in the background.
-
-    Raises:
-        LinkError: No router listens there.
+    It raises a ``LinkError`` if no router listens there; one that goes later is dialled again in the background.
     """
     settings = {
         "mode": "client",

@@ -131,10 +131,7 @@ def _apart(leads: Mapping[str, tuple[float, float]]) -> dict[tuple[str, ...], st
     ahead = leads[name][0] - leads[middle][0]
     if abs(ahead) < max(_APART, _SURE * (leads[name][1] + leads[middle][1])):
         return {}
-    what = f"{_duration(abs(ahead))} {'ahead of' if ahead > 0.0 else 'behind'} those of {middle}"
+    size = f"{abs(ahead):.3g} s" if abs(ahead) >= 1.0 else f"{1e3 * abs(ahead):.3g} ms"
+    what = f"{size} {'ahead of' if ahead > 0.0 else 'behind'} those of {middle}"
     words = f"stamps of {name} are {what} that arrive at the same time: set the clocks alike (PTP), unless the network"
     return {(name, "apart"): f"{words} makes this difference"}
-
-
-def _duration(seconds: float) -> str:
-    return f"{seconds:.3g} s" if seconds >= 1.0 else f"{1e3 * seconds:.3g} ms"

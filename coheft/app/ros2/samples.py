@@ -48,8 +48,7 @@ def streams_of(sensors: RobotSensors) -> tuple[str, ...]:
 def read(stream: str, cdr: bytes) -> tuple[int, Array]:
     """Return the stamp of a measurement [ns] and its numbers, as many as the stream has columns.
 
-    Raises:
-        MessageError: It has another type, numbers that are not finite, or no stamp.
+    It raises a ``MessageError`` for another type, numbers that are not finite, or a missing stamp.
     """
     message = ros.from_cdr(cdr, STREAMS[stream].kind)
     if ros.time_of(message) == 0:
@@ -73,18 +72,17 @@ class Reading(NamedTuple):
 class Readings:
     """Queue of measurements; ``complain`` is called with descriptions of refused messages.
 
-    Attributes:
-        came: Streams, by robot and kind, of which any message arrived, including refused ones.
+    ``received`` are the streams, by robot and kind, of which any message arrived, including refused ones.
     """
 
     def __init__(self, complain: Callable[[str], None]) -> None:
-        self.came: set[tuple[str, str]] = set()
+        self.received: set[tuple[str, str]] = set()
         self._complain = complain
         self._waiting: SimpleQueue[tuple[str, str, bytes, int]] = SimpleQueue()
 
     def put(self, robot: str, stream: str, cdr: bytes) -> None:
         """Add a message to the queue, in any thread."""
-        self.came.add((robot, stream))
+        self.received.add((robot, stream))
         if self._waiting.qsize() < _ROOM:
             self._waiting.put((robot, stream, cdr, time.monotonic_ns()))
 
@@ -123,7 +121,6 @@ class BlockBuilder:
     Attributes:
         counts: Measurements that have arrived since the last complete block, by stream.
         behind: Time by which the last of these is older than the next possible block [s]; 0 if it is not.
-        paces: The pace of each stream.
     """
 
     def __init__(self, robot: str, rate: int, block: int, epoch: int, stamps: Stamps, sensors: RobotSensors) -> None:
@@ -138,16 +135,9 @@ class BlockBuilder:
         self._newest = -1
 
     def add(self, stream: str, stamp: int, values: Array, arrival: int) -> tuple[int, Array] | None:
-        """Add a measurement; return the block that it completes: its number, and the samples (B, 15).
+        """Add a measurement with its stamp and its arrival by our own clock [ns]; errors as of ``Stamps.check``.
 
-        Args:
-            stream: Name of the stream.
-            stamp: Its stamp [ns].
-            values: Its numbers.
-            arrival: Time of arrival [ns], by our own clock.
-
-        Raises:
-            MessageError: Its stamp is too far in the future.
+        Return the block that it completes: its number, and the samples (B, 15).
         """
         self.counts[stream] += 1
         self.paces[stream].note(stamp, arrival)

@@ -27,11 +27,8 @@ class Stamps:
     def settle(self, *, patient: bool) -> int | None:
         """Use the time of those robots that agree on it; return their newest stamp [ns], None if they are too few.
 
-        So a robot whose clock is wrong does not decide when the run begins, if there are others to compare with.
-
-        Args:
-            patient: Whether they have to be more than half of all robots, not only of those that have sent
-                measurements.
+        So a robot whose clock is wrong does not decide when the run begins, if there are others to compare with: those
+        that agree have to be more than half of all that have sent measurements, or, if ``patient``, of all robots.
         """
         if not self._heard:
             return None
@@ -59,10 +56,8 @@ class Stamps:
         return median_low(lead for lead, _ in self._heard.values())
 
     def check(self, robot: str, stamp: int, arrival: int) -> None:
-        """Check a robot's later measurement: its stamp [ns], and its arrival [ns].
-
-        Raises:
-            MessageError: Its stamp is too far in the future.
+        """Check a robot's later measurement, its stamp and its arrival [ns]; ``MessageError`` if it is from the far
+        future.
         """
         self.receive(robot, stamp, arrival)
         lead = self._lead

@@ -46,8 +46,8 @@ class Team:
     def __init__(self, node: RosNode, inbox: Inbox, tell: Callable[[str], None]) -> None:
         self._node = node
         self._inbox = inbox
-        self._tell = tell
-        self._told: set[Hashable] = set()
+        self._print = tell
+        self._printed: set[Hashable] = set()
         self._links: dict[str, RobotLink] = {}
         self._configs: dict[str, AgentConfig] = {}
         self._next: dict[str, int] = {}
@@ -84,14 +84,13 @@ class Team:
             self._receive_from_agents(_POLL)
             if time.monotonic() > next_word:
                 missing = {other for link in self._links.values() for other in link.missing}
-                self._tell(f"waiting for the agents of {', '.join(sorted(waited_for | missing))}")
+                self._print(f"waiting for the agents of {', '.join(sorted(waited_for | missing))}")
                 next_word += _SILENCE
 
     def begin(self, epoch: int | None) -> Stamps:
         """Wait until robots send measurements and agree on the time; these measurements are not used.
 
-        Args:
-            epoch: ROS time of the start of block 0 [ns]; None for one block after the measurements.
+        Block 0 begins at ``epoch``, a ROS time [ns]; None for one block after the measurements.
 
         Raises:
             CoheftError: The epoch is that of another clock than the robots'.
@@ -101,7 +100,7 @@ class Team:
         if epoch is not None:
             self._set_epoch(epoch)
         topics = ", ".join(self._node.full(f"/{name}/{stream}") for name, stream in self._streams)
-        self._tell(f"all agents are ready; waiting for measurements on {topics}")
+        self._print(f"all agents are ready; waiting for measurements on {topics}")
         first_at, next_word = math.inf, time.monotonic() + _SILENCE
         soon = -math.inf if epoch is None else epoch - LIMIT
         while (newest := stamps.settle(patient=time.monotonic() < first_at + _PATIENCE)) is None or newest < soon:
@@ -115,11 +114,11 @@ class Team:
             self._receive_from_agents(0.0)
             if time.monotonic() > next_word:
                 next_word += _SILENCE
-                self._tell_silence(self._streams)
+                self._report_silence(self._streams)
                 if stamps.disagreement:
-                    self._tell(stamps.disagreement)
+                    self._print(stamps.disagreement)
                 elif newest is not None and epoch is not None:
-                    self._tell(f"robots measure; by their stamps, block 0 begins in {(epoch - newest) / 1e9:.1f} s")
+                    self._print(f"robots measure; by their stamps, block 0 begins in {(epoch - newest) / 1e9:.1f} s")
         if epoch is not None and newest - epoch > _LONGEST:
             raise CoheftError(
                 f"--epoch {epoch / 1e9:.3f} is {(newest - epoch) / 1e9:.3g} s before the robots' stamps, the newest "
@@ -149,7 +148,7 @@ class Team:
                 except MessageError as error:
                     if time.monotonic() > refused_at[robot, stream] + _SILENCE:
                         refused_at[robot, stream] = time.monotonic()
-                        self._tell(f"refused from /{robot}/{stream}: {error}")
+                        self._print(f"refused from /{robot}/{stream}: {error}")
                     continue
                 if block is not None:
                     number, samples = block
@@ -161,17 +160,17 @@ class Team:
             self._receive_from_agents(0.0)
             if time.monotonic() > next_look:
                 next_look = time.monotonic() + _SILENCE
-                self._tell_paces(builders)
+                self._report_paces(builders)
                 rate = min(agent.rate for agent in self._configs.values())
                 if complaint := contents.complaint(rate):
                     self._complain(complaint, "contents")
             unfed = [name for name, moment in fed_at.items() if time.monotonic() > moment + _SILENCE]
             for name in unfed:
                 fed_at[name] = time.monotonic()
-                self._tell(f"{name}: no complete block for {_SILENCE:g} s; {_came(builders[name])}")
+                self._print(f"{name}: no complete block for {_SILENCE:g} s; {_received_since(builders[name])}")
             streams = [(name, stream) for name, stream in self._streams if name in unfed]
-            self._tell_silence(streams)
-            self._readings.came.difference_update(streams)
+            self._report_silence(streams)
+            self._readings.received.difference_update(streams)
 
     def stop(self, reason: str) -> None:
         """Tell all agents that the run is over."""
@@ -182,7 +181,7 @@ class Team:
         """Set the ROS time of the start of block 0 [ns]."""
         self._epoch = epoch
         self._bridge = Bridge(self._node, epoch)
-        self._tell(f"block 0 begins at {epoch / 1e9:.3f} s; Ctrl-C ends it")
+        self._print(f"block 0 begins at {epoch / 1e9:.3f} s; Ctrl-C ends it")
 
     def _receive_from_agents(self, seconds: float) -> None:
         """Process an event of the agents, waiting up to a time for it."""
@@ -205,14 +204,13 @@ class Team:
         link = self._links[name]
         if link.is_linked and not is_here:
             self._gone.add(name)
-            self._tell(f"the agent of {name} is gone; waiting for it")
+            self._print(f"the agent of {name} is gone; waiting for it")
         elif is_here and name in self._gone:
             self._gone.remove(name)
-            self._tell(f"the agent of {name} is back")
+            self._print(f"the agent of {name} is back")
         link.note_link(is_here)
 
     def _take(self, name: str, message: Message) -> None:
-        """Pass on an agent's message."""
         link, config = self._links[name], self._configs[name]
         match message:
             case Estimate():
@@ -231,7 +229,6 @@ class Team:
                     self._publish(config, message)
 
     def _publish(self, config: AgentConfig, reference: Reference) -> None:
-        """Publish an agent's reference for each sample of a block."""
         name = config.name
         first = reference.block * config.block
         for row, motion in enumerate(reference.motion):
@@ -245,35 +242,34 @@ class Team:
     def _complain(self, text: str, about: Hashable = None) -> None:
         """Print a complaint, unless it, or another one about the same, has been printed."""
         about = about or text
-        if about not in self._told and len(self._told) < _LINES:
-            self._told.add(about)
-            self._tell(text)
+        if about not in self._printed and len(self._printed) < _LINES:
+            self._printed.add(about)
+            self._print(text)
 
-    def _tell_paces(self, builders: Mapping[str, BlockBuilder]) -> None:
+    def _report_paces(self, builders: Mapping[str, BlockBuilder]) -> None:
         """Report streams whose stamps are wrong, those that several nodes publish, and a router that goes or comes."""
         paces = {name: builder.paces for name, builder in builders.items()}
         for about, words in words_of(paces, {name: self._configs[name].rate for name in builders}).items():
             self._complain(words, about)
         if self._node.has_router != self._had_router:
             self._had_router = not self._had_router
-            self._tell("the router is back" if self._had_router else "the router of ROS 2 is gone; waiting for it")
+            self._print("the router is back" if self._had_router else "the router of ROS 2 is gone; waiting for it")
         if self._had_router:
             for line in shared(self._topics(self._streams), self._node.seen(), self._node.domain):
                 self._complain(line)
 
     def _topics(self, streams: Iterable[tuple[str, str]]) -> list[Topic]:
-        """Return the topics of streams, by robot and kind."""
         return [typed_topic(self._node.full(f"/{name}/{kind}"), STREAMS[kind].kind) for name, kind in streams]
 
-    def _tell_silence(self, streams: Iterable[tuple[str, str]]) -> None:
+    def _report_silence(self, streams: Iterable[tuple[str, str]]) -> None:
         """Report streams without measurements, and what is published instead."""
-        if silent := [each for each in streams if each not in self._readings.came]:
+        if silent := [each for each in streams if each not in self._readings.received]:
             own = {topic.name for topic in self._topics(self._streams)}
             for reason in reasons(self._topics(silent), self._node.seen(), self._node.domain, own):
                 self._complain(f"nothing has come on {reason}")
 
 
-def _came(builder: BlockBuilder) -> str:
+def _received_since(builder: BlockBuilder) -> str:
     """Describe what has arrived since the last complete block, and why it may not have completed one."""
     came = ", ".join(f"{count} of {stream}" for stream, count in builder.counts.items())
     text = f"since the last one there came {came}"

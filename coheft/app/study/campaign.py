@@ -27,10 +27,7 @@ class Plan:
         name: Name of the scenario, or ``RANDOM``.
         of_seed: Returns the scenario of a seed. Recovery is evaluated after its first load change; there are no later
             ones.
-        estimators: Estimators to compare.
-        noise_scales: Factors on the scenario's noise.
         seeds: Seeds of the runs, the same for each noise scale.
-        moments: Times at which runs are evaluated.
     """
 
     name: str
@@ -67,18 +64,10 @@ def make_plan(
     first_seed: int = 1,
     sensor_rate: int | None = None,
 ) -> Plan:
-    """Plan a study.
+    """Plan a study; arguments are the options of ``coheft study``.
 
-    Args:
-        scenario: Scenario of every run, apart from noise and seed; None for a different random team in each run.
-        values: Keys to set for random teams, see ``set_values``; a given scenario contains its own already.
-        runs: Number of runs per noise scale.
-        estimators: Estimators to compare.
-        noise_scales: Factors on the scenario's noise.
-        at: Times at which accuracy is evaluated [s], before the load changes.
-        after: Time from the load change to the evaluation of the recovery [s].
-        first_seed: The first seed; the others follow consecutively.
-        sensor_rate: Samples per second, instead of the scenario's; blocks keep their duration.
+    A ``scenario`` is that of every run, apart from noise and seed, and has its ``values`` already; None stands for a
+    different random team in each run, with these values (see ``set_values``).
 
     Raises:
         ScenarioError: The load changes before accuracy is evaluated, there is too little noise, or a block is not a

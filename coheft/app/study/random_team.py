@@ -20,8 +20,7 @@ _LONGEST = 600.0
 def random_team(seed: int, values: Sequence[str] = ()) -> Scenario:
     """Return the team of a seed: two to eight robots that hold a plate with a lump on it, with any kind of graph.
 
-    Raises:
-        ScenarioError: A value is invalid.
+    It raises a ``ScenarioError`` if a value is invalid.
     """
     rng = np.random.default_rng(seed)
 

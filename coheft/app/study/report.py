@@ -67,13 +67,7 @@ class Accuracy(Recovered, frozen=True, kw_only=True):
 
 
 class Cells(msgspec.Struct, frozen=True):
-    """Number of NEES within their intervals, each of one quantity at one time and noise.
-
-    Attributes:
-        count: Number of NEES.
-        outside_95: Number outside their 95 % interval.
-        outside_9999: Number outside their 99.99 % interval.
-    """
+    """Number of NEES, each of one quantity at one time and noise, and of those outside their intervals."""
 
     count: int
     outside_95: int
@@ -81,14 +75,7 @@ class Cells(msgspec.Struct, frozen=True):
 
 
 class Recovery(msgspec.Struct, frozen=True):
-    """Accuracy after the load has changed.
-
-    Attributes:
-        seconds_after: Time since the change [s].
-        mass: Accuracy of the new mass.
-        com: Accuracy of its centre of mass.
-        inertia: Accuracy of its inertia.
-    """
+    """Accuracy some time after the load has changed [s]: of its mass, centre of mass and inertia."""
 
     seconds_after: float
     mass: Recovered
@@ -146,14 +133,10 @@ class StudyReport(msgspec.Struct, frozen=True):
     """The report of a study.
 
     Attributes:
-        scenario: Name of the scenario.
         seeds: First and last seed.
-        runs: Number of runs per noise scale.
         at_s: Times at which accuracy was evaluated [s].
-        noise_scales: Factors on the scenario's noise.
         units: Units of ``rms`` and bounds.
         results: Results for all of these times and noises together, by estimator.
-        cells: Results for each noise and time.
     """
 
     scenario: str
@@ -253,7 +236,6 @@ def _nees(quantity: Quantity, cells: Sequence[Sequence[_Judged]], confidence: fl
 
 
 def _cells(quantities: Sequence[Quantity], cells: Sequence[Sequence[_Judged]]) -> Cells:
-    """Count NEES outside their intervals."""
 
     def outside(confidence: float) -> int:
         found = [_nees(quantity, [cell], confidence) for quantity in quantities for cell in cells]

@@ -23,13 +23,7 @@ ReferenceOf = Callable[[int], Array]
 
 @dataclass(frozen=True, eq=False)
 class TeamSamples:
-    """All sensors' samples of a run.
-
-    Attributes:
-        scene: The scene, with the grasps.
-        truths: Truths, one per block.
-        samples: Shape (n, N, 15), columns as in ``MeasurementBlock``.
-    """
+    """Truths of a run, one per block, and all sensors' samples (n, N, 15), columns as in ``MeasurementBlock``."""
 
     scene: Scene
     truths: tuple[Truth, ...]

@@ -35,9 +35,7 @@ def root_mean(squares: Sequence[Array]) -> float:
 def ratio_of_roots(squares: Sequence[Array], references: Sequence[Array]) -> Interval:
     """Return a root mean square divided by that of a reference, where both are finite, with its bootstrap interval.
 
-    Args:
-        squares: Squares of each run, shape (k,).
-        references: Squares of the reference for each run, shape (k,).
+    Squares and references are those of each run, shape (k,).
     """
     known = [np.isfinite(s) & np.isfinite(r) for s, r in zip(squares, references, strict=True)]
     sums = np.array(

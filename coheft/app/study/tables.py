@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
+from typing import NamedTuple
 
 from coheft.app.results.errors import MOST_STDS, VALID_STDS
 from coheft.app.results.quantities import ALL_TEN, QUANTITIES
@@ -16,17 +17,18 @@ NAMES = {
     "inertia": ("inertia", "kg·m²", 1.0),
 }
 """Names and units of quantities, with the factor from SI units."""
-HEADER = ("quantity", "estimator", "RMS", "bound", "RMS / bound", "NEES", "/ two-step", "honest NEES", "missing")
-RECOVERY_HEADER = ("quantity", "estimator", "RMS", "bound", "RMS / bound", "NEES", "missing")
+_HEADER = ("quantity", "estimator", "RMS", "bound", "RMS / bound", "NEES", "/ two-step", "honest NEES", "missing")
+_RECOVERY_HEADER = ("quantity", "estimator", "RMS", "bound", "RMS / bound", "NEES", "missing")
 LEGEND = (
     "NEES: error² over stated covariance, 1 if honest; * outside its 95 % range.",
     "/ two-step: RMS over the bound of poses from motion alone. (…): 95 % range.",
 )
 """Explanation of the columns for the terminal."""
-EXPLANATION = (
+_EXPLANATION = (
     "rotation, translation: of the neighbours' grasp frames in the own one. RMS: root mean square error.",
     "bound: Cramér-Rao bound of any unbiased estimator that uses every sample of every robot's sensors, but not that "
-    "motions are smooth. In brackets: 95 % sampling interval over runs.",
+    "motions are smooth; after a load change, of one that knows its time. In brackets: 95 % sampling interval over "
+    "runs.",
     "NEES: squared error over the covariance that the robot stated, per degree of freedom; of one robot per run, "
     "because those of one run see the same data. With an honest covariance it lies within the range of 'honest NEES' "
     "95 times of 100; * marks those that do not.",
@@ -36,8 +38,29 @@ EXPLANATION = (
 )
 
 
-def accuracy_rows(cell: Cell) -> Iterator[tuple[str, ...]]:
-    """Yield one row per quantity and estimator, columns as in ``HEADER``."""
+class Part(NamedTuple):
+    """A table of a report; the first seven columns are the most important ones."""
+
+    title: str
+    header: tuple[str, ...]
+    rows: list[tuple[str, ...]]
+
+
+def parts(report: StudyReport) -> Iterator[Part | list[str]]:
+    """Yield the tables of a report, and sentences between and below them."""
+    for cell in report.cells:
+        yield Part(caption(cell), _HEADER, list(_accuracy_rows(cell)))
+    if len(report.cells) > 1:
+        yield list(_together(report))
+    recoveries = [result.recovery for result in report.results.values() if result.recovery is not None]
+    if recoveries:
+        title = f"{recoveries[0].seconds_after:g} s after the load change"
+        yield Part(title, _RECOVERY_HEADER, list(_recovery_rows(report.results)))
+    yield [line for name, result in report.results.items() for line in sentences(name, result)]
+
+
+def _accuracy_rows(cell: Cell) -> Iterator[tuple[str, ...]]:
+    """Yield one row per quantity and estimator, columns as in ``_HEADER``."""
     for quantity in QUANTITIES:
         name, unit, size = NAMES[quantity.name]
         for estimator, result in cell.results.items():
@@ -51,8 +74,7 @@ def accuracy_rows(cell: Cell) -> Iterator[tuple[str, ...]]:
         yield "all ten together", estimator, "", "", "", _marked(joint), "", _range(joint.nees_low, joint.nees_high), ""
 
 
-def recovery_rows(results: Mapping[str, EstimatorResult]) -> Iterator[tuple[str, ...]]:
-    """Yield one row per quantity and estimator, columns as in ``RECOVERY_HEADER``; none if the load does not change."""
+def _recovery_rows(results: Mapping[str, EstimatorResult]) -> Iterator[tuple[str, ...]]:
     for key in ("mass", "com", "inertia"):
         name, unit, size = NAMES[key]
         for estimator, result in results.items():
@@ -107,17 +129,12 @@ def title(report: StudyReport) -> str:
     )
 
 
-def seconds_after(report: StudyReport) -> float:
-    """Return the time from the load change to the evaluation of the recovery [s]."""
-    return next(r.recovery.seconds_after for r in report.results.values() if r.recovery is not None)
-
-
 def caption(cell: Cell) -> str:
     """Return the caption of one noise and time."""
     return f"noise × {cell.noise_scale:g}, at {cell.at_s:g} s"
 
 
-def together(report: StudyReport) -> Iterator[str]:
+def _together(report: StudyReport) -> Iterator[str]:
     """Yield a line for each estimator about all noises and times."""
     for estimator, result in report.results.items():
         ratios = [getattr(result, quantity.name).ratio_full for quantity in QUANTITIES]
@@ -132,23 +149,15 @@ def together(report: StudyReport) -> Iterator[str]:
 
 def markdown(report: StudyReport, pictures: dict[str, str]) -> str:
     """Return the report as Markdown; ``pictures`` are file names by caption."""
-    parts = [f"# Study of {title(report)}"]
-    for cell in report.cells:
-        parts.append(f"## {caption(cell).capitalize()}")
-        parts.append(markdown_table(HEADER, accuracy_rows(cell)))
-    if len(report.cells) > 1:
-        parts.append("\n".join(f"- {line}" for line in together(report)))
-    recovery = list(recovery_rows(report.results))
-    if recovery:
-        parts.append(
-            f"{seconds_after(report):g} s after the load change, compared with the bound of an estimator that knows "
-            f"its time:"
-        )
-        parts.append(markdown_table(RECOVERY_HEADER, recovery))
-    parts.append("\n".join(f"- {line}" for name, result in report.results.items() for line in sentences(name, result)))
-    parts.append("## How to read this\n\n" + "\n".join(f"- {line}" for line in EXPLANATION))
-    parts.extend(f"![{caption}]({file})" for caption, file in pictures.items())
-    return "\n\n".join(parts) + "\n"
+    blocks = [f"# Study of {title(report)}"]
+    for part in parts(report):
+        if isinstance(part, Part):
+            blocks += [f"## {part.title.capitalize()}", markdown_table(part.header, part.rows)]
+        else:
+            blocks.append("\n".join(f"- {line}" for line in part))
+    blocks.append("## How to read this\n\n" + "\n".join(f"- {line}" for line in _EXPLANATION))
+    blocks.extend(f"![{caption}]({file})" for caption, file in pictures.items())
+    return "\n\n".join(blocks) + "\n"
 
 
 def _noticed(detection: Detection) -> str:

@@ -48,12 +48,9 @@ class Moments:
 
 @dataclass(frozen=True, eq=False)
 class Curves:
-    """Errors of the first robot over time.
+    """Errors of the first robot over time [s].
 
-    Attributes:
-        times: Times [s], shape (n,).
-        errors: Norms by quantity, root mean square over its edges, shape (n, 5).
-        deviations: The robot's own standard deviations of these norms, shape (n, 5).
+    They are norms by quantity, root mean square over its edges, with its own standard deviations of these, (n, 5) each.
     """
 
     times: Array
@@ -68,9 +65,7 @@ class Outcome:
     Attributes:
         errors: Errors at each time for the accuracy.
         recovered: Errors some time after the load change; None if there is none.
-        notices: Notices of load changes, by robot.
         impossible_payloads: Number of published estimates of payloads that cannot exist.
-        curves: Errors over time.
         converged: Share of robots that have converged, at each time for the accuracy.
         valid_numbers: Numbers in valid estimates, each time that a robot reports.
         beyond_five: How many of them are off by more than five of their own standard deviations, which none should be.
@@ -92,7 +87,6 @@ class Trial:
 
     Attributes:
         seed: Seed of the sensors' noise and the motions.
-        outcomes: Results by estimator.
         full: Bound for poses and inertia from all sensors, at each time for the accuracy.
         two_step: Bound for poses from kinematics, and inertia from all sensors given those poses.
         recovery_bound: Like ``full``, after the load change, for an estimator that knows its time.

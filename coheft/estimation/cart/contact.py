@@ -23,31 +23,19 @@ def leverage(contact: Array, arm: float) -> Array:
     """``G W^-1 G^T``, shape (3, 3), with ``W`` the weights of a hand's effort ``f^2 + (tau / arm)^2``.
 
     Those of several hands add up. It is also the covariance of the wrench on the cart if the variance of a hand's
-    measured force is 1 and that of its torque ``arm^2``.
-
-    Args:
-        contact: Contact point in ``{b}``, shape (2,) [m].
-        arm: What torque costs a hand [m].
+    measured force is 1 and that of its torque ``arm^2``. The contact point is in ``{b}``, shape (2,) [m].
     """
     grasp = grasp_map(contact)
     return grasp @ np.diag([1.0, 1.0, arm**2]) @ grasp.T
 
 
 def share(wrench_b: Array, contact: Array, arm: float, all_leverage: Array) -> Array:
-    """One hand's share of a wrench, such that all hands together need the least effort.
+    """One hand's share of a wrench about its contact point, shape (3,), such that all hands together need the least
+    effort.
 
     Minimises ``sum_i w_i^T W w_i`` subject to ``G_1 w_1 + G_2 w_2 + ... = wrench_b`` (Aguilera et al., eq. 25) in the
-    components that move the cart: ``w_i = W^-1 G_i^T E^T (E (sum_j G_j W^-1 G_j^T) E^T)^-1 E wrench_b``. So a hand
-    needs only the sum of all hands' ``leverage``.
-
-    Args:
-        wrench_b: Total wrench, shape (3,).
-        contact: This hand's contact point in ``{b}``, shape (2,) [m].
-        arm: What torque costs a hand [m].
-        all_leverage: Sum of all hands' leverage, shape (3, 3).
-
-    Returns:
-        This hand's wrench ``w_i`` about its contact point, shape (3,).
+    components that move the cart: ``w_i = W^-1 G_i^T E^T (E (sum_j G_j W^-1 G_j^T) E^T)^-1 E wrench_b``. So of the
+    other hands it needs only the sum of the ``leverage``, shape (3, 3); contact and arm are as there.
     """
     multipliers = np.linalg.solve(all_leverage[np.ix_(MOVING, MOVING)], wrench_b[MOVING])
     return np.array([1.0, 1.0, arm**2]) * (grasp_map(contact)[MOVING].T @ multipliers)
@@ -63,10 +51,8 @@ class BestContact:
     """Contact point of least effort on a handle parallel to the y axis of ``{b}``, for one hand.
 
     With the contact at ``(x, y)``, the squared effort is ``f^2 + (tau + y f)^2 / (x^2 + arm^2)``. Summed over the last
-    pushes with exponential forgetting, it is least at ``y = -sum(f tau) / sum(f^2)``.
-
-    Args:
-        memory: Number of pushes in the forgetting's time constant.
+    pushes with exponential forgetting, it is least at ``y = -sum(f tau) / sum(f^2)``. ``memory`` is the number of
+    pushes in the time constant.
     """
 
     def __init__(self, memory: float) -> None:

@@ -55,12 +55,9 @@ class Tracker:
         self._heading = regulator(tracking.alpha_heading, tracking.weights_heading)
 
     def push(self, target: Target, motion: Array, body: CartBody) -> Array:
-        """Total wrench ``wrench_b``, shape (3,); its lateral force, which moves nothing, is zero.
+        """Total wrench ``wrench_b``, shape (3,), from the present ``(q, qd)``, shape (6,).
 
-        Args:
-            target: Reference motion.
-            motion: Present ``(q, qd)``, shape (6,).
-            body: The cart.
+        Its lateral force, which moves nothing, is zero.
         """
         theta, rates = float(motion[2]), motion[3:]
         forward, turning = self._accelerations(target, motion)

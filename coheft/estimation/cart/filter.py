@@ -69,11 +69,8 @@ class Prediction:
 def predict(belief: Belief, push: Push, drift: Array, point: Array) -> Prediction:
     """Predict over one step (Aguilera et al., eqs 16 and 17, to second order).
 
-    Args:
-        belief: Belief before the step.
-        push: Wrench during the step.
-        drift: Growth of the parameters' covariance (6, 6) per second.
-        point: State about which the dynamics are linearised, shape (12,).
+    ``drift`` is the growth of the parameters' covariance (6, 6) per second; the dynamics are linearised about
+    ``point``, a state (12,).
     """
     model = linearise(point, push.planned_b)
     step = model.by_state * push.duration
@@ -108,7 +105,6 @@ class Update:
     """Result of a measurement.
 
     Attributes:
-        belief: Belief after it.
         surprise: Its squared normalised innovation: chi-square distributed with ``INNOVATION_SIZE`` degrees of freedom.
         innovation: Innovation of the motion, each component in its own standard deviations, shape (6,).
         rest: ``I - K H``, shape (12, 12).
@@ -125,12 +121,8 @@ class Update:
 def update(belief: Belief, sighting: Sighting, slip: float, point: Array, *, corrects_cart: bool) -> Update:
     """Update with a measurement (Aguilera et al., eqs 18-20), and with the wheels' constraint.
 
-    Args:
-        belief: Belief before the measurement.
-        sighting: The measurement.
-        slip: Standard deviation of the wheels' sideways velocity [m/s].
-        point: State about which the wheels' constraint is linearised, shape (12,).
-        corrects_cart: Whether parameters are corrected, or only considered.
+    The constraint is linearised about ``point``, a state (12,); ``slip`` is the standard deviation of the wheels'
+    sideways velocity [m/s]. If the cart is not to be corrected, the uncertainty of its parameters is only considered.
     """
     theta, rates = float(point[_THETA]), point[RATES]
     row = wheel_row(theta)

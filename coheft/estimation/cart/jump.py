@@ -19,8 +19,7 @@ _LEAST = 32
 class JumpTest:
     """Compares the newest innovations with those of a right model, or with the usual ones if these are larger.
 
-    Args:
-        freedom: Degrees of freedom of each squared innovation.
+    Each squared innovation has ``freedom`` degrees of freedom.
     """
 
     def __init__(self, freedom: int) -> None:
@@ -31,8 +30,7 @@ class JumpTest:
     def changed_since(self, surprises: Sequence[float]) -> int:
         """Number of newest samples that contradict an unchanged cart; 0 if there is no alarm.
 
-        Args:
-            surprises: Squared innovations (``Update.surprise``), the newest first; 0 for steps that are ignored.
+        Surprises are squared innovations (``Update.surprise``), the newest first; 0 for steps that are ignored.
         """
         for window in WINDOWS:
             before = surprises[window : window + USUAL_OF]

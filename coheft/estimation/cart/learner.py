@@ -7,7 +7,7 @@ linearised about the present parameters.
 """
 
 from collections import deque
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from math import cos, hypot, inf, sin, sqrt
 
@@ -19,8 +19,10 @@ from coheft.estimation.cart.filter import (
     MOTION_SIZE,
     PARAMETERS,
     Belief,
+    Prediction,
     Push,
     Sighting,
+    Update,
     ahead,
     predict,
     smooth,
@@ -32,7 +34,6 @@ from coheft.estimation.cart.load import UnknownLoad
 from coheft.estimation.cart.model import CartBody, axes
 from coheft.estimation.cart.noise import WhiteNoise, doubts, misfit
 from coheft.estimation.cart.prior import CartPrior, nearest_possible
-from coheft.estimation.cart.steps import Change, Step
 from coheft.estimation.geometry.spatial import Array
 
 _MASS = 6
@@ -67,6 +68,44 @@ _GROWN = 3
 """If the cart is unknown, steps are repeated when one in this number is new."""
 
 
+@dataclass(eq=False)
+class _Step:
+    """A measurement, then a push; its results are set when it is done.
+
+    Attributes:
+        corrects_cart: Whether the cart was fast enough to correct its parameters.
+        levels: White noise of the measurement in multiples of the stated one, shape (6,).
+        before: Belief before the step.
+    """
+
+    sighting: Sighting
+    push: Push
+    corrects_cart: bool
+    levels: Array
+    before: Belief
+    update: Update = field(init=False)
+    prediction: Prediction = field(init=False)
+
+    @property
+    def surprise(self) -> float:
+        """Squared innovation; 0 if the step did not correct the cart, as what casters do is no change of it."""
+        return self.update.surprise if self.corrects_cart else 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class _Change:
+    """A load that has been added or removed."""
+
+    before: Belief
+    load: UnknownLoad
+
+    def start(self) -> Belief:
+        """Belief after the change."""
+        mean, covariance = self.before.mean.copy(), self.before.covariance.copy()
+        mean[PHI], covariance[PHI, PHI] = self.load.start()
+        return Belief(mean, covariance)
+
+
 class CartLearner:
     """Estimate of a cart's state and parameters.
 
@@ -95,11 +134,11 @@ class CartLearner:
         self._drag = np.diag(np.square([force, force, torque]))
         self._direction = 0.0
         self._rolled = inf
-        self._steps: deque[Step] = deque(maxlen=_KEPT)
+        self._steps: deque[_Step] = deque(maxlen=_KEPT)
         self._linearised_at = self._parameters
         self._news = 0
         self._corrections = 0
-        self._change: Change | None = None
+        self._change: _Change | None = None
         self._white_noise = WhiteNoise()
         self._jump_test = JumpTest(INNOVATION_SIZE)
         self._misfit = np.ones(MOTION_SIZE)
@@ -144,7 +183,7 @@ class CartLearner:
         casters_turn = self._casters_turn(push.duration, is_fast=is_fast)
         if casters_turn:
             push = replace(push, covariance=push.covariance + self._drag)
-        step = Step(sighting, push, is_fast and not casters_turn, self._white_noise.levels, self.belief)
+        step = _Step(sighting, push, is_fast and not casters_turn, self._white_noise.levels, self.belief)
         if len(self._steps) == _KEPT:
             self._change = None  # its step is no longer kept
         self._steps.append(step)
@@ -193,7 +232,7 @@ class CartLearner:
         self._rolled += abs(speed) * duration
         return self._rolled < self._prior.turning
 
-    def _do(self, step: Step, smoothed: Array | None = None) -> None:
+    def _do(self, step: _Step, smoothed: Array | None = None) -> None:
         """Filter one step, linearised at the present belief, or at a smoothed state."""
         step.before = self.belief
         at = self._point(self.belief.mean if smoothed is None else smoothed)
@@ -249,10 +288,8 @@ class CartLearner:
         """Whether to repeat the steps: enough are new, and parameters have changed or were unknown."""
         if self._corrections < _FIRST:
             return self._news * _GROWN >= self._corrections > 0
-        return self._news * _LEAST_NEWS >= len(self._steps) and self._have_moved()
-
-    def _have_moved(self) -> bool:
-        """Whether the parameters differ from those of the linearisations."""
+        if self._news * _LEAST_NEWS < len(self._steps):
+            return False
         mass, _, _, turning = self._linearised_at[:4].tolist()
         scale = np.array([mass, np.sqrt(mass * turning), np.sqrt(mass * turning), turning])
         return bool((np.abs(self._parameters[:4] - self._linearised_at[:4]) > _MOVED * scale).any())
@@ -275,7 +312,7 @@ class CartLearner:
             self._steps.append(step)
             self._do(step)
 
-    def _change_after(self, before: Belief) -> Change | None:
+    def _change_after(self, before: Belief) -> _Change | None:
         """A change by an unknown load; None if the covariance allows for it already, after a previous alarm."""
         missing = 1.0 - float(before.covariance[_MASS, _MASS]) / self._prior.load**2
         if missing <= 0.0:
@@ -284,4 +321,4 @@ class CartLearner:
         covariance = before.covariance.copy()
         covariance[RATES, RATES] += missing * self._prior.jolt**2 * free @ free.T
         load = UnknownLoad(before.mean[PHI], covariance[PHI, PHI], self._prior, missing)
-        return Change(Belief(before.mean, covariance), load)
+        return _Change(Belief(before.mean, covariance), load)

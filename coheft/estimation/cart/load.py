@@ -58,9 +58,7 @@ class UnknownLoad:
     """A load that has been added or removed.
 
     Args:
-        phi: Mean of the cart's ``phi`` before, shape (4,).
-        covariance: Its covariance, shape (4, 4).
-        prior: Prior of the load.
+        phi: Mean of the cart's ``phi`` before, shape (4,), with its covariance (4, 4).
         share: Share of the prior's variance of the mass to use, above 0.
     """
 
@@ -82,9 +80,7 @@ class UnknownLoad:
     def learn(self, phi: Array, covariance: Array) -> None:
         """Linearise again, about the load that follows from the present estimate of the cart.
 
-        Args:
-            phi: Mean (4,) given the last ``start`` and all measurements since.
-            covariance: Its covariance (4, 4).
+        That is the mean (4,) and covariance (4, 4) of ``phi``, given the last ``start`` and all measurements since.
         """
         law = self._law
         expected, spread = self.start()

@@ -149,12 +149,7 @@ def forward_dynamics(
     the projection ``P = I - Lambda^T (Lambda M^-1 Lambda^T)^-1 Lambda M^-1`` (Aguilera et al., eqs 5 and 9). Eq. (9)
     lacks the last term; without it, the cart drifts sideways in curves.
 
-    Args:
-        phi: Shape (4,).
-        friction: ``sigma``, shape (2,).
-        theta: Heading [rad].
-        rates: ``qd``, shape (3,).
-        wrench_b: Total wrench of all hands, shape (3,).
+    Arguments are ``phi`` (4,), ``sigma`` (2,), the heading [rad], ``qd`` (3,) and the total wrench of all hands (3,).
     """
     turn_rate = float(rates[2])
     system = np.zeros((4, 4))

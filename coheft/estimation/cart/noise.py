@@ -46,11 +46,7 @@ _CHANCE = 1e-6
 
 
 class WhiteNoise:
-    """White noise of the measurements.
-
-    Attributes:
-        levels: Noise of each component in multiples of the stated one, at least 1, shape (6,).
-    """
+    """White noise of each component in multiples of the stated one, at least 1: ``levels``, shape (6,)."""
 
     def __init__(self) -> None:
         self.levels: Array = np.ones(MOTION_SIZE)
@@ -104,14 +100,10 @@ def _white_levels(motions: Array, is_noticed: NDArray[np.bool_]) -> Array:
 
 
 def misfit(innovations: Array, before: Array) -> Array:
-    """Noise that explains the innovations and their sums, in multiples of the stated one.
+    """Noise of each component that explains the innovations and their sums, in multiples of the stated one, shape (6,).
 
-    Args:
-        innovations: Consecutive innovations in units of their standard deviations, shape (samples, 6).
-        before: The previous result, with which these standard deviations were computed, shape (6,).
-
-    Returns:
-        A factor of at least 1 for each component, shape (6,); 1 where it was 1 and the difference may be chance.
+    It is at least 1, and stays 1 where the difference may be chance. The consecutive innovations, shape (samples, 6),
+    are in units of the standard deviations that were computed with the result ``before``, shape (6,).
     """
     found = np.zeros(MOTION_SIZE)
     for length in _SUMS:
@@ -130,11 +122,8 @@ def misfit(innovations: Array, before: Array) -> Array:
 
 
 def doubts(levels: Array, unknown_wrench: float) -> list[str]:
-    """Describe what is worse than stated.
-
-    Args:
-        levels: Noise of the motion in multiples of the stated one, shape (6,).
-        unknown_wrench: Standard deviation of an unknown force on the cart [N].
+    """Describe what is worse than stated: noise of the motion in multiples of that, shape (6,), and an unknown force
+    [N].
     """
     found = [
         f"the noise of the {kind} is {levels[components[0]]:.1f} times as large as stated"

@@ -22,9 +22,8 @@ _NOT_JUDGED = "too little has been measured to see whether it fits: drive on"
 def not_known(body_covariance: Array, *, is_judged: bool = True) -> dict[str, str]:
     """Return the quantities that are not known yet, with the motion that would show them.
 
-    Args:
-        body_covariance: Covariance of ``(m, d_x, d_y, I, sigma)``, shape (6, 6).
-        is_judged: Whether the measurements have been compared with the model's predictions.
+    They follow from the covariance of ``(m, d_x, d_y, I, sigma)``, shape (6, 6). Nothing is known before the
+    measurements have been judged, that is compared with the model's predictions.
     """
     if not is_judged:
         return dict.fromkeys(QUANTITIES, _NOT_JUDGED)
