@@ -126,7 +126,7 @@ class NeighbourInbox:
         if message.block >= index:
             return f"it is {message.block - index + 1} blocks ahead"
         if message.block < 0:
-            return "its block is less than 0, the first one"
+            return "its block is negative, but the first one is 0"
         for name, array in message.channels.items():
             if not can_be_used(array):
                 return f"channels[{name!r}] contains numbers that are not finite or not below {LARGEST_NORM:g}"

@@ -116,7 +116,7 @@ def with_record(**changes: object) -> NeighbourMessage:
     [
         (message("z"), "it is not a neighbour; neighbours are b, c"),
         (message("b", 10), "1 blocks ahead"),
-        (message("b", -1), "less than 0"),
+        (message("b", -1), "its block is negative"),
         (replace(message(), channels={"x": np.array([1.0, np.nan])}), "channels['x']"),
         (replace(message(), channels={"y": np.array([[-np.inf]])}), "channels['y']"),
         (replace(message(), channels={"y": np.array([1e12])}), "channels['y']"),

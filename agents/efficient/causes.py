@@ -5,6 +5,8 @@ a change is noticed, or rows have been missing -> suspicion -> a slip | another 
 
 from __future__ import annotations
 
+import math
+
 from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.load_drift import LoadChange, LoadDrift
 from coheft.agents.efficient.settings import Guards, RowCounts
@@ -148,7 +150,7 @@ class Causes:
                 del self.changes[suspicion.changes :]
                 self._forgotten = min(self._forgotten, len(self.changes))
                 if cause.is_load:
-                    self.changes.append(LoadChange(cause.first, newest, suspicion.former_load))
+                    self.changes.append(LoadChange(cause.first, newest, suspicion.former_load, math.inf))
                 self._suspicion = None
                 return Event.SLIPPED, slipped
         longest = self._rows.after_gap if suspicion.is_after_gap else self._rows.telling_apart

@@ -20,7 +20,7 @@ from coheft.agents.efficient.innovations import EvaluatedRow
 from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.looks import Looks
 from coheft.agents.efficient.settings import Guards, RowCounts
-from coheft.agents.efficient.small_steps import UnnoticedStep
+from coheft.agents.efficient.small_steps import StepWatch, UnnoticedStep
 from coheft.agents.efficient.stages import Event
 from coheft.estimation.moments.change import SmallStep
 from coheft.estimation.moments.fit import Estimate
@@ -53,22 +53,19 @@ class ChangeDetector:
         rows: How often it looks, and for how many rows a load is confirmed.
         guards: Thresholds.
         turn: Number of the row of a turn after which this robot looks without a reason.
-
-    Attributes:
-        step: The step of the mass that may not have been noticed yet.
     """
 
     def __init__(self, rows: RowCounts, guards: Guards, turn: int) -> None:
         self._rows, self._guards = rows, guards
         self._looks = Looks(rows, guards, turn)
-        self.step = UnnoticedStep(rows.shortest, guards)
+        self._steps = StepWatch(rows.shortest, guards)
         self._confirmation = Confirmation(rows)
         self._is_likely = False  # whether the last look has nearly detected another load, which fits may hide since
 
     def begin(self) -> None:
         """Start again with other knowledge."""
         self._looks.begin()
-        self.step.begin()
+        self._steps.begin()
         self._is_likely = False
         self._confirmation = Confirmation(self._rows)
 
@@ -88,6 +85,11 @@ class ChangeDetector:
         self._looks.found()
         self._confirmation.end()
         self._is_likely = False
+
+    @property
+    def step(self) -> UnnoticedStep:
+        """The step of the mass that may not have been noticed yet."""
+        return self._steps.step
 
     @property
     def is_confirmed(self) -> bool:
@@ -124,7 +126,7 @@ class ChangeDetector:
             known.fit(end=buffer.start, keeps_motion=True)  # wrenches may be of another load
         now = known.estimate
         assert now is not None
-        since, statistic, step = known.innovations.look_for_change(buffer, small=self.step.sought(now, buffer))
+        since, statistic, step = known.innovations.look_for_change(buffer, small=self._steps.sought(now))
         is_likely, self._is_likely = self._is_likely, False
         if statistic <= 1.0 and not is_likely:
             confirmation.count()
@@ -144,7 +146,7 @@ class ChangeDetector:
         return found
 
     def _take(self, step: SmallStep | None, buffer: RowBuffer) -> None:
-        self.step.take(step, 0 if step is None else buffer.number_at(buffer.start + step.first))
+        self._steps.take(step, 0 if step is None else buffer.number_at(buffer.start + step.first))
 
     def _compare(self, known: Knowledge, index: int, number: int) -> Detected | None:
         """Compare the rows from this index on with a fit to the rows before only.

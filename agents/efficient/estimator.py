@@ -14,6 +14,7 @@ import numpy as np
 from coheft.agents.efficient.exchange import RowMessage
 from coheft.agents.efficient.judge import Outcome, Verdict
 from coheft.agents.efficient.settings import Guards, fit_settings
+from coheft.agents.efficient.small_steps import UnnoticedStep
 from coheft.agents.efficient.stages import Stage
 from coheft.agents.efficient.team import Team
 from coheft.agents.estimator import Belief, Channels, RowSigner, is_converged
@@ -41,7 +42,7 @@ class EfficientEstimator:
         self._team: Team | None = None
         self._lacks: str | None = None  # a sensor that no robot of the team has, but one needs
         self._belief = Belief("poses", False, None, {})
-        self._believed: tuple[Estimate, Stage, int, int, float, int | None] | None = None
+        self._believed: tuple[Estimate, Stage, int, int, UnnoticedStep, int | None] | None = None
         self._former_changes: tuple[LoadChangeNotice, ...] = ()
         self._former_slips: tuple[SlipNotice, ...] = ()
 

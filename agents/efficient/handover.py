@@ -19,7 +19,7 @@ from coheft.estimation.moments.fit_settings import FitSettings, Guess
 from coheft.estimation.moments.unknowns import LOAD_SIZE, State, Unknowns
 
 CHANNEL = "known"
-_HEAD = 4  # number of the team, index of the anchor, size of the load, whether the prior of sensor errors is in it
+_HEAD = 5  # number of the team, index of the anchor, size of the load, ``has_expectations``, ``is_after_gap``
 _MANY_ROWS = 1e6
 """The message does not say how many rows the evidence is from; its noise is known as well as that of so many."""
 _LEAST_SCALE, _ROUNDING = 1e-10, 1e-6
@@ -36,7 +36,7 @@ def encode(team: int, prior: Prior, anchor: int) -> Array:
     half = np.triu_indices(len(scale))
     return np.concatenate(
         [
-            [team, anchor, guess.size, prior.has_expectations],
+            [team, anchor, guess.size, prior.has_expectations, prior.is_after_gap],
             guess.theta,
             *(pose.numbers() for pose in state.poses),
             state.eta.ravel(),
@@ -78,7 +78,8 @@ def decode(numbers: npt.NDArray[Any], team: int, count: int, settings: FitSettin
     all_eta = eta.reshape(count, -1)
     state = State(tuple(all_poses), all_eta, errors.step(all_eta) if errors.count else None, gyros, load)
     evidence = Evidence.of_rows(unit * score, information, noise, _MANY_ROWS)
-    return Prior(state, Guess.about(theta, float(head[2])), evidence, bool(head[3])), anchor
+    guess = Guess.about(theta, float(head[2]))
+    return Prior(state, guess, evidence, bool(head[3]), is_after_gap=bool(head[4])), anchor
 
 
 def _whole(half: Array, size: int) -> Array:

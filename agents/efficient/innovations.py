@@ -145,6 +145,11 @@ class Innovations:
         result: Array = self._older + views.T @ views
         return result
 
+    def mass_information(self, buffer: RowBuffer) -> float:
+        """Return the information of one row on the mass [1/kg²], mean over all rows of the load."""
+        of_motion = self.gram(buffer)[:FORCING_SIZE, :FORCING_SIZE]
+        return float(np.sum(self._by_mass * (of_motion @ self._by_mass)) / max(of_motion[0, 0], 1.0))
+
     def look_for_change(self, buffer: RowBuffer, small: SmallSteps | None = None) -> Look:
         """Run the first test for a load change on all rows of the load.
 

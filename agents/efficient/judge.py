@@ -97,10 +97,10 @@ def judge(
 
 def _has_another_mass(estimate: Estimate, load_before: KnownLoad, guards: Guards) -> bool:
     """Whether the mass has changed: a load that only shifts is rarer than a faulty torque sensor."""
-    load, theta = estimate.state.load, estimate.body.unknowns.theta
+    load = estimate.state.load
     if load is None or load_before.covariance is None:
         return True
-    variance = estimate.covariance[theta, theta][0, 0] + load_before.covariance[-10, -10]
+    variance = estimate.variance_of_mass + load_before.covariance[-10, -10]
     return bool((load[THETA] - load_before.load[THETA])[0] ** 2 > guards.least_mass_change * variance)
 
 

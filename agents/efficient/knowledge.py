@@ -133,6 +133,7 @@ class Knowledge:
         noise = self.unseen_change(estimate, unnoticed, drift, missing=missing / self._settings.period)
         self.bridge(missing)
         prior = self._chapter.posterior(estimate, self._guess)
+        prior = replace(prior, is_after_gap=missing > self._guards.waiting)
         return prior if noise is None else prior.with_process_noise(slice(None), noise)
 
     def unseen_change(
@@ -171,7 +172,8 @@ class Knowledge:
 
     def _unnoticed_step(self, estimate: Estimate, unnoticed: UnnoticedStep, fit: OneLoad) -> Array | None:
         """See ``UnnoticedStep.process_noise``; None if there is no step."""
-        if unnoticed.mass == 0.0 or estimate.state.load is None:
+        load = estimate.state.load
+        if unnoticed.mass == 0.0 or load is None or not load[THETA.start] > 0.0:
             return None
         return unnoticed.process_noise(estimate, fit.error_by_step(self.buffer.index_of(unnoticed.first)))
 

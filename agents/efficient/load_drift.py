@@ -60,16 +60,16 @@ class LoadDrift(NamedTuple):
 
     @staticmethod
     def of(changes: Sequence[LoadChange], mass: float, newest: int, longest: int) -> LoadDrift | None:
-        """The drift of the present load: the newest step that is followed by an alike one; None if there is none.
+        """The drift of the present load: the newest step that is followed by a similar one; None if there is none.
 
-        A step is the change of the mass from just before one change to just before the next one, or to now. After an
-        abrupt change it is not known, and the drift may go on; the same holds for one more step that is not alike.
+        A step is the change of the mass from just before one change to just before the next one, or to now. Abrupt
+        changes are skipped, because the step across them is not known. One more step that is not similar is skipped.
 
         Args:
             changes: Load changes so far, oldest first.
             mass: The mass now [kg].
             newest: Number of the newest row.
-            longest: Loads that change after more rows do not drift.
+            longest: Loads that change after more rows do not drift, nor does one that has not changed gradually since.
         """
         masses = [*(change.former[0] for change in changes), mass]
         steps = [float(after - before) for before, after in pairwise(masses)]
@@ -77,7 +77,8 @@ class LoadDrift(NamedTuple):
         for index, following in reversed(list(pairwise(gradual))[-2:]):
             rows = changes[index + 1].first - changes[index].first
             drift = LoadDrift(steps[index], max(1, rows), changes[index].first)
-            if rows <= longest and drift.goes_on(steps[following], newest - changes[-1].first):
+            has_stopped = newest - changes[gradual[-1]].first > longest
+            if rows <= longest and not has_stopped and drift.goes_on(steps[following], newest - changes[-1].first):
                 return drift
         return None
 

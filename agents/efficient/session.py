@@ -15,11 +15,13 @@ from coheft.agents.efficient.acceptance import Acceptance
 from coheft.agents.efficient.causes import Causes
 from coheft.agents.efficient.change_detector import ChangeDetector
 from coheft.agents.efficient.contradictions import Contradictions, Use
+from coheft.agents.efficient.gaps import Gap
 from coheft.agents.efficient.judge import Verdict
 from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.load_drift import LoadChange, LoadDrift
 from coheft.agents.efficient.restlessness import Restlessness
 from coheft.agents.efficient.settings import Guards, RowCounts
+from coheft.agents.efficient.small_steps import UnnoticedStep
 from coheft.agents.efficient.stages import TRANSITIONS, Event, Stage
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.body import FORCING_SIZE
@@ -66,6 +68,7 @@ class Session:
         self._acceptance = Acceptance(settings, guards, rows)
         self._detector = ChangeDetector(rows, guards, own * rows.turn // count)
         self._restlessness = Restlessness(rows)
+        self._gap, self._begins_after_gap = Gap(rows.waiting, guards), prior is not None and prior.is_after_gap
         self._newest = -1  # number of the newest row
         self._oldest = -1  # rows before this number are from before a slip
         self._begin(Knowledge(count, anchor, settings, guards, prior))
@@ -92,6 +95,7 @@ class Session:
                 self.stage = TRANSITIONS[self.stage, Event.SLIPPED]
                 self._begin(known)
                 self._oldest = known.buffer.numbers[0]
+                self._gap.load_begins(self.causes.changed_at)
                 self._detector.confirm(since=self._newest + 1)
             case Event.STARTED_OVER, None:
                 self._start_over()
@@ -103,9 +107,12 @@ class Session:
         if self._newest < 0:
             if self.stage is Stage.ESTIMATING:  # another team has known this before
                 self._expect_changes(since=number)
+                if self._begins_after_gap:
+                    self._gap.begin(known, number)
         elif number > self._newest + 1 + self._rows.waiting:
             known.bridge((number - self._newest - 1) * self.settings.period)
             self._expect_changes(since=number)
+            self._gap.begin(known, number)
         self._newest = max(self._newest, number)
         if known.estimate is None:
             buffer.add(number, row)
@@ -130,7 +137,6 @@ class Session:
     def _expect_changes(self, since: int) -> None:
         """Rows before this one were missing, or not used: load and grasps may have changed meanwhile."""
         self._detector.confirm(since)
-        self._detector.step.expect(since)
         if self.stage is Stage.ESTIMATING and self._known.may_show_slips:
             self.causes.expect(self._known, since, self._detector.step)
 
@@ -150,6 +156,7 @@ class Session:
             case Use.RESUME:
                 self.causes.contradiction_ends()
                 self._expect_changes(since=number)
+                self._gap.begin(self._known, number)
         return use in (Use.KEEP, Use.RESUME)
 
     def take_back(self, number: int) -> None:
@@ -196,6 +203,7 @@ class Session:
         if event is Event.EXCEEDED:
             self.causes.forget_cause()
         self.causes.start_over()
+        self._gap.load_begins(self._newest)
         self._restlessness, self._oldest = Restlessness(self._rows), -1
         self.stage = TRANSITIONS[self.stage, event]
         self._begin(Knowledge(self._count, self._anchor, self.settings, self._guards))
@@ -263,9 +271,9 @@ class Session:
             return
         if index < self._known.buffer.count:
             self.causes.load_begins(int(self._known.buffer.numbers[index]))
+        self._gap.load_begins(self._known.buffer.number_at(index))
         least = self._known.least * (1 + self._restlessness.is_troubled)
         self._known.forget_load(before, index, event is Event.LOAD_CHANGED, least, self._detector.step)
-        self._detector.step.begin()
         self.stage = TRANSITIONS[self.stage, event]
         self._detector.settle()
 
@@ -293,7 +301,7 @@ class Session:
         is_doubtful = is_suspected or self.causes.is_open or self._detector.distrusts_wrenches
         if self.stage is not Stage.ESTIMATING or is_doubtful:
             return None
-        return self._known.posterior(self._detector.step, self.load_drift, missing)
+        return self._known.posterior(self.unnoticed, self.load_drift, missing)
 
     @property
     def settings(self) -> FitSettings:
@@ -312,7 +320,7 @@ class Session:
 
     def claimable(self, estimate: Estimate) -> Estimate:
         """Return the estimate to publish: its covariance covers changes of the load that are not noticed yet."""
-        return self._known.covering(estimate, self.load_drift, unnoticed=self._detector.step)
+        return self._known.covering(estimate, self.load_drift, unnoticed=self.unnoticed)
 
     @property
     def load_drift(self) -> LoadDrift | None:
@@ -320,9 +328,9 @@ class Session:
         return self.causes.load_drift(self._known, self._newest)
 
     @property
-    def unnoticed(self) -> float:
-        """Mass by which the load may have changed without being noticed yet [kg]."""
-        return self._detector.step.mass
+    def unnoticed(self) -> UnnoticedStep:
+        """The step of the mass that may have occurred without being noticed yet, since a gap or in it."""
+        return max(self._detector.step, self._gap.step(self._known))
 
     @property
     def contradicting(self) -> int | None:

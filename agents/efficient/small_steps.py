@@ -8,13 +8,14 @@ fitted together with one load to rows of two loads are wrong, too.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from coheft.agents.efficient.settings import Guards
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.change import SmallStep, SmallSteps, one_kilogram, spread_mass
 from coheft.estimation.moments.fit import Estimate
-from coheft.estimation.moments.row_buffer import RowBuffer
 from coheft.estimation.moments.unknowns import THETA
 
 _COVER = 0.5
@@ -23,46 +24,16 @@ _LEAST_LEFT = 0.2
 """The mass is taken to be wrong by at least this share of a step."""
 
 
-class UnnoticedStep:
-    """The step of the mass that may have occurred without having been noticed yet.
-
-    Args:
-        shortest: Rows after which a step counts as long ago.
-        guards: Thresholds.
+class UnnoticedStep(NamedTuple):
+    """A step of the mass that may have occurred without having been noticed yet.
 
     Attributes:
         mass: By how much the estimate of the mass may be off [kg].
         first: Number of the first row after the step.
     """
 
-    def __init__(self, shortest: int, guards: Guards) -> None:
-        self._shortest, self._guards = shortest, guards
-        self.mass, self.first = 0.0, 0
-        self._gap: int | None = None  # number of the first row after a gap
-
-    def begin(self) -> None:
-        """All rows are of one load."""
-        self.mass, self._gap = 0.0, None
-
-    def expect(self, since: int) -> None:
-        """Rows before this one were missing, and the mass may have changed meanwhile."""
-        self._gap = since
-
-    def sought(self, estimate: Estimate, buffer: RowBuffer) -> SmallSteps | None:
-        """Which steps a test for a change has to look for; None without a load."""
-        load, guards = estimate.state.load, self._guards
-        if load is None:
-            return None
-        since_gap = 0 if self._gap is None else buffer.count - buffer.index_of(self._gap)
-        mass = float(load[THETA.start])
-        return SmallSteps(self._shortest, guards.least_small_step, guards.least_recent_step, mass, since_gap)
-
-    def take(self, found: SmallStep | None, number: int) -> None:
-        """Process what such a test has found, see ``Look.step``; the step is before the row of this number."""
-        if found is not None:
-            self.mass *= self._guards.small_step_fades
-            if found.error > self.mass:
-                self.mass, self.first = found.error, number
+    mass: float = 0.0
+    first: int = 0
 
     def process_noise(self, estimate: Estimate, error_by_step: Array) -> Array:
         """Covariance (u, u) of the error that the step makes; ``error_by_step`` is ``D``, shape (u, 10)."""
@@ -85,3 +56,36 @@ class UnnoticedStep:
         assert load is not None
         error = error_by_step[estimate.body.unknowns.theta.start] @ one_kilogram(load)
         return max(_LEAST_LEFT, -float(error))
+
+
+class StepWatch:
+    """Remembers the largest step that tests for a change have found.
+
+    Args:
+        shortest: Rows after which a step counts as long ago.
+        guards: Thresholds.
+
+    Attributes:
+        step: The step.
+    """
+
+    def __init__(self, shortest: int, guards: Guards) -> None:
+        self._shortest, self._guards, self.step = shortest, guards, UnnoticedStep()
+
+    def begin(self) -> None:
+        """Start again with other knowledge."""
+        self.step = UnnoticedStep()
+
+    def sought(self, estimate: Estimate) -> SmallSteps | None:
+        """Which steps a test for a change has to look for; None without a load."""
+        load, guards = estimate.state.load, self._guards
+        if load is None:
+            return None
+        return SmallSteps(self._shortest, guards.least_small_step, guards.least_recent_step, float(load[THETA.start]))
+
+    def take(self, found: SmallStep | None, number: int) -> None:
+        """Process what such a test has found, see ``Look.step``; the step is before the row of this number."""
+        if found is None:
+            return
+        faded = self._guards.small_step_fades * self.step.mass
+        self.step = UnnoticedStep(found.error, number) if found.error > faded else self.step._replace(mass=faded)

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from coheft.agents.efficient.gaps import Gap
 from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.session import Session
 from coheft.agents.efficient.settings import Guards
-from coheft.agents.efficient.small_steps import UnnoticedStep
+from coheft.agents.efficient.small_steps import StepWatch
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.moments.rows import ROW_SIZE, V
 from coheft.estimation.moments.unknowns import THETA
@@ -60,24 +62,99 @@ def test_no_rows_are_missing_before_the_first_one(monkeypatch: pytest.MonkeyPatc
     assert not bridged  # ``hand_over`` has done so
 
 
-def mass_error_after_a_gap(more: float) -> float:
-    """Largest error of the published mass over its standard deviation, if so much more has been put on in a gap."""
-    found, load = fed(made_up_rows(BEFORE)), LOAD + more * point_mass(np.array([-0.2, -0.1, 0.1]))
+def with_more(mass: float) -> Array:
+    return LOAD + mass * point_mass(np.array([-0.2, -0.1, 0.1]))
+
+
+def deviations_of_mass(found: Session) -> tuple[float, float]:
+    """Error of the mass less that of ``LOAD``, and its published standard deviation."""
+    estimate = found.estimate
+    assert estimate is not None
+    assert estimate.state.load is not None
+    mass = estimate.body.unknowns.theta.start
+    return estimate.state.load[THETA.start] - LOAD[0], float(np.sqrt(found.claimable(estimate).covariance[mass, mass]))
+
+
+def mass_error(found: Session, more: float, poses: tuple[Pose, ...] = POSES) -> float:
+    """Largest error of the published mass over its standard deviation after a gap in which so much was put on."""
     errors, first = [0.0], BEFORE + GAP
-    for number, row in enumerate(made_up_rows(60, load, first), first):
+    for number, row in enumerate(made_up_rows(60, with_more(more), first, poses=poses), first):
         found.take(number, row)
-        if is_valid(found) and found.estimate is not None and found.estimate.state.load is not None:
-            mass = found.estimate.body.unknowns.theta.start
-            deviation = np.sqrt(found.claimable(found.estimate).covariance[mass, mass])
-            errors.append(abs(found.estimate.state.load[THETA.start] - load[0]) / deviation)
-    return float(max(errors))
+        if is_valid(found):
+            off, deviation = deviations_of_mass(found)
+            errors.append(abs(off - more) / deviation)
+    return max(errors)
 
 
-def test_a_change_in_a_gap_that_is_too_small_to_be_noticed_is_covered(monkeypatch: pytest.MonkeyPatch) -> None:
+def team_after_a_gap() -> Session:
+    """A session of another team, which begins after the gap."""
+    former = fed(made_up_rows(BEFORE))
+    prior = former.hand_over(GAP * PERIOD)
+    assert prior is not None
+    assert prior.is_after_gap
+    return Session(len(POSES), 0, former.settings, Guards(), prior)
+
+
+@pytest.mark.parametrize("begin", [lambda: fed(made_up_rows(BEFORE)), team_after_a_gap], ids=["same", "another"])
+def test_a_change_in_a_gap_that_is_too_small_to_be_noticed_is_covered(
+    begin: Callable[[], Session], monkeypatch: pytest.MonkeyPatch
+) -> None:
     masses = (0.01, 0.015, 0.02, 0.03)
-    assert max(map(mass_error_after_a_gap, masses)) < 5.0
-    monkeypatch.setattr(UnnoticedStep, "expect", lambda *_: None)
-    assert max(map(mass_error_after_a_gap, masses)) > 10.0
+    assert max(mass_error(begin(), more) for more in masses) < 5.0
+    monkeypatch.setattr(Gap, "begin", lambda *_: None)
+    assert max(mass_error(begin(), more) for more in masses) > 10.0
+
+
+def test_a_change_that_is_too_small_to_be_noticed_is_covered_beside_a_slip_in_the_same_gap(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    assert mass_error(fed(made_up_rows(BEFORE)), 0.01, SLIPPED) < 5.0
+    monkeypatch.setattr(Gap, "begin", lambda *_: None)
+    assert mass_error(fed(made_up_rows(BEFORE)), 0.01, SLIPPED) > 5.0
+
+
+@pytest.mark.parametrize("memory", [None, 8.0])
+def test_what_a_gap_hides_fades_as_rows_come(memory: float | None, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(StepWatch, "take", lambda *_: None)  # chance makes some steps
+    deviations = []
+    for gap in (0, GAP):
+        found = Session(len(POSES), 0, replace(session().settings, memory=memory), Guards())
+        for number, row in enumerate(made_up_rows(BEFORE)):
+            found.take(number, row)
+        published = []
+        for number, row in enumerate(made_up_rows(500, first=BEFORE), BEFORE):
+            if number >= BEFORE + gap:
+                found.take(number, row)
+                published.append(deviations_of_mass(found)[1])
+        deviations.append(np.array(published)[: 500 - GAP])
+    ratios = deviations[1] / deviations[0]
+    assert ratios[10] > 3.0
+    assert ratios[-100:].max() < 2.0
+
+
+def test_rows_that_are_only_late_are_no_gap() -> None:
+    rows = made_up_rows(BEFORE + 60)
+    found, in_order = fed(rows[:BEFORE]), fed(rows)
+    late = range(BEFORE, BEFORE + 10)
+    for number in (BEFORE + 10, *late, *range(BEFORE + 11, BEFORE + 60)):
+        found.take(number, rows[number])
+        if number == BEFORE + 10:
+            assert deviations_of_mass(found)[1] > 3.0 * deviations_of_mass(in_order)[1]
+    assert deviations_of_mass(found)[1] < 1.2 * deviations_of_mass(in_order)[1]
+
+
+def test_all_robots_have_the_same_poses_after_a_gap_and_another_load() -> None:
+    poses = []
+    for own in range(len(POSES)):
+        found = session(own=own)
+        for number, row in enumerate(made_up_rows(BEFORE)):
+            found.take(number, row)
+        for first, load in ((BEFORE + GAP, LOAD), (BEFORE + GAP + 100, HEAVIER)):
+            for number, row in enumerate(made_up_rows(100, load, first), first):
+                found.take(number, row)
+        assert found.estimate is not None
+        poses.append([pose.numbers() for pose in found.estimate.state.poses])
+    np.testing.assert_allclose(poses, poses[:1] * len(poses), atol=1e-12)
 
 
 def test_a_slip_in_a_gap_is_named() -> None:

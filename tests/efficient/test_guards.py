@@ -152,6 +152,7 @@ CASES = {
     "offset": Case(off(200, 400, 400, 2, FORCE.start + 2, 0.5), lambda _, then: then.is_sure),
     "undeclared": Case(off(0, 400, 400, 2, FORCE.start, 0.25), lambda _, then: then.is_sure),
     "mass": Case(off(200, 350, 400, 2, TORQUE.start, 0.125), lambda _, then: then.is_sure),
+    "undecided": Case(off(200, 350, 400, 2, TORQUE.start, 0.125), lambda _, then: then.is_sure),
     "mass_surprise": Case(changed(0.003)[0], lambda _, then: is_sure_after(then, 207), changed(0.003)[1], own=3),
     "recent_step": Case(changed(0.006)[0], lambda _, then: is_sure_after(then, 205), changed(0.006)[1], own=3),
     "small_step": Case(changed(0.002)[0], lambda _, then: is_sure_after(then, 216), changed(0.002)[1]),

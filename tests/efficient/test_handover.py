@@ -28,7 +28,7 @@ UNEQUAL = replace(
     SETTINGS, errors=SensorErrors(*({"force_gain": size, "torque_gain": 0.01} for size in (0.01, 0.0, 0.02)))
 )
 """One robot's forces are exact."""
-SCALE = 4 + 10 + COUNT * (Pose.SIZE + SETTINGS.errors.count) + 3 + 16
+SCALE = 5 + 10 + COUNT * (Pose.SIZE + SETTINGS.errors.count) + 3 + 16
 """Where the scale of the first unknown is told."""
 
 
@@ -42,7 +42,7 @@ def some_prior(rng: np.random.Generator, errors: SensorErrors = SETTINGS.errors)
     score = rng.normal(size=unknowns.size)
     score[unknowns.poses[2]] = 0.0
     evidence = Evidence.of_rows(score, 1e3 * root.T @ root, noise.T @ noise, 1e6)
-    return Prior(state, Guess.about(np.arange(1.0, 11.0), 0.7), evidence, has_expectations=True)
+    return Prior(state, Guess.about(np.arange(1.0, 11.0), 0.7), evidence, has_expectations=True, is_after_gap=True)
 
 
 @pytest.mark.parametrize("settings", [SETTINGS, UNEQUAL], ids=["alike", "unequal"])
@@ -53,7 +53,7 @@ def test_what_is_told_is_heard(seed: int, settings: FitSettings) -> None:
     assert found is not None
     same, anchor = found
     assert anchor == ANCHOR
-    assert (same.has_expectations, same.knows_load) == (True, True)
+    assert (same.has_expectations, same.knows_load, same.is_after_gap) == (True, True, True)
     for name in ("score", "information", "noise", "doubt"):
         expected = getattr(prior.evidence, name)
         np.testing.assert_allclose(getattr(same.evidence, name), expected, atol=1e-9 * np.abs(expected).max())

@@ -117,7 +117,7 @@ def test_a_slip_that_removed_rows_have_shown_is_forgotten() -> None:
 def test_what_was_known_stays_the_same_where_a_pose_is_filled_in() -> None:
     known = fed(made_up_rows(BEFORE))._known
     assert known.estimate is not None
-    before = Before.of(known, BEFORE, UnnoticedStep(1, Guards()), None)
+    before = Before.of(known, BEFORE, UnnoticedStep(), None)
     hidden, own = before.estimate.hidden.copy(), before.estimate.body.unknowns.poses[2]
     hidden[own, own] += 1.0
     poses = list(known.estimate.state.poses)

@@ -7,7 +7,7 @@ import pytest
 
 from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.settings import Guards
-from coheft.agents.efficient.small_steps import UnnoticedStep
+from coheft.agents.efficient.small_steps import StepWatch, UnnoticedStep
 from coheft.estimation.moments.change import SmallStep
 from coheft.estimation.rigid_body.mass_properties import point_mass
 from tests.efficient.rows import LOAD, POSES, made_up_rows
@@ -20,21 +20,16 @@ def known() -> Knowledge:
     return fed(made_up_rows(ROWS))._known
 
 
-def step(mass: float, first: int) -> UnnoticedStep:
-    found = UnnoticedStep(15, Guards())
-    found.take(SmallStep(0, mass), first)
-    return found
-
-
 def test_a_step_is_halved_by_each_look_that_finds_none_and_replaced_by_a_larger_one() -> None:
-    found = step(0.1, 60)
+    found = StepWatch(15, Guards())
+    found.take(SmallStep(0, 0.1), 60)
     found.take(SmallStep(0, 0.0), 0)
-    assert (found.mass, found.first) == (0.05, 60)
+    assert found.step == UnnoticedStep(0.05, 60)
     found.take(None, 0)
     found.take(SmallStep(0, 0.02), 70)
-    assert (found.mass, found.first) == (0.025, 60)
+    assert found.step == UnnoticedStep(0.025, 60)
     found.take(SmallStep(0, 0.02), 80)
-    assert (found.mass, found.first) == (0.02, 80)
+    assert found.step == UnnoticedStep(0.02, 80)
 
 
 @pytest.mark.parametrize(("first", "are_wrong"), [(60, True), (0, False), (ROWS, False)])
@@ -43,7 +38,7 @@ def test_poses_are_less_certain_if_they_were_fitted_to_rows_before_and_after_a_s
 ) -> None:
     found = known()
     estimate = found.fit()
-    covered = found.covering(estimate, None, unnoticed=step(0.5, first))
+    covered = found.covering(estimate, None, unnoticed=UnnoticedStep(0.5, first))
     unknowns = estimate.body.unknowns
     more = covered.covariance.diagonal() / np.maximum(estimate.covariance.diagonal(), 1e-30)
     assert more[unknowns.theta.start] > 10.0
@@ -62,7 +57,7 @@ def test_with_the_next_load_poses_do_not_keep_what_a_step_has_made_wrong() -> No
         found = session._known
         for number, row in enumerate(second, 60):
             found.buffer.add(number, row)
-        found.forget_load(found.fit(), 100, True, 15, step(mass, 60))
+        found.forget_load(found.fit(), 100, True, 15, UnnoticedStep(mass, 60))
         for number, row in enumerate(third, 100):
             found.buffer.add(number, row)
         found.fit()

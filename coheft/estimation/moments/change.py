@@ -96,14 +96,12 @@ class SmallSteps(NamedTuple):
         long_ago: Least square of the significance of a step that long ago.
         recent: The same of a step since.
         mass: The estimate of the mass, of all rows or only of older ones [kg].
-        since_gap: Number of rows since a gap in which the mass may have changed; 0 if there was none.
     """
 
     shortest: int
     long_ago: float
     recent: float
     mass: float
-    since_gap: int = 0
 
 
 class SmallStep(NamedTuple):
@@ -298,15 +296,11 @@ class _Scores(NamedTuple):
 
             step = x^T S_k / (x^T V_k x),    z^2 = (x^T S_k)^2 / (x^T V_k x) ~ chi-square with 1 degree of freedom
 
-        The newest rows show the mass of all rows and the share ``1 - x^T H_k x / x^T H x`` of the step. In a gap, the
-        mass may have changed by as much as would just not be significant.
+        The newest rows show the mass of all rows and the share ``1 - x^T H_k x / x^T H x`` of the step.
         """
         if not self.load[THETA.start] > 0.0:
             return None
         is_long_ago = self.counts[:-1] >= small.shortest
-        since_gap = int(np.searchsorted(self.counts[:-1], small.since_gap, side="right")) - 1
-        if since_gap >= 0:
-            is_long_ago[since_gap] = True  # at one known row, chance makes smaller steps than at any
         kilogram = one_kilogram(self.load)
         score, spread = (each.ravel() for each in self.along(kilogram[None], weights))
         is_significant = score**2 >= np.where(is_long_ago, small.long_ago, small.recent) * spread
@@ -315,9 +309,6 @@ class _Scores(NamedTuple):
         informations = kilogram @ self.matrices[:, THETA, THETA] @ kilogram
         left = 1.0 - informations[:-1] / informations[-1]
         errors = is_significant * np.abs(self.load[THETA.start] + score / spread * left - small.mass)
-        if since_gap >= 0:
-            least = np.sqrt(small.long_ago / spread[since_gap]) * left[since_gap]
-            errors[since_gap] = max(errors[since_gap], least)
         largest = int(errors.argmax())
         return SmallStep(count - int(self.counts[largest]), float(errors[largest]))
 

@@ -36,6 +36,7 @@ class Prior:
         evidence: The quadratic.
         has_expectations: Whether the prior of sensor errors is included already.
         knows_load: Whether it has information on the load.
+        is_after_gap: Whether rows were missing since, so that the load may have changed.
     """
 
     state: State
@@ -43,6 +44,7 @@ class Prior:
     evidence: Evidence
     has_expectations: bool = False
     knows_load: bool = True
+    is_after_gap: bool = False
 
     def at(self, body: BodyModel) -> Evidence:
         """Return the evidence around another state nearby."""

@@ -64,6 +64,12 @@ class Estimate:
         """Covariance of all unknowns, shape (u, u)."""
         return self.seen + self.hidden
 
+    @property
+    def variance_of_mass(self) -> float:
+        """Variance of the mass [kg^2]."""
+        mass = self.body.unknowns.theta.start
+        return float(self.seen[mass, mass] + self.hidden[mass, mass])
+
     @cached_property
     def misses_poses(self) -> bool:
         """Whether any robot's pose is hidden."""
