@@ -11,7 +11,7 @@ from coheft.estimation.batch.fast_motion import cutoff_for
 from coheft.estimation.batch.identification import Identification
 from coheft.estimation.batch.identify import identify_batch, identify_with_instruments
 from coheft.estimation.batch.identify_poses import identify_poses
-from coheft.estimation.batch.identify_sensors import SUITABLE_NOISE, identify_sensors
+from coheft.estimation.batch.identify_sensors import identify_sensors
 from coheft.estimation.batch.identify_statics import identify_statics, with_statics
 from coheft.estimation.batch.judged import judged
 from coheft.estimation.batch.recording import Recording
@@ -113,7 +113,7 @@ def fitted(
             found = identify_poses(recording, tolerances, options.cutoff or CUTOFF)
         case "likelihood":
             found = identify_sensors(recording)
-            if options.method is None and found.noise_ratio > SUITABLE_NOISE:
+            if options.method is None and found.unsuitable:
                 found = _without_noise(recording, options, found)
     return found if statics is None else with_statics(found, statics)
 
@@ -124,5 +124,5 @@ def _without_noise(recording: Recording, options: Options, refuted: Identificati
         found = identify_with_instruments(recording, options.cutoff or CUTOFF)
     except RecordingError:
         return refuted
-    remark = f"{refuted.noise_words}, so that --method likelihood does not suit it."
+    remark = f"{refuted.unsuitable}, so that --method likelihood does not suit it."
     return replace(found, remarks=(*found.remarks, remark))

@@ -80,17 +80,16 @@ def fit_calibrated(
     """Fit inertia and calibration errors, each robot's motion with the others' as instruments.
 
     Args:
-        signals: Signals with rotations and wrenches.
+        signals: Signals with rotations.
         poses: Poses of the grasp frames in the body frame, in measured lengths.
         tolerances: Tolerances of the calibration errors.
         gravity: Gravity in the home frames, shape (3,) [m/s²].
         start: A fit with nearly the same poses, from which one step is taken, with the same weights.
 
     Raises:
-        ValueError: Signals lack wrenches or rotations, there is one robot only, or all wrenches are zero.
+        ValueError: There is one robot only, or all wrenches are zero.
     """
-    if signals.wrench is None or signals.rotation is None:
-        raise ValueError("expected signals with wrenches and rotations")
+    assert signals.rotation is not None  # derived from poses
     count = len(poses)
     motions = body_motions(signals, poses)
     upwards = np.zeros_like(motions)

@@ -1,9 +1,8 @@
 """The result of identification by any method."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import msgspec
-import numpy as np
 
 from coheft.estimation.batch.doubts import doubts_about
 from coheft.estimation.batch.holds import Holds
@@ -55,6 +54,8 @@ class Identification:
         names: Names of the robots; all quantities are given in the first one's grasp frame.
         team: Poses of all grasp frames.
         payload: Mass properties of the load.
+        time: Times of the residuals, shape (n,) [s].
+        residual: Residuals of the total wrench (force, torque), or of the torque only, shape (n, 6) or (n, 3).
         loops: By how much loops of pairs did not close before they were fitted together.
         holds: Measurements at rest; None if they were not used.
         calibration: Calibration errors of the robots; empty if they were not estimated.
@@ -63,18 +64,16 @@ class Identification:
         verdict: Verdict on the recording; None if it could not be judged.
         not_judged: Why it could not be judged; empty if it could.
         hidden: For each of ``(m, h, J)``, the worst fault that would not show; empty if not judged, or refuted.
-        time: Times of the residuals, shape (n,) [s].
-        residual: Residuals of the total wrench (force, torque), or of the torque only, shape (n, 6) or (n, 3).
-        evidence: Input of the judge, if the method has computed it already.
-        noise_ratio: Factor by which residuals, or the noise of samples, differ from the noise that the recording
-            names; 1 if it names none.
-        noise_words: What differs by this factor.
+        evidence: Input of the judge, if it has been computed already.
+        unsuitable: Why another method suits better, as a sentence without a full stop; empty if none does.
     """
 
     method: str
     names: tuple[str, ...]
     team: TeamPoses
     payload: Payload
+    time: Array
+    residual: Array
     loops: tuple[LoopError, ...] = ()
     holds: Holds | None = None
     calibration: tuple[CalibrationFinding, ...] = ()
@@ -83,11 +82,8 @@ class Identification:
     verdict: Verdict | None = None
     not_judged: str = ""
     hidden: tuple[HiddenError, ...] = ()
-    time: Array = field(default_factory=lambda: np.zeros(0))
-    residual: Array = field(default_factory=lambda: np.zeros((0, 3)))
     evidence: Evidence | None = None
-    noise_ratio: float = 1.0
-    noise_words: str = ""
+    unsuitable: str = ""
 
     @property
     def doubts(self) -> tuple[str, ...]:

@@ -22,7 +22,7 @@ from coheft.estimation.batch.doubts import unsettled
 from coheft.estimation.batch.hand_eye import HandEye, fit_hand_eye
 from coheft.estimation.batch.hand_eye_equations import ERRORS, GRASP, position_scale_rows, unknowns_of
 from coheft.estimation.batch.identification import Identification
-from coheft.estimation.batch.identify import at_first_grasp, identify_at_grasps
+from coheft.estimation.batch.identify import identify_at_grasps
 from coheft.estimation.batch.judge.evidence import POSES_PER_SECOND, Evidence, suspicions_about
 from coheft.estimation.batch.pairs import grasps_from_twists
 from coheft.estimation.batch.payload import make_payload, of_central_numbers
@@ -34,7 +34,7 @@ from coheft.estimation.batch.statistics import SPAN
 from coheft.estimation.batch.team_poses import TeamPoses
 from coheft.estimation.batch.wrist_poses import LARGEST_TILT, WristPoses
 from coheft.estimation.geometry.spatial import Array, Pose
-from coheft.estimation.rigid_body.derivatives import seen_inertia_derivative
+from coheft.estimation.rigid_body.derivatives import central_derivative, seen_inertia_derivative
 from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.estimation.rigid_body.regressor import INERTIA_SIZE
 
@@ -64,7 +64,6 @@ def identify_poses(
     signals = plausible_signals(recording, cutoff)
     if tolerances is not None:
         _check_duration(recording, signals)
-    recording.stacked("wrench")  # better refused before the long fit than after it
     wrists = WristPoses.of(recording.stacked("pose"), recording.rate, at_home=tolerances is not None)
     start, loops = grasps_from_twists(signals, with_instruments=True)
     grasps = fit_hand_eye(wrists.averaged(POSES_PER_SECOND), start.poses, tolerances)
@@ -192,12 +191,12 @@ def _at_first_grasp(fit: CalibratedFit, poses: Sequence[Pose]) -> tuple[Array, A
     """``(m, h, J)`` (10,) in the first robot's frame and true lengths, and their covariance (10, 10)."""
     centre = centre_of(poses)
     true_centre = Pose(centre.rotation, fit.scale * centre.translation)
-    numbers, by_parameters = at_first_grasp(Inertia.from_barycentric(fit.parameters), true_centre)
+    about_centre = Inertia.from_barycentric(fit.parameters)
     # The position of the centre depends on the scale, too.
     by_scale = np.concatenate([[0.0], centre.translation, np.zeros(6)])
-    derivative = np.column_stack([by_parameters, by_scale])
+    derivative = np.column_stack([central_derivative(about_centre), by_scale])
     known = fit.covariance[: INERTIA_SIZE + 1, : INERTIA_SIZE + 1]
-    return numbers, derivative @ known @ derivative.T
+    return about_centre.carried(true_centre).central(), derivative @ known @ derivative.T
 
 
 def _given_errors(grasps: HandEye) -> Array:

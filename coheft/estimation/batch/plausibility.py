@@ -1,8 +1,5 @@
 """Checks for recordings in other units, orders or signs than expected, by what robots and loads can do."""
 
-from __future__ import annotations
-
-from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
@@ -46,8 +43,7 @@ def plausible_signals(recording: Recording, cutoff: float) -> Signals:
     signals = signals_of(recording, cutoff)
     if recording.has("pose"):
         check_conventions(recording, cutoff, signals)
-    if signals.wrench is not None:
-        check_weight(recording, signals.wrench, signals.a)
+    check_weight(recording, signals.wrench, signals.a)
     return signals
 
 
@@ -183,17 +179,18 @@ def check_weight(recording: Recording, wrench: Array, acceleration: Array) -> No
     strength = float(np.sqrt(np.mean(np.square(acceleration).sum(axis=-1))))
     if strength == 0.0:
         raise RecordingError("the load neither accelerates nor feels gravity, so nothing shows its mass")
-    force, moment = (_Lift.of(wrench[..., part], acceleration, strength) for part in (slice(0, 3), slice(3, 6)))
-    found = f"wrenches add up to {force.mean / strength:.3g} kg"
-    is_larger = moment.mean > abs(force.mean) and moment.size > force.size  # lever arms are shorter than a metre
-    if is_larger and moment.is_steady and not force.is_steady:
+    force, force_size, is_force_steady = _lift(wrench[..., :3], acceleration, strength)
+    moment, moment_size, is_moment_steady = _lift(wrench[..., 3:], acceleration, strength)
+    found = f"wrenches add up to {force / strength:.3g} kg"
+    is_larger = moment > abs(force) and moment_size > force_size  # lever arms are shorter than a metre
+    if is_larger and is_moment_steady and not is_force_steady:
         raise RecordingError(
-            f"{found}, but what is given as moments would be forces that carry {moment.mean / strength:.3g} kg: give "
+            f"{found}, but what is given as moments would be forces that carry {moment / strength:.3g} kg: give "
             f"the moment first, mx my mz fx fy fz"
         )
-    if force.size == 0.0:
+    if force_size == 0.0:
         raise RecordingError(f"{found}: all forces are zero, so nothing shows the mass. Record the force of every hand")
-    if force.mean > -_OPPOSITE * force.size:
+    if force > -_OPPOSITE * force_size:
         return
     gravity = "accelerations must be what accelerometers read, acceleration minus gravity"
     if not recording.has("acceleration"):
@@ -205,28 +202,14 @@ def check_weight(recording: Recording, wrench: Array, acceleration: Array) -> No
     )
 
 
-@dataclass(frozen=True)
-class _Lift:
-    """Component of the sum of all robots' vectors along their proper accelerations.
+def _lift(vectors: Array, acceleration: Array, strength: float) -> tuple[float, float, bool]:
+    """Component of the sum of all robots' vectors (N, n, 3) along their proper accelerations, in root mean square size.
 
-    Attributes:
-        mean: Its mean over time.
-        spread: Its standard deviation over time.
-        size: Sum of the root mean square sizes of the robots' vectors.
+    Returns:
+        Its mean over time; the sum of the root mean square sizes of the robots' vectors; whether it is positive and
+        nearly constant, as the weight of a load is.
     """
-
-    mean: float
-    spread: float
-    size: float
-
-    @staticmethod
-    def of(vectors: Array, acceleration: Array, strength: float) -> _Lift:
-        """From vectors and accelerations (N, n, 3); ``strength`` is the root mean square acceleration [m/s²]."""
-        along = np.einsum("ikx,ikx->k", vectors, acceleration) / strength
-        size = np.sqrt(np.square(vectors).sum(axis=-1).mean(axis=1)).sum()
-        return _Lift(float(along.mean()), float(along.std()), float(size))
-
-    @property
-    def is_steady(self) -> bool:
-        """Whether it is positive and nearly constant, as the weight of a load is."""
-        return self.mean > 0.0 and self.spread < _STEADY * self.mean
+    along = np.einsum("ikx,ikx->k", vectors, acceleration) / strength
+    size = np.sqrt(np.square(vectors).sum(axis=-1).mean(axis=1)).sum()
+    mean = float(along.mean())
+    return mean, float(size), mean > 0.0 and float(along.std()) < _STEADY * mean

@@ -37,10 +37,9 @@ class Signals:
         v: Velocity of the origin, shape (N, n, 3) [m/s].
         alpha: Angular acceleration, shape (N, n, 3) [rad/s²].
         a: Proper acceleration of the origin, shape (N, n, 3) [m/s²].
-        wrench: ``(f, t)`` on the payload, shape (N, n, 6); None if not recorded.
+        up: ``a`` minus the acceleration of the origin according to twists: minus gravity, shape (N, n, 3) [m/s²].
+        wrench: ``(f, t)`` on the payload, shape (N, n, 6).
         rotation: Of ``F_i`` in the home frame, shape (N, n, 3, 3); None without poses.
-        up: ``a`` minus the acceleration of the origin according to twists: minus gravity, shape (N, n, 3) [m/s²]; None
-            if it was not computed.
     """
 
     time: Array
@@ -48,9 +47,9 @@ class Signals:
     v: Array
     alpha: Array
     a: Array
-    wrench: Array | None
+    up: Array
+    wrench: Array
     rotation: Array | None
-    up: Array | None = None
 
     @property
     def rate(self) -> float:
@@ -181,7 +180,7 @@ def signals_of(recording: Recording, cutoff: float = PAPER_CUTOFF) -> Signals:
             f"found neither {_lacks(recording, 'pose')} nor {_lacks(recording, 'acceleration')}: nothing tells where "
             f"down is"
         )
-    wrench = low_pass(recording.stacked("wrench"), rate, cutoff, axis=1)[:, inner] if recording.has("wrench") else None
+    wrench = low_pass(recording.stacked("wrench"), rate, cutoff, axis=1)[:, inner]
     inner_time = (time >= recording.time[0] + EDGE) & (time <= recording.time[-1] - EDGE)
     # There is nothing above the cutoff: fewer samples suffice.
     every = max(1, int(rate / (OVERSAMPLING * cutoff)))
@@ -199,7 +198,7 @@ def signals_of(recording: Recording, cutoff: float = PAPER_CUTOFF) -> Signals:
         alpha=alpha[:, kept],
         a=a[:, kept],
         up=(a - moved)[:, kept],
-        wrench=None if wrench is None else wrench[:, kept],
+        wrench=wrench[:, kept],
         rotation=None if rotation is None else rotation[:, kept],
     )
 

@@ -61,7 +61,6 @@ def judge_motions(evidence: Evidence) -> Verdict | None:
 
 def gravity_factors(evidence: Evidence) -> Array:
     """How large each robot's accelerations are at rest, in multiples of gravity, shape (N,)."""
-    assert evidence.signals.up is not None
     sizes: Array = np.linalg.norm(evidence.signals.up, axis=-1).mean(axis=1)
     return sizes / float(np.linalg.norm(evidence.recording.gravity))
 
@@ -69,7 +68,6 @@ def gravity_factors(evidence: Evidence) -> Array:
 def _angles_to_gravity(evidence: Evidence) -> Array:
     """Median angle between each robot's accelerations at rest and the vertical of its poses, shape (N,) [degrees]."""
     up, rotation = evidence.signals.up, evidence.signals.rotation
-    assert up is not None
     if rotation is None:
         return np.zeros(len(up))
     vertical = -(evidence.recording.gravity @ rotation)

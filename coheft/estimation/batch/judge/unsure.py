@@ -36,12 +36,10 @@ def unsure_parameters(evidence: Evidence, motion: Array, theta: Array) -> tuple[
 
 def _by_grasps(evidence: Evidence, theta: Array) -> tuple[Array, Array]:
     signals = evidence.signals
-    assert signals.wrench is not None
-    wrenches = signals.wrench
 
     def left(poses: Sequence[Pose]) -> Array:
         motion = body_motions(signals, poses).mean(axis=0)
-        return (total_wrench(wrenches, poses) - regressor(motion) @ theta).ravel()
+        return (total_wrench(signals.wrench, poses) - regressor(motion) @ theta).ravel()
 
     values, vectors = np.linalg.eigh(evidence.team.covariance)
     kept = values > _ROUNDING * values[-1]
@@ -59,7 +57,6 @@ def _by_grasps(evidence: Evidence, theta: Array) -> tuple[Array, Array]:
 def _by_calibration(evidence: Evidence, tolerances: Tolerances, motion: Array, theta: Array) -> tuple[Array, Array]:
     """Scales and offsets of forces, the common scale of lengths, and the direction of gravity."""
     signals, poses = evidence.signals, evidence.poses
-    assert signals.wrench is not None
     assert signals.rotation is not None
     count = len(poses)
     sizes = np.repeat([tolerances.force_scale, tolerances.force_offset], [count, 3 * count])

@@ -53,6 +53,11 @@ class Fit:
     excess: float
     inside: float
 
+    @property
+    def mass(self) -> tuple[float, float]:
+        """Mass of the load and its standard deviation [kg]."""
+        return float(self.solution[0]), float(np.sqrt(max(self.covariance[0, 0], 0.0)))
+
 
 class WrenchMisfit:
     """Fits of the total wrench of one recording, whose grasp poses are known."""
@@ -67,7 +72,6 @@ class WrenchMisfit:
             ValueError: There are too few samples, or too few per second, to tell noise from motion.
         """
         recording, signals, poses, cutoff = evidence.recording, evidence.signals, evidence.poses, evidence.cutoff
-        assert signals.wrench is not None
         self.evidence, self.signals, self.wrenches, self.poses = evidence, signals, signals.wrench, poses
         self.adjoints = [pose.adjoint() for pose in poses]
         self.motion = motion = body_motions(signals, poses).mean(axis=0)
