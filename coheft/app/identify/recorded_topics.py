@@ -33,7 +33,7 @@ def read_topics(path: Path, topics: Sequence[str]) -> Recording:
         RecordingError: It cannot be read, has other topics, or samples that are not valid.
     """
     with recording_errors(path):
-        with Bag(path) as bag:
+        with Bag.open(path) as bag:
             chosen = named_topics(bag.topics, topics) if topics else found_topics(bag.topics)
             streams = bag.streams({name for own in chosen.values() for name in own.values()})
             is_ours = any(topic.name == _STATUS for topic in bag.topics)

@@ -77,7 +77,7 @@ def found_topics(topics: Sequence[BagTopic]) -> Chosen:
 
 
 def _add(chosen: dict[str, dict[str, str]], robot: str, topic: BagTopic) -> None:
-    own, channel = chosen.setdefault(robot, {}), KINDS[topic.kind].channel
+    own, channel = chosen.setdefault(robot, {}), KINDS[topic.kind][0]
     if own.setdefault(channel, topic.name) != topic.name:
         raise RecordingError(
             f"{one_line(own[channel])} and {one_line(topic.name)} both tell the {channel} of {one_line(robot)}, "

@@ -22,17 +22,15 @@ def unsettled(team: TeamPoses) -> tuple[str, ...]:
     if team.is_settled or not team.is_observable:
         return ()
     return (
-        "The fit of the poses did not converge. Are poses and twists those of grasp frames, and do "
-        "all clocks agree? Did a robot let go (--from and --to choose a part)?",
+        "The fit of the poses did not converge. Are poses and twists those of grasp frames, and do all clocks agree? "
+        "Did a robot let go (--from and --to choose a part)?",
     )
 
 
-def solid_density(payload: Payload, slack: float = 0.0) -> float:
+def solid_density(payload: Payload, slack: float) -> float:
     """Density of the homogeneous ellipsoid with these mass properties [kg/m³]: any other body is denser somewhere.
 
-    Args:
-        payload: A payload whose inertia is known.
-        slack: Number of standard deviations by which the inertia may be larger.
+    The inertia, which is known, may be larger by ``slack`` standard deviations.
     """
     mass, tensor = payload.inertia.mass, payload.inertia.tensor
     second = np.maximum(0.5 * np.trace(tensor) - np.linalg.eigvalsh(tensor), 0.0) + slack * payload.std[4:].max()
@@ -41,13 +39,7 @@ def solid_density(payload: Payload, slack: float = 0.0) -> float:
 
 
 def doubts_about(names: Sequence[str], team: TeamPoses, payload: Payload) -> tuple[str, ...]:
-    """Contradictions in what was identified, as sentences.
-
-    Args:
-        names: Names of the robots.
-        team: Poses of their grasps.
-        payload: The load.
-    """
+    """Contradictions in what was identified, as sentences."""
     doubts = []
     relative = [team.relative(0, k) for k in range(1, len(names))]
     far = {
@@ -62,7 +54,7 @@ def doubts_about(names: Sequence[str], team: TeamPoses, payload: Payload) -> tup
     away = float(np.linalg.norm(payload.inertia.com - middle))
     if away > _FARTHEST and payload.is_seen("com") and not far:
         doubts.append(f"The centre of mass would be {away:.0f} m from where robots hold the load. {_METRES}")
-    density = solid_density(payload, slack=_FAR) if payload.is_seen("inertia") else 0.0
+    density = solid_density(payload, _FAR) if payload.is_seen("inertia") else 0.0
     if density > _DENSEST and not doubts:
         doubts.append(
             f"Mass and moments of inertia would be those of something of at least {density:.3g} kg/m³, denser than any "
@@ -72,8 +64,7 @@ def doubts_about(names: Sequence[str], team: TeamPoses, payload: Payload) -> tup
         doubts.append(
             f"The mass properties are physically impossible, by {payload.deviations_off:.0f} of their standard "
             f"deviations. Are forces and moments those on the load, in the axes of the grasp frame, and do all clocks "
-            f"agree? "
-            f"Did the load change (--from and --to choose a part)? Are the robots badly calibrated (--method pose "
-            f"--calibrate, which needs poses)?"
+            f"agree? Did the load change (--from and --to choose a part)? Are the robots badly calibrated (--method "
+            f"pose --calibrate, which needs poses)?"
         )
     return tuple(doubts)

@@ -7,7 +7,7 @@ products of velocities. So a motion has to be slower than the filter.
 import numpy as np
 
 from coheft.estimation.batch.judge.band import HIGHEST, periodogram, white_level
-from coheft.estimation.batch.recording import Recording, check_recording
+from coheft.estimation.batch.recording import Recording
 from coheft.estimation.batch.signals import CUTOFF, ORDER, without_jumps
 from coheft.estimation.geometry.spatial import Array
 
@@ -20,12 +20,7 @@ _SURE = 6.0
 
 
 def cutoff_for(recording: Recording) -> float:
-    """Return the lowest of 3, 6 and 12 Hz that suits the motion of all robots, as far as the rate allows.
-
-    Raises:
-        RecordingError: The recording cannot be used.
-    """
-    check_recording(recording)
+    """Return the lowest of 3, 6 and 12 Hz that suits the motion of all robots, as far as the rate allows."""
     channel = "pose" if recording.has("pose") else "twist"
     if not recording.has(channel):
         return CUTOFF

@@ -51,15 +51,7 @@ def held_spans(recording: Recording) -> list[tuple[int, int]]:
 
 
 def find_holds(forces: Array, time: Array) -> list[tuple[int, int]]:
-    """Find the intervals in which no robot's force changes.
-
-    Args:
-        forces: Shape (N, n, 3) [N].
-        time: Shape (n,) [s].
-
-    Returns:
-        First and one past the last sample of each interval.
-    """
+    """First and one past the last sample of each interval in which no robot's force (N, n, 3) [N] changes."""
     rate = (len(time) - 1) / (time[-1] - time[0])
     length, smoothing = round(_DURATION * rate), max(1, round(_SMOOTHING * rate))
     if len(time) < length:
@@ -79,11 +71,7 @@ def find_holds(forces: Array, time: Array) -> list[tuple[int, int]]:
 
 
 def holds_of(recording: Recording, cutoff: float = PAPER_CUTOFF) -> Holds:
-    """Measurements in the holds of a recording.
-
-    Args:
-        recording: A checked recording.
-        cutoff: Cutoff of the filter for orientations [Hz].
+    """Measurements in the holds of a checked recording; ``cutoff`` is that of the filter for orientations [Hz].
 
     Raises:
         RecordingError: Wrenches are missing, or both poses and accelerations, or samples are too few or too slow.
@@ -129,10 +117,6 @@ def orientations(directions: Array) -> int:
 
 def static_estimate(holds: Holds, poses: Sequence[Pose]) -> tuple[Array, Array]:
     """Mass and centre of mass from forces at rest: ``sum f = -m g`` and ``sum (p x f + t) = -m h x g`` (eqs 9, 10).
-
-    Args:
-        holds: At least two orientations.
-        poses: Of all robots in the first one's frame.
 
     Returns:
         ``(m, h)`` in the first robot's frame, shape (4,) [kg, m], and their covariance (4, 4).

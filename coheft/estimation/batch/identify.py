@@ -31,12 +31,7 @@ _BIASED = 2.0
 def identify_batch(
     recording: Recording, cutoff: float = PAPER_CUTOFF, statics: Statics | None = None
 ) -> Identification:
-    """Identify by sequential least squares (Zhang et al., sec. III).
-
-    Args:
-        recording: The recording.
-        cutoff: Cutoff of the filter [Hz].
-        statics: Holds that were recorded separately; those within the recording are used as well.
+    """Identify by sequential least squares (Zhang et al., sec. III); ``statics`` are used beside the recording's holds.
 
     Raises:
         RecordingError: Something is missing; no two orientations were held still.
@@ -131,11 +126,6 @@ def parameters_fit(
     signals: Signals, poses: Sequence[Pose], weight: Array | None = None
 ) -> tuple[Array, Array, LinearFit]:
     """Fit all ten parameters from motion and gravity, each robot with the others as instruments.
-
-    Args:
-        signals: Signals of N robots.
-        poses: Poses of their grasp frames in the first one.
-        weight: Weights of the wrench's components, shape (6,); None: inverse variances of their residuals.
 
     Returns:
         ``(m, h, J)`` in the first robot's frame, shape (10,), their covariance without the uncertainty of the poses,

@@ -10,12 +10,7 @@ from scipy.spatial.transform import Rotation
 from coheft.errors import RecordingError
 from coheft.estimation.batch.body import centre_of
 from coheft.estimation.batch.calibrated_fit import CalibratedFit, fit_calibrated
-from coheft.estimation.batch.calibration import (
-    POSITION_SCALE,
-    ZERO,
-    Tolerances,
-    corrected_poses,
-)
+from coheft.estimation.batch.calibration import POSITION_SCALE, ZERO, Tolerances, corrected_poses
 from coheft.estimation.batch.calibration_bounds import cut_to_bounds
 from coheft.estimation.batch.calibration_findings import beyond_bounds, calibration_findings
 from coheft.estimation.batch.doubts import unsettled
@@ -53,10 +48,7 @@ def identify_poses(
 ) -> Identification:
     """Identify grasps from poses, without derivatives, and the load from motion, with other robots as instruments.
 
-    Args:
-        recording: The recording, with poses and wrenches.
-        tolerances: Tolerances of the calibration errors to be estimated; None if robots are perfectly calibrated.
-        cutoff: Cutoff of the filter for the load's motion [Hz].
+    Without ``tolerances`` of calibration errors robots are taken to be perfectly calibrated.
 
     Raises:
         RecordingError: Something is missing, or calibration errors cannot be told from so short a motion.

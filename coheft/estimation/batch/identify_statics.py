@@ -78,10 +78,6 @@ def with_statics(found: Identification, statics: Statics) -> Identification:
 
     Errors of the grasp poses affect both equally, so that the combination does not reduce them.
 
-    Args:
-        found: The identification from motion.
-        statics: Holds of the same load by the same robots with the same grasps.
-
     Raises:
         RecordingError: There are too few orientations.
     """

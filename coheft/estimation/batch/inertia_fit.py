@@ -53,14 +53,7 @@ class LinearFit:
 def fit_tensor(motion: Array, wrench: Array, com: Array, rate: float) -> LinearFit:
     """Inertia at the known centre of mass: ``J alpha + w x J w = T - h x F`` (Zhang et al., eqs 18 to 33).
 
-    Args:
-        motion: Motion of the body frame, shape (n, 12).
-        wrench: Total wrench about its origin, shape (n, 6).
-        com: ``h`` in the body frame, shape (3,).
-        rate: Samples per second.
-
-    Returns:
-        The fit of ``J`` packed, u = 6.
+    Motion (n, 12), total wrench (n, 6) and centre of mass (3,) are those of the body frame; ``J`` is packed, u = 6.
     """
     matrix = euler_regressor(motion[:, BODY_W], motion[:, BODY_ALPHA])
     moment = wrench[:, 3:] - np.cross(com, wrench[:, :3])
@@ -68,7 +61,7 @@ def fit_tensor(motion: Array, wrench: Array, com: Array, rate: float) -> LinearF
 
 
 def bias_of_tensor(motions: Array, wrench: Array, com: Array, rate: float, tensor: Array) -> tuple[Array, Array]:
-    """Expected error (6,) of ``fit_tensor`` because noise of accelerations is taken for motion, and covariance of both.
+    """Expected error (6,) of ``fit_tensor`` because noise of accelerations is taken for motion, and covariance (6, 6).
 
     The error is ``-(X^T X)^-1 Q J``, with ``J`` the true tensor and ``Q`` the part of ``X^T X`` that is noise, which
     follows from how much robots disagree. Unlike the difference from an unbiased fit, it hardly has noise of its own.
@@ -80,9 +73,6 @@ def bias_of_tensor(motions: Array, wrench: Array, com: Array, rate: float, tenso
         com: ``h``, shape (3,).
         rate: Samples per second.
         tensor: ``J`` packed, the solution of ``fit_tensor``, shape (6,).
-
-    Returns:
-        The expected error, and the covariance (6, 6).
     """
     regressors = np.array([euler_regressor(motion[:, BODY_W], motion[:, BODY_ALPHA]) for motion in motions])
     own = regressors[0]
@@ -100,16 +90,13 @@ def bias_of_tensor(motions: Array, wrench: Array, com: Array, rate: float, tenso
 
 
 def fit_parameters(motions: Array, wrench: Array, rate: float, weight: Array | None = None) -> LinearFit:
-    """Fit ``theta = (m, m h, I_o)`` to motion and gravity, each robot with the others as instruments.
+    """Fit ``theta = (m, m h, I_o)``, u = 10, to motion and gravity, each robot with the others as instruments.
 
     Args:
         motions: Motion of the body frame as each robot predicts it, shape (N, n, 12), N at least 2.
         wrench: Total wrench about its origin, shape (n, 6).
         rate: Samples per second.
         weight: Weights of the wrench's components, shape (6,); None: inverse variances of their residuals.
-
-    Returns:
-        The fit of ``theta``, u = 10.
 
     Raises:
         ValueError: There is one robot only, or the wrench is zero all the time.

@@ -38,7 +38,7 @@ def judged(
     """Identify with any method, and judge the recording.
 
     Args:
-        recording: The recording, with wrenches.
+        recording: The recording.
         fit: The method.
         cutoff: Cutoff of the judge's filter [Hz].
         assume: A fault, named as in verdicts, for which the recording is corrected first.

@@ -12,7 +12,7 @@ import numpy as np
 
 from coheft.estimation.batch.team_poses import TeamPoses
 from coheft.estimation.geometry.body_motion import perturbation_between, perturbed, relative_pose_derivative
-from coheft.estimation.geometry.spatial import Array, Pose, skew
+from coheft.estimation.geometry.spatial import Pose, skew
 from coheft.estimation.geometry.uncertain_pose import UncertainPose
 
 _STEPS = 20
@@ -20,18 +20,15 @@ _CLOSE = 1e-9
 
 
 def close_loops(count: int, pairs: Mapping[tuple[int, int], UncertainPose]) -> TeamPoses:
-    """Poses of all robots in the first one's frame.
-
-    Args:
-        count: Number of robots.
-        pairs: ``pose_j_in_i`` by ``(i, j)``; those with the first robot are all there.
-    """
+    """Poses of all robots in the first one's frame, from ``pose_j_in_i`` by ``(i, j)``, for all ``j`` if ``i = 0``."""
     poses = [Pose.identity(), *(pairs[0, j].pose for j in range(1, count))]
     weights = {pair: np.linalg.inv(estimate.covariance) for pair, estimate in pairs.items()}
     for _ in range(_STEPS):
         information, score = np.zeros((6 * count, 6 * count)), np.zeros(6 * count)
         for (i, j), estimate in pairs.items():
-            derivative = _rows(poses, i, j)
+            own = relative_pose_derivative(poses[i], poses[j])
+            derivative = np.zeros((6, 6 * count))
+            derivative[:, 6 * i : 6 * i + 6], derivative[:, 6 * j : 6 * j + 6] = own[:, :6], own[:, 6:]
             error = perturbation_between(poses[i].inverse() @ poses[j], estimate.pose)
             information += derivative.T @ weights[i, j] @ derivative
             score += derivative.T @ weights[i, j] @ error
@@ -44,14 +41,6 @@ def close_loops(count: int, pairs: Mapping[tuple[int, int], UncertainPose]) -> T
             break
     # The pairs share their robots' noise: N (N - 1) / 2 of them know no more than N - 1 independent ones.
     return TeamPoses(tuple(poses), covariance * (len(pairs) / (count - 1)), is_settled)
-
-
-def _rows(poses: list[Pose], i: int, j: int) -> Array:
-    """How ``pose_j_in_i`` follows all robots' perturbations, shape (6, 6 N)."""
-    own = relative_pose_derivative(poses[i], poses[j])
-    rows = np.zeros((6, 6 * len(poses)))
-    rows[:, 6 * i : 6 * i + 6], rows[:, 6 * j : 6 * j + 6] = own[:, :6], own[:, 6:]
-    return rows
 
 
 class LoopError(msgspec.Struct, frozen=True):

@@ -20,12 +20,7 @@ _FINEST = 1e-6
 
 
 def kabsch(w_i: Array, w_j: Array) -> Array:
-    """Rotation ``R_ij`` (3, 3) that minimises the sum of ``|w_i - R w_j|^2`` (Zhang et al., eq. 5).
-
-    Args:
-        w_i: Vectors in ``F_i``, shape (n, 3).
-        w_j: The same vectors in ``F_j``, shape (n, 3).
-    """
+    """Rotation ``R_ij`` (3, 3) that minimises the sum of ``|w_i - R w_j|^2``, vectors (n, 3) (Zhang et al., eq. 5)."""
     left, _, right = np.linalg.svd(w_i.T @ w_j)
     turn = np.array([1.0, 1.0, np.linalg.det(left) * np.linalg.det(right)])
     rotation: Array = (left * turn) @ right
@@ -38,12 +33,7 @@ def position_between(rotation: Array, w_i: Array, v_i: Array, v_j: Array, instru
     With ``w_i`` itself as instrument this is least squares, which is too short by the share of noise in the square of
     ``w_i``; another sensor's measurement of the same angular velocity as instrument has no such bias.
 
-    Args:
-        rotation: ``R_ij``.
-        w_i: Angular velocity in ``F_i``, shape (n, 3).
-        v_i: Velocity of the origin of ``F_i``, shape (n, 3).
-        v_j: Velocity of the origin of ``F_j``, in ``F_j``, shape (n, 3).
-        instrument: ``w_i``, or another measurement of it, shape (n, 3).
+    All vectors have the shape (n, 3): ``v_j`` in the axes of ``F_j``, the others in those of ``F_i``.
     """
     matrix = _levers(instrument, w_i)
     vector = np.cross(instrument, v_i - v_j @ rotation.T).sum(axis=0)
@@ -63,13 +53,9 @@ def _levers(instrument: Array, w_i: Array) -> Array:
 
 
 def pair_pose(twist_i: Array, twist_j: Array, rate: float, instrument: Array | None = None) -> PoseEstimate:
-    """``pose_j_in_i`` with its covariance.
+    """``pose_j_in_i`` with its covariance, from twists ``(w, v)``, shape (n, 6) each.
 
-    Args:
-        twist_i: ``(w, v)`` of robot i, shape (n, 6).
-        twist_j: ``(w, v)`` of robot j, shape (n, 6).
-        rate: Samples per second.
-        instrument: ``w_i`` as other robots measure it, shape (n, 3); None: plain least squares.
+    ``instrument`` is ``w_i`` as other robots measure it, shape (n, 3); None for plain least squares.
     """
     w_i, v_i, w_j, v_j = twist_i[:, :3], twist_i[:, 3:], twist_j[:, :3], twist_j[:, 3:]
     z = w_i if instrument is None else instrument
@@ -101,11 +87,7 @@ def expected_bias(signals: Signals, team: TeamPoses) -> Array:
     """Expected perturbations (6 N,) of the team by plain least squares, because noise of ``w`` is taken for rotation.
 
     Positions are too short by ``(W^T W)^-1 Q p``, with ``Q`` the part of ``W^T W`` that is noise, which follows from
-    how much robots disagree.
-
-    Args:
-        signals: Signals of N robots.
-        team: Their poses by plain least squares; all are observable.
+    how much robots disagree. ``team`` has the poses by plain least squares; all are observable.
     """
     right = {}
     for (i, j), found in _pairs(signals, with_instruments=False).items():

@@ -166,12 +166,8 @@ def _check_jumps(recording: Recording) -> None:
 def check_weight(recording: Recording, wrench: Array, acceleration: Array) -> None:
     """Check that the forces carry the load: along the accelerations they add up to a positive mass.
 
-    Internal forces, by which robots push against each other, cancel.
-
-    Args:
-        recording: The recording, for the message.
-        wrench: ``(f, t)`` of each robot in its own grasp frame, shape (N, n, 6).
-        acceleration: Proper accelerations of the frames' origins, shape (N, n, 3).
+    Internal forces, by which robots push against each other, cancel. Wrenches ``(f, t)``, shape (N, n, 6), and proper
+    accelerations of the frames' origins, (N, n, 3), are in the grasp frames.
 
     Raises:
         RecordingError: The forces pull the load down, or are zero.

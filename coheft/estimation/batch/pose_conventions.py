@@ -54,12 +54,7 @@ _CONVENTIONS: tuple[tuple[Callable[[Array], Array], str, str], ...] = (
 
 
 def check_conventions(recording: Recording, cutoff: float, signals: Signals) -> None:
-    """Check that no other convention explains the robots' motions far better.
-
-    Args:
-        recording: The recording, with poses.
-        cutoff: Cutoff of the filter [Hz].
-        signals: Signals of the recording.
+    """Check that no other convention of poses explains the robots' motions far better.
 
     Raises:
         RecordingError: Another convention does; the message says which, and whose poses have it.

@@ -60,14 +60,8 @@ class Signals:
 def low_pass(samples: Array, rate: float, cutoff: float = PAPER_CUTOFF, axis: int = 0) -> Array:
     """Butterworth filter of third order, forwards and backwards.
 
-    Args:
-        samples: Samples, consecutive along ``axis``.
-        rate: Samples per second.
-        cutoff: Cutoff [Hz].
-        axis: The axis of time.
-
     Raises:
-        RecordingError: There are too few samples, or too few per second.
+        RecordingError: There are too few samples along ``axis``, or too few per second.
     """
     if cutoff >= 0.5 * rate:
         raise RecordingError(
@@ -90,9 +84,7 @@ def derivative(difference: Callable[[int], Array], rate: float) -> Array:
     The one of second order reduces an oscillation of angular frequency ``w`` by ``(w / rate)^2 / 6``, accelerations
     twice as much, so that inertias would be too large: by 0.2 % for motions of 2 Hz at 100 samples per second.
 
-    Args:
-        difference: Function of ``k``: differences between the samples ``k`` later and ``k`` earlier, (N, n - 2 k, ...).
-        rate: Samples per second.
+    ``difference(k)`` returns differences between the samples ``k`` later and ``k`` earlier, (N, n - 2 k, ...).
     """
     return rate * (2.0 * difference(1)[:, 1:-1] / 3.0 - difference(2) / 12.0)
 
@@ -135,14 +127,10 @@ def body_rates(rotations: Array, rate: float) -> Array:
 
 
 def signals_of(recording: Recording, cutoff: float = PAPER_CUTOFF) -> Signals:
-    """Smooth signals of a recording.
+    """Smooth signals of a checked recording.
 
     Channels that were not recorded are derived: twists from poses, their derivatives from twists, proper accelerations
     from these and gravity in the home frame.
-
-    Args:
-        recording: A checked recording.
-        cutoff: Cutoff of the filter [Hz].
 
     Raises:
         RecordingError: A channel is missing, or the recording is too short.

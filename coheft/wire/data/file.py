@@ -41,11 +41,7 @@ def read_recording(path: Path) -> Recording:
         RecordingError: It cannot be read or used; the message says why.
     """
     with recording_errors(path):
-        if not path.is_dir():
-            return recording_of(load_arrays(path))
-        recording = read_folder(path)
-        check_recording(recording)
-    return recording
+        return read_folder(path) if path.is_dir() else recording_of(load_arrays(path))
 
 
 def write_recording(recording: Recording, path: Path) -> None:
@@ -135,11 +131,7 @@ def recording_of(arrays: Mapping[str, npt.ArrayLike]) -> Recording:
 
 
 def channels_in(arrays: Mapping[str, npt.ArrayLike]) -> tuple[dict[str, dict[str, Array]], Array]:
-    """Return each robot's channels in arrays as of an ``.npz`` file, unchanged, possibly without times, and gravity.
-
-    Raises:
-        RecordingError: They are not those of a recording.
-    """
+    """Return each robot's channels in arrays as of an ``.npz`` file, unchanged, possibly without times, and gravity."""
     tables, shared = _tables(arrays)
     tables.pop(TRUTH, None)
     return tables, _gravity(shared)

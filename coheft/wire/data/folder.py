@@ -13,7 +13,7 @@ import numpy as np
 
 from coheft.errors import RecordingError, one_line
 from coheft.estimation.batch.alignment import Stream
-from coheft.estimation.batch.recording import Recording, RobotRecord
+from coheft.estimation.batch.recording import Recording, RobotRecord, check_recording
 from coheft.estimation.geometry.spatial import Array
 from coheft.wire.data.checks import COLUMNS, TIME, channels_of, holds_of, robot_of
 from coheft.wire.data.common_times import align, at_common_times, streams_of_robot
@@ -32,7 +32,7 @@ _END = "\r\n"
 
 
 def read_folder(folder: Path) -> Recording:
-    """Read a recording with separate files for each robot.
+    """Read and check a recording with separate files for each robot.
 
     Raises:
         RecordingError: A file cannot be used; the message says which, and why.
@@ -48,7 +48,9 @@ def read_folder(folder: Path) -> Recording:
     if not robots:
         raise RecordingError("no .csv files in this folder; expected one per robot")
     holds = [file for file in files if file.stem == _HOLDS]
-    return Recording(robots=robots, holds=_holds_in(holds[0], robots, since) if holds else None)
+    recording = Recording(robots=robots, holds=_holds_in(holds[0], robots, since) if holds else None)
+    check_recording(recording)
+    return recording
 
 
 def _holds_in(file: Path, robots: Mapping[str, RobotRecord], since: float) -> tuple[tuple[float, float], ...]:
@@ -174,12 +176,7 @@ def _robot_of(name: str, table: Table) -> RobotRecord:
 
 
 def read_channels(folder: Path) -> dict[str, dict[str, Array]]:
-    """Return each robot's channels in the files of a folder, unchanged, possibly without times.
-
-    Raises:
-        RecordingError: A file is not a table of a robot's measurements.
-        OSError: A file cannot be read.
-    """
+    """Return each robot's channels in the files of a folder, unchanged, possibly without times."""
     return {file.stem: _channels(_known(read_table(file))) for file in _tables(folder) if file.stem != _HOLDS}
 
 

@@ -21,11 +21,7 @@ _STEPS, _STEP, _LONGEST, _FOUND = 12, 0.1, 1.0, 1e-4
 
 
 def clock_delays(signals: Signals, poses: Sequence[Pose]) -> tuple[Array, Array]:
-    """Delay of each robot's poses against the mean of the others.
-
-    Args:
-        signals: Signals of N robots.
-        poses: Poses of their grasp frames in the body frame.
+    """Delay of each robot's motion against the mean of the others'; ``poses`` are in the body frame.
 
     Returns:
         Delays and their standard deviations, shape (N,) each [s]; infinite if there is nothing but noise.

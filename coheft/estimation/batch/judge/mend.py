@@ -22,12 +22,7 @@ MENDABLE = (
 
 
 def mend(recording: Recording, verdict: Verdict, poses: Sequence[Pose]) -> Recording:
-    """Correct a recording for the fault of a verdict.
-
-    Args:
-        recording: The recording, with wrenches.
-        verdict: The verdict; its cause is one of ``MENDABLE``.
-        poses: Poses of the grasp frames in the body frame, in which the verdict's numbers are.
+    """Correct a recording for the fault of a verdict; ``poses`` of the grasp frames are in the verdict's body frame.
 
     Raises:
         RecordingError: The fault cannot be corrected.

@@ -29,17 +29,10 @@ def level_of(recording: Recording, channel: str, robot: int, cutoff: float) -> A
 def acceleration_noise(
     recording: Recording, robot: int, pose: Pose, up: Array, frequency: Array, cutoff: float
 ) -> Array:
-    """Covariance of the noise of the body's ``(alpha, a)`` according to one robot, by frequency, shape (K, 6, 6).
+    """Covariance of the noise of the body's ``(alpha, a)`` according to one robot, by frequency (K,), shape (K, 6, 6).
 
-    Poses are differentiated twice, twists once; orientations also determine the direction of gravity.
-
-    Args:
-        recording: The recording.
-        robot: Index of the robot.
-        pose: Pose of its grasp frame in the body frame.
-        up: Mean proper acceleration in the body frame, shape (3,).
-        frequency: Frequencies, shape (K,) [Hz].
-        cutoff: Cutoff of the filter [Hz].
+    Poses are differentiated twice, twists once; orientations also determine the direction of gravity. The grasp frame's
+    ``pose``, and ``up`` (3,), the mean proper acceleration, are in the body frame.
 
     Raises:
         ValueError: Noise cannot be told from motion.

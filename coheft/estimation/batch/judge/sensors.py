@@ -85,13 +85,7 @@ def spiking_sensor(recording: Recording) -> Verdict | None:
 
 
 def silent_sensor(recording: Recording, cutoff: float, *, is_whole: bool) -> Verdict | None:
-    """Find a sensor whose forces are nothing but noise, as far as noise is known.
-
-    Args:
-        recording: The recording.
-        cutoff: Cutoff of the filter [Hz].
-        is_whole: Whether all axes have to be so, and not only some.
-    """
+    """Find a sensor whose forces, or unless ``is_whole`` those of some axes, are nothing but noise."""
     for name, wrench in _wrenches(recording):
         noise = white_level(wrench[:, :3], recording.rate, cutoff)
         if noise is None:

@@ -18,11 +18,6 @@ _ROUNDING = 1e-9
 def unsure_parameters(evidence: Evidence, motion: Array, theta: Array) -> tuple[Array, Array]:
     """Effects of uncertain grasp poses and, if they were estimated, calibration errors, by one standard deviation each.
 
-    Args:
-        evidence: The recording and its grasp poses.
-        motion: Motion of the body frame, shape (n, 12).
-        theta: Parameters of the body, shape (10,).
-
     Returns:
         Change of the total wrench's residual by q parameters, shape (n, 6, q), and the matrices by which each robot's
         readings, with their noise, enter it, shape (N, q, 6, 6).

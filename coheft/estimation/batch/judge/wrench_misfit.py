@@ -65,9 +65,6 @@ class WrenchMisfit:
     def __init__(self, evidence: Evidence) -> None:
         """Prepare what all fits share.
 
-        Args:
-            evidence: On the recording.
-
         Raises:
             ValueError: There are too few samples, or too few per second, to tell noise from motion.
         """
