@@ -138,11 +138,7 @@ def _damage(failure: str) -> Iterator[None]:
 
 
 def _check_stamps(name: str, stamps: list[int], received: list[int]) -> None:
-    """Check that stamps are times of measurements.
-
-    Raises:
-        RecordingError: They stand still, lack nanoseconds, or are in another unit.
-    """
+    """Check that stamps are times of measurements."""
     stamps, received = stamps[:_LOOKED_AT], received[:_LOOKED_AT]
     pace = Pace()
     for stamp, arrival in zip(stamps, received, strict=True):
@@ -157,11 +153,7 @@ def _check_stamps(name: str, stamps: list[int], received: list[int]) -> None:
 
 
 def _stream(name: str, stamps: list[int], received: list[int], values: Array) -> Stream:
-    """The messages of a topic in the order of their stamps, without duplicates.
-
-    Raises:
-        RecordingError: A number is not finite, or some stamps are missing.
-    """
+    """The messages of a topic in the order of their stamps, without duplicates."""
     time = np.array(stamps, dtype=np.int64)
     zeros = int(np.count_nonzero(time == 0))
     if zeros > 1:

@@ -19,9 +19,7 @@ _METADATA = "metadata.yaml"
 def read_any(path: Path, topics: Sequence[str] = ()) -> Recording:
     """Read a recording: ``.npz``, a folder of CSV files, an MCAP file, or a bag of ROS.
 
-    Args:
-        path: File or folder.
-        topics: Topics of each robot, as ``ROBOT=TOPIC``; if there are none, the topics' names tell.
+    ``topics`` names topics of each robot, as ``ROBOT=TOPIC``; without it, the topics' names tell.
 
     Raises:
         RecordingError: It cannot be read or used; the message says why.
@@ -30,7 +28,7 @@ def read_any(path: Path, topics: Sequence[str] = ()) -> Recording:
     """
     if _is_of_topics(path):
         import_module("coheft.app.recording")  # raises MissingPackageError
-        from coheft.app.identify.recorded_topics import read_topics
+        from coheft.app.identify.topics import read_topics
 
         return read_topics(path, topics)
     bags = sorted(file for file in path.iterdir() if file.suffix in _OF_TOPICS) if path.is_dir() else []
@@ -46,9 +44,7 @@ def read_any(path: Path, topics: Sequence[str] = ()) -> Recording:
 def read_holds(path: Path, names: Sequence[str] | None = None) -> Statics:
     """Read holds that were recorded separately, from any recording, or from a file with a line for each hold.
 
-    Args:
-        path: File or folder.
-        names: Expected robots in their order; None for any.
+    ``names`` are the expected robots in their order; None for any.
 
     Raises:
         RecordingError: It cannot be read or used, or its robots are others; the message says why.

@@ -50,10 +50,7 @@ def part_of(recording: Recording, start: float | None, end: float | None) -> Rec
 def identify(recording: Recording, options: Options = _BEST, statics: Statics | None = None) -> Identification:
     """Identify the load, and judge the recording.
 
-    Args:
-        recording: The recording.
-        options: The options; without a method, the most suitable one is used.
-        statics: Holds of the same robots that were recorded separately.
+    ``statics`` are holds of the same robots that were recorded separately.
 
     Raises:
         RecordingError: The recording lacks what the method needs, or its numbers make the computation fail.

@@ -124,10 +124,7 @@ def fit_calibrated(
 def force_columns(wrenches: Array, rotations: Array, poses: Sequence[Pose]) -> Array:
     """Derivative of the total wrench by the scale of each robot's forces, then by their offsets, shape (n, 6, 4 N).
 
-    Args:
-        wrenches: Measured wrenches of N robots, shape (N, n, 6).
-        rotations: Orientations of their grasp frames in the home frames, shape (N, n, 3, 3).
-        poses: Poses of these frames in the body frame.
+    Wrenches (N, n, 6) are measured; rotations (N, n, 3, 3) are those of the grasp frames in the home frames.
     """
     scales, offsets = [], []
     for wrench, rotation, pose in zip(wrenches, rotations, poses, strict=True):

@@ -27,10 +27,7 @@ def cut_to_bounds(fit: CalibratedFit, tolerances: Tolerances, position_scales: A
 
     The inertia follows by its correlation with the errors.
 
-    Args:
-        fit: The fit with a Gaussian prior.
-        tolerances: The tolerances of the prior.
-        position_scales: Each robot's position scale without the common scale, shape (N,).
+    ``fit`` has a Gaussian prior; ``position_scales`` (N,) are those of the robots without the common scale.
     """
     count = len(position_scales)
     mean, errors = fit.numbers[INERTIA_SIZE:], fit.covariance[INERTIA_SIZE:, INERTIA_SIZE:]

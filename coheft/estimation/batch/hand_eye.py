@@ -46,8 +46,8 @@ _DAMPING = 1e-2
 """Information that is added to each pose [1/rad², 1/m²]: steps stay finite where nothing is observable."""
 _SETTLED = 0.01
 """Relative change of the estimated noise below which it counts as known."""
-_ANGLE_NOISE, _POSITION_NOISE = 1e-3, 1e-3
-"""First guesses [rad, m]; residuals then determine the noise."""
+_NOISE = (1e-3, 1e-3)
+"""First guess of the noise of angles and positions [rad, m]; residuals then determine it."""
 _FINEST = 1e-5
 """Least noise [rad, m], so that weights are finite."""
 _ROUNDING = 1e-12
@@ -90,7 +90,7 @@ def fit_hand_eye(
     count = len(wrists.angles)
     prior, free = _prior(wrists.has_gimbal, tolerances)
     guess = _start(wrists, start)
-    noise = (_ANGLE_NOISE, _POSITION_NOISE)
+    noise = _NOISE
     for _ in range(_STEPS_OF_FEW if is_independent else _STEPS):
         equations = normal_equations(wrists, guess, noise)
         shown = _Shown.of(equations.matrix[np.ix_(free, free)], prior[free])

@@ -82,28 +82,19 @@ def holds_of(recording: Recording, cutoff: float = PAPER_CUTOFF) -> Holds:
         down = recording.gravity @ rotations
     else:  # at rest, accelerometers measure minus gravity
         down = -recording.stacked("acceleration")
-    means, scatters = [], []
-    for start, end in spans:
-        part = wrench[:, start:end]
-        means.append(part.mean(axis=1))
-        scatters.append(part.var(axis=1) / (end - start))
     count = len(recording.robots)
     return Holds(
         spans=tuple((float(time[start]), float(time[end - 1])) for start, end in spans),
         down=np.array([down[:, start:end].mean(axis=1) for start, end in spans]).reshape(-1, count, 3),
-        wrench=np.array(means).reshape(-1, count, 6),
-        scatter=np.array(scatters).reshape(-1, count, 6),
+        wrench=np.array([wrench[:, start:end].mean(axis=1) for start, end in spans]).reshape(-1, count, 6),
+        scatter=np.array([wrench[:, s:e].var(axis=1) / (e - s) for s, e in spans]).reshape(-1, count, 6),
     )
 
 
 def both_holds(one: Holds, other: Holds) -> Holds:
     """The holds of two recordings together."""
-    return Holds(
-        spans=(*one.spans, *other.spans),
-        down=np.concatenate([one.down, other.down]),
-        wrench=np.concatenate([one.wrench, other.wrench]),
-        scatter=np.concatenate([one.scatter, other.scatter]),
-    )
+    pairs = ((one.down, other.down), (one.wrench, other.wrench), (one.scatter, other.scatter))
+    return Holds((*one.spans, *other.spans), *map(np.concatenate, pairs))
 
 
 def orientations(directions: Array) -> int:

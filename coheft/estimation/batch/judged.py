@@ -82,11 +82,7 @@ def _judged_once(
 
 
 def _judge(evidence: Evidence, assumed: str | None = None) -> Verdict:
-    """Judge sensors, poses, motions and, if poses are those of one load, forces.
-
-    Raises:
-        ValueError: There are too few samples, or too few per second, to tell noise from motion.
-    """
+    """Judge sensors, poses, motions and, if poses are those of one load, forces."""
     recording = evidence.recording
     fault = (
         stuck_motion(recording)
@@ -119,11 +115,7 @@ def _inverse(recording: Recording, cutoff: float) -> Verdict | None:
 
 
 def _checked(verdict: Verdict | None, cause: str) -> Verdict:
-    """Return the verdict if its fault is the one that the user names.
-
-    Raises:
-        RecordingError: It is not; the message says what it is.
-    """
+    """Return the verdict if its fault is the one that the user names."""
     if verdict is None:
         raise RecordingError(f"--assume {cause}: the motion shows too little to judge what is wrong with the recording")
     if not verdict.is_refuted:

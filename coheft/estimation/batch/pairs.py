@@ -104,8 +104,7 @@ def expected_bias(signals: Signals, team: TeamPoses) -> Array:
 
 
 def _pairs(signals: Signals, with_instruments: bool) -> dict[tuple[int, int], PoseEstimate]:
-    twists = np.concatenate([signals.w, signals.v], axis=-1)
-    pairs = {}
+    twists, pairs = signals.twists, {}
     for i, j in combinations(range(len(twists)), 2):
         instrument = _instrument(signals.w, i, j) if with_instruments else None
         pairs[i, j] = pair_pose(twists[i], twists[j], signals.rate, instrument)

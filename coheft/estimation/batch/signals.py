@@ -56,6 +56,11 @@ class Signals:
         """Samples per second."""
         return float((len(self.time) - 1) / (self.time[-1] - self.time[0]))
 
+    @property
+    def twists(self) -> Array:
+        """``(w, v)``, shape (N, n, 6)."""
+        return np.concatenate([self.w, self.v], axis=-1)
+
 
 def low_pass(samples: Array, rate: float, cutoff: float = PAPER_CUTOFF, axis: int = 0) -> Array:
     """Butterworth filter of third order, forwards and backwards.

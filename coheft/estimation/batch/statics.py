@@ -41,11 +41,10 @@ class Statics:
             RecordingError: The load rotates within a hold, or poses or wrenches are missing.
         """
         pose, wrench = recording.stacked("pose"), recording.stacked("wrench")
-        poses, wrenches = [], []
+        poses, wrenches = np.empty((len(pose), len(spans), 7)), np.empty((len(pose), len(spans), 6))
         for number, (start, end) in enumerate(spans, 1):
-            part = pose[:, start:end]
-            means = []
-            for own in part:
+            wrenches[:, number - 1] = wrench[:, start:end].mean(axis=1)
+            for own, means in zip(pose[:, start:end], poses[:, number - 1], strict=True):
                 rotations = Rotation.from_quat(own[:, 3:])
                 mean = rotations.mean()
                 turn = float((mean.inv() * rotations).magnitude().max())
@@ -54,15 +53,8 @@ class Statics:
                         f"hold {number}, samples {start + 1} to {end}: the load turns by {np.degrees(turn):.2g}°, "
                         f"expected one that is held still, within {np.degrees(_STILL):g}°"
                     )
-                means.append(np.concatenate([own[:, :3].mean(axis=0), mean.as_quat()]))
-            poses.append(means)
-            wrenches.append(wrench[:, start:end].mean(axis=1))
-        return Statics(
-            names=recording.names,
-            pose=np.array(poses).reshape(-1, len(pose), 7).swapaxes(0, 1),
-            wrench=np.array(wrenches).reshape(-1, len(pose), 6).swapaxes(0, 1),
-            gravity=recording.gravity,
-        )
+                means[:3], means[3:] = own[:, :3].mean(axis=0), mean.as_quat()
+        return Statics(recording.names, poses, wrenches, recording.gravity)
 
     @staticmethod
     def of_recording(recording: Recording) -> Statics:

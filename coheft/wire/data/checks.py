@@ -101,9 +101,7 @@ def holds_of(array: Array) -> tuple[tuple[float, float], ...]:
 def truth_of(arrays: Mapping[str, Array], robots: int) -> Truth | None:
     """Make the truth from ``poses`` (N, 12), ``t`` and ``mass`` (k,), ``com`` (k, 3), ``inertia`` (k, 3, 3).
 
-    Args:
-        arrays: Arrays by these names; empty if the truth is unknown.
-        robots: Number of robots, N.
+    Without arrays there is no truth.
 
     Raises:
         RecordingError: Arrays are missing, unknown, of a wrong shape, or not finite.

@@ -73,10 +73,7 @@ def _statics(tables: Mapping[str, Mapping[str, Array]], gravity: Array, whole: C
 def _spans(time: Array | None, pose: Array, name: str) -> list[tuple[int, int]] | None:
     """Return first and one past the last line of each hold; None if it was recorded without gaps.
 
-    Args:
-        time: Times of the lines, in any unit; None if not recorded.
-        pose: Poses of the lines, shape (n, 7).
-        name: Name of the robot in messages.
+    Times (n,) of the lines have any unit; None if not recorded. Poses have the shape (n, 7).
     """
     count = len(pose)
     if time is not None and time.shape != (count,):

@@ -47,10 +47,7 @@ def holds_in_seconds(
     The unit is the one with which most holds are within the recorded time; without such a unit, they do not belong to
     this recording.
 
-    Args:
-        name: Name of their source in messages.
-        holds: Start and end of each hold, in any unit.
-        span: First and last recorded time [s].
+    ``name`` is that of their source in messages, ``span`` the first and the last recorded time [s].
 
     Raises:
         RecordingError: No hold is within the recorded time, in any unit.

@@ -49,10 +49,8 @@ def clock_delays(signals: Signals, poses: Sequence[Pose]) -> tuple[Array, Array]
 def _deviation(left: Array, columns: Array, acceleration: Array) -> float:
     """Standard deviation of a delay [s].
 
-    Args:
-        left: Residuals of the angular velocity, of all axes in turn, shape (3 n,).
-        columns: Their derivatives by the delay, which are noisy, and by a rotation, shape (3 n, 4).
-        acceleration: The robot's own angular acceleration, shape (3 n,).
+    ``left`` (3 n,) are residuals of the angular velocity, of all axes in turn; ``columns`` (3 n, 4) their derivatives by
+    the delay, which are noisy, and by a rotation; ``acceleration`` (3 n,) is the robot's own.
     """
     turns = columns[:, 1:]
     shown = columns[:, 0] - turns @ np.linalg.lstsq(turns, columns[:, 0])[0]
