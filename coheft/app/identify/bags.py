@@ -86,11 +86,7 @@ class Bag:
     @classmethod
     @contextmanager
     def open(cls, path: Path) -> Iterator[Bag]:
-        """Open a file, or the folder of a bag.
-
-        Raises:
-            RecordingError: It cannot be read.
-        """
+        """Open a file, or the folder of a bag."""
         if path.suffix == ".mcap":
             with path.open("rb") as file:
                 if not is_finished(file):
@@ -105,11 +101,7 @@ class Bag:
             yield bag
 
     def streams(self, names: Collection[str]) -> dict[str, Stream]:
-        """Read topics whose types are in ``KINDS``, with the times in the headers.
-
-        Raises:
-            RecordingError: The file is damaged, or messages are not valid.
-        """
+        """Read topics whose types are in ``KINDS``, with the times in the headers."""
         chosen = [each for each in self._reader.connections if each.topic in names and each.msgtype in KINDS]
         stamps: dict[str, list[int]] = {name: [] for name in names}
         received: dict[str, list[int]] = {name: [] for name in names}

@@ -45,9 +45,6 @@ def read_holds(path: Path, names: Sequence[str] | None = None) -> Statics:
     """Read holds that were recorded separately, from any recording, or from a file with a line for each hold.
 
     ``names`` are the expected robots in their order; None for any.
-
-    Raises:
-        RecordingError: It cannot be read or used, or its robots are others; the message says why.
     """
     with recording_errors(path):
         statics = Statics.of_recording(read_any(path)) if _is_of_topics(path) else read_statics(path)

@@ -30,11 +30,7 @@ _STATUS = "/coheft/status"
 
 
 def read_topics(path: Path, topics: Sequence[str]) -> Recording:
-    """Read a recording from an MCAP file, or a bag of ROS.
-
-    Raises:
-        RecordingError: It cannot be read, has other topics, or samples that are not valid.
-    """
+    """Read a recording from an MCAP file, or a bag of ROS."""
     with recording_errors(path):
         with Bag.open(path) as bag:
             chosen = _named_topics(bag.topics, topics) if topics else _found_topics(bag.topics)

@@ -69,9 +69,6 @@ def aligned(streams: Mapping[str, Mapping[str, Stream]]) -> tuple[dict[str, Robo
 
     Returns:
         The robots, all with the same times, and remarks on what was changed.
-
-    Raises:
-        RecordingError: There are too few samples, or they come in bunches, or there is no time that all sensors cover.
     """
     named = {f"'{channel}' of {robot}": s for robot, own in streams.items() for channel, s in own.items()}
     for name, stream in named.items():

@@ -71,11 +71,7 @@ def find_holds(forces: Array, time: Array) -> list[tuple[int, int]]:
 
 
 def holds_of(recording: Recording, cutoff: float = PAPER_CUTOFF) -> Holds:
-    """Measurements in the holds of a checked recording; ``cutoff`` is that of the filter for orientations [Hz].
-
-    Raises:
-        RecordingError: Wrenches are missing, or both poses and accelerations, or samples are too few or too slow.
-    """
+    """Measurements in the holds of a checked recording; ``cutoff`` is that of the filter for orientations [Hz]."""
     wrench, time, spans = recording.stacked("wrench"), recording.time, held_spans(recording)
     if recording.has("pose"):
         rotations, _ = smooth_poses(recording.stacked("pose"), recording.rate, cutoff)

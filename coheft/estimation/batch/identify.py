@@ -31,11 +31,7 @@ _BIASED = 2.0
 def identify_batch(
     recording: Recording, cutoff: float = PAPER_CUTOFF, statics: Statics | None = None
 ) -> Identification:
-    """Identify by sequential least squares (Zhang et al., sec. III); ``statics`` are used beside the recording's holds.
-
-    Raises:
-        RecordingError: Something is missing; no two orientations were held still.
-    """
+    """Identify by sequential least squares (Zhang et al., sec. III), with ``statics`` beside the recording's holds."""
     signals = plausible_signals(recording, cutoff)
     team, loops = grasps_from_twists(signals, with_instruments=False)
     holds = holds_of(recording, cutoff)
@@ -92,11 +88,7 @@ def identify_batch(
 
 
 def identify_with_instruments(recording: Recording, cutoff: float = CUTOFF) -> Identification:
-    """Identify from twists as in the paper, but with other robots as instruments; mass and centre of mass from motion.
-
-    Raises:
-        RecordingError: Something is missing.
-    """
+    """Identify from twists as in the paper, but with instruments; mass and centre of mass from motion."""
     signals = plausible_signals(recording, cutoff)
     team, loops = grasps_from_twists(signals, with_instruments=True)
     found = identify_at_grasps("instruments", recording, signals, team)

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from coheft.errors import RecordingError
@@ -49,9 +48,6 @@ def identify_poses(
     """Identify grasps from poses, without derivatives, and the load from motion, with other robots as instruments.
 
     Without ``tolerances`` of calibration errors robots are taken to be perfectly calibrated.
-
-    Raises:
-        RecordingError: Something is missing, or calibration errors cannot be told from so short a motion.
     """
     signals = plausible_signals(recording, cutoff)
     if tolerances is not None:
@@ -87,7 +83,7 @@ def _check_duration(recording: Recording, signals: Signals) -> None:
 def _with_calibration(
     recording: Recording, wrists: WristPoses, grasps: HandEye, tolerances: Tolerances, cutoff: float
 ) -> Identification:
-    right = corrected(recording, wrists, grasps.errors)
+    right = _corrected(recording, wrists, grasps.errors)
     signals = signals_of(right, cutoff)
     poses = grasps.team.poses
 
@@ -101,11 +97,12 @@ def _with_calibration(
         return _at_first_grasp(fit_with(moved, gaussian), moved)[0]
 
     by_poses = derivative_by_poses(numbers_with, poses)
+    errors = np.eye(len(grasps.covariance))[unknowns_of(len(poses), ERRORS)]
     cut = cut_to_bounds(gaussian, tolerances, grasps.errors[:, POSITION_SCALE].ravel())
     fit = cut or gaussian
     numbers, covariance = _at_first_grasp(fit, poses)
     team = _in_true_lengths(grasps, fit)
-    covariance = covariance + by_poses @ _given_errors(grasps) @ by_poses.T + turned_covariance(numbers_with, team)
+    covariance = covariance + by_poses @ _given(grasps, errors) @ by_poses.T + turned_covariance(numbers_with, team)
     # A wrong zero of the first robot's gimbal rotates the reference frame.
     inertia = of_central_numbers(numbers)
     calibration = calibration_findings(recording.names, wrists.has_gimbal, grasps, fit, tolerances)
@@ -137,12 +134,7 @@ def _without_gimbals(names: Sequence[str], wrists: WristPoses) -> tuple[str, ...
 
 
 def _after_calibration(
-    right: Recording,
-    grasps: HandEye,
-    fit: CalibratedFit,
-    team: TeamPoses,
-    tolerances: Tolerances,
-    cutoff: float,
+    right: Recording, grasps: HandEye, fit: CalibratedFit, team: TeamPoses, tolerances: Tolerances, cutoff: float
 ) -> Evidence:
     """Evidence for the judge from a recording whose poses are corrected: that of forces corrected, in true lengths."""
     robots = {}
@@ -159,14 +151,9 @@ def _after_calibration(
     return replace(evidence, tolerances=tolerances, tilt=tilt)
 
 
-def corrected(recording: Recording, wrists: WristPoses, errors: Array) -> Recording:
-    """Correct a recording with these wrists for errors of its poses, shape (N, 7); wrenches are rotated accordingly.
-
-    Raises:
-        RecordingError: A robot did not record poses and wrenches.
-    """
-    robots = {}
-    wrenches = recording.stacked("wrench")
+def _corrected(recording: Recording, wrists: WristPoses, errors: Array) -> Recording:
+    """Correct a recording with these wrists for errors of its poses, shape (N, 7); wrenches are rotated accordingly."""
+    robots, wrenches = {}, recording.stacked("wrench")
     for robot, (name, wrench, own) in enumerate(zip(recording.names, wrenches, errors, strict=True)):
         turned, positions = corrected_poses(wrists.angles[robot], wrists.positions[robot], own)
         rotations = wrists.zeros[robot] @ turned
@@ -191,15 +178,9 @@ def _at_first_grasp(fit: CalibratedFit, poses: Sequence[Pose]) -> tuple[Array, A
     return about_centre.carried(true_centre).central(), derivative @ known @ derivative.T
 
 
-def _given_errors(grasps: HandEye) -> Array:
-    """Covariance of all grasps' perturbations given the calibration errors, shape (6 N, 6 N)."""
-    count = len(grasps.errors)
-    known = np.eye(len(grasps.covariance))[unknowns_of(count, ERRORS)]
-    return _conditional(grasps.covariance, unknowns_of(count, GRASP), known)
-
-
-def _conditional(covariance: Array, kept: npt.NDArray[np.intp], known: Array) -> Array:
-    """Covariance of the unknowns ``kept``, given linear combinations of all unknowns, the rows of ``known``."""
+def _given(grasps: HandEye, known: Array) -> Array:
+    """Covariance (6 N, 6 N) of the grasps, given linear combinations of all unknowns, the rows of ``known``."""
+    covariance, kept = grasps.covariance, unknowns_of(len(grasps.errors), GRASP)
     cross = covariance[kept] @ known.T
     return covariance[np.ix_(kept, kept)] - cross @ np.linalg.pinv(known @ covariance @ known.T) @ cross.T
 
@@ -207,8 +188,7 @@ def _conditional(covariance: Array, kept: npt.NDArray[np.intp], known: Array) ->
 def _in_true_lengths(grasps: HandEye, fit: CalibratedFit) -> TeamPoses:
     """Grasp poses in true lengths: poses alone do not determine the common scale, but forces do."""
     count = len(grasps.errors)
-    common = position_scale_rows(count).mean(axis=0, keepdims=True)
-    covariance = _conditional(grasps.covariance, unknowns_of(count, GRASP), common)
+    covariance = _given(grasps, position_scale_rows(count).mean(axis=0, keepdims=True))
     lengths = np.tile([1.0, 1.0, 1.0, fit.scale, fit.scale, fit.scale], count)
     stretched = np.concatenate([np.concatenate([np.zeros(3), pose.translation]) for pose in grasps.team.poses])
     scale_variance = fit.covariance[INERTIA_SIZE, INERTIA_SIZE]

@@ -44,11 +44,7 @@ _SENSORS = (
 
 
 def identify_sensors(recording: Recording) -> Identification:
-    """Fit all rows of a recording of twists, accelerations and wrenches with the noise that it names.
-
-    Raises:
-        RecordingError: Something is missing.
-    """
+    """Fit all rows of a recording of twists, accelerations and wrenches with the noise that it names."""
     check_plausible(recording)
     if recording.noise is None:
         raise RecordingError(

@@ -35,11 +35,7 @@ _APART = 7.0
 
 
 def identify_statics(statics: Statics) -> Identification:
-    """Identify grasps from poses, mass and centre of mass from wrenches; the inertia is not observable.
-
-    Raises:
-        RecordingError: There are too few holds or orientations, or forces pull the load down.
-    """
+    """Identify grasps from poses, mass and centre of mass from wrenches; the inertia is not observable."""
     count = statics.pose.shape[1]
     if count < _FEWEST:
         raise RecordingError(
@@ -77,9 +73,6 @@ def with_statics(found: Identification, statics: Statics) -> Identification:
     """Combine an identification from motion with holds that were recorded separately.
 
     Errors of the grasp poses affect both equally, so that the combination does not reduce them.
-
-    Raises:
-        RecordingError: There are too few orientations.
     """
     team, holds = found.team, statics.as_holds()
     if not team.is_observable:

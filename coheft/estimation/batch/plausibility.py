@@ -34,11 +34,7 @@ _STEADY = 0.3
 
 
 def plausible_signals(recording: Recording, cutoff: float) -> Signals:
-    """Check shapes, units, order and signs of a recording, and return its smooth signals.
-
-    Raises:
-        RecordingError: Something is impossible, or missing; the message says what may be wrong.
-    """
+    """Check shapes, units, order and signs of a recording, and return its smooth signals."""
     check_plausible(recording)
     signals = signals_of(recording, cutoff)
     if recording.has("pose"):
@@ -48,11 +44,7 @@ def plausible_signals(recording: Recording, cutoff: float) -> Signals:
 
 
 def check_plausible(recording: Recording) -> None:
-    """Check shapes, units and order of a recording's samples.
-
-    Raises:
-        RecordingError: Something is impossible; the message says what may be wrong.
-    """
+    """Check shapes, units and order of a recording's samples."""
     check_recording(recording)
     _check_robots(recording)
     check_units(recording)
@@ -74,11 +66,7 @@ def _check_robots(recording: Recording) -> None:
 
 
 def check_units(recording: Recording) -> None:
-    """Check that nothing moves faster than loads are carried, and that accelerations are about that of gravity.
-
-    Raises:
-        RecordingError: A value is out of range; the message says which unit it may have.
-    """
+    """Check that nothing moves faster than loads are carried, and that accelerations are about that of gravity."""
     steps = max(1, round(_STEP * recording.rate))
     expected = float(np.linalg.norm(recording.gravity))
     for name, robot in recording.robots.items():
@@ -115,9 +103,6 @@ def check_twists(recording: Recording) -> None:
     """Check that the first three columns of twists, and not the last, may be angular velocities of one load.
 
     Robots that hold one load turn equally fast, but their hands move at different velocities.
-
-    Raises:
-        RecordingError: The last three of one robot, or of all, fit better.
     """
     if not recording.has("twist"):
         return
@@ -168,9 +153,6 @@ def check_weight(recording: Recording, wrench: Array, acceleration: Array) -> No
 
     Internal forces, by which robots push against each other, cancel. Wrenches ``(f, t)``, shape (N, n, 6), and proper
     accelerations of the frames' origins, (N, n, 3), are in the grasp frames.
-
-    Raises:
-        RecordingError: The forces pull the load down, or are zero.
     """
     strength = float(np.sqrt(np.mean(np.square(acceleration).sum(axis=-1))))
     if strength == 0.0:

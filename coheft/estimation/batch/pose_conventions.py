@@ -49,11 +49,7 @@ _CONVENTIONS: tuple[tuple[Callable[[Array], Array], str, str], ...] = (
 
 
 def check_conventions(recording: Recording, cutoff: float, signals: Signals) -> None:
-    """Check that no other convention of poses explains the robots' motions far better.
-
-    Raises:
-        RecordingError: Another convention does; the message says which, and whose poses have it.
-    """
+    """Check that no other convention of poses explains the robots' motions far better."""
     by_poses = _by_poses(recording, cutoff) if recording.has("twist") else signals
     given = by_poses.twists
     found = _misfit(given)

@@ -109,21 +109,13 @@ class Recording:
         return [name for name, robot in self.robots.items() if getattr(robot, channel) is None]
 
     def stacked(self, channel: str) -> Array:
-        """One channel of all robots, shape (N, n, width).
-
-        Raises:
-            RecordingError: A robot did not record it.
-        """
+        """One channel of all robots, shape (N, n, width)."""
         if missing := self.without(channel):
             raise RecordingError(f"'{channel}' of {', '.join(missing)} is missing, but needed")
         return np.array([getattr(robot, channel) for robot in self.robots.values()])
 
     def changed(self, channel: str, change: Callable[[Array], Array], name: str | None = None) -> Recording:
-        """Change a channel, of shape (n, width), of one robot; None: of all robots.
-
-        Raises:
-            RecordingError: A robot did not record it.
-        """
+        """Change a channel, of shape (n, width), of one robot; None: of all robots."""
         robots = {
             own: replace(robot, **{channel: change(samples)}) if name in (None, own) else robot
             for (own, robot), samples in zip(self.robots.items(), self.stacked(channel), strict=True)
@@ -131,11 +123,7 @@ class Recording:
         return replace(self, robots=robots)
 
     def between(self, start: float, end: float) -> Recording:
-        """Only the samples between two times [s].
-
-        Raises:
-            RecordingError: There are fewer than two.
-        """
+        """Only the samples between two times [s]."""
         kept = (self.time >= start) & (self.time <= end)
         if (found := np.count_nonzero(kept)) < 2:
             raise RecordingError(
@@ -164,11 +152,7 @@ def is_regular(times: Sequence[Array]) -> bool:
 
 
 def check_recording(recording: Recording) -> None:
-    """Check that all robots have valid samples at the same regular times.
-
-    Raises:
-        RecordingError: One has not; the message says which robot, which channel, and why.
-    """
+    """Check that all robots have valid samples at the same regular times."""
     if len(recording.robots) < 2:
         raise RecordingError(f"found {len(recording.robots)} robot, expected at least 2")
     for name, robot in recording.robots.items():
@@ -195,11 +179,7 @@ def _advice(time: Array) -> str:
 
 
 def check_samples(name: str, robot: RobotRecord) -> None:
-    """Check shapes and values of a robot's samples, but not their times.
-
-    Raises:
-        RecordingError: They are not valid; the message says which channel, and why.
-    """
+    """Check shapes and values of a robot's samples, but not their times."""
     for channel, samples in robot.channels.items():
         expected = len(robot.time), CHANNELS[channel]
         if samples.shape != expected:

@@ -63,11 +63,7 @@ class Signals:
 
 
 def low_pass(samples: Array, rate: float, cutoff: float = PAPER_CUTOFF, axis: int = 0) -> Array:
-    """Butterworth filter of third order, forwards and backwards.
-
-    Raises:
-        RecordingError: There are too few samples along ``axis``, or too few per second.
-    """
+    """Butterworth filter of third order, forwards and backwards."""
     if cutoff >= 0.5 * rate:
         raise RecordingError(
             f"{rate:g} samples per second cannot be filtered at {cutoff:g} Hz: record more, or choose a --cutoff below "
@@ -136,9 +132,6 @@ def signals_of(recording: Recording, cutoff: float = PAPER_CUTOFF) -> Signals:
 
     Channels that were not recorded are derived: twists from poses, their derivatives from twists, proper accelerations
     from these and gravity in the home frame.
-
-    Raises:
-        RecordingError: A channel is missing, or the recording is too short.
     """
     rate, time = recording.rate, recording.time
     rotation = None

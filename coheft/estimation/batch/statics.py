@@ -35,11 +35,7 @@ class Statics:
 
     @staticmethod
     def of_samples(recording: Recording, spans: Sequence[tuple[int, int]]) -> Statics:
-        """Means of a recording's samples over holds, from first to one past last sample each.
-
-        Raises:
-            RecordingError: The load rotates within a hold, or poses or wrenches are missing.
-        """
+        """Means of a recording's samples over holds, from first to one past last sample each."""
         pose, wrench = recording.stacked("pose"), recording.stacked("wrench")
         poses, wrenches = np.empty((len(pose), len(spans), 7)), np.empty((len(pose), len(spans), 6))
         for number, (start, end) in enumerate(spans, 1):
@@ -58,11 +54,7 @@ class Statics:
 
     @staticmethod
     def of_recording(recording: Recording) -> Statics:
-        """The holds of a recording: those that it names, or else those that are found.
-
-        Raises:
-            RecordingError: There are none, or poses or wrenches are missing.
-        """
+        """The holds of a recording: those that it names, or else those that are found."""
         spans = held_spans(recording)
         if not spans:
             raise RecordingError(
@@ -72,11 +64,7 @@ class Statics:
         return Statics.of_samples(recording, spans)
 
     def of(self, names: Sequence[str]) -> Statics:
-        """The same holds with the robots in this order.
-
-        Raises:
-            RecordingError: The robots are others.
-        """
+        """The same holds with the robots in this order."""
         if sorted(names) != sorted(self.names):
             raise RecordingError(f"found holds of {', '.join(self.names)}, expected those of {', '.join(names)}")
         order = [self.names.index(name) for name in names]

@@ -32,11 +32,7 @@ def channels_of(robot: RobotRecord) -> dict[str, Array]:
 
 
 def robot_of(name: str, table: Mapping[str, Array]) -> RobotRecord:
-    """Make a robot's record from channels and ``t`` (n,). The shapes of channels are not checked.
-
-    Raises:
-        RecordingError: The times are invalid, or a channel is unknown.
-    """
+    """Make a robot's record from channels and ``t`` (n,). The shapes of channels are not checked."""
     if TIME not in table:
         raise RecordingError(
             f"'{TIME}' of {name} is missing: the times of its samples; if each line is a hold: --method static"
@@ -46,11 +42,7 @@ def robot_of(name: str, table: Mapping[str, Array]) -> RobotRecord:
 
 
 def record_at(time: Array, name: str, table: Mapping[str, Array]) -> RobotRecord:
-    """Make a robot's record from channels, at other times (n,) [s] than those in ``table``, if any.
-
-    Raises:
-        RecordingError: A channel is unknown.
-    """
+    """Make a robot's record from channels, at other times (n,) [s] than those in ``table``, if any."""
     unknown = set(table) - set(COLUMNS) - {TIME}
     if unknown:
         allowed = ", ".join([TIME, *COLUMNS])
@@ -81,11 +73,7 @@ def noise_of(array: Array) -> SensorNoise:
 
 
 def holds_of(array: Array) -> tuple[tuple[float, float], ...]:
-    """Check intervals in which the load was still, an array (k, 2) in its unit; an empty one may have any shape.
-
-    Raises:
-        RecordingError: They are invalid.
-    """
+    """Check intervals in which the load was still, an array (k, 2) in its unit; an empty one may have any shape."""
     if array.size == 0:
         return ()
     if array.ndim != 2 or array.shape[1] != 2:
@@ -102,9 +90,6 @@ def truth_of(arrays: Mapping[str, Array], robots: int) -> Truth | None:
     """Make the truth from ``poses`` (N, 12), ``t`` and ``mass`` (k,), ``com`` (k, 3), ``inertia`` (k, 3, 3).
 
     Without arrays there is no truth.
-
-    Raises:
-        RecordingError: Arrays are missing, unknown, of a wrong shape, or not finite.
     """
     if not arrays:
         return None

@@ -19,11 +19,7 @@ def streams_of_robot(robot: RobotRecord) -> dict[str, Stream]:
 
 
 def at_common_times(robots: Mapping[str, RobotRecord]) -> dict[str, RobotRecord]:
-    """Resample robots whose times are unsteady, have gaps, or differ from robot to robot; others stay as they are.
-
-    Raises:
-        RecordingError: There are too few samples, or no time that all robots cover, or samples are not valid.
-    """
+    """Resample robots whose times are unsteady, have gaps, or differ from robot to robot; others stay as they are."""
     times = [robot.time for robot in robots.values()]
     if not times or any(len(time) < 2 or np.diff(time).min() <= 0.0 for time in times) or is_regular(times):
         return dict(robots)
@@ -36,9 +32,6 @@ def align(streams: Mapping[str, Mapping[str, Stream]]) -> tuple[dict[str, RobotR
     """Resample all sensors of streams, by robot and channel, at the same times; return what was taken from times [s].
 
     Times that count from 1970 then count from the first sample.
-
-    Raises:
-        RecordingError: There are too few samples, or no time that all sensors cover.
     """
     starts = [float(stream.time[0]) for own in streams.values() for stream in own.values() if len(stream.time)]
     since = max(starts, default=0.0)

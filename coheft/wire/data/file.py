@@ -35,11 +35,7 @@ _DAMAGED = (
 
 
 def read_recording(path: Path) -> Recording:
-    """Read and check a recording.
-
-    Raises:
-        RecordingError: It cannot be read or used; the message says why.
-    """
+    """Read and check a recording."""
     with recording_errors(path):
         return read_folder(path) if path.is_dir() else recording_of(load_arrays(path))
 
@@ -109,11 +105,7 @@ def _tables(arrays: Mapping[str, npt.ArrayLike]) -> tuple[dict[str, dict[str, Ar
 
 
 def recording_of(arrays: Mapping[str, npt.ArrayLike]) -> Recording:
-    """Make and check a recording from arrays, by their names in an ``.npz`` file.
-
-    Raises:
-        RecordingError: It cannot be used; the message says why.
-    """
+    """Make and check a recording from arrays, by their names in an ``.npz`` file."""
     tables, shared = _tables(arrays)
     truth = tables.pop(TRUTH, {})
     if not tables:
@@ -138,12 +130,7 @@ def channels_in(arrays: Mapping[str, npt.ArrayLike]) -> tuple[dict[str, dict[str
 
 
 def load_arrays(path: Path) -> dict[str, Array]:
-    """Return all arrays of an ``.npz`` file, by their keys.
-
-    Raises:
-        RecordingError: It is damaged, or contains something else.
-        OSError: It cannot be read.
-    """
+    """Return all arrays of an ``.npz`` file, by their keys."""
     try:
         with path.open("rb") as file:  # numpy itself does not close damaged files
             if not file.read(max(map(len, _BEGINNINGS))).startswith(_BEGINNINGS):

@@ -32,12 +32,7 @@ _END = "\r\n"
 
 
 def read_folder(folder: Path) -> Recording:
-    """Read and check a recording with separate files for each robot.
-
-    Raises:
-        RecordingError: A file cannot be used; the message says which, and why.
-        OSError: A file cannot be read.
-    """
+    """Read and check a recording with separate files for each robot."""
     files = _tables(folder)
     for one, other in pairwise(files):
         if one.stem == other.stem:
@@ -76,12 +71,7 @@ def _tables(folder: Path) -> list[Path]:
 
 
 def write_folder(recording: Recording, folder: Path) -> None:
-    """Write samples and holds, replacing a recording in the folder.
-
-    Raises:
-        RecordingError: The folder contains CSV files that would be read as part of the recording.
-        OSError: A file cannot be written.
-    """
+    """Write samples and holds, replacing a recording in the folder."""
     for name in recording.robots:
         if name in ("", _HOLDS) or Path(name).name != name:
             raise RecordingError(f"robot '{one_line(name)}': no name of a file: rename it, or write an .npz file")
@@ -99,12 +89,7 @@ def write_folder(recording: Recording, folder: Path) -> None:
 
 
 def check_folder(folder: Path) -> list[Path]:
-    """Check that a recording can be written into a folder; return the files that it replaces.
-
-    Raises:
-        RecordingError: The folder contains CSV files that would be read as part of the recording.
-        OSError: A file cannot be read.
-    """
+    """Check that a recording can be written into a folder; return the files that it replaces."""
     old = _tables(folder)
     others = [file.name for file in old if not _is_ours(file)]
     if others:

@@ -59,9 +59,6 @@ def streams_of(table: Table) -> dict[str, Stream]:
     """Return the measurements of a topic's messages by channel, with the stamps of their headers in seconds.
 
     Without stamps, the times of receipt are used, which is logged.
-
-    Raises:
-        RecordingError: Columns are missing, or do not contain numbers; times do not increase.
     """
     columns = _known_columns(table)
     found: dict[str, Array] = {}

@@ -29,10 +29,6 @@ def read_statics(path: Path) -> Statics:
 
     Without times, or if the load rotates from line to line, each line is a hold. Otherwise a hold lasts until there is
     a gap; if there are no gaps, as long as forces do not change.
-
-    Raises:
-        RecordingError: They cannot be used; the message says why.
-        OSError: They cannot be read.
     """
     if not path.is_dir():
         return statics_of(load_arrays(path))

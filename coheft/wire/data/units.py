@@ -48,9 +48,6 @@ def holds_in_seconds(
     this recording.
 
     ``name`` is that of their source in messages, ``span`` the first and the last recorded time [s].
-
-    Raises:
-        RecordingError: No hold is within the recorded time, in any unit.
     """
     if not holds:
         return ()

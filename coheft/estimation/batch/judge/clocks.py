@@ -49,8 +49,8 @@ def clock_delays(signals: Signals, poses: Sequence[Pose]) -> tuple[Array, Array]
 def _deviation(left: Array, columns: Array, acceleration: Array) -> float:
     """Standard deviation of a delay [s].
 
-    ``left`` (3 n,) are residuals of the angular velocity, of all axes in turn; ``columns`` (3 n, 4) their derivatives by
-    the delay, which are noisy, and by a rotation; ``acceleration`` (3 n,) is the robot's own.
+    ``left`` (3 n,) are residuals of the angular velocity, of all axes in turn, ``columns`` (3 n, 4) derivatives by the
+    delay, which are noisy, and by a rotation, and ``acceleration`` (3 n,) is the robot's own.
     """
     turns = columns[:, 1:]
     shown = columns[:, 0] - turns @ np.linalg.lstsq(turns, columns[:, 0])[0]

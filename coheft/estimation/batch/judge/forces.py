@@ -47,11 +47,7 @@ _LEVEL, _SURE = 0.5, 6.0
 
 
 def judge_forces(evidence: Evidence, assumed: str | None) -> Verdict:
-    """Judge whether the forces of a recording are those of one rigid body; ``assumed`` is the fault that a user names.
-
-    Raises:
-        ValueError: There are too few samples, or too few per second, to tell noise from motion.
-    """
+    """Judge whether the forces are those of one rigid body; ``assumed`` is the fault that the user names."""
     recording, cutoff = evidence.recording, evidence.cutoff
     misfit = WrenchMisfit(evidence)
     suspects, plain = Suspects(misfit), misfit.plain

@@ -33,9 +33,6 @@ def acceleration_noise(
 
     Poses are differentiated twice, twists once; orientations also determine the direction of gravity. The grasp frame's
     ``pose``, and ``up`` (3,), the mean proper acceleration, are in the body frame.
-
-    Raises:
-        ValueError: Noise cannot be told from motion.
     """
     pulsation = 2.0 * np.pi * frequency[:, None]
     turned, noise = np.zeros((len(frequency), 6, 6)), np.zeros((len(frequency), 6))

@@ -31,11 +31,7 @@ _CHANNELS = (
 
 
 def judge_motions(evidence: Evidence) -> Verdict | None:
-    """Find a robot whose measured twists or accelerations do not fit the others'; None if there is none.
-
-    Raises:
-        ValueError: There are too few samples, or too few per second, to tell noise from motion.
-    """
+    """Find a robot whose measured twists or accelerations do not fit the others'; None if there is none."""
     if not evidence.recording.has("twist"):
         return None
     views = [_View(evidence, robot) for robot in range(len(evidence.poses))]

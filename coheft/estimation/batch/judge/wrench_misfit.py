@@ -63,11 +63,7 @@ class WrenchMisfit:
     """Fits of the total wrench of one recording, whose grasp poses are known."""
 
     def __init__(self, evidence: Evidence) -> None:
-        """Prepare what all fits share.
-
-        Raises:
-            ValueError: There are too few samples, or too few per second, to tell noise from motion.
-        """
+        """Prepare what all fits share."""
         recording, signals, poses, cutoff = evidence.recording, evidence.signals, evidence.poses, evidence.cutoff
         self.evidence, self.signals, self.wrenches, self.poses = evidence, signals, signals.wrench, poses
         self.adjoints = [pose.adjoint() for pose in poses]
