@@ -133,9 +133,9 @@ class _Shown:
     def __init__(self, information: Array, prior: Array) -> None:
         units = 1.0 / np.sqrt(prior)
         values, vectors = np.linalg.eigh(information * np.outer(units, units))
-        self._values = np.where(values > _ROUNDING * values[-1], values, 0.0)
-        self._directions = units[:, None] * vectors
-        self._weights = np.where(self._values > 0.0, self._directions, 0.0).T
+        self._values: Array = np.where(values > _ROUNDING * values[-1], values, 0.0)
+        self._directions: Array = units[:, None] * vectors
+        self._weights: Array = np.where(self._values > 0.0, self._directions, 0.0).T
 
     def step(self, score: Array, place: Array) -> Array:
         """Newton step (u,) for the data's score (u,), at this distance (u,) from the prior's mean."""
