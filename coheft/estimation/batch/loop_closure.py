@@ -59,25 +59,22 @@ class LoopError(msgspec.Struct, frozen=True):
 
 def loop_errors(pairs: Mapping[tuple[int, int], UncertainPose]) -> list[LoopError]:
     """Errors of all loops of three robots whose pairs ``(i, j)``, ``i < j``, are all there."""
-    robots = sorted({robot for pair in pairs for robot in pair})
-    return [
-        _loop_error(pairs[i, j], pairs[j, k], pairs[i, k])
-        for i, j, k in combinations(robots, 3)
-        if {(i, j), (j, k), (i, k)} <= set(pairs)
-    ]
-
-
-def _loop_error(first: UncertainPose, second: UncertainPose, both: UncertainPose) -> LoopError:
-    """Compare ``pose_j_in_i pose_k_in_j`` with ``pose_k_in_i``."""
-    turn = first.pose.rotation
-    error = perturbation_between(both.pose, first.pose @ second.pose)
-    by_first, by_second = np.eye(6), np.kron(np.eye(2), turn)
-    by_first[3:, :3] = -skew(turn @ second.pose.translation)
-    covariance = (
-        by_first @ first.covariance @ by_first.T + by_second @ second.covariance @ by_second.T + both.covariance
-    )
-    return LoopError(
-        rotation_deg=float(np.degrees(np.linalg.norm(error[:3]))),
-        position_mm=float(1e3 * np.linalg.norm(error[3:])),
-        deviations=float(np.sqrt(error @ np.linalg.solve(covariance, error) / len(error))),
-    )
+    errors = []
+    for i, j, k in combinations(sorted({robot for pair in pairs for robot in pair}), 3):
+        if not {(i, j), (j, k), (i, k)} <= set(pairs):
+            continue
+        first, second, both = pairs[i, j], pairs[j, k], pairs[i, k]
+        turn = first.pose.rotation
+        error = perturbation_between(both.pose, first.pose @ second.pose)
+        by_first, by_second = np.eye(6), np.kron(np.eye(2), turn)
+        by_first[3:, :3] = -skew(turn @ second.pose.translation)
+        covariance = by_first @ first.covariance @ by_first.T + by_second @ second.covariance @ by_second.T
+        covariance += both.covariance
+        errors.append(
+            LoopError(
+                rotation_deg=float(np.degrees(np.linalg.norm(error[:3]))),
+                position_mm=float(1e3 * np.linalg.norm(error[3:])),
+                deviations=float(np.sqrt(error @ np.linalg.solve(covariance, error) / len(error))),
+            )
+        )
+    return errors

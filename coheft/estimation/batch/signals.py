@@ -133,32 +133,32 @@ def signals_of(recording: Recording, cutoff: float = PAPER_CUTOFF) -> Signals:
     Channels that were not recorded are derived: twists from poses, their derivatives from twists, proper accelerations
     from these and gravity in the home frame.
     """
-    rate, time = recording.rate, recording.time
-    rotation = None
+    rate, count = recording.rate, len(recording.time)
+
+    def smooth(channel: str, lost: int) -> Array:
+        return low_pass(recording.stacked(channel), rate, cutoff, axis=1)[:, lost : count - lost]
+
+    lost, rotation = 0, None  # samples at both ends, by differences
     if recording.has("pose"):
         rotation, position = smooth_poses(recording.stacked("pose"), rate, cutoff)
     if recording.has("twist"):
-        twist = low_pass(recording.stacked("twist"), rate, cutoff, axis=1)
+        twist = smooth("twist", 0)
     elif rotation is not None:
         velocity = (rates(position, rate)[..., None, :] @ rotation[:, 2:-2])[..., 0, :]  # in the grasp frame
-        twist = np.concatenate([body_rates(rotation, rate), velocity], axis=-1)
-        time, rotation = time[2:-2], rotation[:, 2:-2]
+        twist, lost = np.concatenate([body_rates(rotation, rate), velocity], axis=-1), 2
     else:
         raise RecordingError(
             f"found neither {_lacks(recording, 'pose')} nor {_lacks(recording, 'twist')}: one is needed"
         )
-    lost = (len(recording.time) - len(time)) // 2
     if recording.has("dtwist"):
-        dtwist = low_pass(recording.stacked("dtwist"), rate, cutoff, axis=1)[:, lost : lost + len(time)]
+        dtwist = smooth("dtwist", lost)
     else:
-        dtwist = rates(twist, rate)
-        time, twist, lost = time[2:-2], twist[:, 2:-2], lost + 2
-        rotation = None if rotation is None else rotation[:, 2:-2]
-    inner = slice(lost, lost + len(time))
+        dtwist, twist, lost = rates(twist, rate), twist[:, 2:-2], lost + 2
+    time, rotation = recording.time[lost : count - lost], None if rotation is None else rotation[:, lost : count - lost]
     w, v, alpha = twist[..., :3], twist[..., 3:], dtwist[..., :3]
     moved = dtwist[..., 3:] + np.cross(w, v)
     if recording.has("acceleration"):
-        a = low_pass(recording.stacked("acceleration"), rate, cutoff, axis=1)[:, inner]
+        a = smooth("acceleration", lost)
     elif rotation is not None:
         a = moved - recording.gravity @ rotation
     else:
@@ -166,7 +166,7 @@ def signals_of(recording: Recording, cutoff: float = PAPER_CUTOFF) -> Signals:
             f"found neither {_lacks(recording, 'pose')} nor {_lacks(recording, 'acceleration')}: nothing tells where "
             f"down is"
         )
-    wrench = low_pass(recording.stacked("wrench"), rate, cutoff, axis=1)[:, inner]
+    wrench = smooth("wrench", lost)
     inner_time = (time >= recording.time[0] + EDGE) & (time <= recording.time[-1] - EDGE)
     # There is nothing above the cutoff: fewer samples suffice.
     every = max(1, int(rate / (OVERSAMPLING * cutoff)))

@@ -85,20 +85,14 @@ def _gravity(shared: Mapping[str, Array]) -> Array:
 
 def _tables(arrays: Mapping[str, npt.ArrayLike]) -> tuple[dict[str, dict[str, Array]], dict[str, Array]]:
     """Return the arrays of robots and of the truth, by name and channel, and those of the whole recording."""
-    given = {}
-    for key, values in arrays.items():
-        try:
-            given[key] = np.asarray(values)
-        except ValueError as error:  # rows of different lengths
-            raise RecordingError(f"'{one_line(key)}': expected an array of numbers: {one_line(str(error))}") from error
     tables: dict[str, dict[str, Array]] = {}
     shared: dict[str, Array] = {}
-    for key, array in _as_numbers(given, "not a recording").items():
+    for key, values in arrays.items():
         name, slash, channel = key.rpartition("/")
         if slash:
-            tables.setdefault(name, {})[channel] = array
+            tables.setdefault(name, {})[channel] = _numbers(key, values, "not a recording")
         elif key in _SHARED:
-            shared[key] = array
+            shared[key] = _numbers(key, values, "not a recording")
         else:
             raise RecordingError(f"key '{one_line(key)}' is unknown; allowed: {', '.join(_SHARED)}, ROBOT/CHANNEL")
     return tables, shared
@@ -148,7 +142,7 @@ def load_arrays(path: Path) -> dict[str, Array]:
         raise RecordingError(f"not an .npz file of numbers: {one_line(str(error))}; {_EXPECTED}") from error
     if len(arrays) < len(keys):
         raise RecordingError("an array is there more than once, expected each key once: write the file again")
-    return _as_numbers(arrays, "not an .npz file of numbers")
+    return {key: _numbers(key, array, "not an .npz file of numbers") for key, array in arrays.items()}
 
 
 _ADVICE = dict.fromkeys("mM", ": convert it with .astype('datetime64[ns]').astype('int64')") | {
@@ -157,12 +151,13 @@ _ADVICE = dict.fromkeys("mM", ": convert it with .astype('datetime64[ns]').astyp
 """What to do with other types, by numpy's kinds."""
 
 
-def _as_numbers(arrays: Mapping[str, npt.NDArray[Any]], what: str) -> dict[str, Array]:
-    """Convert an array to real numbers; ``what`` begins the error."""
-    for key, array in arrays.items():
-        if array.dtype.kind not in "biuf":
-            advice = _ADVICE.get(array.dtype.kind, "")
-            raise RecordingError(
-                f"{what}: '{one_line(key)}' holds values of type {array.dtype}, expected numbers{advice}"
-            )
-    return {key: array.astype(np.float64) for key, array in arrays.items()}
+def _numbers(key: str, values: npt.ArrayLike, what: str) -> Array:
+    """Convert values to an array of real numbers; ``what`` begins the error."""
+    try:
+        array = np.asarray(values)
+    except ValueError as error:  # rows of different lengths
+        raise RecordingError(f"'{one_line(key)}': expected an array of numbers: {one_line(str(error))}") from error
+    if array.dtype.kind not in "biuf":
+        advice = _ADVICE.get(array.dtype.kind, "")
+        raise RecordingError(f"{what}: '{one_line(key)}' holds values of type {array.dtype}, expected numbers{advice}")
+    return array.astype(np.float64)

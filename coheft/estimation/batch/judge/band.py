@@ -3,11 +3,7 @@
 Noise is measured just above the band, where there is no motion: still higher, a sensor's own filter may suppress it.
 """
 
-from dataclasses import dataclass
-from typing import Self
-
 import numpy as np
-import numpy.typing as npt
 from scipy.fft import dct
 
 from coheft.estimation.batch.signals import ORDER, Signals
@@ -45,44 +41,35 @@ def periodogram(samples: Array) -> Array:
     return result
 
 
-@dataclass(frozen=True, eq=False)
 class Band:
-    """Coefficients of the cosine transform of filtered signals, up to a frequency.
+    """Coefficients of the cosine transform of signals, filtered with a cutoff [Hz], up to a frequency.
 
     Attributes:
         frequency: Frequency of each coefficient, shape (K,) [Hz].
-        gain: Gain of the filter that was applied to the signals, shape (K,).
-        moving: Number of coefficients in the band of the motion; they come first.
-        starts: First coefficient of each interval in which spectra are measured, shape (B,).
+        moving: Number of coefficients in the band in which a load with this twist (n, 6) moves; they come first.
     """
 
-    frequency: Array
-    gain: Array
-    moving: int
-    starts: npt.NDArray[np.intp]
-
-    @classmethod
-    def of(cls, signals: Signals, cutoff: float, twist: Array) -> Self:
-        """Find the band of a load with this twist (n, 6), filtered with a cutoff [Hz]."""
+    def __init__(self, signals: Signals, cutoff: float, twist: Array) -> None:
         frequency = np.arange(len(signals.time)) * signals.rate / (2 * len(signals.time))
-        frequency = frequency[frequency <= _USED * cutoff]
-        count = len(frequency)
+        self.frequency = frequency[frequency <= _USED * cutoff]
+        self._gain = 1.0 / (1.0 + (self.frequency / cutoff) ** (2 * ORDER))
+        count = len(self.frequency)
         power = dct(twist - twist.mean(axis=0), axis=0, norm="ortho")[:count] ** 2
         share = np.cumsum((power / np.maximum(power.sum(axis=0), 1e-300)).sum(axis=1))
-        moving = min(count, int(_WIDER * np.searchsorted(share, _MOTION_POWER * share[-1])) + 3)
+        self.moving = min(count, int(_WIDER * np.searchsorted(share, _MOTION_POWER * share[-1])) + 3)
         bands = max(_FEWEST, min(_MOST_BANDS, count // _PER_BAND))
-        starts = np.linspace(0, count, bands + 1).astype(np.intp)[:-1]
-        return cls(frequency, 1.0 / (1.0 + (frequency / cutoff) ** (2 * ORDER)), moving, starts)
+        self._starts = np.linspace(0, count, bands + 1).astype(np.intp)[:-1]
+        """First coefficient of each interval in which spectra are measured."""
 
     def coefficients(self, signals: Array) -> Array:
         """Coefficients (K, ...) of signals (n, ...) as they were before the filter."""
         kept = dct(signals, axis=0, norm="ortho")[: len(self.frequency)]
-        return kept / self.gain.reshape(-1, *[1] * (signals.ndim - 1))
+        return kept / self._gain.reshape(-1, *[1] * (signals.ndim - 1))
 
     def spread(self, residual: Array) -> Array:
         """Mean square of whitened residuals (K, g, c) in the interval of each coefficient, at least 1, shape (K, g)."""
-        sizes = np.diff([*self.starts, len(residual)])
-        measured = np.add.reduceat(np.mean(residual**2, axis=-1), self.starts, axis=0) / sizes[:, None]
+        sizes = np.diff([*self._starts, len(residual)])
+        measured = np.add.reduceat(np.mean(residual**2, axis=-1), self._starts, axis=0) / sizes[:, None]
         return np.repeat(np.maximum(1.0, measured), sizes, axis=0)
 
     def misfit(self, residual: Array) -> float:

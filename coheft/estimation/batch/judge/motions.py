@@ -118,7 +118,7 @@ class _View:
         kept = np.r_[BODY_W, BODY_V, BODY_A] if recording.has("acceleration") else np.r_[BODY_W, BODY_V]
         mean = others(motions)[robot]
         self._mean, self._difference = mean[:, kept], motions[robot][:, kept] - mean[:, kept]
-        self._band = band = Band.of(signals, evidence.cutoff, mean[:, np.r_[BODY_W, BODY_V]])
+        self._band = band = Band(signals, evidence.cutoff, mean[:, np.r_[BODY_W, BODY_V]])
         noise = [_noise(evidence, k, mean[:, BODY_A].mean(axis=0), band.frequency) for k in range(len(motions))]
         covariance = noise[robot] + (np.sum(noise, axis=0) - noise[robot]) / (len(noise) - 1) ** 2
         covariance = covariance[:, : len(kept), : len(kept)] * signals.rate / recording.rate

@@ -35,7 +35,7 @@ def judge_poses(evidence: Evidence) -> Verdict | None:
     late = _late(evidence)
     if late is not None or not evidence.homes:
         return late
-    views = Views.of(evidence)
+    views = Views(evidence)
     return _slip(evidence, views) or _stretched(evidence, views)
 
 

@@ -5,7 +5,7 @@ cost, which grows with the number of its unknowns, and with the number of robots
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -50,7 +50,7 @@ class Suspect:
     robot: int | None
     fit: Fit
     gain: float
-    value: Array = field(default_factory=lambda: np.zeros(0))
+    value: Array
     belongs: bool = True
 
 
@@ -66,10 +66,7 @@ class Suspects:
         self._misfit, self._gravity = misfit, misfit.evidence.recording.gravity
         self._count = len(misfit.adjoints)
         indices = list(range(self._count))
-        self._one_or_all: list[tuple[int | None, list[int]]] = [
-            *((robot, [robot]) for robot in indices),
-            (None, indices),
-        ]
+        self._one_or_all: dict[int | None, list[int]] = {**{robot: [robot] for robot in indices}, None: indices}
         self.homes = np.zeros((0, 3, 3))
         if misfit.rotations is not None:
             self._rotations = misfit.rotations
@@ -110,14 +107,14 @@ class Suspects:
     def _levers(self) -> Iterator[Suspect]:
         """Moments about another point: ``t + l x f``."""
         maps = [np.block([[np.zeros((3, 6))], [skew(axis), np.zeros((3, 3))]]) for axis in np.eye(3)]
-        for robot, robots in self._one_or_all:
+        for robot, robots in self._one_or_all.items():
             yield self._suspect(Cause.LEVER, robot, self._misfit.fit_readings(robots, maps), 3)
 
     def _scales(self) -> Iterator[Suspect]:
         """A wrong scale of forces and moments, of forces only, or of moments only."""
         forces, moments = np.diag([1.0, 1, 1, 0, 0, 0]), np.diag([0.0, 0, 0, 1, 1, 1])
         for cause, scaled in ((Cause.SCALE, np.eye(6)), (Cause.FORCE_SCALE, forces), (Cause.MOMENT_SCALE, moments)):
-            for robot, robots in self._one_or_all:
+            for robot, robots in self._one_or_all.items():
                 if robot is None and cause is not Cause.MOMENT_SCALE:
                     continue  # a common scale of forces looks like another mass
                 yield self._scaled(cause, robot, robots, scaled)
@@ -139,7 +136,7 @@ class Suspects:
 
     def _clocks(self) -> Iterator[Suspect]:
         """Late wrenches of one robot or of all."""
-        for robot, robots in self._one_or_all:
+        for robot, robots in self._one_or_all.items():
             delay, fit = self._delay_of(robots)
             yield self._suspect(Cause.CLOCK, robot, fit, 1, np.array([delay]))
 
@@ -169,7 +166,7 @@ class Suspects:
         turned = np.einsum("knji,knhj->knhi", rotation, halves).reshape(self._misfit.wrenches.shape)
         for halves_turned in ((1.0, 1.0), (1.0, 0.0), (0.0, 1.0)):
             mixed = np.where(np.repeat(halves_turned, 3) == 1.0, turned, self._misfit.wrenches)
-            for robot, robots in self._one_or_all:
+            for robot, robots in self._one_or_all.items():
                 fit = self._misfit.fit(total=self._misfit.total_with(robots, mixed))
                 yield self._suspect(Cause.BASE_AXES, robot, fit, 1, np.array(halves_turned))
 
@@ -190,7 +187,7 @@ class Suspects:
 
     def _turned(self) -> Iterator[Suspect]:
         """Sensors whose axes are rotated or exchanged."""
-        for robot, robots in self._one_or_all:
+        for robot, robots in self._one_or_all.items():
             axes, fit = fit_turned(self._misfit, robots)
             yield self._suspect(Cause.TURNED, robot, fit, 3, axes.ravel())
 

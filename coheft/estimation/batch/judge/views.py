@@ -4,9 +4,6 @@ According to robot i, the load's pose is ``B_i = H_i T_i X_i^-1``. Constant erro
 ``X_i`` are fitted; the remaining differences are noise, unless something is wrong.
 """
 
-from dataclasses import dataclass
-from typing import Self
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -17,7 +14,6 @@ BATCH = 0.2
 """Time over which samples are averaged [s]."""
 
 
-@dataclass(frozen=True, eq=False)
 class Views:
     """Differences of N robots' views of the load from their mean, in b batches.
 
@@ -31,17 +27,9 @@ class Views:
         positions: Positions of each grasp frame in its home frame, minus their mean, in the load's axes, (N, b, 3) [m].
     """
 
-    time: Array
-    scale: Array
-    rest: Array
-    basis: Array
-    positions: Array
-
-    @classmethod
-    def of(cls, evidence: Evidence) -> Self:
+    def __init__(self, evidence: Evidence) -> None:
         """Compare the poses of a recording, with home and grasp frames that were fitted to all of it."""
         poses, times = evidence.recording.stacked("pose"), evidence.recording.time
-        homes, grasps = evidence.homes, evidence.poses
         length = max(1, round(BATCH * (len(times) - 1) / (times[-1] - times[0])))
         batches = len(times) // length
 
@@ -49,11 +37,11 @@ class Views:
             result: Array = samples[: batches * length].reshape(batches, length, *samples.shape[1:]).mean(axis=1)
             return result
 
-        seen = [_load(own, home, grasp) for own, home, grasp in zip(poses, homes, grasps, strict=True)]
+        seen = [_load(*each) for each in zip(poses, evidence.homes, evidence.poses, strict=True)]
         rotations, positions = seen[0]
         to_load = rotations.swapaxes(-1, -2)
         differences, places = [], []
-        for (turned, moved), own, home in zip(seen, poses, homes, strict=True):
+        for (turned, moved), own, home in zip(seen, poses, evidence.homes, strict=True):
             turn = Rotation.from_matrix(to_load @ turned).as_rotvec()
             shift = (to_load @ (moved - positions)[..., None])[..., 0]
             differences.append(mean(np.hstack([turn, shift])))
@@ -64,11 +52,12 @@ class Views:
         of_home = mean(_from_home(rotations, positions))
         design = np.concatenate([np.broadcast_to(np.eye(6), of_home.shape), of_home], axis=-1)
         sizes = np.median(np.abs(np.diff(views, axis=1)).reshape(-1, 2, 3), axis=(0, 2))
-        scale = np.repeat(1.0 / np.maximum(sizes, 1e-12), 3)
-        basis = np.linalg.qr((design * scale[:, None]).reshape(batches * 6, -1))[0]
-        flat = (views * scale).reshape(len(views), -1)
-        rest = (flat - flat @ basis @ basis.T).reshape(views.shape)
-        return cls(mean(times), scale, rest, basis.reshape(batches, 6, -1), np.array(places))
+        self.time, self.positions = mean(times), np.array(places)
+        self.scale = np.repeat(1.0 / np.maximum(sizes, 1e-12), 3)
+        basis = np.linalg.qr((design * self.scale[:, None]).reshape(batches * 6, -1))[0]
+        flat = (views * self.scale).reshape(len(views), -1)
+        self.rest = (flat - flat @ basis @ basis.T).reshape(views.shape)
+        self.basis = basis.reshape(batches, 6, -1)
 
 
 def _load(poses: Array, home: Pose, grasp: Pose) -> tuple[Array, Array]:

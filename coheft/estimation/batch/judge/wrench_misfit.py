@@ -72,7 +72,7 @@ class WrenchMisfit:
         if signals.rotation is not None:
             self.rotations = signals.rotation @ np.array([pose.rotation.T for pose in poses])[:, None]
         """Of the body frame in each robot's home frame, shape (N, n, 3, 3); None without poses."""
-        self.band = Band.of(signals, cutoff, np.hstack([motion[:, BODY_W], motion[:, BODY_V]]))
+        self.band = Band(signals, cutoff, np.hstack([motion[:, BODY_W], motion[:, BODY_V]]))
         self.regressor, self.total = regressor(motion), total_wrench(self.wrenches, poses)
         per_coefficient = signals.rate / recording.rate
         robots = range(len(poses))
