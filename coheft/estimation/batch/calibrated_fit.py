@@ -85,9 +85,6 @@ def fit_calibrated(
         tolerances: Tolerances of the calibration errors.
         gravity: Gravity in the home frames, shape (3,) [m/s²].
         start: A fit with nearly the same poses, from which one step is taken, with the same weights.
-
-    Raises:
-        ValueError: There is one robot only, or all wrenches are zero.
     """
     assert signals.rotation is not None  # derived from poses
     count = len(poses)

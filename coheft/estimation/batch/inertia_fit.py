@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from coheft.errors import RecordingError
 from coheft.estimation.batch.body import regressor
 from coheft.estimation.batch.statistics import scatter_of_sum
 from coheft.estimation.geometry.body_motion import BODY_ALPHA, BODY_W
@@ -97,9 +98,6 @@ def fit_parameters(motions: Array, wrench: Array, rate: float, weight: Array | N
         wrench: Total wrench about its origin, shape (n, 6).
         rate: Samples per second.
         weight: Weights of the wrench's components, shape (6,); None: inverse variances of their residuals.
-
-    Raises:
-        ValueError: There is one robot only, or the wrench is zero all the time.
     """
     regressors = np.array([regressor(motion) for motion in motions])
     instruments = others(regressors)
@@ -113,14 +111,10 @@ def fit_parameters(motions: Array, wrench: Array, rate: float, weight: Array | N
 
 
 def residual_variance(residual: Array, output: Array) -> Array:
-    """Mean square of each component of residuals (n, rows), shape (rows,); at least a small share of the output's.
-
-    Raises:
-        ValueError: The output is zero all the time.
-    """
+    """Mean square of each component of residuals (n, rows), shape (rows,); at least a small share of the output's."""
     size = float(np.mean(output**2))
     if size == 0.0:
-        raise ValueError("expected an output that is not zero all the time")
+        raise RecordingError("wrenches of all robots cancel all the time, so nothing shows the mass")
     result: Array = np.maximum(np.mean(residual**2, axis=0), _FINEST**2 * size)
     return result
 
@@ -184,12 +178,6 @@ def _inverse_and_hidden(matrix: Array, is_held: npt.NDArray[np.bool_], least: fl
 
 
 def others(views: Array) -> Array:
-    """For each of N estimates (N, ...) of the same quantity, the mean of the others.
-
-    Raises:
-        ValueError: There is only one.
-    """
-    if len(views) < 2:
-        raise ValueError(f"found {len(views)} view, expected at least 2: there are no others")
+    """For each of N estimates (N, ...) of the same quantity, the mean of the others."""
     result: Array = (views.sum(axis=0) - views) / (len(views) - 1)
     return result

@@ -50,9 +50,10 @@ def read_folder(folder: Path) -> Recording:
 
 def _holds_in(file: Path, robots: Mapping[str, RobotRecord], since: float) -> tuple[tuple[float, float], ...]:
     """Return holds in the time of the samples, which count from ``since`` [s]; holds may count from there or from 0."""
-    holds, (start, end) = _read_holds(file), span_of(robots)
-    if not since:
-        return holds_in_seconds(file.name, holds, (start, end))
+    table, (start, end) = read_table(file), span_of(robots)
+    if sorted(table.names) != sorted(_HOLDS_HEADER):
+        raise RecordingError(f"{file.name}: found columns {table.listed}; expected {', '.join(_HOLDS_HEADER)}")
+    holds = holds_of(table.numbers(_HOLDS_HEADER))
     try:
         whole = holds_in_seconds(file.name, holds, (since + start, since + end))
     except RecordingError:
@@ -177,7 +178,7 @@ def _known(table: Table) -> Table:
         )
     if unknown:
         raise RecordingError(
-            f"{table.file}: column '{one_line(unknown[0])}' is unknown; found {one_line(', '.join(table.names))}; "
+            f"{table.file}: column '{one_line(unknown[0])}' is unknown; found {table.listed}; "
             f"allowed: {', '.join(sorted(known))}, or those that 'rostopic echo -p' writes: rename it, or remove it"
         )
     twice = [column for column, name in zip(table.names, names, strict=True) if names.count(name) > 1]
@@ -197,15 +198,7 @@ def _channels(table: Table) -> dict[str, Array]:
             if missing:
                 raise RecordingError(
                     f"{table.file}: '{channel}' lacks column{'s' * (len(missing) > 1)} {', '.join(missing)}; found "
-                    f"{one_line(', '.join(table.names))}"
+                    f"{table.listed}"
                 )
             channels[channel] = table.numbers(columns)
     return channels
-
-
-def _read_holds(path: Path) -> tuple[tuple[float, float], ...]:
-    table = read_table(path)
-    if sorted(table.names) != sorted(_HOLDS_HEADER):
-        found = one_line(", ".join(table.names))
-        raise RecordingError(f"{path.name}: found columns {found}; expected {', '.join(_HOLDS_HEADER)}")
-    return holds_of(table.numbers(_HOLDS_HEADER))

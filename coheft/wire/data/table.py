@@ -25,6 +25,11 @@ class Table:
     names: tuple[str, ...]
     rows: Sequence[tuple[int, Sequence[str]]]
 
+    @property
+    def listed(self) -> str:
+        """Names of the columns, for a message."""
+        return one_line(", ".join(self.names))
+
     def numbers(self, names: Sequence[str]) -> Array:
         """Return some of the columns, shape (n, columns)."""
         places = [self.names.index(name) for name in names]
