@@ -164,10 +164,9 @@ class _View:
 
 def _noise(evidence: Evidence, robot: int, up: Array, frequency: Array) -> Array:
     """Covariance of the noise of ``(w, v, a)`` of the body frame as one robot predicts them, shape (K, 9, 9)."""
-    recording, pose, cutoff = evidence.recording, evidence.poses[robot], evidence.cutoff
-    to_body = pose.adjoint()
+    to_body = evidence.poses[robot].adjoint()
     covariance = np.zeros((len(frequency), 9, 9))
-    covariance[:, :6, :6] = to_body @ np.diag(level_of(recording, "twist", robot, cutoff) ** 2) @ to_body.T
-    if recording.has("acceleration"):
-        covariance[:, 6:, 6:] = acceleration_noise(recording, robot, pose, up, frequency, cutoff)[:, 3:, 3:]
+    covariance[:, :6, :6] = to_body @ np.diag(level_of(evidence, robot, "twist") ** 2) @ to_body.T
+    if evidence.recording.has("acceleration"):
+        covariance[:, 6:, 6:] = acceleration_noise(evidence, robot, up, frequency)[:, 3:, 3:]
     return covariance
