@@ -87,8 +87,9 @@ def _named_topics(topics: Sequence[BagTopic], given: Sequence[str]) -> _Chosen:
             if topic is None:
                 raise RecordingError(f"--topics: there is no topic '{one_line(name)}'. {_listed(topics)}")
             if topic.kind not in KINDS:
+                kinds = ", ".join(kind.replace("/msg/", "/") for kind in KINDS)
                 raise RecordingError(
-                    f"--topics: {topic.words} cannot be used; expected one of {_kinds()}. {_listed(topics)}"
+                    f"--topics: {topic.words} cannot be used; expected one of {kinds}. {_listed(topics)}"
                 )
             _add(chosen, robot, topic)
     if not _is_team(chosen):
@@ -145,10 +146,6 @@ def _is_team(chosen: _Chosen) -> bool:
 
 def _each(chosen: _Chosen) -> str:
     return one_line("; ".join(f"{robot}: {', '.join(own)}" for robot, own in chosen.items()) or "none")
-
-
-def _kinds() -> str:
-    return ", ".join(kind.replace("/msg/", "/") for kind in KINDS)
 
 
 def _listed(topics: Sequence[BagTopic]) -> str:
