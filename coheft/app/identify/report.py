@@ -7,7 +7,7 @@ import numpy as np
 
 from coheft.estimation.batch.holds import orientations
 from coheft.estimation.batch.identification import CalibrationFinding, Identification
-from coheft.estimation.batch.loop_closure import LoopError
+from coheft.estimation.batch.pairs import LoopError
 from coheft.estimation.batch.payload import Payload, principal_inertia
 from coheft.estimation.batch.recording import Recording, Truth
 from coheft.estimation.geometry.body_motion import perturbation_between

@@ -15,7 +15,7 @@ from coheft.errors import RecordingError, one_line, recording_errors
 from coheft.estimation.batch.recording import Recording, Truth, check_recording
 from coheft.estimation.geometry.spatial import Pose
 from coheft.estimation.rigid_body.mass_properties import Inertia
-from coheft.wire.data.common_times import align
+from coheft.wire.data.times import align
 from coheft.wire.messages.truth import Truth as TruthMessage
 from coheft.wire.process.log import LOG
 from coheft.wire.scenario.schema import Scenario

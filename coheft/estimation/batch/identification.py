@@ -8,7 +8,7 @@ from coheft.estimation.batch.doubts import doubts_about
 from coheft.estimation.batch.holds import Holds
 from coheft.estimation.batch.judge.evidence import Evidence
 from coheft.estimation.batch.judge.verdict import Cause, Verdict
-from coheft.estimation.batch.loop_closure import LoopError
+from coheft.estimation.batch.pairs import LoopError
 from coheft.estimation.batch.payload import Payload
 from coheft.estimation.batch.team_poses import TeamPoses
 from coheft.estimation.geometry.spatial import Array

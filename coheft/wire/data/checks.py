@@ -9,7 +9,7 @@ from coheft.estimation.batch.recording import RobotRecord, Truth
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.rigid_body.mass_properties import Inertia
-from coheft.wire.data.units import samples_in_seconds
+from coheft.wire.data.times import samples_in_seconds
 
 TIME = "t"
 COLUMNS = {

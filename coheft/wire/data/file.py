@@ -16,10 +16,9 @@ from coheft.errors import RecordingError, one_line, recording_errors
 from coheft.estimation.batch.recording import GRAVITY, Recording, check_recording
 from coheft.estimation.geometry.spatial import Array
 from coheft.wire.data.checks import TIME, TRUTH, channels_of, gravity_of, holds_of, noise_of, robot_of, truth_of
-from coheft.wire.data.common_times import at_common_times
 from coheft.wire.data.folder import read_folder, write_folder
 from coheft.wire.data.replace import replace_files
-from coheft.wire.data.units import holds_in_seconds, span_of
+from coheft.wire.data.times import at_common_times, holds_in_seconds, span_of
 
 _SHARED = ("gravity", "holds", "noise")
 _BEGINNINGS = (b"PK\x03\x04", b"PK\x05\x06", b"\x93NUMPY")

@@ -16,11 +16,10 @@ from coheft.estimation.batch.alignment import Stream
 from coheft.estimation.batch.recording import Recording, RobotRecord, check_recording
 from coheft.estimation.geometry.spatial import Array
 from coheft.wire.data.checks import COLUMNS, TIME, channels_of, holds_of, robot_of
-from coheft.wire.data.common_times import align, at_common_times, streams_of_robot
 from coheft.wire.data.replace import replace_files
 from coheft.wire.data.ros_columns import is_of_ros, robot_named, streams_of
 from coheft.wire.data.table import Table, read_table
-from coheft.wire.data.units import holds_in_seconds, span_of
+from coheft.wire.data.times import align, at_common_times, holds_in_seconds, span_of, streams_of_robot
 from coheft.wire.process.log import LOG
 
 _HOLDS = "holds"
