@@ -150,9 +150,7 @@ class Simulation:
             raise CoheftError("there is no result before all robots have published estimates: call step() first")
         pace = self.time / max(1e-9, time.monotonic() - self._began)
         report = msgspec.structs.replace(
-            build_report(self.scenario, self._record, real_time_factor=pace),
-            processes=1,
-            messages_per_s=0.0,
+            build_report(self.scenario, self._record, real_time_factor=pace), processes=1, messages_per_s=0.0
         )
         return self._collector.result(self.scenario, report)
 
