@@ -6,9 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from coheft.estimation.batch.body import body_motions, centre_of, total_wrench
-from coheft.estimation.batch.doubts import unsettled
 from coheft.estimation.batch.holds import both_holds, holds_of, static_estimate
-from coheft.estimation.batch.identification import Identification
+from coheft.estimation.batch.identification import Identification, unsettled
 from coheft.estimation.batch.inertia_fit import LinearFit, bias_of_tensor, fit_parameters, fit_tensor
 from coheft.estimation.batch.pairs import expected_bias, grasps_from_twists
 from coheft.estimation.batch.payload import hidden_covariance, make_payload, of_central_numbers

@@ -1,6 +1,6 @@
 """Identification from recorded poses, with or without estimating the robots' calibration errors."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -8,14 +8,11 @@ from scipy.spatial.transform import Rotation
 
 from coheft.errors import RecordingError
 from coheft.estimation.batch.body import centre_of
-from coheft.estimation.batch.calibrated_fit import CalibratedFit, fit_calibrated
-from coheft.estimation.batch.calibration import POSITION_SCALE, ZERO, Tolerances, corrected_poses
-from coheft.estimation.batch.calibration_bounds import cut_to_bounds
-from coheft.estimation.batch.calibration_findings import beyond_bounds, calibration_findings
-from coheft.estimation.batch.doubts import unsettled
+from coheft.estimation.batch.calibrated_fit import CalibratedFit, cut_to_bounds, fit_calibrated
+from coheft.estimation.batch.calibration import POSITION_SCALE, UNIFORM_BOUND, ZERO, Tolerances, corrected_poses
 from coheft.estimation.batch.hand_eye import HandEye, fit_hand_eye
 from coheft.estimation.batch.hand_eye_equations import ERRORS, GRASP, position_scale_rows, unknowns_of
-from coheft.estimation.batch.identification import Identification
+from coheft.estimation.batch.identification import CalibrationFinding, Identification, unsettled
 from coheft.estimation.batch.identify import identify_at_grasps
 from coheft.estimation.batch.judge.evidence import POSES_PER_SECOND, Evidence, suspicions_about
 from coheft.estimation.batch.pairs import grasps_from_twists
@@ -40,6 +37,17 @@ _IDENTIFIABLE = (
     "scale of all forces (it looks like mass), offsets along gravity. For these the stated uncertainty is that of the "
     "tolerances.",
 )
+_DEG = float(np.degrees(1.0))
+_KINDS = (
+    *((f"zero of angle {angle}", "deg", _DEG) for angle in "abc"),
+    *((f"scale of angle {angle}", "%", 100.0) for angle in "abc"),
+    ("position scale", "%", 100.0),
+    ("force scale", "%", 100.0),
+    *((f"force offset {axis}", "N", 1.0) for axis in "xyz"),
+)
+"""Names, units, and factors to these units."""
+_SEEN = 0.5
+"""Share of its former standard deviation below which an error counts as seen."""
 
 
 def identify_poses(
@@ -105,7 +113,7 @@ def _with_calibration(
     covariance = covariance + by_poses @ _given(grasps, errors) @ by_poses.T + turned_covariance(numbers_with, team)
     # A wrong zero of the first robot's gimbal rotates the reference frame.
     inertia = of_central_numbers(numbers)
-    calibration = calibration_findings(recording.names, wrists.has_gimbal, grasps, fit, tolerances)
+    calibration = _findings(recording.names, wrists.has_gimbal, grasps, fit, tolerances)
     turned = seen_inertia_derivative(Pose.identity(), inertia)[:, :3] * grasps.errors_std[0, ZERO]
     return Identification(
         method="pose",
@@ -114,10 +122,57 @@ def _with_calibration(
         payload=make_payload(inertia, covariance + turned @ turned.T, team.poses),
         calibration=calibration,
         remarks=(*_without_gimbals(recording.names, wrists), *_IDENTIFIABLE),
-        suspicions=() if cut else (beyond_bounds(calibration),),
+        suspicions=() if cut else (_beyond_bounds(calibration),),
         time=signals.time,
         residual=fit.residual,
         evidence=_after_calibration(right, grasps, fit, team, tolerances, cutoff),
+    )
+
+
+def _findings(
+    names: Sequence[str], has_gimbal: Iterable[np.bool_], grasps: HandEye, fit: CalibratedFit, tolerances: Tolerances
+) -> tuple[CalibrationFinding, ...]:
+    """All calibration errors, robot by robot; those of angles only of robots that have a gimbal."""
+    count = len(names)
+    std = np.sqrt(np.diag(fit.covariance))[INERTIA_SIZE:]
+    rows = position_scale_rows(count)
+    contrasts = rows - rows.mean(axis=0)
+    ratio_std = np.sqrt(np.einsum("ku,uv,kv->k", contrasts, grasps.covariance, contrasts))
+    errors, errors_std = grasps.errors.copy(), grasps.errors_std.copy()
+    errors[:, POSITION_SCALE] = (1.0 + errors[:, POSITION_SCALE]) / fit.scale - 1.0
+    errors_std[:, POSITION_SCALE] = np.hypot(ratio_std, std[0])[:, None]
+    # In the order of _KINDS.
+    values = np.column_stack([errors, fit.force_scale, fit.force_offset])
+    stds = np.column_stack([errors_std, std[1 : 1 + count], std[1 + count :].reshape(count, 3)])
+    before = np.append(tolerances.pose_errors(), [tolerances.force_scale, *[tolerances.force_offset] * 3])
+    return tuple(
+        CalibrationFinding(
+            robot=name,
+            what=what,
+            unit=unit,
+            value=size * float(value),
+            std=size * float(own),
+            std_before=size * float(former),
+            seen=bool(own < _SEEN * former),
+        )
+        for name, is_gimbal, own_values, own_stds in zip(names, has_gimbal, values, stds, strict=True)
+        for (what, unit, size), value, own, former in zip(_KINDS, own_values, own_stds, before, strict=True)
+        if is_gimbal or "of angle" not in what
+    )
+
+
+def _beyond_bounds(findings: Sequence[CalibrationFinding]) -> str:
+    """Say that no errors within their bounds explain a recording, and which one is farthest beyond.
+
+    Zeros, whose distribution has no bounds, are left out.
+    """
+    bounded = [finding for finding in findings if not finding.what.startswith("zero")]
+    worst = max(bounded, key=lambda finding: (abs(finding.value) - UNIFORM_BOUND * finding.std_before) / finding.std)
+    return (
+        f"No calibration errors within the bounds explain this recording: the {worst.what} of {worst.robot} would be "
+        f"{worst.value:.3g} {worst.unit} (std {worst.std:.2g}), the bound is {UNIFORM_BOUND * worst.std_before:.3g} "
+        f"{worst.unit}, and nothing says how far the others are beyond theirs. Check that robot; or, if all may be as "
+        f"far off, say so by wider bounds, as --force-scale or --position-scale"
     )
 
 

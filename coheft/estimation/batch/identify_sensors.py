@@ -5,8 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from coheft.errors import RecordingError
-from coheft.estimation.batch.doubts import unsettled
-from coheft.estimation.batch.identification import Identification
+from coheft.estimation.batch.identification import Identification, unsettled
 from coheft.estimation.batch.judge.band import HIGHEST, white_level
 from coheft.estimation.batch.payload import Payload
 from coheft.estimation.batch.plausibility import check_plausible, check_weight

@@ -8,10 +8,9 @@ from scipy.spatial.transform import Rotation
 
 from coheft.errors import RecordingError
 from coheft.estimation.batch.body import total_wrench
-from coheft.estimation.batch.doubts import unsettled
 from coheft.estimation.batch.hand_eye import fit_hand_eye
 from coheft.estimation.batch.holds import Holds, orientations, static_estimate
-from coheft.estimation.batch.identification import Identification
+from coheft.estimation.batch.identification import Identification, unsettled
 from coheft.estimation.batch.pairs import kabsch
 from coheft.estimation.batch.payload import hidden_covariance, make_payload, of_central_numbers
 from coheft.estimation.batch.plausibility import check_weight

@@ -8,8 +8,7 @@ import numpy as np
 
 from coheft.errors import RecordingError
 from coheft.estimation.batch.body import centre_of
-from coheft.estimation.batch.doubts import solid_density
-from coheft.estimation.batch.identification import HiddenError, Identification
+from coheft.estimation.batch.identification import HiddenError, Identification, solid_density
 from coheft.estimation.batch.judge.evidence import Evidence
 from coheft.estimation.batch.judge.forces import judge_forces
 from coheft.estimation.batch.judge.mend import MENDABLE, mend
