@@ -35,7 +35,6 @@ def write_identification(folder: Path, recording: Recording, found: Identificati
 
 
 def _plot_residuals(found: Identification, path: Path) -> None:
-    """Residual of the total wrench, or of the torque, over time."""
     with figure_to(path, 9.0, 4.5) as figure:
         width = found.residual.shape[1]
         parts = [("force [N]", slice(0, 3)), ("torque [N·m]", slice(width - 3, width))][-(width // 3) :]
@@ -66,7 +65,6 @@ def _plot_forces(recording: Recording, found: Identification, path: Path) -> Non
 
 
 def _plot_uncertainty(report: IdentifyReport, path: Path) -> None:
-    """Correlations of the load's ten parameters."""
     covariance = np.array(report.payload.covariance)
     spread = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     names = ["m", "hx", "hy", "hz", "Jxx", "Jyy", "Jzz", "Jxy", "Jxz", "Jyz"]

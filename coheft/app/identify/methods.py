@@ -83,7 +83,6 @@ def identify(recording: Recording, options: Options = _BEST, statics: Statics | 
 
 
 def _check(method: Method, options: Options, statics: Statics | None) -> None:
-    """Check that the method supports the options."""
     if options.calibrate and method != "pose":
         raise UsageError(f"calibration errors are estimated by --method pose only, not by {method}")
     if options.calibrate and statics is not None:

@@ -212,7 +212,6 @@ def _payload(payload: Payload) -> PayloadReport:
 
 
 def _not_observable(found: Identification) -> list[str]:
-    """Describe what is not observable."""
     sentences = []
     for k, name in enumerate(found.names[1:], 1):
         directions = found.team.relative(0, k).unobservable

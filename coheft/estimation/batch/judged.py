@@ -140,7 +140,6 @@ def _with_hidden(found: Identification, verdict: Verdict) -> Identification:
 
 
 def _what_is_hidden(hidden: Sequence[HiddenError]) -> str:
-    """Describe the worst ones."""
     mass, com, tensor = hidden[0], max(hidden[1:4], key=_STD), max(hidden[4:], key=_STD)
     return (
         f"Small faults of sensors that this recording would not show may add standard deviations of {mass.std:.2g} kg "

@@ -13,8 +13,14 @@ from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.rigid_body.mass_properties import Inertia
 
 GRAVITY = (0.0, 0.0, -9.81)
-CHANNELS = {"pose": 7, "twist": 6, "dtwist": 6, "acceleration": 3, "wrench": 6}
-"""Attributes of ``RobotRecord`` that robots may record, and their numbers of columns."""
+CHANNELS = {
+    "pose": ("x", "y", "z", "qx", "qy", "qz", "qw"),
+    "twist": ("wx", "wy", "wz", "vx", "vy", "vz"),
+    "dtwist": ("dwx", "dwy", "dwz", "dvx", "dvy", "dvz"),
+    "acceleration": ("ax", "ay", "az"),
+    "wrench": ("fx", "fy", "fz", "mx", "my", "mz"),
+}
+"""Attributes of ``RobotRecord`` that robots may record, and names of their columns."""
 _TIME_TOLERANCE = 1e-3
 """Largest deviation of times from a regular grid, as a share of the sampling period."""
 _UNIT = 1e-3
@@ -181,7 +187,7 @@ def _advice(time: Array) -> str:
 def check_samples(name: str, robot: RobotRecord) -> None:
     """Check shapes and values of a robot's samples, but not their times."""
     for channel, samples in robot.channels.items():
-        expected = len(robot.time), CHANNELS[channel]
+        expected = len(robot.time), len(CHANNELS[channel])
         if samples.shape != expected:
             raise RecordingError(f"'{channel}' of {name}: found shape {samples.shape}, expected {expected}")
         if not np.isfinite(samples).all():

@@ -5,21 +5,15 @@ from collections.abc import Mapping
 import numpy as np
 
 from coheft.errors import RecordingError, one_line
-from coheft.estimation.batch.recording import RobotRecord, Truth
+from coheft.estimation.batch.recording import CHANNELS, RobotRecord, Truth
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.wire.data.times import samples_in_seconds
 
 TIME = "t"
-COLUMNS = {
-    "pose": ("x", "y", "z", "qx", "qy", "qz", "qw"),
-    "twist": ("wx", "wy", "wz", "vx", "vy", "vz"),
-    "dtwist": ("dwx", "dwy", "dwz", "dvx", "dvy", "dvz"),
-    "acceleration": ("ax", "ay", "az"),
-    "wrench": ("mx", "my", "mz", "fx", "fy", "fz"),
-}
-"""Channels of a robot and the names of their columns in CSV files."""
+COLUMNS = {**CHANNELS, "wrench": ("mx", "my", "mz", "fx", "fy", "fz")}
+"""Channels of a robot and the names of their columns in CSV files, in which the torque comes first."""
 TRUTH = "truth"
 _LEAST_GRAVITY, _MOST_GRAVITY = 1.5, 30.0
 """Range of gravity on planets and moons [m/s²]."""

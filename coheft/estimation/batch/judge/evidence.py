@@ -63,8 +63,7 @@ class Evidence:
     @classmethod
     def of_poses(cls, recording: Recording, signals: Signals, cutoff: float, grasps: HandEye) -> Self:
         """Use grasps that were fitted to poses."""
-        highest = HIGHEST * recording.rate
-        if cutoff > highest:
+        if cutoff > (highest := HIGHEST * recording.rate):
             signals, cutoff = signals_of(recording, highest), highest
         return cls(recording, signals, cutoff, grasps.team, grasps.homes, suspicions_about(grasps))
 

@@ -91,7 +91,7 @@ def _rotated(wrench: Array, rotations: Array, halves: Sequence[float] | Array = 
 
 def _earlier(samples: Array, time: Array, delay: float) -> Array:
     """Shift samples (n, width) to an earlier time by ``delay`` [s]; at the ends, repeat the last one."""
-    is_pose = samples.shape[1] == CHANNELS["pose"]
+    is_pose = samples.shape[1] == len(CHANNELS["pose"])
     if is_pose:
         samples = without_jumps(samples)
     moved = np.stack([np.interp(time + delay, time, column) for column in samples.T], axis=-1)

@@ -6,7 +6,7 @@ import numpy as np
 
 from coheft.estimation.batch.judge.band import white_level
 from coheft.estimation.batch.judge.verdict import Cause, Verdict
-from coheft.estimation.batch.recording import Recording
+from coheft.estimation.batch.recording import CHANNELS, Recording
 from coheft.estimation.geometry.spatial import Array
 
 _NOISE_ALONE = 2.5
@@ -15,9 +15,8 @@ _SPIKE, _USUAL = 8.0, 0.1
 """Jumps of single samples, in multiples of the median second difference, at least this share of its deviation."""
 _MATTERS = 0.001
 """Share of all forces that jumps have to make up."""
-FORCES, MOMENTS = ("fx", "fy", "fz"), ("mx", "my", "mz")
-AXES = FORCES + MOMENTS
-_MOTION_AXES = {"twist": ("wx", "wy", "wz", "vx", "vy", "vz"), "acceleration": ("ax", "ay", "az")}
+AXES = CHANNELS["wrench"]
+FORCES, MOMENTS = AXES[:3], AXES[3:]
 _MOTIONS = (
     ("pose", slice(0, 7), "poses", 0.005),
     ("twist", slice(0, 3), "angular velocities", 0.05),
@@ -54,12 +53,12 @@ def stuck_motion(recording: Recording) -> Verdict | None:
             meanwhile = np.linalg.norm(np.ptp(samples[:, first : first + count, :3], axis=1), axis=1)
             if count > recording.rate and meanwhile.max() > least:
                 return _stuck(recording, name, what, first, count)
-    for channel, axes in _MOTION_AXES.items():
+    for channel in ("twist", "acceleration"):
         if recording.has(channel):
             constant = np.ptp(recording.stacked(channel), axis=1) == 0.0
             robots = np.flatnonzero(constant.any(axis=1))
             if len(robots) == 1:
-                return _constant(recording.names[robots[0]], np.array(axes)[constant[robots[0]]])
+                return _constant(recording.names[robots[0]], np.array(CHANNELS[channel])[constant[robots[0]]])
     return None
 
 
