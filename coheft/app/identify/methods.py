@@ -1,18 +1,19 @@
 """Choice of a method for a recording, and calls of all methods."""
 
 from dataclasses import asdict, replace
+from functools import partial
 
 import numpy as np
 
 from coheft.app.identify.choices import Bounds, Method, Options
 from coheft.errors import RecordingError, UsageError
 from coheft.estimation.batch.calibration import Tolerances
-from coheft.estimation.batch.fast_motion import cutoff_for
 from coheft.estimation.batch.identification import Identification
 from coheft.estimation.batch.identify import identify_batch, identify_with_instruments
 from coheft.estimation.batch.identify_poses import identify_poses
 from coheft.estimation.batch.identify_sensors import identify_sensors
 from coheft.estimation.batch.identify_statics import identify_statics, with_statics
+from coheft.estimation.batch.judge.band import cutoff_for
 from coheft.estimation.batch.judged import judged
 from coheft.estimation.batch.recording import Recording
 from coheft.estimation.batch.signals import CUTOFF, PAPER_CUTOFF
@@ -58,17 +59,12 @@ def identify(recording: Recording, options: Options = _BEST, statics: Statics | 
     """
     method = options.method or suitable(recording)
     _check(method, options, statics)
-    given = options.cutoff
-
-    def fit(recorded: Recording) -> Identification:
-        return fitted(recorded, method, options, statics)
-
     try:
         if method == "static":
-            return fit(recording)
-        cutoff = given or cutoff_for(recording)
-        if method != "batch":  # the cutoff of the paper
-            options = replace(options, cutoff=cutoff)
+            return fitted(recording, method, options, statics)
+        cutoff = options.cutoff or cutoff_for(recording)
+        used = options if method == "batch" else replace(options, cutoff=cutoff)  # or the cutoff of the paper
+        fit = partial(fitted, method=method, options=used, statics=statics)
         found = judged(recording, fit, cutoff, options.assume)
     except (np.linalg.LinAlgError, ArithmeticError) as error:
         raise RecordingError(
@@ -76,7 +72,7 @@ def identify(recording: Recording, options: Options = _BEST, statics: Statics | 
             f"all the time, or is 'noise' far from what the sensors have? Choose a part in which the load moves with "
             f"--from and --to, or another method"
         ) from error
-    if given is not None or cutoff == CUTOFF:
+    if options.cutoff is not None or cutoff == CUTOFF:
         return found
     remark = f"The motion is fast: filters have a cutoff of {cutoff:g} Hz instead of {CUTOFF:g} Hz."
     return replace(found, remarks=(*found.remarks, remark))

@@ -12,11 +12,10 @@ from coheft.estimation.batch.inertia_fit import LinearFit, bias_of_tensor, fit_p
 from coheft.estimation.batch.pairs import expected_bias, grasps_from_twists
 from coheft.estimation.batch.payload import hidden_covariance, make_payload, of_central_numbers
 from coheft.estimation.batch.plausibility import plausible_signals
-from coheft.estimation.batch.pose_differences import derivative_by_poses, turned_covariance
 from coheft.estimation.batch.recording import Recording
 from coheft.estimation.batch.signals import CUTOFF, PAPER_CUTOFF, Signals
 from coheft.estimation.batch.statics import Statics
-from coheft.estimation.batch.team_poses import TeamPoses
+from coheft.estimation.batch.team_poses import TeamPoses, derivative_by_poses, turned_covariance
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.rigid_body.derivatives import central_derivative
 from coheft.estimation.rigid_body.mass_properties import Inertia

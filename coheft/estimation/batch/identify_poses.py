@@ -18,11 +18,10 @@ from coheft.estimation.batch.judge.evidence import POSES_PER_SECOND, Evidence, s
 from coheft.estimation.batch.pairs import grasps_from_twists
 from coheft.estimation.batch.payload import make_payload, of_central_numbers
 from coheft.estimation.batch.plausibility import plausible_signals
-from coheft.estimation.batch.pose_differences import derivative_by_poses, turned_covariance
 from coheft.estimation.batch.recording import Recording, RobotRecord
 from coheft.estimation.batch.signals import CUTOFF, EDGE, Signals, signals_of
 from coheft.estimation.batch.statistics import SPAN
-from coheft.estimation.batch.team_poses import TeamPoses
+from coheft.estimation.batch.team_poses import TeamPoses, derivative_by_poses, turned_covariance
 from coheft.estimation.batch.wrist_poses import LARGEST_TILT, WristPoses
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.rigid_body.derivatives import central_derivative, seen_inertia_derivative

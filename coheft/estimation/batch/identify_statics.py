@@ -14,9 +14,8 @@ from coheft.estimation.batch.identification import Identification, unsettled
 from coheft.estimation.batch.pairs import kabsch
 from coheft.estimation.batch.payload import hidden_covariance, make_payload, of_central_numbers
 from coheft.estimation.batch.plausibility import check_weight
-from coheft.estimation.batch.pose_differences import derivative_by_poses
 from coheft.estimation.batch.statics import Statics
-from coheft.estimation.batch.team_poses import TeamPoses
+from coheft.estimation.batch.team_poses import TeamPoses, derivative_by_poses
 from coheft.estimation.batch.wrist_poses import WristPoses
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.linear_algebra import positive_part

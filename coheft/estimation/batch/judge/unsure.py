@@ -8,7 +8,7 @@ from coheft.estimation.batch.body import body_motions, regressor, total_wrench
 from coheft.estimation.batch.calibrated_fit import force_columns
 from coheft.estimation.batch.calibration import Tolerances
 from coheft.estimation.batch.judge.evidence import Evidence
-from coheft.estimation.batch.pose_differences import derivative_by_poses
+from coheft.estimation.batch.team_poses import derivative_by_poses
 from coheft.estimation.geometry.body_motion import BODY_A
 from coheft.estimation.geometry.spatial import Array, Pose, skew
 
