@@ -15,9 +15,9 @@ from coheft.app.identify.choices import Options
 from coheft.app.identify.evaluate import read_holds
 from coheft.app.identify.methods import identify
 from coheft.errors import RecordingError
+from coheft.estimation.batch.holds import Statics
 from coheft.estimation.batch.identify_statics import identify_statics
 from coheft.estimation.batch.recording import Recording, RobotRecord
-from coheft.estimation.batch.statics import Statics
 from coheft.estimation.geometry.spatial import Array
 from coheft.wire.data.checks import COLUMNS
 from coheft.wire.data.file import write_recording

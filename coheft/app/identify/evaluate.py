@@ -11,9 +11,9 @@ import numpy.typing as npt
 from coheft.app.identify.choices import Bounds, Options
 from coheft.app.identify.methods import identify, part_of
 from coheft.errors import RecordingError, UsageError, recording_errors
+from coheft.estimation.batch.holds import Statics
 from coheft.estimation.batch.identification import Identification
 from coheft.estimation.batch.recording import Recording
-from coheft.estimation.batch.statics import Statics
 from coheft.wire.data.file import read_recording, recording_of
 from coheft.wire.data.statics import read_statics, statics_of
 

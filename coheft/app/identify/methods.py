@@ -8,6 +8,7 @@ import numpy as np
 from coheft.app.identify.choices import Bounds, Method, Options
 from coheft.errors import RecordingError, UsageError
 from coheft.estimation.batch.calibration import Tolerances
+from coheft.estimation.batch.holds import Statics
 from coheft.estimation.batch.identification import Identification
 from coheft.estimation.batch.identify import identify_batch, identify_with_instruments
 from coheft.estimation.batch.identify_poses import identify_poses
@@ -17,7 +18,6 @@ from coheft.estimation.batch.judge.band import cutoff_for
 from coheft.estimation.batch.judged import judged
 from coheft.estimation.batch.recording import Recording
 from coheft.estimation.batch.signals import CUTOFF, PAPER_CUTOFF
-from coheft.estimation.batch.statics import Statics
 
 _BEST = Options()
 

@@ -64,9 +64,6 @@ class Stream:
 def aligned(streams: Mapping[str, Mapping[str, Stream]]) -> tuple[dict[str, RobotRecord], list[str]]:
     """Resample all sensors at the rate of the slowest one, by splines, within the longest part without gaps.
 
-    Args:
-        streams: Streams by robot and channel (an attribute of ``RobotRecord``).
-
     Returns:
         The robots, all with the same times, and remarks on what was changed.
     """

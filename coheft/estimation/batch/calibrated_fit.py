@@ -90,12 +90,8 @@ def fit_calibrated(
 ) -> CalibratedFit:
     """Fit inertia and calibration errors, each robot's motion with the others' as instruments.
 
-    Args:
-        signals: Signals with rotations.
-        poses: Poses of the grasp frames in the body frame, in measured lengths.
-        tolerances: Tolerances of the calibration errors.
-        gravity: Gravity in the home frames, shape (3,) [m/s²].
-        start: A fit with nearly the same poses, from which one step is taken, with the same weights.
+    Signals have rotations; ``poses`` are those of the grasp frames in the body frame, in measured lengths. ``start`` is a
+    fit with nearly the same poses, from which one step is taken, with the same weights.
     """
     assert signals.rotation is not None  # derived from poses
     count = len(poses)

@@ -68,12 +68,8 @@ def bias_of_tensor(motions: Array, wrench: Array, com: Array, rate: float, tenso
     follows from how much robots disagree. Unlike the difference from an unbiased fit, it hardly has noise of its own.
     The covariance is that about the expectation: residuals of the biased fit would count the bias as noise.
 
-    Args:
-        motions: Motion of the first robot's frame as each robot predicts it, shape (N, n, 12), N at least 2.
-        wrench: Total wrench about its origin, shape (n, 6).
-        com: ``h``, shape (3,).
-        rate: Samples per second.
-        tensor: ``J`` packed, the solution of ``fit_tensor``, shape (6,).
+    Motions (N, n, 12) of the first robot's frame are as each robot predicts them; ``tensor`` (6,) is the solution of
+    ``fit_tensor``, for the first one.
     """
     regressors = np.array([euler_regressor(motion[:, BODY_W], motion[:, BODY_ALPHA]) for motion in motions])
     own = regressors[0]
@@ -93,11 +89,8 @@ def bias_of_tensor(motions: Array, wrench: Array, com: Array, rate: float, tenso
 def fit_parameters(motions: Array, wrench: Array, rate: float, weight: Array | None = None) -> LinearFit:
     """Fit ``theta = (m, m h, I_o)``, u = 10, to motion and gravity, each robot with the others as instruments.
 
-    Args:
-        motions: Motion of the body frame as each robot predicts it, shape (N, n, 12), N at least 2.
-        wrench: Total wrench about its origin, shape (n, 6).
-        rate: Samples per second.
-        weight: Weights of the wrench's components, shape (6,); None: inverse variances of their residuals.
+    Motions (N, n, 12) of the body frame are as each robot predicts them. Without weights (6,) of the components of the
+    total wrench (n, 6) these are the inverse variances of their residuals.
     """
     regressors = np.array([regressor(motion) for motion in motions])
     instruments = others(regressors)
@@ -161,10 +154,8 @@ def _inverse_and_hidden(matrix: Array, is_held: npt.NDArray[np.bool_], least: fl
 
     Products of different robots' signals may make it indefinite, but sums over all pairs of robots keep it symmetric.
 
-    Args:
-        matrix: Information of the data and of the prior.
-        is_held: Which unknowns have a prior, shape (u,): these are scaled individually, the others together.
-        least: Information on the others below which it is rounding.
+    Unknowns that have a prior, where ``is_held`` (u,), are scaled individually, the others together; less information
+    on these than ``least`` is rounding.
     """
     sizes = np.abs(np.diag(matrix))
     largest = max(float(sizes[~is_held].max()), least)

@@ -36,14 +36,7 @@ def judged(
 ) -> Identification:
     """Identify with any method, and judge the recording.
 
-    Args:
-        recording: The recording.
-        fit: The method.
-        cutoff: Cutoff of the judge's filter [Hz].
-        assume: A fault, named as in verdicts, for which the recording is corrected first.
-
-    Raises:
-        RecordingError: The method cannot identify the load, or the assumed fault does not explain the recording.
+    ``assume`` is a fault, named as in verdicts, for which the recording is corrected first; it has to explain it.
     """
     found = _judged_once(recording, fit, cutoff, assume)
     if assume is None:

@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from coheft.errors import RecordingError, one_line
+from coheft.estimation.batch.holds import Statics
 from coheft.estimation.batch.recording import GRAVITY, Recording, check_samples
 from coheft.estimation.batch.signals import turns
-from coheft.estimation.batch.statics import Statics
 from coheft.estimation.geometry.spatial import Array
 from coheft.wire.data.checks import TIME, record_at
 from coheft.wire.data.file import channels_in, load_arrays, read_recording, recording_of
