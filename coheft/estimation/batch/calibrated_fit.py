@@ -90,7 +90,7 @@ def fit_calibrated(
 ) -> CalibratedFit:
     """Fit inertia and calibration errors, each robot's motion with the others' as instruments.
 
-    Signals have rotations; ``poses`` are those of the grasp frames in the body frame, in measured lengths. ``start`` is a
+    Signals have rotations; ``poses`` of grasp frames are in the body frame and in measured lengths. ``start`` is a
     fit with nearly the same poses, from which one step is taken, with the same weights.
     """
     assert signals.rotation is not None  # derived from poses
