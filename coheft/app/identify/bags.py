@@ -107,7 +107,7 @@ class Bag:
         received: dict[str, list[int]] = {name: [] for name in names}
         values: dict[str, list[Sequence[float]]] = {name: [] for name in names}
         with _damage("it is damaged"):
-            for connection, time, data in self._reader.messages(chosen) if chosen else ():
+            for connection, time, data in self._reader.messages(chosen):
                 message = self._read(data, connection.msgtype)
                 stamps[connection.topic].append(ros.time_of(message))
                 received[connection.topic].append(time)

@@ -245,10 +245,9 @@ def _loose_loops(recording: Recording, found: Identification) -> tuple[str, ...]
 
 def _changes(recording: Recording) -> tuple[str, ...]:
     """Say if the load changed meanwhile, according to the truth."""
-    start, end = float(recording.time[0]), float(recording.time[-1])
-    if recording.truth is None or recording.truth.load_between(start, end) is not None:
-        return ()
-    times = ", ".join(f"{since:g} s" for since, _ in recording.truth.loads if start < since < end)
+    start, end = recording.time[[0, -1]]
+    loads = () if recording.truth is None else recording.truth.loads
+    times = ", ".join(f"{since:g} s" for since, _ in loads if start < since < end)
     if not times:
         return ()
     return (

@@ -131,8 +131,7 @@ def loop_errors(pairs: Mapping[tuple[int, int], UncertainPose]) -> list[LoopErro
         first, second, both = pairs[i, j], pairs[j, k], pairs[i, k]
         turn = first.pose.rotation
         error = perturbation_between(both.pose, first.pose @ second.pose)
-        by_first, by_second = np.eye(6), np.kron(np.eye(2), turn)
-        by_first[3:, :3] = -skew(turn @ second.pose.translation)
+        by_first, by_second = Pose(np.eye(3), -turn @ second.pose.translation).adjoint(), np.kron(np.eye(2), turn)
         covariance = by_first @ first.covariance @ by_first.T + by_second @ second.covariance @ by_second.T
         covariance += both.covariance
         errors.append(

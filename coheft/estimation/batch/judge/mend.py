@@ -11,7 +11,7 @@ from coheft.estimation.batch.judge.verdict import Cause, Verdict
 from coheft.estimation.batch.pose_conventions import inverse_poses
 from coheft.estimation.batch.recording import CHANNELS, Recording
 from coheft.estimation.batch.signals import without_jumps
-from coheft.estimation.geometry.spatial import Array, Pose, skew
+from coheft.estimation.geometry.spatial import Array, Pose
 
 MENDABLE = (
     *(Cause.OFFSET, Cause.DRIFT, Cause.LEVER, Cause.SCALE, Cause.FORCE_SCALE, Cause.MOMENT_SCALE, Cause.AXIS_SCALE),
@@ -37,8 +37,7 @@ def mend(recording: Recording, verdict: Verdict, poses: Sequence[Pose]) -> Recor
             own = offset @ np.linalg.inv(poses[index].adjoint()).T
             return recording.changed("wrench", lambda wrench: wrench - own, recording.names[index])
         case Cause.LEVER:
-            about = np.eye(6)
-            about[3:, :3] = -skew(value)
+            about = Pose(np.eye(3), -value).adjoint()
             return recording.changed("wrench", lambda wrench: wrench @ about.T, name)
         case Cause.SCALE | Cause.FORCE_SCALE | Cause.MOMENT_SCALE:
             factors = np.ones(6)
