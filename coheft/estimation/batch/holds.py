@@ -177,8 +177,13 @@ class Statics:
     gravity: Array
 
     @staticmethod
-    def of_samples(recording: Recording, spans: Sequence[tuple[int, int]]) -> Statics:
-        """Means of a recording's samples over holds, from first to one past last sample each."""
+    def of_recording(recording: Recording, spans: Sequence[tuple[int, int]] | None = None) -> Statics:
+        """Means of samples over holds, from first to one past last sample each; None: ``held_spans``."""
+        if spans is None and not (spans := held_spans(recording)):
+            raise RecordingError(
+                f"the load is never held still from {recording.span}: expected forces that change by less than 0.5 N "
+                f"for 6 s, or 'holds' that say when"
+            )
         pose, wrench = recording.stacked("pose"), recording.stacked("wrench")
         poses, wrenches = np.empty((len(pose), len(spans), 7)), np.empty((len(pose), len(spans), 6))
         for number, (start, end) in enumerate(spans, 1):
@@ -194,17 +199,6 @@ class Statics:
                     )
                 means[:3], means[3:] = own[:, :3].mean(axis=0), mean.as_quat()
         return Statics(recording.names, poses, wrenches, recording.gravity)
-
-    @staticmethod
-    def of_recording(recording: Recording) -> Statics:
-        """The holds of a recording: those that it names, or else those that are found."""
-        spans = held_spans(recording)
-        if not spans:
-            raise RecordingError(
-                f"the load is never held still from {recording.span}: expected forces that change by less than 0.5 N "
-                f"for 6 s, or 'holds' that say when"
-            )
-        return Statics.of_samples(recording, spans)
 
     def of(self, names: Sequence[str]) -> Statics:
         """The same holds with the robots in this order."""

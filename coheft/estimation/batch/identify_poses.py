@@ -19,7 +19,7 @@ from coheft.estimation.batch.pairs import grasps_from_twists
 from coheft.estimation.batch.payload import make_payload, of_central_numbers
 from coheft.estimation.batch.plausibility import plausible_signals
 from coheft.estimation.batch.recording import Recording, RobotRecord
-from coheft.estimation.batch.signals import CUTOFF, EDGE, Signals, signals_of
+from coheft.estimation.batch.signals import CUTOFF, EDGE, signals_of
 from coheft.estimation.batch.statistics import SPAN
 from coheft.estimation.batch.team_poses import TeamPoses, derivative_by_poses, turned_covariance
 from coheft.estimation.batch.wrist_poses import LARGEST_TILT, WristPoses
@@ -57,8 +57,12 @@ def identify_poses(
     Without ``tolerances`` of calibration errors robots are taken to be perfectly calibrated.
     """
     signals = plausible_signals(recording, cutoff)
-    if tolerances is not None:
-        _check_duration(recording, signals)
+    if tolerances is not None and len(signals.time) < SPAN * signals.rate:  # too short for independent residuals
+        raise RecordingError(
+            f"found samples from {recording.span}, of which {EDGE:g} s are dropped at both ends: too little is left to "
+            f"estimate calibration errors along. Record at least {2.0 * EDGE + SPAN:g} s, choose a longer part with "
+            f"--from and --to, or leave --calibrate out"
+        )
     wrists = WristPoses.of(recording.stacked("pose"), recording.rate, at_home=tolerances is not None)
     start, loops = grasps_from_twists(signals, with_instruments=True)
     grasps = fit_hand_eye(wrists.averaged(POSES_PER_SECOND), start.poses, tolerances)
@@ -75,16 +79,6 @@ def identify_poses(
         found = _with_calibration(recording, wrists, grasps, tolerances, cutoff)
     suspicions = (*suspicions_about(grasps), *unsettled(grasps.team))
     return replace(found, loops=tuple(loops), suspicions=(*suspicions, *found.suspicions))
-
-
-def _check_duration(recording: Recording, signals: Signals) -> None:
-    """Refuse motions that are too short for independent residuals, which determine the standard deviations."""
-    if len(signals.time) < SPAN * signals.rate:
-        raise RecordingError(
-            f"found samples from {recording.span}, of which {EDGE:g} s are dropped at both ends: too little is left to "
-            f"estimate calibration errors along. Record at least {2.0 * EDGE + SPAN:g} s, choose a longer part with "
-            f"--from and --to, or leave --calibrate out"
-        )
 
 
 def _with_calibration(

@@ -61,9 +61,7 @@ def _statics(tables: Mapping[str, Mapping[str, Array]], gravity: Array, whole: C
     for name, robot in robots.items():
         check_samples(name, robot)
     spans = _spans(tables[first].get(TIME), tables[first]["pose"], first)
-    if spans is None:
-        return Statics.of_recording(whole())
-    return Statics.of_samples(Recording(robots, gravity=gravity), spans)
+    return Statics.of_recording(whole() if spans is None else Recording(robots, gravity=gravity), spans)
 
 
 def _spans(time: Array | None, pose: Array, name: str) -> list[tuple[int, int]] | None:
