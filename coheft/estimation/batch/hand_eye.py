@@ -11,8 +11,6 @@ with the load's poses eliminated, which closes all loops. Calibration errors are
 prior.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
