@@ -85,7 +85,7 @@ def pair_pose(twist_i: Array, twist_j: Array, rate: float, instrument: Array | N
 
 
 def close_loops(count: int, pairs: Mapping[tuple[int, int], UncertainPose]) -> TeamPoses:
-    """Poses of all robots in the first one's frame, from ``pose_j_in_i`` by ``(i, j)``, of which ``(0, j)`` are all there."""
+    """Poses of all robots in the first one's frame, from ``pose_j_in_i`` by ``(i, j)``; all of ``(0, j)`` are there."""
     poses = [Pose.identity(), *(pairs[0, j].pose for j in range(1, count))]
     weights = {pair: np.linalg.inv(estimate.covariance) for pair, estimate in pairs.items()}
     for _ in range(_STEPS):
