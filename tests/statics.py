@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from coheft.estimation.batch.statics import Statics
+from coheft.estimation.batch.holds import Statics
 from coheft.estimation.geometry.spatial import Array, Pose
 
 MASS, COM = 6.0, np.array([0.1, -0.05, 0.08])

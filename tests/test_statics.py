@@ -12,12 +12,12 @@ import pytest
 from coheft.app.cli.base import EXIT_ERROR, EXIT_NOT_CONVERGED, EXIT_USAGE
 from coheft.app.cli.main import run_command_line
 from coheft.app.identify.choices import Options
-from coheft.app.identify.inputs import read_holds
+from coheft.app.identify.evaluate import read_holds
 from coheft.app.identify.methods import identify
 from coheft.errors import RecordingError
+from coheft.estimation.batch.holds import Statics
 from coheft.estimation.batch.identify_statics import identify_statics
 from coheft.estimation.batch.recording import Recording, RobotRecord
-from coheft.estimation.batch.statics import Statics
 from coheft.estimation.geometry.spatial import Array
 from coheft.wire.data.checks import COLUMNS
 from coheft.wire.data.file import write_recording

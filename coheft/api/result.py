@@ -72,7 +72,17 @@ class Result:
             import pandas
         except ImportError as error:
             raise MissingPackageError("pandas", "frame") from error
-        return pandas.concat([_table_of(name, robot) for name, robot in self.robots.items()], ignore_index=True)
+        from coheft.app.run_report.data import PAYLOAD_COLUMNS
+
+        tables = []
+        for name, robot in self.robots.items():
+            columns = {"robot": name, "time_s": robot.time, "state": robot.state, "valid": robot.valid}
+            for prefix, part in (("", "estimate"), ("true_", "truth"), ("std_", "std")):
+                mass, com, inertia = (getattr(track, part) for track in (robot.mass, robot.com, robot.inertia))
+                values = np.column_stack([mass, com, pack_symmetric(inertia)])
+                columns |= {f"{prefix}{column}": values[:, k] for k, column in enumerate(PAYLOAD_COLUMNS)}
+            tables.append(pandas.DataFrame(columns))
+        return pandas.concat(tables, ignore_index=True)
 
     def save(self, path: str | Path) -> Path:
         """Write the result to an ``.npz`` file, which ``coheft.load`` reads; return its path.
@@ -83,16 +93,3 @@ class Result:
         from coheft.api.files import save_result
 
         return save_result(self, Path(path))
-
-
-def _table_of(name: str, robot: RobotResult) -> pandas.DataFrame:
-    import pandas
-
-    from coheft.app.run_report.data import PAYLOAD_COLUMNS
-
-    columns = {"robot": name, "time_s": robot.time, "state": robot.state, "valid": robot.valid}
-    for prefix, part in (("", "estimate"), ("true_", "truth"), ("std_", "std")):
-        mass, com, inertia = (getattr(track, part) for track in (robot.mass, robot.com, robot.inertia))
-        values = np.column_stack([mass, com, pack_symmetric(inertia)])
-        columns |= {f"{prefix}{column}": values[:, k] for k, column in enumerate(PAYLOAD_COLUMNS)}
-    return pandas.DataFrame(columns)

@@ -41,7 +41,9 @@ def run(
         SimulationError: The robots have lost the payload.
         ProcessError: With ``processes``: one of them has failed.
     """
-    chosen = _chosen("coheft.run", scenario, set, duration, seed, estimator)
+    chosen = override(
+        load_scenario(scenario, set=set), duration=duration, seed=seed, estimator=estimator, origin="coheft.run"
+    )
     if processes:
         return _run_processes(chosen, restarts=3 if restarts is None else restarts)
     if restarts is not None:
@@ -69,7 +71,8 @@ def simulate(
     Raises:
         ScenarioError: There is no such scenario, or it cannot be used.
     """
-    return Simulation(_chosen("coheft.simulate", scenario, set, duration, seed, estimator))
+    loaded = load_scenario(scenario, set=set)
+    return Simulation(override(loaded, duration=duration, seed=seed, estimator=estimator, origin="coheft.simulate"))
 
 
 def _run_processes(scenario: Scenario, *, restarts: int) -> Result:
@@ -83,17 +86,3 @@ def _run_processes(scenario: Scenario, *, restarts: int) -> Result:
     folder = make_run_folder(name)
     report = launch(make_plan(scenario, run=name), folder, Display(), followers=[collector], restarts=restarts)
     return collector.result(scenario, report)
-
-
-def _chosen(
-    caller: str,
-    scenario: Source,
-    set: Mapping[str, Any] | None,
-    duration: float | None,
-    seed: int | None,
-    estimator: str | None,
-) -> Scenario:
-    loaded = load_scenario(scenario, set=set)
-    if duration is None and seed is None and estimator is None:
-        return loaded
-    return override(loaded, duration=duration, seed=seed, estimator=estimator, origin=caller)

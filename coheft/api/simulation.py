@@ -4,7 +4,6 @@ import time
 
 import msgspec
 
-from coheft.agents.agent import Outbox
 from coheft.api.collector import Collector
 from coheft.api.result import Result
 from coheft.app.names import check_link
@@ -77,7 +76,13 @@ class Simulation:
                 name: [message for message in messages if frozenset((name, message.sender)) not in self._cut]
                 for name, messages in self._team.heard().items()
             }
-            self._keep(result.truth, self._team.answer(measured(result), received))
+            outboxes = self._team.answer(measured(result), received).values()
+            self.truth = result.truth
+            estimates = [outbox.estimate for outbox in outboxes if outbox.estimate is not None]
+            all_news: list[News] = [result.truth, *estimates, *(each for outbox in outboxes for each in outbox.beside)]
+            for news in all_news:
+                self._record.receive(news)
+                self._collector.receive(news)
 
     def run_until(self, time: float) -> None:
         """Advance until this time [s]."""
@@ -150,16 +155,6 @@ class Simulation:
             raise CoheftError("there is no result before all robots have published estimates: call step() first")
         pace = self.time / max(1e-9, time.monotonic() - self._began)
         report = msgspec.structs.replace(
-            build_report(self.scenario, self._record, real_time_factor=pace),
-            processes=1,
-            messages_per_s=0.0,
+            build_report(self.scenario, self._record, real_time_factor=pace), processes=1, messages_per_s=0.0
         )
         return self._collector.result(self.scenario, report)
-
-    def _keep(self, truth: Truth, outboxes: dict[str, Outbox]) -> None:
-        self.truth = truth
-        estimates = [outbox.estimate for outbox in outboxes.values() if outbox.estimate is not None]
-        all_news: list[News] = [truth, *estimates, *(each for outbox in outboxes.values() for each in outbox.beside)]
-        for news in all_news:
-            self._record.receive(news)
-            self._collector.receive(news)

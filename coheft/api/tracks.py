@@ -81,10 +81,7 @@ class RobotResult:
 def robot_result(judge: Judge, robot: str, kept: Sequence[tuple[Estimate, Inertia]]) -> RobotResult:
     """Collect the estimates of a robot in arrays.
 
-    Args:
-        judge: Provides the true poses.
-        robot: The robot's name.
-        kept: Its estimates in order of time, each with the true payload in the robot's frame.
+    ``kept`` has its estimates in order of time, each with the true payload in the robot's frame.
     """
     estimates = [estimate for estimate, _ in kept]
     rows = [(truth.central(), *_central(estimate.payload)) for estimate, truth in kept]

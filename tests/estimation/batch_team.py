@@ -44,7 +44,7 @@ def exact_signals(
     shares = [total - pushes.sum(axis=0), *pushes]
     wrench = np.array([share @ np.linalg.inv(pose.adjoint()).T for share, pose in zip(shares, poses, strict=True)])
     alpha = np.array([motion[:, 9:] @ pose.rotation for pose in poses])
-    return Signals(time, own[..., :3], own[..., 3:6], alpha, own[..., 6:9], wrench, None)
+    return Signals(time, own[..., :3], own[..., 3:6], alpha, own[..., 6:9], own[..., 6:9], wrench, None)
 
 
 def with_noise(rng: np.random.Generator, signals: Signals, w: float, v: float, alpha: float, a: float) -> Signals:
@@ -75,7 +75,6 @@ def sliding(seconds: float = 20.0) -> Array:
 
 def sensors_recording(rng: np.random.Generator, signals: Signals, noise: SensorNoise) -> Recording:
     """What sensors with white noise record of exact signals."""
-    assert signals.wrench is not None
     robots = {}
     for k, wrench in enumerate(signals.wrench):
         own = np.hstack([signals.w[k], signals.v[k], signals.a[k], wrench])
@@ -87,7 +86,7 @@ def sensors_recording(rng: np.random.Generator, signals: Signals, noise: SensorN
 
 
 def moving_recording(rng: np.random.Generator, poses: tuple[Pose, ...], seconds: float = 20.0) -> Recording:
-    """Exact poses of robots in home frames that stand anywhere.
+    """Exact poses of robots in home frames that stand anywhere; they exert nothing.
 
     World and load are the home and the grasp frame of the first robot.
     """
@@ -103,7 +102,8 @@ def moving_recording(rng: np.random.Generator, poses: tuple[Pose, ...], seconds:
         home = Pose.identity() if k == 0 else Pose(yaw, rng.normal(size=3))
         own = home.rotation.T @ rotations @ pose.rotation
         place = (rotations @ pose.translation + positions - home.translation) @ home.rotation
-        robots[f"r{k + 1}"] = RobotRecord(time, pose=np.hstack([place, Rotation.from_matrix(own).as_quat()]))
+        pose = np.hstack([place, Rotation.from_matrix(own).as_quat()])
+        robots[f"r{k + 1}"] = RobotRecord(time, pose=pose, wrench=np.zeros((len(time), 6)))
     return Recording(robots, truth=Truth(poses, ((0.0, LOAD),)))
 
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from coheft.estimation.batch.calibrated_fit import CalibratedFit
+from coheft.estimation.batch.calibrated_fit import CalibratedFit, cut_to_bounds
 from coheft.estimation.batch.calibration import UNIFORM_BOUND, Tolerances
-from coheft.estimation.batch.calibration_bounds import cut_to_bounds
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.rigid_body.regressor import INERTIA_SIZE
 

@@ -7,8 +7,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from coheft.estimation.batch.loop_closure import close_loops, loop_errors
-from coheft.estimation.batch.pairs import expected_bias, grasps_from_twists, kabsch, pair_pose, position_between
+from coheft.estimation.batch.pairs import (
+    close_loops,
+    expected_bias,
+    grasps_from_twists,
+    kabsch,
+    loop_errors,
+    pair_pose,
+    position_between,
+)
 from coheft.estimation.geometry.body_motion import perturbation_between, perturbed
 from coheft.estimation.geometry.spatial import Array, Pose, skew
 from coheft.estimation.geometry.uncertain_pose import UncertainPose

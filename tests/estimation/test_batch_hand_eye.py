@@ -94,12 +94,12 @@ def test_derivatives_are_those_of_finite_differences(seed: int) -> None:
 
     def residual(unknowns: Array, load: Array) -> Array:
         turned = rotation_exp(load[:3]) @ rotations
-        return residuals_and_derivatives(
-            told, 0, perturbed(home, unknowns[:6]), perturbed(grasp, unknowns[6:12]), errors + unknowns[12:],
-            turned, positions + load[3:],
-        )[0]  # fmt: skip
+        homes, held = (perturbed(home, unknowns[:6]),), (perturbed(grasp, unknowns[6:12]),)
+        moved = Guess(homes, held, errors[None] + unknowns[12:], turned, positions + load[3:])
+        return residuals_and_derivatives(told, moved, 0)[0]
 
-    _, derivative, by_load = residuals_and_derivatives(told, 0, home, grasp, errors, rotations, positions)
+    guess = Guess((home,), (grasp,), errors[None], rotations, positions)
+    _, derivative, by_load = residuals_and_derivatives(told, guess, 0)
     step = 1e-6
     nothing, still = np.zeros(UNKNOWNS), np.zeros(6)
     for k, axis in enumerate(step * np.eye(UNKNOWNS)):
@@ -213,9 +213,8 @@ def test_angles_do_not_jump_at_half_a_turn() -> None:
     told = replace(measured, angles=1.01 * measured.angles)
     at = Pose(np.eye(3), np.zeros(3))
     errors = 0.01 * np.eye(POSE_ERRORS)[3]
-    residual, derivative, _ = residuals_and_derivatives(
-        told, 0, at, at, errors, measured.rotations(0), np.zeros((100, 3))
-    )
+    guess = Guess((at,), (at,), errors[None], measured.rotations(0), np.zeros((100, 3)))
+    residual, derivative, _ = residuals_and_derivatives(told, guess, 0)
     assert np.abs(residual).max() < 1e-12
     np.testing.assert_allclose(derivative[:, 0, 15], -measured.angles[0, :, 0], atol=1e-12)
 

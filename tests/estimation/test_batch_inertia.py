@@ -17,8 +17,8 @@ from coheft.estimation.batch.holds import Holds, find_holds, orientations, stati
 from coheft.estimation.batch.identify import identify_batch, parameters_fit
 from coheft.estimation.batch.inertia_fit import bias_of_tensor, fit_parameters, fit_tensor
 from coheft.estimation.batch.payload import make_payload, of_central_numbers, principal_inertia
-from coheft.estimation.batch.pose_differences import derivative_by_poses
 from coheft.estimation.batch.recording import RobotRecord
+from coheft.estimation.batch.team_poses import derivative_by_poses
 from coheft.estimation.geometry.spatial import Array, Pose, rotation_exp
 from coheft.estimation.rigid_body.mass_properties import Inertia, pack_symmetric
 from tests.estimation.batch_team import LOAD, RATE, exact_signals, grasps, moving_recording, with_noise
@@ -55,12 +55,12 @@ def test_both_fits_are_exact_without_noise(count: int) -> None:
     np.testing.assert_allclose(parameters_fit(signals, team)[0], LOAD.central(), atol=1e-8)
 
 
-def test_one_robot_has_no_instruments() -> None:
+def test_wrenches_that_cancel_are_refused() -> None:
     rng = np.random.default_rng(1)
-    team = grasps(rng, 1)
-    signals = exact_signals(rng, team)
-    with pytest.raises(ValueError, match="found 1 view, expected at least 2"):
-        fit_parameters(body_motions(signals, team), total_wrench(signals.wrench, team), RATE)
+    team = grasps(rng)
+    motions = body_motions(exact_signals(rng, team), team)
+    with pytest.raises(RecordingError, match="wrenches of all robots cancel all the time"):
+        fit_parameters(motions, np.zeros((motions.shape[1], 6)), RATE)
 
 
 def test_instruments_remove_the_bias_of_inertia() -> None:

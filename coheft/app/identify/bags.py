@@ -5,8 +5,9 @@ Needs the packages of the extra ``record``.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
-from contextlib import ExitStack
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,19 +26,6 @@ from coheft.estimation.geometry.spatial import Array
 from coheft.wire.process.log import LOG
 
 
-@dataclass(frozen=True)
-class Kind:
-    """A type of messages with measurements.
-
-    Attributes:
-        channel: The attribute of ``RobotRecord`` for them.
-        numbers: Returns the numbers of a message, in the order of that attribute.
-    """
-
-    channel: str
-    numbers: Callable[[Any], Sequence[float]]
-
-
 def _pose(pose: Any) -> tuple[float, ...]:
     return *ros.xyz(pose.position), *ros.xyz(pose.orientation), pose.orientation.w
 
@@ -50,19 +38,20 @@ _OUT_OF_ORDER = 5 * 10**8
 """Largest step back of stamps, of messages that have overtaken others [ns]."""
 IN_PLACE_OF_POSES = frozenset({"nav_msgs/msg/Odometry", "sensor_msgs/msg/Imu"})
 """Types that are used, unless ``--topics`` names them, only of robots without poses of other types."""
-KINDS = {
-    "geometry_msgs/msg/WrenchStamped": Kind("wrench", ros.wrench_in),
-    "geometry_msgs/msg/PoseStamped": Kind("pose", lambda m: _pose(m.pose)),
-    "geometry_msgs/msg/PoseWithCovarianceStamped": Kind("pose", lambda m: _pose(m.pose.pose)),
-    "geometry_msgs/msg/TransformStamped": Kind(
-        "pose", lambda m: (*ros.xyz(m.transform.translation), *ros.xyz(m.transform.rotation), m.transform.rotation.w)
+KINDS: dict[str, tuple[str, Callable[[Any], Sequence[float]]]] = {
+    "geometry_msgs/msg/WrenchStamped": ("wrench", ros.wrench_in),
+    "geometry_msgs/msg/PoseStamped": ("pose", lambda m: _pose(m.pose)),
+    "geometry_msgs/msg/PoseWithCovarianceStamped": ("pose", lambda m: _pose(m.pose.pose)),
+    "geometry_msgs/msg/TransformStamped": (
+        "pose",
+        lambda m: (*ros.xyz(m.transform.translation), *ros.xyz(m.transform.rotation), m.transform.rotation.w),
     ),
-    "geometry_msgs/msg/TwistStamped": Kind("twist", ros.twist_in),
-    "nav_msgs/msg/Odometry": Kind("pose", lambda m: _pose(m.pose.pose)),
-    "sensor_msgs/msg/Imu": Kind("acceleration", lambda m: ros.xyz(m.linear_acceleration)),
-    "geometry_msgs/msg/AccelStamped": Kind("acceleration", ros.acceleration_in),
+    "geometry_msgs/msg/TwistStamped": ("twist", ros.twist_in),
+    "nav_msgs/msg/Odometry": ("pose", lambda m: _pose(m.pose.pose)),
+    "sensor_msgs/msg/Imu": ("acceleration", lambda m: ros.xyz(m.linear_acceleration)),
+    "geometry_msgs/msg/AccelStamped": ("acceleration", ros.acceleration_in),
 }
-"""Kinds by names of types."""
+"""By type of messages, the channel of ``RobotRecord`` that they measure, and its numbers in a message."""
 
 
 @dataclass(frozen=True)
@@ -80,79 +69,68 @@ class BagTopic:
 
 
 class Bag:
-    """An open file or folder of messages; use it as a context manager.
+    """An open file or folder of messages.
 
     Attributes:
         topics: All topics in it.
-
-    Raises:
-        RecordingError: It cannot be read.
     """
 
-    def __init__(self, path: Path) -> None:
-        self.topics: tuple[BagTopic, ...] = ()
-        self._path = path
-        self._is_ros1 = path.suffix == ".bag"
-        self._reader: Any = None
-        self._stack = ExitStack()
+    def __init__(self, reader: Any, *, is_ros1: bool) -> None:
+        self._reader = reader
+        self._read = get_typestore(Stores.ROS1_NOETIC).deserialize_ros1 if is_ros1 else ros.from_cdr
+        counts: Counter[tuple[str, str]] = Counter()
+        for each in reader.connections:
+            counts[each.topic, each.msgtype] += each.msgcount
+        self.topics = tuple(BagTopic(*key, count) for key, count in sorted(counts.items()))
 
-    def __enter__(self) -> Bag:
-        if self._path.suffix == ".mcap":
-            with self._path.open("rb") as file:
+    @classmethod
+    @contextmanager
+    def open(cls, path: Path) -> Iterator[Bag]:
+        """Open a file, or the folder of a bag."""
+        if path.suffix == ".mcap":
+            with path.open("rb") as file:
                 if not is_finished(file):
                     raise RecordingError(
                         f"it is not complete: its writer was killed, or is still writing. Save what it contains with: "
-                        f"coheft recover {self._path}"
+                        f"coheft recover {path}"
                     )
-        try:
-            self._reader = Ros1Reader(self._path) if self._is_ros1 else Ros2Reader(self._path)
-            self._stack.enter_context(self._reader)
-            counts: dict[tuple[str, str], int] = {}
-            for each in self._reader.connections:
-                counts[each.topic, each.msgtype] = counts.get((each.topic, each.msgtype), 0) + each.msgcount
-        except OSError:
-            raise
-        except Exception as error:  # the libraries raise many kinds of errors for damaged files
-            raise RecordingError(f"cannot be read as a recording of topics: {one_line(str(error))}") from error
-        self.topics = tuple(BagTopic(*key, count) for key, count in sorted(counts.items()))
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._stack.close()
+        is_ros1 = path.suffix == ".bag"
+        with ExitStack() as stack:
+            with _damage("cannot be read as a recording of topics"):
+                bag = cls(stack.enter_context(Ros1Reader(path) if is_ros1 else Ros2Reader(path)), is_ros1=is_ros1)
+            yield bag
 
     def streams(self, names: Collection[str]) -> dict[str, Stream]:
-        """Read topics whose types are in ``KINDS``, with the times in the headers.
-
-        Raises:
-            RecordingError: The file is damaged, or messages are not valid.
-        """
+        """Read topics whose types are in ``KINDS``, with the times in the headers."""
         chosen = [each for each in self._reader.connections if each.topic in names and each.msgtype in KINDS]
         stamps: dict[str, list[int]] = {name: [] for name in names}
         received: dict[str, list[int]] = {name: [] for name in names}
         values: dict[str, list[Sequence[float]]] = {name: [] for name in names}
-        read = get_typestore(Stores.ROS1_NOETIC).deserialize_ros1 if self._is_ros1 else ros.from_cdr
-        try:
-            for connection, time, data in self._reader.messages(chosen) if chosen else ():
-                message = read(data, connection.msgtype)
+        with _damage("it is damaged"):
+            for connection, time, data in self._reader.messages(chosen):
+                message = self._read(data, connection.msgtype)
                 stamps[connection.topic].append(ros.time_of(message))
                 received[connection.topic].append(time)
-                values[connection.topic].append(KINDS[connection.msgtype].numbers(message))
-        except OSError:
-            raise
-        except Exception as error:  # as above
-            raise RecordingError(f"it is damaged: {one_line(str(error))}") from error
+                values[connection.topic].append(KINDS[connection.msgtype][1](message))
         return {
             name: _stream(name, stamps[name], received[name], np.array(values[name], dtype=np.float64))
             for name in names
         }
 
 
-def _check_stamps(name: str, stamps: list[int], received: list[int]) -> None:
-    """Check that stamps are times of measurements.
+@contextmanager
+def _damage(failure: str) -> Iterator[None]:
+    """Raise ``RecordingError`` for damaged files, for which the libraries raise many kinds of errors."""
+    try:
+        yield
+    except OSError:
+        raise
+    except Exception as error:
+        raise RecordingError(f"{failure}: {one_line(str(error))}") from error
 
-    Raises:
-        RecordingError: They stand still, lack nanoseconds, or are in another unit.
-    """
+
+def _check_stamps(name: str, stamps: list[int], received: list[int]) -> None:
+    """Check that stamps are times of measurements."""
     stamps, received = stamps[:_LOOKED_AT], received[:_LOOKED_AT]
     pace = Pace()
     for stamp, arrival in zip(stamps, received, strict=True):
@@ -167,11 +145,7 @@ def _check_stamps(name: str, stamps: list[int], received: list[int]) -> None:
 
 
 def _stream(name: str, stamps: list[int], received: list[int], values: Array) -> Stream:
-    """The messages of a topic in the order of their stamps, without duplicates.
-
-    Raises:
-        RecordingError: A number is not finite, or some stamps are missing.
-    """
+    """The messages of a topic in the order of their stamps, without duplicates."""
     time = np.array(stamps, dtype=np.int64)
     zeros = int(np.count_nonzero(time == 0))
     if zeros > 1:

@@ -28,19 +28,7 @@ class Bounds:
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """How to evaluate a recording; ``coheft identify`` and ``coheft.identify`` use the same names.
-
-    Attributes:
-        method: By default the best one that the recording allows.
-        calibrate: Whether to estimate calibration errors of the robots as well (method ``pose``).
-        bounds: With ``calibrate``: bounds of the calibration errors.
-        from_: Ignore everything before this time [s].
-        to: Ignore everything after this time [s].
-        cutoff: Cutoff of the low-pass filter [Hz].
-        topics: Topics of each robot in an MCAP file or a bag, as ``ROBOT=TOPIC``.
-        holds: Recording of the same load held still in several orientations by the same robots.
-        assume: Correct the recording for this fault first, named as in the verdict.
-    """
+    """How to evaluate a recording; ``coheft.identify`` describes them, ``coheft identify`` has the same names."""
 
     method: Method | None = None
     calibrate: bool = False

@@ -1,26 +1,30 @@
-"""Identification of a load from a recording in a file or in arrays, for the command and the Python interface."""
+"""Identification of a load from any recording, in files or in arrays, for the command and the Python interface."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from importlib import import_module
 from math import inf
 from pathlib import Path
 
 import numpy.typing as npt
 
 from coheft.app.identify.choices import Bounds, Options
-from coheft.app.identify.inputs import read_any, read_holds
 from coheft.app.identify.methods import identify, part_of
-from coheft.errors import UsageError, recording_errors
+from coheft.errors import RecordingError, UsageError, recording_errors
+from coheft.estimation.batch.holds import Statics
 from coheft.estimation.batch.identification import Identification
 from coheft.estimation.batch.recording import Recording
-from coheft.estimation.batch.statics import Statics
-from coheft.wire.data.file import recording_of
-from coheft.wire.data.statics import statics_of
+from coheft.wire.data.file import read_recording, recording_of
+from coheft.wire.data.statics import read_statics, statics_of
 
 ARRAYS = "arrays"
 """Name of a recording without a file, in errors and reports."""
 _MOST = {"misalignment_deg": 90.0, "force_offset": inf}
 """Limits of bounds [degrees, N]; those of scales are less than 1."""
+_OF_TOPICS = (".mcap", ".bag", ".db3")
+_TABLES = ".csv"
+_METADATA = "metadata.yaml"
+"""File in each bag of ROS 2, which is a folder."""
 
 
 def evaluate(recording: Path | Mapping[str, npt.ArrayLike], options: Options) -> tuple[Recording, Identification]:
@@ -59,3 +63,49 @@ def evaluate(recording: Path | Mapping[str, npt.ArrayLike], options: Options) ->
     with recording_errors(ARRAYS if isinstance(recording, Mapping) else recording):
         recorded = part_of(recorded, options.from_, options.to)
         return recorded, identify(recorded, options, statics)
+
+
+def read_any(path: Path, topics: Sequence[str] = ()) -> Recording:
+    """Read a recording: ``.npz``, a folder of CSV files, an MCAP file, or a bag of ROS.
+
+    ``topics`` names topics of each robot, as ``ROBOT=TOPIC``; without it, the topics' names tell.
+
+    Raises:
+        RecordingError: It cannot be read or used; the message says why.
+        UsageError: Topics are given for a file that has none.
+        MissingPackageError: The packages for reading topics are not installed.
+    """
+    if _is_of_topics(path):
+        import_module("coheft.app.recording")  # raises MissingPackageError
+        from coheft.app.identify.topics import read_topics
+
+        return read_topics(path, topics)
+    bags = sorted(file for file in path.iterdir() if file.suffix in _OF_TOPICS) if path.is_dir() else []
+    if bags:
+        raise RecordingError(f"{path}: a bag without {_METADATA}: name its file instead, {bags[0]}")
+    if topics:
+        raise UsageError(
+            f"--topics chooses among those of an MCAP file or a bag of ROS, but {path} is none: leave it out"
+        )
+    return read_recording(path)
+
+
+def read_holds(path: Path, names: Sequence[str] | None = None) -> Statics:
+    """Read holds that were recorded separately, from any recording, or from a file with a line for each hold.
+
+    ``names`` are the expected robots in their order; None for any.
+    """
+    with recording_errors(path):
+        statics = Statics.of_recording(read_any(path)) if _is_of_topics(path) else read_statics(path)
+        return statics if names is None else statics.of(names)
+
+
+def files_of(path: Path) -> list[Path]:
+    """The files of a recording, which must not be overwritten."""
+    if not path.is_dir():
+        return [path]
+    return [file for file in path.iterdir() if file.suffix.lower() in (*_OF_TOPICS, _TABLES) or file.name == _METADATA]
+
+
+def _is_of_topics(path: Path) -> bool:
+    return path.suffix in _OF_TOPICS or (path / _METADATA).is_file()

@@ -1,22 +1,23 @@
 """Choice of a method for a recording, and calls of all methods."""
 
 from dataclasses import asdict, replace
+from functools import partial
 
 import numpy as np
 
 from coheft.app.identify.choices import Bounds, Method, Options
 from coheft.errors import RecordingError, UsageError
 from coheft.estimation.batch.calibration import Tolerances
-from coheft.estimation.batch.fast_motion import cutoff_for
+from coheft.estimation.batch.holds import Statics
 from coheft.estimation.batch.identification import Identification
 from coheft.estimation.batch.identify import identify_batch, identify_with_instruments
 from coheft.estimation.batch.identify_poses import identify_poses
-from coheft.estimation.batch.identify_sensors import SUITABLE_NOISE, identify_sensors
+from coheft.estimation.batch.identify_sensors import identify_sensors
 from coheft.estimation.batch.identify_statics import identify_statics, with_statics
+from coheft.estimation.batch.judge.band import cutoff_for
 from coheft.estimation.batch.judged import judged
 from coheft.estimation.batch.recording import Recording
 from coheft.estimation.batch.signals import CUTOFF, PAPER_CUTOFF
-from coheft.estimation.batch.statics import Statics
 
 _BEST = Options()
 
@@ -50,10 +51,7 @@ def part_of(recording: Recording, start: float | None, end: float | None) -> Rec
 def identify(recording: Recording, options: Options = _BEST, statics: Statics | None = None) -> Identification:
     """Identify the load, and judge the recording.
 
-    Args:
-        recording: The recording.
-        options: The options; without a method, the most suitable one is used.
-        statics: Holds of the same robots that were recorded separately.
+    ``statics`` are holds of the same robots that were recorded separately.
 
     Raises:
         RecordingError: The recording lacks what the method needs, or its numbers make the computation fail.
@@ -61,17 +59,12 @@ def identify(recording: Recording, options: Options = _BEST, statics: Statics | 
     """
     method = options.method or suitable(recording)
     _check(method, options, statics)
-    given = options.cutoff
-
-    def fit(recorded: Recording) -> Identification:
-        return fitted(recorded, method, options, statics)
-
     try:
         if method == "static":
-            return fit(recording)
-        cutoff = given or cutoff_for(recording)
-        if method != "batch":  # the cutoff of the paper
-            options = replace(options, cutoff=cutoff)
+            return fitted(recording, method, options, statics)
+        cutoff = options.cutoff or cutoff_for(recording)
+        used = options if method == "batch" else replace(options, cutoff=cutoff)  # or the cutoff of the paper
+        fit = partial(fitted, method=method, options=used, statics=statics)
         found = judged(recording, fit, cutoff, options.assume)
     except (np.linalg.LinAlgError, ArithmeticError) as error:
         raise RecordingError(
@@ -79,14 +72,13 @@ def identify(recording: Recording, options: Options = _BEST, statics: Statics | 
             f"all the time, or is 'noise' far from what the sensors have? Choose a part in which the load moves with "
             f"--from and --to, or another method"
         ) from error
-    if given is not None or cutoff == CUTOFF:
+    if options.cutoff is not None or cutoff == CUTOFF:
         return found
     remark = f"The motion is fast: filters have a cutoff of {cutoff:g} Hz instead of {CUTOFF:g} Hz."
     return replace(found, remarks=(*found.remarks, remark))
 
 
 def _check(method: Method, options: Options, statics: Statics | None) -> None:
-    """Check that the method supports the options."""
     if options.calibrate and method != "pose":
         raise UsageError(f"calibration errors are estimated by --method pose only, not by {method}")
     if options.calibrate and statics is not None:
@@ -113,7 +105,7 @@ def fitted(
             found = identify_poses(recording, tolerances, options.cutoff or CUTOFF)
         case "likelihood":
             found = identify_sensors(recording)
-            if options.method is None and found.noise_ratio > SUITABLE_NOISE:
+            if options.method is None and found.unsuitable:
                 found = _without_noise(recording, options, found)
     return found if statics is None else with_statics(found, statics)
 
@@ -124,5 +116,5 @@ def _without_noise(recording: Recording, options: Options, refuted: Identificati
         found = identify_with_instruments(recording, options.cutoff or CUTOFF)
     except RecordingError:
         return refuted
-    remark = f"{refuted.noise_words}, so that --method likelihood does not suit it."
+    remark = f"{refuted.unsuitable}, so that --method likelihood does not suit it."
     return replace(found, remarks=(*found.remarks, remark))

@@ -7,7 +7,7 @@ import numpy as np
 
 from coheft.estimation.batch.holds import orientations
 from coheft.estimation.batch.identification import CalibrationFinding, Identification
-from coheft.estimation.batch.loop_closure import LoopError
+from coheft.estimation.batch.pairs import LoopError
 from coheft.estimation.batch.payload import Payload, principal_inertia
 from coheft.estimation.batch.recording import Recording, Truth
 from coheft.estimation.geometry.body_motion import perturbation_between
@@ -212,7 +212,6 @@ def _payload(payload: Payload) -> PayloadReport:
 
 
 def _not_observable(found: Identification) -> list[str]:
-    """Describe what is not observable."""
     sentences = []
     for k, name in enumerate(found.names[1:], 1):
         directions = found.team.relative(0, k).unobservable
@@ -246,10 +245,9 @@ def _loose_loops(recording: Recording, found: Identification) -> tuple[str, ...]
 
 def _changes(recording: Recording) -> tuple[str, ...]:
     """Say if the load changed meanwhile, according to the truth."""
-    start, end = float(recording.time[0]), float(recording.time[-1])
-    if recording.truth is None or recording.truth.load_between(start, end) is not None:
-        return ()
-    times = ", ".join(f"{since:g} s" for since, _ in recording.truth.loads if start < since < end)
+    start, end = recording.time[[0, -1]]
+    loads = () if recording.truth is None else recording.truth.loads
+    times = ", ".join(f"{since:g} s" for since, _ in loads if start < since < end)
     if not times:
         return ()
     return (

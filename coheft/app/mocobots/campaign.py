@@ -1,12 +1,14 @@
 """Many simulated experiments: all configurations, with and without calibration errors, by several methods."""
 
 from collections.abc import Callable, Sequence
+from itertools import product
 from typing import Literal
 
 import msgspec
 import numpy as np
+from msgspec.structs import replace
 
-from coheft.app.identify.choices import Bounds, Method, Options
+from coheft.app.identify.choices import Method, Options
 from coheft.app.identify.methods import fitted
 from coheft.app.identify.report import load_errors, pose_errors
 from coheft.app.mocobots.paper import PAIRS, PAPER
@@ -53,13 +55,8 @@ class Mocobots(msgspec.Struct, frozen=True):
 
     def rows(self, configuration: str, noise: Noise, method: Method) -> Array:
         """Errors, shape (experiments, 11)."""
-        return np.array(
-            [
-                trial.rows
-                for trial in self.trials
-                if (trial.configuration, trial.noise, trial.method) == (configuration, noise, method)
-            ]
-        )
+        key = (configuration, noise, method)
+        return np.array([one.rows for one in self.trials if (one.configuration, one.noise, one.method) == key])
 
 
 def run_campaign(
@@ -68,20 +65,14 @@ def run_campaign(
     jobs: int | None = None,
     on_progress: Callable[[], None] | None = None,
 ) -> Mocobots:
-    """Run all experiments.
+    """Run the experiments of these numbers for each noise and some of the configurations ``a`` to ``d``.
 
-    Args:
-        configurations: Some of ``a`` to ``d``.
-        numbers: Numbers of the experiments of each configuration and noise.
-        jobs: Number of processes; None for one per core.
-        on_progress: Called after each experiment.
+    Without ``jobs`` there is a process per core; ``on_progress`` is called after each experiment.
 
     Raises:
         MissingPackageError: joblib is not installed.
     """
-    tasks = [
-        (configuration, noise, number) for configuration in configurations for noise in _METHODS for number in numbers
-    ]
+    tasks = list(product(configurations, _METHODS, numbers))
     trials: list[Trial] = []
     with workers(jobs):
         for found in side_by_side(run_experiment, tasks):
@@ -103,8 +94,8 @@ def run_experiment(configuration: str, noise: Noise, number: int) -> list[Trial]
     recording = record(scenario) if number % 2 else record_sphere(scenario)
     trials = []
     for method in _METHODS[noise]:
-        bounds = Bounds() if noise == "calibration" and method == "pose" else None
-        rows = errors_of(recording, fitted(recording, method, Options(calibrate=bounds is not None, bounds=bounds)))
+        options = Options(calibrate=noise == "calibration" and method == "pose")
+        rows = errors_of(recording, fitted(recording, method, options))
         trials.append(Trial(configuration, noise, method, number, rows))
     return trials
 
@@ -121,11 +112,9 @@ def scenario_of(configuration: str, noise: Noise, number: int) -> Scenario:
             vibration_mm=encoders.vibration_mm,
         )
     # The same robots for all configurations, as in the paper, but others in each experiment.
-    encoders = msgspec.structs.replace(encoders, calibration_seed=number)
+    encoders = replace(encoders, calibration_seed=number)
     seed = 100 * sorted(PAPER).index(configuration) + number
-    return msgspec.structs.replace(
-        scenario, seed=seed, sensors=msgspec.structs.replace(scenario.sensors, encoders=encoders)
-    )
+    return replace(scenario, seed=seed, sensors=replace(scenario.sensors, encoders=encoders))
 
 
 def errors_of(recording: Recording, found: Identification) -> list[float]:

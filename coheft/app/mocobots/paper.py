@@ -6,32 +6,17 @@ means of signed values with standard deviations, so that ``sqrt(mean² + std²)`
 
 import numpy as np
 
+_Three = tuple[float, float, float]
 PAIRS = ((0, 1), (1, 2), (2, 0))
 """Pairs of robots, in the order of the tables."""
-
-
 ROWS = (
-    "rotation 12, °",
-    "rotation 23, °",
-    "rotation 31, °",
-    "position 12, mm",
-    "position 23, mm",
-    "position 31, mm",
-    "mass, kg",
-    "centre of mass, mm",
-    "inertia 1, %",
-    "inertia 2, %",
-    "inertia 3, %",
+    *("rotation 12, °", "rotation 23, °", "rotation 31, °", "position 12, mm", "position 23, mm", "position 31, mm"),
+    *("mass, kg", "centre of mass, mm", "inertia 1, %", "inertia 2, %", "inertia 3, %"),
 )
 
 
 def _rows(
-    rotations: tuple[float, ...],
-    positions: tuple[float, ...],
-    mass: float,
-    com: float,
-    principal: tuple[float, ...],
-    principal_std: tuple[float, ...],
+    rotations: _Three, positions: _Three, mass: float, com: float, principal: _Three, principal_std: _Three
 ) -> tuple[float, ...]:
     return (*rotations, *positions, mass, com, *np.hypot(principal, principal_std).tolist())
 

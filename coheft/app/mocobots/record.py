@@ -3,8 +3,8 @@
 from collections.abc import Mapping, Sequence
 from itertools import islice
 
-import msgspec
 import numpy as np
+from msgspec.structs import replace
 from scipy.spatial.transform import Rotation
 
 from coheft.app.study.samples import ReferenceOf, agents_references, reference_blocks
@@ -42,10 +42,9 @@ def record_sphere(scenario: Scenario) -> Recording:
     previous experiment.
     """
     via = scenario.motion.via_points or ViaPoints()
-    holds = msgspec.structs.replace(via, count=2)
-    moving = msgspec.structs.replace(scenario.motion, via_points=holds)
+    moving = replace(scenario.motion, via_points=replace(via, count=2))
     rest = 2 * (np.mean(via.transit) + np.mean(via.dwell)) + via.holds * (via.hold_transit + via.hold_time)
-    shifted = msgspec.structs.replace(scenario, motion=moving, duration=SPHERE_TIME + float(rest) + 2.0)
+    shifted = replace(scenario, motion=moving, duration=SPHERE_TIME + float(rest) + 2.0)
     block_rate = scenario.sensors.rate / scenario.sensors.block
     first = round(SPHERE_TIME * block_rate)
     after = agents_references(shifted)
@@ -61,11 +60,7 @@ def record_sphere(scenario: Scenario) -> Recording:
 def sphere_references(grasps: Sequence[Pose], seed: int, rate: int, block: int) -> list[ReferenceOf]:
     """References for a rotation of the load about the centre of the circle through three grasps.
 
-    Args:
-        grasps: Grasp poses in a common frame, at which the home frames are.
-        seed: Seed of the phases.
-        rate: Samples per second.
-        block: Samples per block.
+    The home frames are at the grasp poses; ``seed`` determines the phases, ``block`` is the number of samples in one.
     """
     centre = circumcentre(np.array([grasp.translation for grasp in grasps[:3]]))
     phases = np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi, size=(3, 2))

@@ -64,14 +64,8 @@ class Stream:
 def aligned(streams: Mapping[str, Mapping[str, Stream]]) -> tuple[dict[str, RobotRecord], list[str]]:
     """Resample all sensors at the rate of the slowest one, by splines, within the longest part without gaps.
 
-    Args:
-        streams: Streams by robot and channel (an attribute of ``RobotRecord``).
-
     Returns:
         The robots, all with the same times, and remarks on what was changed.
-
-    Raises:
-        RecordingError: There are too few samples, or they come in bunches, or there is no time that all sensors cover.
     """
     named = {f"'{channel}' of {robot}": s for robot, own in streams.items() for channel, s in own.items()}
     for name, stream in named.items():
@@ -88,9 +82,9 @@ def aligned(streams: Mapping[str, Mapping[str, Stream]]) -> tuple[dict[str, Robo
     start, end, remarks = _covered(named)
     streams = {robot: {c: s.between(start, end) for c, s in own.items()} for robot, own in streams.items()}
     named = {f"'{channel}' of {robot}": s for robot, own in streams.items() for channel, s in own.items()}
-    slowest = max(named, key=lambda name: named[name].step)
     time = _common_times(named.values(), start, end)
     if time is None:
+        slowest = max(named, key=lambda name: named[name].step)
         step = named[slowest].step
         count = int((end - start) / step + _SAME) + 1
         if count < _FEWEST or min(len(stream.time) for stream in named.values()) < _FEWEST:
@@ -141,11 +135,8 @@ def _covered(streams: Mapping[str, Stream]) -> tuple[float, float, list[str]]:
         clocks = f". Are the clocks of {first} and {last} set alike?" if lost > end - start else ""
         return start, end, [f"only the time that all sensors cover is used, from {start:.3f} s to {end:.3f} s{clocks}"]
     # Gaps may overlap: a part begins where all previous gaps have ended.
-    parts, since = [], start
-    for begin, over, _ in gaps:
-        parts.append((since, begin))
-        since = max(since, over)
-    parts.append((since, end))
+    overs = np.maximum.accumulate([start, *(over for _, over, _ in gaps)]).tolist()
+    parts = zip(overs, [*(begin for begin, _, _ in gaps), end], strict=True)
     start, end = max(parts, key=lambda part: part[1] - part[0])
     spans = list(dict.fromkeys((begin, over) for begin, over, _ in gaps))
     longest = sorted(sorted(spans, key=lambda span: span[0] - span[1])[:_SHOWN])
@@ -154,14 +145,8 @@ def _covered(streams: Mapping[str, Stream]) -> tuple[float, float, list[str]]:
     whose = f"{', '.join(names)} {'have' if len(names) > 1 else 'has'} no"
     whose = "there are no" if len(names) == len(streams) else whose
     listed = ", ".join(f"from {begin:.3f} s to {over:.3f} s" for begin, over in longest)
-    return (
-        start,
-        end,
-        [
-            f"{whose} samples {listed}{more}: only the longest part without gaps is used, from {start:.3f} s to "
-            f"{end:.3f} s"
-        ],
-    )
+    used = f"only the longest part without gaps is used, from {start:.3f} s to {end:.3f} s"
+    return start, end, [f"{whose} samples {listed}{more}: {used}"]
 
 
 def _common_times(streams: Iterable[Stream], start: float, end: float) -> Array | None:

@@ -15,9 +15,7 @@ _COEFFICIENTS = regressor_coefficients(with_offset=False)[:, :, :-1]
 def body_motions(signals: Signals, poses: Sequence[Pose]) -> Array:
     """Motion ``(w, v, a, alpha)`` of the body frame, predicted by each robot's own signals, shape (N, n, 12).
 
-    Args:
-        signals: Signals of N robots.
-        poses: Poses of their grasp frames in the body frame.
+    ``poses`` are those of the grasp frames in the body frame.
     """
     motions = []
     own = np.concatenate([signals.w, signals.v, signals.a, signals.alpha], axis=-1)

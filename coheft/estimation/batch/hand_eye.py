@@ -11,8 +11,6 @@ with the load's poses eliminated, which closes all loops. Calibration errors are
 prior.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -46,8 +44,8 @@ _DAMPING = 1e-2
 """Information that is added to each pose [1/rad², 1/m²]: steps stay finite where nothing is observable."""
 _SETTLED = 0.01
 """Relative change of the estimated noise below which it counts as known."""
-_ANGLE_NOISE, _POSITION_NOISE = 1e-3, 1e-3
-"""First guesses [rad, m]; residuals then determine the noise."""
+_NOISE = (1e-3, 1e-3)
+"""First guess of the noise of angles and positions [rad, m]; residuals then determine it."""
 _FINEST = 1e-5
 """Least noise [rad, m], so that weights are finite."""
 _ROUNDING = 1e-12
@@ -90,10 +88,10 @@ def fit_hand_eye(
     count = len(wrists.angles)
     prior, free = _prior(wrists.has_gimbal, tolerances)
     guess = _start(wrists, start)
-    noise = (_ANGLE_NOISE, _POSITION_NOISE)
+    noise = _NOISE
     for _ in range(_STEPS_OF_FEW if is_independent else _STEPS):
         equations = normal_equations(wrists, guess, noise)
-        shown = _Shown.of(equations.matrix[np.ix_(free, free)], prior[free])
+        shown = _Shown(equations.matrix[np.ix_(free, free)], prior[free])
         step, place = np.zeros(count * UNKNOWNS), np.hstack([np.zeros((count, ERRORS.start)), guess.errors]).ravel()
         step[free] = shown.step(equations.scores.sum(axis=0)[free], place[free])
         guess = _moved(guess, step, equations.load_score - equations.load_gain @ step)
@@ -124,38 +122,28 @@ def fit_hand_eye(
     )
 
 
-@dataclass(frozen=True, eq=False)
 class _Shown:
-    """Eigenvectors of the data's information, in units of the prior's standard deviations.
+    """Eigenvectors of the data's information (u, u), in units of the deviations of the prior, with information (u,).
 
-    Attributes:
-        values: Eigenvalues, shape (u,); zero where they are rounding.
-        directions: Eigenvectors as columns, in the unknowns' units, shape (u, u).
-        weights: Map of scores to these directions, zero where the data have no information, shape (u, u).
+    Scores are not used where the data have no information.
     """
 
-    values: Array
-    directions: Array
-    weights: Array
-
-    @staticmethod
-    def of(information: Array, prior: Array) -> _Shown:
-        """Decompose the data's information (u, u); the prior's (u,) is positive."""
+    def __init__(self, information: Array, prior: Array) -> None:
         units = 1.0 / np.sqrt(prior)
         values, vectors = np.linalg.eigh(information * np.outer(units, units))
-        values = np.where(values > _ROUNDING * values[-1], values, 0.0)
-        directions = units[:, None] * vectors
-        return _Shown(values, directions, np.where(values > 0.0, directions, 0.0).T)
+        self._values: Array = np.where(values > _ROUNDING * values[-1], values, 0.0)
+        self._directions: Array = units[:, None] * vectors
+        self._weights: Array = np.where(self._values > 0.0, self._directions, 0.0).T
 
     def step(self, score: Array, place: Array) -> Array:
         """Newton step (u,) for the data's score (u,), at this distance (u,) from the prior's mean."""
-        behind = np.linalg.solve(self.directions, place)
-        return self.directions @ ((self.weights @ score - behind) / (1.0 + self.values))
+        behind = np.linalg.solve(self._directions, place)
+        return self._directions @ ((self._weights @ score - behind) / (1.0 + self._values))
 
     def covariance(self, scatter: Array) -> Array:
         """Covariance (u, u) of the solution for this covariance (u, u) of the data's scores."""
-        spread = self.directions / (1.0 + self.values)
-        return spread @ (self.weights @ scatter @ self.weights.T + np.eye(len(scatter))) @ spread.T
+        spread = self._directions / (1.0 + self._values)
+        return spread @ (self._weights @ scatter @ self._weights.T + np.eye(len(scatter))) @ spread.T
 
 
 def _prior(has_gimbal: npt.NDArray[np.bool_], tolerances: Tolerances | None) -> tuple[Array, npt.NDArray[np.intp]]:

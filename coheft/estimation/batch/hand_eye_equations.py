@@ -4,7 +4,7 @@ What remains is the Schur complement of the loads' block, sample by sample, as i
 McLauchlan, Hartley and Fitzgibbon 2000).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +20,7 @@ from coheft.estimation.batch.calibration import (
 )
 from coheft.estimation.batch.wrist_poses import WristPoses
 from coheft.estimation.geometry.spatial import Array, Pose, skew
+from coheft.estimation.linear_algebra import inverse
 
 HOME, GRASP = slice(0, 6), slice(6, 12)
 ERRORS = slice(12, 12 + POSE_ERRORS)
@@ -59,27 +60,17 @@ def position_scale_rows(count: int) -> Array:
     return np.eye(count * UNKNOWNS)[unknowns_of(count, ERRORS).reshape(count, -1)[:, POSITION_SCALE].ravel()]
 
 
-def residuals_and_derivatives(
-    wrists: WristPoses, robot: int, home: Pose, grasp: Pose, errors: Array, rotations: Array, positions: Array
-) -> tuple[Array, Array, Array]:
+def residuals_and_derivatives(wrists: WristPoses, guess: Guess, robot: int) -> tuple[Array, Array, Array]:
     """Residuals of one robot's measurements at n samples, and their derivatives.
-
-    Args:
-        wrists: The measurements of N robots.
-        robot: Index of the robot.
-        home: ``H_i``.
-        grasp: ``X_i``.
-        errors: Calibration errors of the robot, shape (7,).
-        rotations: Orientations of the load, shape (n, 3, 3).
-        positions: Positions of the load, shape (n, 3).
 
     Returns:
         Residuals (gimbal's angles, position), shape (n, 6); their derivatives by the unknowns, shape (n, 6, 19), and by
         the load's perturbation ``(rotation, translation)`` in the world, shape (n, 6, 6).
     """
+    home, grasp, errors, rotations = guess.homes[robot], guess.grasps[robot], guess.errors[robot], guess.rotations
     to_home = home.rotation.T
     arm = rotations @ grasp.translation
-    reach = arm + positions - home.translation
+    reach = arm + guess.positions - home.translation
     place = reach @ home.rotation
     to_zero = wrists.zeros[robot].swapaxes(-1, -2) @ to_home
     angles = gimbal_angles(to_zero @ rotations @ grasp.rotation)
@@ -133,8 +124,11 @@ class NormalEquations:
 
 def normal_equations(wrists: WristPoses, guess: Guess, noise: tuple[float, float]) -> NormalEquations:
     """Normal equations of all samples, weighted by the noise of angles [rad] and positions [m]."""
-    starts = range(0, len(guess.rotations), _CHUNK)
-    parts = [_chunk(wrists, guess, noise, slice(first, first + _CHUNK)) for first in starts]
+    parts = []
+    for first in range(0, len(guess.rotations), _CHUNK):
+        rows = slice(first, first + _CHUNK)
+        some = replace(guess, rotations=guess.rotations[rows], positions=guess.positions[rows])
+        parts.append(_equations_of_few(wrists.some(rows), some, noise))
     return NormalEquations(
         matrix=np.sum([part.matrix for part in parts], axis=0),
         scores=np.concatenate([part.scores for part in parts]),
@@ -145,11 +139,8 @@ def normal_equations(wrists: WristPoses, guess: Guess, noise: tuple[float, float
     )
 
 
-def _chunk(wrists: WristPoses, guess: Guess, noise: tuple[float, float], rows: slice) -> NormalEquations:
-    """Normal equations of some samples."""
-    count = len(guess.grasps)
-    some = wrists.some(rows)
-    samples = some.angles.shape[1]
+def _equations_of_few(wrists: WristPoses, guess: Guess, noise: tuple[float, float]) -> NormalEquations:
+    count, samples = wrists.angles.shape[:2]
     weight = np.repeat([noise[0] ** -2, noise[1] ** -2], 3)
     size = count * UNKNOWNS
     matrix, scores = np.zeros((size, size)), np.zeros((samples, size))
@@ -157,9 +148,7 @@ def _chunk(wrists: WristPoses, guess: Guess, noise: tuple[float, float], rows: s
     kept = []
     for k in range(count):
         own = slice(k * UNKNOWNS, (k + 1) * UNKNOWNS)
-        residual, derivative, by_load = residuals_and_derivatives(
-            some, k, guess.homes[k], guess.grasps[k], guess.errors[k], guess.rotations[rows], guess.positions[rows]
-        )
+        residual, derivative, by_load = residuals_and_derivatives(wrists, guess, k)
         weighted = (weight[:, None] * by_load).swapaxes(-1, -2)
         flat = derivative.reshape(-1, UNKNOWNS)
         matrix[own, own] = flat.T @ (np.tile(weight, samples)[:, None] * flat)
@@ -168,7 +157,7 @@ def _chunk(wrists: WristPoses, guess: Guess, noise: tuple[float, float], rows: s
         load_score -= (weighted @ residual[..., None])[..., 0]
         coupling[:, :, own] = weighted @ derivative
         kept.append((residual, by_load))
-    covariance = np.linalg.inv(load)
+    covariance = inverse(load)
     load_step = (covariance @ load_score[..., None])[..., 0]
     gain = covariance @ coupling
     matrix -= coupling.reshape(-1, size).T @ gain.reshape(-1, size)

@@ -1,14 +1,20 @@
-"""Intervals in which the load is held still, and mass and centre of mass from them (Zhang et al., sec. III-C)."""
+"""A load that is held still: intervals in a recording, or holds that were recorded separately from its motion.
+
+Mass and centre of mass follow from holds (Zhang et al., sec. III-C).
+"""
+
+from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
+from scipy.spatial.transform import Rotation
 
 from coheft.errors import RecordingError
 from coheft.estimation.batch.body import total_wrench
-from coheft.estimation.batch.recording import Recording
+from coheft.estimation.batch.recording import Recording, RobotRecord
 from coheft.estimation.batch.signals import PAPER_CUTOFF, smooth_poses
 from coheft.estimation.chi_square import chi_square_threshold
 from coheft.estimation.geometry.spatial import Array, Pose, skew
@@ -22,7 +28,7 @@ _SMOOTHING = 1.0
 _CHANCE = 0.01
 """Probability that residuals are taken for larger than the samples' noise explains by chance."""
 _SAME = np.radians(2.0)
-"""Orientations that differ by less than this count as one [rad]."""
+"""Orientations that differ by less than this count as one [rad]; a load that rotates by more is not held still."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,15 +57,7 @@ def held_spans(recording: Recording) -> list[tuple[int, int]]:
 
 
 def find_holds(forces: Array, time: Array) -> list[tuple[int, int]]:
-    """Find the intervals in which no robot's force changes.
-
-    Args:
-        forces: Shape (N, n, 3) [N].
-        time: Shape (n,) [s].
-
-    Returns:
-        First and one past the last sample of each interval.
-    """
+    """First and one past the last sample of each interval in which no robot's force (N, n, 3) [N] changes."""
     rate = (len(time) - 1) / (time[-1] - time[0])
     length, smoothing = round(_DURATION * rate), max(1, round(_SMOOTHING * rate))
     if len(time) < length:
@@ -79,43 +77,26 @@ def find_holds(forces: Array, time: Array) -> list[tuple[int, int]]:
 
 
 def holds_of(recording: Recording, cutoff: float = PAPER_CUTOFF) -> Holds:
-    """Measurements in the holds of a recording.
-
-    Args:
-        recording: A checked recording.
-        cutoff: Cutoff of the filter for orientations [Hz].
-
-    Raises:
-        RecordingError: Wrenches are missing, or both poses and accelerations, or samples are too few or too slow.
-    """
+    """Measurements in the holds of a checked recording; ``cutoff`` is that of the filter for orientations [Hz]."""
     wrench, time, spans = recording.stacked("wrench"), recording.time, held_spans(recording)
     if recording.has("pose"):
         rotations, _ = smooth_poses(recording.stacked("pose"), recording.rate, cutoff)
         down = recording.gravity @ rotations
     else:  # at rest, accelerometers measure minus gravity
         down = -recording.stacked("acceleration")
-    means, scatters = [], []
-    for start, end in spans:
-        part = wrench[:, start:end]
-        means.append(part.mean(axis=1))
-        scatters.append(part.var(axis=1) / (end - start))
     count = len(recording.robots)
     return Holds(
         spans=tuple((float(time[start]), float(time[end - 1])) for start, end in spans),
         down=np.array([down[:, start:end].mean(axis=1) for start, end in spans]).reshape(-1, count, 3),
-        wrench=np.array(means).reshape(-1, count, 6),
-        scatter=np.array(scatters).reshape(-1, count, 6),
+        wrench=np.array([wrench[:, start:end].mean(axis=1) for start, end in spans]).reshape(-1, count, 6),
+        scatter=np.array([wrench[:, s:e].var(axis=1) / (e - s) for s, e in spans]).reshape(-1, count, 6),
     )
 
 
 def both_holds(one: Holds, other: Holds) -> Holds:
     """The holds of two recordings together."""
-    return Holds(
-        spans=(*one.spans, *other.spans),
-        down=np.concatenate([one.down, other.down]),
-        wrench=np.concatenate([one.wrench, other.wrench]),
-        scatter=np.concatenate([one.scatter, other.scatter]),
-    )
+    pairs = ((one.down, other.down), (one.wrench, other.wrench), (one.scatter, other.scatter))
+    return Holds((*one.spans, *other.spans), *map(np.concatenate, pairs))
 
 
 def orientations(directions: Array) -> int:
@@ -129,10 +110,6 @@ def orientations(directions: Array) -> int:
 
 def static_estimate(holds: Holds, poses: Sequence[Pose]) -> tuple[Array, Array]:
     """Mass and centre of mass from forces at rest: ``sum f = -m g`` and ``sum (p x f + t) = -m h x g`` (eqs 9, 10).
-
-    Args:
-        holds: At least two orientations.
-        poses: Of all robots in the first one's frame.
 
     Returns:
         ``(m, h)`` in the first robot's frame, shape (4,) [kg, m], and their covariance (4, 4).
@@ -181,3 +158,65 @@ def _excess(residuals: Array, degrees: int, variance: float) -> float:
     if squares <= variance * chi_square_threshold(degrees, _CHANCE):
         return 0.0
     return squares / degrees - variance
+
+
+@dataclass(frozen=True, eq=False)
+class Statics:
+    """Mean measurements of N robots in H holds.
+
+    Attributes:
+        names: Names of the robots.
+        pose: Poses of grasp frames in home frames, as in ``RobotRecord``, shape (N, H, 7).
+        wrench: ``(f, t)`` on the load, shape (N, H, 6).
+        gravity: Gravity in the home frames, whose z axes are parallel, shape (3,) [m/s²].
+    """
+
+    names: tuple[str, ...]
+    pose: Array
+    wrench: Array
+    gravity: Array
+
+    @staticmethod
+    def of_recording(recording: Recording, spans: Sequence[tuple[int, int]] | None = None) -> Statics:
+        """Means of samples over holds, from first to one past last sample each; None: ``held_spans``."""
+        if spans is None and not (spans := held_spans(recording)):
+            raise RecordingError(
+                f"the load is never held still from {recording.span}: expected forces that change by less than 0.5 N "
+                f"for 6 s, or 'holds' that say when"
+            )
+        pose, wrench = recording.stacked("pose"), recording.stacked("wrench")
+        poses, wrenches = np.empty((len(pose), len(spans), 7)), np.empty((len(pose), len(spans), 6))
+        for number, (start, end) in enumerate(spans, 1):
+            wrenches[:, number - 1] = wrench[:, start:end].mean(axis=1)
+            for own, means in zip(pose[:, start:end], poses[:, number - 1], strict=True):
+                rotations = Rotation.from_quat(own[:, 3:])
+                mean = rotations.mean()
+                turn = float((mean.inv() * rotations).magnitude().max())
+                if turn > _SAME:
+                    raise RecordingError(
+                        f"hold {number}, samples {start + 1} to {end}: the load turns by {np.degrees(turn):.2g}°, "
+                        f"expected one that is held still, within {np.degrees(_SAME):g}°"
+                    )
+                means[:3], means[3:] = own[:, :3].mean(axis=0), mean.as_quat()
+        return Statics(recording.names, poses, wrenches, recording.gravity)
+
+    def of(self, names: Sequence[str]) -> Statics:
+        """The same holds with the robots in this order."""
+        if sorted(names) != sorted(self.names):
+            raise RecordingError(f"found holds of {', '.join(self.names)}, expected those of {', '.join(names)}")
+        order = [self.names.index(name) for name in names]
+        return replace(self, names=tuple(names), pose=self.pose[order], wrench=self.wrench[order])
+
+    def as_holds(self) -> Holds:
+        """The same measurements with gravity in the grasp frames."""
+        flat = Rotation.from_quat(self.pose[..., 3:].reshape(-1, 4))
+        down = flat.inv().apply(self.gravity).reshape(*self.pose.shape[:2], 3)
+        wrench = self.wrench.swapaxes(0, 1)
+        return Holds(spans=(), down=down.swapaxes(0, 1), wrench=wrench, scatter=np.zeros_like(wrench))
+
+    def as_recording(self) -> Recording:
+        """A recording with one sample per hold; its times are the numbers of the holds."""
+        time = np.arange(self.pose.shape[1], dtype=np.float64)
+        samples = zip(self.names, self.pose, self.wrench, strict=True)
+        robots = {name: RobotRecord(time, pose=pose, wrench=wrench) for name, pose, wrench in samples}
+        return Recording(robots, gravity=self.gravity)

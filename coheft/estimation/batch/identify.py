@@ -5,20 +5,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from coheft.errors import RecordingError
 from coheft.estimation.batch.body import body_motions, centre_of, total_wrench
-from coheft.estimation.batch.doubts import unsettled
-from coheft.estimation.batch.holds import both_holds, holds_of, static_estimate
-from coheft.estimation.batch.identification import Identification
+from coheft.estimation.batch.holds import Statics, both_holds, holds_of, static_estimate
+from coheft.estimation.batch.identification import Identification, unsettled
 from coheft.estimation.batch.inertia_fit import LinearFit, bias_of_tensor, fit_parameters, fit_tensor
 from coheft.estimation.batch.pairs import expected_bias, grasps_from_twists
 from coheft.estimation.batch.payload import hidden_covariance, make_payload, of_central_numbers
 from coheft.estimation.batch.plausibility import plausible_signals
-from coheft.estimation.batch.pose_differences import derivative_by_poses, turned_covariance
 from coheft.estimation.batch.recording import Recording
 from coheft.estimation.batch.signals import CUTOFF, PAPER_CUTOFF, Signals
-from coheft.estimation.batch.statics import Statics
-from coheft.estimation.batch.team_poses import TeamPoses
+from coheft.estimation.batch.team_poses import TeamPoses, derivative_by_poses, turned_covariance
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.rigid_body.derivatives import central_derivative
 from coheft.estimation.rigid_body.mass_properties import Inertia
@@ -32,26 +28,17 @@ _BIASED = 2.0
 def identify_batch(
     recording: Recording, cutoff: float = PAPER_CUTOFF, statics: Statics | None = None
 ) -> Identification:
-    """Identify by sequential least squares (Zhang et al., sec. III).
-
-    Args:
-        recording: The recording.
-        cutoff: Cutoff of the filter [Hz].
-        statics: Holds that were recorded separately; those within the recording are used as well.
-
-    Raises:
-        RecordingError: Something is missing; no two orientations were held still.
-    """
+    """Identify by sequential least squares (Zhang et al., sec. III), with ``statics`` beside the recording's holds."""
     signals = plausible_signals(recording, cutoff)
     team, loops = grasps_from_twists(signals, with_instruments=False)
     holds = holds_of(recording, cutoff)
     if statics is not None:
         holds = both_holds(holds, statics.as_holds())
-    wrench, motions = _wrench(signals), body_motions(signals, team.poses)
+    motions = body_motions(signals, team.poses)
     static, spread = static_estimate(holds, team.poses)
 
     def fit_at(com: Array, poses: Sequence[Pose]) -> LinearFit:
-        return fit_tensor(motions[0], total_wrench(wrench, poses), com, signals.rate)
+        return fit_tensor(motions[0], total_wrench(signals.wrench, poses), com, signals.rate)
 
     def solve(poses: Sequence[Pose]) -> Array:
         found, _ = static_estimate(holds, poses)
@@ -66,7 +53,7 @@ def identify_batch(
     covariance = by_static @ spread @ by_static.T + by_poses @ team.covariance @ by_poses.T
     covariance += turned_covariance(solve, team)
     of_noise, of_tensor = bias_of_tensor(
-        motions, total_wrench(wrench, team.poses), static[1:], signals.rate, tensor.solution
+        motions, total_wrench(signals.wrench, team.poses), static[1:], signals.rate, tensor.solution
     )
     covariance[4:, 4:] += of_tensor + hidden_covariance(tensor.hidden, static[0])
     remarks: tuple[str, ...] = ()
@@ -98,15 +85,7 @@ def identify_batch(
 
 
 def identify_with_instruments(recording: Recording, cutoff: float = CUTOFF) -> Identification:
-    """Identify from twists as in the paper, but with other robots as instruments; mass and centre of mass from motion.
-
-    Args:
-        recording: The recording.
-        cutoff: Cutoff of the filter [Hz].
-
-    Raises:
-        RecordingError: Something is missing.
-    """
+    """Identify from twists as in the paper, but with instruments; mass and centre of mass from motion."""
     signals = plausible_signals(recording, cutoff)
     team, loops = grasps_from_twists(signals, with_instruments=True)
     found = identify_at_grasps("instruments", recording, signals, team)
@@ -114,17 +93,7 @@ def identify_with_instruments(recording: Recording, cutoff: float = CUTOFF) -> I
 
 
 def identify_at_grasps(method: str, recording: Recording, signals: Signals, team: TeamPoses) -> Identification:
-    """Identify the load from motion and gravity, with these grasp poses and their uncertainty.
-
-    Args:
-        method: Name of the method.
-        recording: The recording.
-        signals: Its signals, with wrenches.
-        team: Poses of all grasp frames.
-
-    Raises:
-        RecordingError: Wrenches are missing.
-    """
+    """Identify the load from motion and gravity, with these grasp poses and their uncertainty."""
     numbers, covariance, fit = parameters_fit(signals, team.poses)
 
     def solve(poses: Sequence[Pose]) -> Array:
@@ -147,34 +116,15 @@ def parameters_fit(
 ) -> tuple[Array, Array, LinearFit]:
     """Fit all ten parameters from motion and gravity, each robot with the others as instruments.
 
-    Args:
-        signals: Signals of N robots.
-        poses: Poses of their grasp frames in the first one.
-        weight: Weights of the wrench's components, shape (6,); None: inverse variances of their residuals.
-
     Returns:
         ``(m, h, J)`` in the first robot's frame, shape (10,), their covariance without the uncertainty of the poses,
         shape (10, 10), and the fit about the middle of the grasps.
-
-    Raises:
-        RecordingError: Wrenches are missing.
     """
     centre = centre_of(poses)
     from_centre = [centre.inverse() @ pose for pose in poses]
-    total = total_wrench(_wrench(signals), from_centre)
+    total = total_wrench(signals.wrench, from_centre)
     fit = fit_parameters(body_motions(signals, from_centre), total, signals.rate, weight)
-    numbers, derivative = at_first_grasp(Inertia.from_barycentric(fit.solution), centre)
-    covariance = fit.covariance + hidden_covariance(fit.hidden, float(fit.solution[0]))
-    return numbers, derivative @ covariance @ derivative.T, fit
-
-
-def at_first_grasp(about_centre: Inertia, centre: Pose) -> tuple[Array, Array]:
-    """``(m, h, J)`` (10,) in the first robot's frame, and its derivative by ``theta`` about the centre (10, 10)."""
+    about_centre = Inertia.from_barycentric(fit.solution)
     derivative = central_derivative(about_centre)
-    return about_centre.carried(centre).central(), derivative
-
-
-def _wrench(signals: Signals) -> Array:
-    if signals.wrench is None:
-        raise RecordingError("'wrench' is missing of some robot: mass and inertia need the forces of all")
-    return signals.wrench
+    covariance = fit.covariance + hidden_covariance(fit.hidden, float(fit.solution[0]))
+    return about_centre.carried(centre).central(), derivative @ covariance @ derivative.T, fit

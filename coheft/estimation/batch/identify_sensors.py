@@ -5,8 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from coheft.errors import RecordingError
-from coheft.estimation.batch.doubts import unsettled
-from coheft.estimation.batch.identification import Identification
+from coheft.estimation.batch.identification import Identification, unsettled
 from coheft.estimation.batch.judge.band import HIGHEST, white_level
 from coheft.estimation.batch.payload import Payload
 from coheft.estimation.batch.plausibility import check_plausible, check_weight
@@ -20,9 +19,9 @@ from coheft.estimation.rigid_body.derivatives import central_derivative
 from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.estimation.rigid_body.unobservable import unobservable_quantities
 
-MOST_NOISE = 1.3
-"""Largest factor between residuals, or the noise of samples, and the noise that a recording names."""
-SUITABLE_NOISE = 1.12
+_MOST = 1.3
+"""Largest factor between residuals, or the noise of samples, and the noise that the recording names."""
+_SUITABLE = 1.12
 """Largest one with which no other method suits better."""
 _HIDDEN = 1e6
 """Stands for an infinite variance of directions of poses that are not observable."""
@@ -44,14 +43,7 @@ _SENSORS = (
 
 
 def identify_sensors(recording: Recording) -> Identification:
-    """Fit all rows of a recording with the noise that it names (``coheft.estimation.moments.recorded``).
-
-    Args:
-        recording: The recording, with twists, accelerations, wrenches, and noise.
-
-    Raises:
-        RecordingError: Something is missing.
-    """
+    """Fit all rows of a recording of twists, accelerations and wrenches with the noise that it names."""
     check_plausible(recording)
     if recording.noise is None:
         raise RecordingError(
@@ -71,16 +63,13 @@ def identify_sensors(recording: Recording) -> Identification:
     covariance = to_central @ estimate.covariance[places.theta, places.theta] @ to_central.T
     size = float(np.sqrt(np.mean(np.square(found.residual) / np.diag(found.expected))))
     covariance *= max(1.0, size) ** 2
-    ratio, suspects, words = (
-        size,
-        _SUSPECTS,
-        f"Residuals of the total wrench are {size:.2f} times as large as the sensors' noise explains",
-    )
+    ratio, suspects = size, _SUSPECTS
+    words = f"Residuals of the total wrench are {size:.2f} times as large as the sensors' noise explains"
     for sensor, shown in _noise_shown(recording, recording.noise):
-        if max(shown, 1.0 / shown) > max(ratio, SUITABLE_NOISE):
+        if max(shown, 1.0 / shown) > max(ratio, _SUITABLE):
             ratio, suspects = max(shown, 1.0 / shown), _SUSPECTS if shown > 1.0 else _TOO_LARGE
             words = f"Samples of {sensor} show {shown:.2g} times the noise that 'noise' of the recording names"
-    is_refuted = ratio > MOST_NOISE
+    is_refuted = ratio > _MOST
     remark = words + (suspects if is_refuted else ".")
     return Identification(
         method="likelihood",
@@ -96,8 +85,7 @@ def identify_sensors(recording: Recording) -> Identification:
         suspicions=((remark,) if is_refuted else ()) + unsettled(team),
         time=recording.time[: len(found.residual) * found.row_samples].reshape(-1, found.row_samples).mean(axis=1),
         residual=found.residual,
-        noise_ratio=ratio,
-        noise_words=words,
+        unsuitable=words if ratio > _SUITABLE else "",
     )
 
 

@@ -8,16 +8,13 @@ from scipy.spatial.transform import Rotation
 
 from coheft.errors import RecordingError
 from coheft.estimation.batch.body import total_wrench
-from coheft.estimation.batch.doubts import unsettled
 from coheft.estimation.batch.hand_eye import fit_hand_eye
-from coheft.estimation.batch.holds import Holds, orientations, static_estimate
-from coheft.estimation.batch.identification import Identification
+from coheft.estimation.batch.holds import Holds, Statics, orientations, static_estimate
+from coheft.estimation.batch.identification import Identification, unsettled
 from coheft.estimation.batch.pairs import kabsch
 from coheft.estimation.batch.payload import hidden_covariance, make_payload, of_central_numbers
 from coheft.estimation.batch.plausibility import check_weight
-from coheft.estimation.batch.pose_differences import derivative_by_poses
-from coheft.estimation.batch.statics import Statics
-from coheft.estimation.batch.team_poses import TeamPoses
+from coheft.estimation.batch.team_poses import TeamPoses, derivative_by_poses
 from coheft.estimation.batch.wrist_poses import WristPoses
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.linear_algebra import positive_part
@@ -35,11 +32,7 @@ _APART = 7.0
 
 
 def identify_statics(statics: Statics) -> Identification:
-    """Identify grasps from poses, mass and centre of mass from wrenches; the inertia is not observable.
-
-    Raises:
-        RecordingError: There are too few holds or orientations, or forces pull the load down.
-    """
+    """Identify grasps from poses, mass and centre of mass from wrenches; the inertia is not observable."""
     count = statics.pose.shape[1]
     if count < _FEWEST:
         raise RecordingError(
@@ -77,13 +70,6 @@ def with_statics(found: Identification, statics: Statics) -> Identification:
     """Combine an identification from motion with holds that were recorded separately.
 
     Errors of the grasp poses affect both equally, so that the combination does not reduce them.
-
-    Args:
-        found: The identification from motion.
-        statics: Holds of the same load by the same robots with the same grasps.
-
-    Raises:
-        RecordingError: There are too few orientations.
     """
     team, holds = found.team, statics.as_holds()
     if not team.is_observable:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from coheft.errors import RecordingError
 from coheft.estimation.batch.body import regressor
 from coheft.estimation.batch.statistics import scatter_of_sum
 from coheft.estimation.geometry.body_motion import BODY_ALPHA, BODY_W
@@ -53,14 +54,7 @@ class LinearFit:
 def fit_tensor(motion: Array, wrench: Array, com: Array, rate: float) -> LinearFit:
     """Inertia at the known centre of mass: ``J alpha + w x J w = T - h x F`` (Zhang et al., eqs 18 to 33).
 
-    Args:
-        motion: Motion of the body frame, shape (n, 12).
-        wrench: Total wrench about its origin, shape (n, 6).
-        com: ``h`` in the body frame, shape (3,).
-        rate: Samples per second.
-
-    Returns:
-        The fit of ``J`` packed, u = 6.
+    Motion (n, 12), total wrench (n, 6) and centre of mass (3,) are those of the body frame; ``J`` is packed, u = 6.
     """
     matrix = euler_regressor(motion[:, BODY_W], motion[:, BODY_ALPHA])
     moment = wrench[:, 3:] - np.cross(com, wrench[:, :3])
@@ -68,21 +62,14 @@ def fit_tensor(motion: Array, wrench: Array, com: Array, rate: float) -> LinearF
 
 
 def bias_of_tensor(motions: Array, wrench: Array, com: Array, rate: float, tensor: Array) -> tuple[Array, Array]:
-    """Expected error (6,) of ``fit_tensor`` because noise of accelerations is taken for motion, and covariance of both.
+    """Expected error (6,) of ``fit_tensor`` because noise of accelerations is taken for motion, and covariance (6, 6).
 
     The error is ``-(X^T X)^-1 Q J``, with ``J`` the true tensor and ``Q`` the part of ``X^T X`` that is noise, which
     follows from how much robots disagree. Unlike the difference from an unbiased fit, it hardly has noise of its own.
     The covariance is that about the expectation: residuals of the biased fit would count the bias as noise.
 
-    Args:
-        motions: Motion of the first robot's frame as each robot predicts it, shape (N, n, 12), N at least 2.
-        wrench: Total wrench about its origin, shape (n, 6).
-        com: ``h``, shape (3,).
-        rate: Samples per second.
-        tensor: ``J`` packed, the solution of ``fit_tensor``, shape (6,).
-
-    Returns:
-        The expected error, and the covariance (6, 6).
+    Motions (N, n, 12) of the first robot's frame are as each robot predicts them; ``tensor`` (6,) is the solution of
+    ``fit_tensor``, for the first one.
     """
     regressors = np.array([euler_regressor(motion[:, BODY_W], motion[:, BODY_ALPHA]) for motion in motions])
     own = regressors[0]
@@ -100,19 +87,10 @@ def bias_of_tensor(motions: Array, wrench: Array, com: Array, rate: float, tenso
 
 
 def fit_parameters(motions: Array, wrench: Array, rate: float, weight: Array | None = None) -> LinearFit:
-    """Fit ``theta = (m, m h, I_o)`` to motion and gravity, each robot with the others as instruments.
+    """Fit ``theta = (m, m h, I_o)``, u = 10, to motion and gravity, each robot with the others as instruments.
 
-    Args:
-        motions: Motion of the body frame as each robot predicts it, shape (N, n, 12), N at least 2.
-        wrench: Total wrench about its origin, shape (n, 6).
-        rate: Samples per second.
-        weight: Weights of the wrench's components, shape (6,); None: inverse variances of their residuals.
-
-    Returns:
-        The fit of ``theta``, u = 10.
-
-    Raises:
-        ValueError: There is one robot only, or the wrench is zero all the time.
+    Motions (N, n, 12) of the body frame are as each robot predicts them. Without weights (6,) of the components of the
+    total wrench (n, 6) these are the inverse variances of their residuals.
     """
     regressors = np.array([regressor(motion) for motion in motions])
     instruments = others(regressors)
@@ -126,14 +104,10 @@ def fit_parameters(motions: Array, wrench: Array, rate: float, weight: Array | N
 
 
 def residual_variance(residual: Array, output: Array) -> Array:
-    """Mean square of each component of residuals (n, rows), shape (rows,); at least a small share of the output's.
-
-    Raises:
-        ValueError: The output is zero all the time.
-    """
+    """Mean square of each component of residuals (n, rows), shape (rows,); at least a small share of the output's."""
     size = float(np.mean(output**2))
     if size == 0.0:
-        raise ValueError("expected an output that is not zero all the time")
+        raise RecordingError("wrenches of all robots cancel all the time, so nothing shows the mass")
     result: Array = np.maximum(np.mean(residual**2, axis=0), _FINEST**2 * size)
     return result
 
@@ -180,10 +154,8 @@ def _inverse_and_hidden(matrix: Array, is_held: npt.NDArray[np.bool_], least: fl
 
     Products of different robots' signals may make it indefinite, but sums over all pairs of robots keep it symmetric.
 
-    Args:
-        matrix: Information of the data and of the prior.
-        is_held: Which unknowns have a prior, shape (u,): these are scaled individually, the others together.
-        least: Information on the others below which it is rounding.
+    Unknowns that have a prior, where ``is_held`` (u,), are scaled individually, the others together; less information
+    on these than ``least`` is rounding.
     """
     sizes = np.abs(np.diag(matrix))
     largest = max(float(sizes[~is_held].max()), least)
@@ -197,12 +169,6 @@ def _inverse_and_hidden(matrix: Array, is_held: npt.NDArray[np.bool_], least: fl
 
 
 def others(views: Array) -> Array:
-    """For each of N estimates (N, ...) of the same quantity, the mean of the others.
-
-    Raises:
-        ValueError: There is only one.
-    """
-    if len(views) < 2:
-        raise ValueError(f"found {len(views)} view, expected at least 2: there are no others")
+    """For each of N estimates (N, ...) of the same quantity, the mean of the others."""
     result: Array = (views.sum(axis=0) - views) / (len(views) - 1)
     return result

@@ -8,9 +8,7 @@ import numpy as np
 
 from coheft.errors import RecordingError
 from coheft.estimation.batch.body import centre_of
-from coheft.estimation.batch.doubts import solid_density
-from coheft.estimation.batch.identification import HiddenError, Identification
-from coheft.estimation.batch.identify import at_first_grasp
+from coheft.estimation.batch.identification import HiddenError, Identification, solid_density
 from coheft.estimation.batch.judge.evidence import Evidence
 from coheft.estimation.batch.judge.forces import judge_forces
 from coheft.estimation.batch.judge.mend import MENDABLE, mend
@@ -21,6 +19,7 @@ from coheft.estimation.batch.judge.verdict import Cause, Verdict
 from coheft.estimation.batch.payload import Payload
 from coheft.estimation.batch.pose_conventions import inverse_poses
 from coheft.estimation.batch.recording import Recording
+from coheft.estimation.rigid_body.derivatives import central_derivative
 
 _MENDINGS = 2
 """Number of corrections: a late clock of the poses is corrected first, then by forces that of the wrenches."""
@@ -28,6 +27,7 @@ _SURELY = 3.0
 """Standard deviations."""
 _KGF, _LBF = 9.80665, 4.4482216
 """Other units of force [N]."""
+_STD = attrgetter("std")
 _UNOBSERVABLE = "motion and gravity do not show where all robots hold the load, or that it has a weight"
 
 
@@ -36,65 +36,56 @@ def judged(
 ) -> Identification:
     """Identify with any method, and judge the recording.
 
-    Args:
-        recording: The recording, with wrenches.
-        fit: The method.
-        cutoff: Cutoff of the judge's filter [Hz].
-        assume: A fault, named as in verdicts, for which the recording is corrected first.
-
-    Raises:
-        RecordingError: The method cannot identify the load, or the assumed fault does not explain the recording.
+    ``assume`` is a fault, named as in verdicts, for which the recording is corrected first; it has to explain it.
     """
-    found, evidence = _judged(recording, fit, cutoff, assume)
+    found = _judged_once(recording, fit, cutoff, assume)
     if assume is None:
         return found
     words: list[str] = []
     verdict = _checked(found.verdict, assume)
     for _ in range(_MENDINGS):
-        assert evidence is not None  # there is a verdict
+        assert found.evidence is not None  # there is a verdict
         words.append(f"Corrected, as assumed ({assume}): {verdict.words}")
-        recording = mend(recording, verdict, evidence.poses)
-        found, evidence = _judged(recording, fit, cutoff, assume)
-        if found.verdict is None or not found.verdict.is_refuted or found.verdict.cause != assume:
+        recording = mend(recording, verdict, found.evidence.poses)
+        found = _judged_once(recording, fit, cutoff, assume)
+        if found.verdict is None or found.verdict.cause != assume:
             break
         verdict = found.verdict
     return replace(found, remarks=(*words, *found.remarks))
 
 
-def _judged(
+def _judged_once(
     recording: Recording, fit: Callable[[Recording], Identification], cutoff: float, assume: str | None
-) -> tuple[Identification, Evidence | None]:
+) -> Identification:
     found = fit(recording)
     try:
         evidence = found.evidence or Evidence.of(recording, cutoff)
-        verdict = stuck_motion(recording)
-        if not evidence.is_seen and verdict is None:
-            return replace(found, not_judged=_UNOBSERVABLE), evidence
-        verdict = verdict or judge(evidence, assume)
+        if not evidence.is_seen and stuck_motion(recording) is None:
+            return replace(found, not_judged=_UNOBSERVABLE)
+        verdict = _judge(evidence, assume)
         if verdict.cause == Cause.UNKNOWN and recording.has("pose"):
             verdict = _inverse(recording, cutoff) or verdict
     except (ValueError, RecordingError) as error:
-        return replace(found, not_judged=str(error)), None
+        return replace(found, not_judged=str(error))
+    found = replace(found, verdict=verdict, evidence=evidence)
     if not verdict.is_refuted:
-        return replace(with_hidden(found, verdict), verdict=verdict), evidence
-    suspicions = tuple(one for one in found.suspicions if one != verdict.words)
-    return replace(found, verdict=verdict, suspicions=suspicions), evidence
+        return _with_hidden(found, verdict)
+    return replace(found, suspicions=tuple(one for one in found.suspicions if one != verdict.words))
 
 
-def judge(evidence: Evidence, assumed: str | None = None) -> Verdict:
-    """Judge poses, motions and, if poses are those of one load, forces.
-
-    Args:
-        evidence: The recording and its grasp poses, which are observable.
-        assumed: The fault that the user names; None: the likeliest.
-
-    Raises:
-        ValueError: There are too few samples, or too few per second, to tell noise from motion.
-    """
-    by_motion = stuck_sensor(evidence.recording) or spiking_sensor(evidence.recording) or judge_poses(evidence)
-    by_motion = by_motion or judge_motions(evidence) or judge_gravity(evidence)
-    if by_motion is not None:
-        return by_motion
+def _judge(evidence: Evidence, assumed: str | None = None) -> Verdict:
+    """Judge sensors, poses, motions and, if poses are those of one load, forces."""
+    recording = evidence.recording
+    fault = (
+        stuck_motion(recording)
+        or stuck_sensor(recording)
+        or spiking_sensor(recording)
+        or judge_poses(evidence)
+        or judge_motions(evidence)
+        or judge_gravity(evidence)
+    )
+    if fault is not None:
+        return fault
     if evidence.suspicions:
         return Verdict(cause=Cause.UNKNOWN, words=evidence.suspicions[0])
     return judge_forces(evidence, assumed)
@@ -103,7 +94,7 @@ def judge(evidence: Evidence, assumed: str | None = None) -> Verdict:
 def _inverse(recording: Recording, cutoff: float) -> Verdict | None:
     """Find out whether all poses are inverse: then they fit each other, but not the forces."""
     try:
-        verdict = judge(Evidence.of(recording.changed("pose", inverse_poses), cutoff))
+        verdict = _judge(Evidence.of(recording.changed("pose", inverse_poses), cutoff))
     except RecordingError:
         return None
     if verdict.is_refuted:
@@ -116,11 +107,7 @@ def _inverse(recording: Recording, cutoff: float) -> Verdict | None:
 
 
 def _checked(verdict: Verdict | None, cause: str) -> Verdict:
-    """Return the verdict if its fault is the one that the user names.
-
-    Raises:
-        RecordingError: It is not; the message says what it is.
-    """
+    """Return the verdict if its fault is the one that the user names."""
     if verdict is None:
         raise RecordingError(f"--assume {cause}: the motion shows too little to judge what is wrong with the recording")
     if not verdict.is_refuted:
@@ -133,26 +120,20 @@ def _checked(verdict: Verdict | None, cause: str) -> Verdict:
     return verdict
 
 
-def with_hidden(found: Identification, verdict: Verdict) -> Identification:
+def _with_hidden(found: Identification, verdict: Verdict) -> Identification:
     """Add, for each of the ten numbers, the effect of the worst fault that the recording would not show."""
     centre = centre_of(found.team.poses)
-    _, derivative = at_first_grasp(found.payload.inertia.carried(centre.inverse()), centre)
-    worst = [HiddenError("", 0.0)] * len(derivative)
+    derivative = central_derivative(found.payload.inertia.carried(centre.inverse()))
+    hidden = [HiddenError("", 0.0)] * len(derivative)
     for cause, covariance in verdict.hidden:
-        variances = np.diag(derivative @ covariance @ derivative.T)
-        for number, variance in enumerate(variances):
-            std = float(np.sqrt(max(variance, 0.0)))
-            if std > worst[number].std:
-                worst[number] = HiddenError(cause.value, std)
-    return replace(
-        found, hidden=tuple(worst), remarks=(*found.remarks, _what_is_hidden(worst), *_common_scale(found.payload))
-    )
+        stds = np.sqrt(np.maximum(np.diag(derivative @ covariance @ derivative.T), 0.0)).tolist()
+        hidden = [max(one, HiddenError(cause, std), key=_STD) for one, std in zip(hidden, stds, strict=True)]
+    remarks = (*found.remarks, _what_is_hidden(hidden), *_common_scale(found.payload))
+    return replace(found, hidden=tuple(hidden), remarks=remarks)
 
 
 def _what_is_hidden(hidden: Sequence[HiddenError]) -> str:
-    """Describe the worst ones."""
-    std = attrgetter("std")
-    mass, com, tensor = hidden[0], max(hidden[1:4], key=std), max(hidden[4:], key=std)
+    mass, com, tensor = hidden[0], max(hidden[1:4], key=_STD), max(hidden[4:], key=_STD)
     return (
         f"Small faults of sensors that this recording would not show may add standard deviations of {mass.std:.2g} kg "
         f"({mass.cause}) to the mass, {1e3 * com.std:.2g} mm ({com.cause}) to the centre of mass and "

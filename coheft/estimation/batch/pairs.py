@@ -1,31 +1,34 @@
-"""Grasp poses from twists, pair by pair (two linear problems each), then of the team (Zhang et al., sec. III-B)."""
+"""Grasp poses from twists, pair by pair (two linear problems each), then of the team (Zhang et al., sec. III-B).
 
+The poses of pairs do not agree around loops. The sum of their squared errors, weighted by their covariances, is
+minimised over one pose per robot, which closes all loops (a pose graph: Lu and Milios 1997).
+"""
+
+from collections.abc import Mapping
 from dataclasses import replace
 from itertools import combinations
 
+import msgspec
 import numpy as np
 
-from coheft.estimation.batch.loop_closure import LoopError, close_loops, loop_errors
 from coheft.estimation.batch.signals import Signals
 from coheft.estimation.batch.statistics import sandwich_information
 from coheft.estimation.batch.team_poses import TeamPoses
-from coheft.estimation.geometry.body_motion import perturbation_between
+from coheft.estimation.geometry.body_motion import perturbation_between, perturbed, relative_pose_derivative
 from coheft.estimation.geometry.observability import PoseEstimate, SeenInformation
 from coheft.estimation.geometry.spatial import Array, Pose, skew
+from coheft.estimation.geometry.uncertain_pose import UncertainPose
 
 _SINGULAR = 1e-12
 """Share of the largest singular value below which a direction of positions is not observable, and left zero."""
 _FINEST = 1e-6
 """Twists below this are rounding [rad/s, m/s]."""
+_STEPS, _CLOSE = 20, 1e-9
+"""Gauss-Newton steps, and the step [rad, m] that ends them."""
 
 
 def kabsch(w_i: Array, w_j: Array) -> Array:
-    """Rotation ``R_ij`` (3, 3) that minimises the sum of ``|w_i - R w_j|^2`` (Zhang et al., eq. 5).
-
-    Args:
-        w_i: Vectors in ``F_i``, shape (n, 3).
-        w_j: The same vectors in ``F_j``, shape (n, 3).
-    """
+    """Rotation ``R_ij`` (3, 3) that minimises the sum of ``|w_i - R w_j|^2``, vectors (n, 3) (Zhang et al., eq. 5)."""
     left, _, right = np.linalg.svd(w_i.T @ w_j)
     turn = np.array([1.0, 1.0, np.linalg.det(left) * np.linalg.det(right)])
     rotation: Array = (left * turn) @ right
@@ -38,12 +41,7 @@ def position_between(rotation: Array, w_i: Array, v_i: Array, v_j: Array, instru
     With ``w_i`` itself as instrument this is least squares, which is too short by the share of noise in the square of
     ``w_i``; another sensor's measurement of the same angular velocity as instrument has no such bias.
 
-    Args:
-        rotation: ``R_ij``.
-        w_i: Angular velocity in ``F_i``, shape (n, 3).
-        v_i: Velocity of the origin of ``F_i``, shape (n, 3).
-        v_j: Velocity of the origin of ``F_j``, in ``F_j``, shape (n, 3).
-        instrument: ``w_i``, or another measurement of it, shape (n, 3).
+    All vectors have the shape (n, 3): ``v_j`` in the axes of ``F_j``, the others in those of ``F_i``.
     """
     matrix = _levers(instrument, w_i)
     vector = np.cross(instrument, v_i - v_j @ rotation.T).sum(axis=0)
@@ -63,13 +61,9 @@ def _levers(instrument: Array, w_i: Array) -> Array:
 
 
 def pair_pose(twist_i: Array, twist_j: Array, rate: float, instrument: Array | None = None) -> PoseEstimate:
-    """``pose_j_in_i`` with its covariance.
+    """``pose_j_in_i`` with its covariance, from twists ``(w, v)``, shape (n, 6) each.
 
-    Args:
-        twist_i: ``(w, v)`` of robot i, shape (n, 6).
-        twist_j: ``(w, v)`` of robot j, shape (n, 6).
-        rate: Samples per second.
-        instrument: ``w_i`` as other robots measure it, shape (n, 3); None: plain least squares.
+    ``instrument`` is ``w_i`` as other robots measure it, shape (n, 3); None for plain least squares.
     """
     w_i, v_i, w_j, v_j = twist_i[:, :3], twist_i[:, 3:], twist_j[:, :3], twist_j[:, 3:]
     z = w_i if instrument is None else instrument
@@ -90,6 +84,66 @@ def pair_pose(twist_i: Array, twist_j: Array, rate: float, instrument: Array | N
     return PoseEstimate(Pose(rotation, position), seen.inverse(), seen.unobservable())
 
 
+def close_loops(count: int, pairs: Mapping[tuple[int, int], UncertainPose]) -> TeamPoses:
+    """Poses of all robots in the first one's frame, from ``pose_j_in_i`` by ``(i, j)``; all of ``(0, j)`` are there."""
+    poses = [Pose.identity(), *(pairs[0, j].pose for j in range(1, count))]
+    weights = {pair: np.linalg.inv(estimate.covariance) for pair, estimate in pairs.items()}
+    for _ in range(_STEPS):
+        information, score = np.zeros((6 * count, 6 * count)), np.zeros(6 * count)
+        for (i, j), estimate in pairs.items():
+            own = relative_pose_derivative(poses[i], poses[j])
+            derivative = np.zeros((6, 6 * count))
+            derivative[:, 6 * i : 6 * i + 6], derivative[:, 6 * j : 6 * j + 6] = own[:, :6], own[:, 6:]
+            error = perturbation_between(poses[i].inverse() @ poses[j], estimate.pose)
+            information += derivative.T @ weights[i, j] @ derivative
+            score += derivative.T @ weights[i, j] @ error
+        covariance = np.zeros_like(information)
+        covariance[6:, 6:] = np.linalg.inv(information[6:, 6:])
+        step = (covariance @ score).reshape(count, 6)
+        poses = [perturbed(pose, move) for pose, move in zip(poses, step, strict=True)]
+        is_settled = bool(np.abs(step).max() < _CLOSE)
+        if is_settled:
+            break
+    # The pairs share their robots' noise: N (N - 1) / 2 of them know no more than N - 1 independent ones.
+    return TeamPoses(tuple(poses), covariance * (len(pairs) / (count - 1)), is_settled)
+
+
+class LoopError(msgspec.Struct, frozen=True):
+    """By how much a loop of three robots fails to close: the third one's pose by way of the second.
+
+    Attributes:
+        rotation_deg: Angle of the error [degrees].
+        position_mm: Distance [mm].
+        deviations: Root mean square of both, in standard deviations of the three pairs together.
+    """
+
+    rotation_deg: float
+    position_mm: float
+    deviations: float
+
+
+def loop_errors(pairs: Mapping[tuple[int, int], UncertainPose]) -> list[LoopError]:
+    """Errors of all loops of three robots whose pairs ``(i, j)``, ``i < j``, are all there."""
+    errors = []
+    for i, j, k in combinations(sorted({robot for pair in pairs for robot in pair}), 3):
+        if not {(i, j), (j, k), (i, k)} <= set(pairs):
+            continue
+        first, second, both = pairs[i, j], pairs[j, k], pairs[i, k]
+        turn = first.pose.rotation
+        error = perturbation_between(both.pose, first.pose @ second.pose)
+        by_first, by_second = Pose(np.eye(3), -turn @ second.pose.translation).adjoint(), np.kron(np.eye(2), turn)
+        covariance = by_first @ first.covariance @ by_first.T + by_second @ second.covariance @ by_second.T
+        covariance += both.covariance
+        errors.append(
+            LoopError(
+                rotation_deg=float(np.degrees(np.linalg.norm(error[:3]))),
+                position_mm=float(1e3 * np.linalg.norm(error[3:])),
+                deviations=float(np.sqrt(error @ np.linalg.solve(covariance, error) / len(error))),
+            )
+        )
+    return errors
+
+
 def grasps_from_twists(signals: Signals, with_instruments: bool) -> tuple[TeamPoses, list[LoopError]]:
     """Poses of the team from its twists, and by how much loops of observable pairs failed to close."""
     pairs = _pairs(signals, with_instruments)
@@ -101,11 +155,7 @@ def expected_bias(signals: Signals, team: TeamPoses) -> Array:
     """Expected perturbations (6 N,) of the team by plain least squares, because noise of ``w`` is taken for rotation.
 
     Positions are too short by ``(W^T W)^-1 Q p``, with ``Q`` the part of ``W^T W`` that is noise, which follows from
-    how much robots disagree.
-
-    Args:
-        signals: Signals of N robots.
-        team: Their poses by plain least squares; all are observable.
+    how much robots disagree. ``team`` has the poses by plain least squares; all are observable.
     """
     right = {}
     for (i, j), found in _pairs(signals, with_instruments=False).items():
@@ -122,8 +172,7 @@ def expected_bias(signals: Signals, team: TeamPoses) -> Array:
 
 
 def _pairs(signals: Signals, with_instruments: bool) -> dict[tuple[int, int], PoseEstimate]:
-    twists = np.concatenate([signals.w, signals.v], axis=-1)
-    pairs = {}
+    twists, pairs = signals.twists, {}
     for i, j in combinations(range(len(twists)), 2):
         instrument = _instrument(signals.w, i, j) if with_instruments else None
         pairs[i, j] = pair_pose(twists[i], twists[j], signals.rate, instrument)

@@ -82,10 +82,7 @@ def of_central_numbers(numbers: Array) -> Inertia:
 def make_payload(measured: Inertia, covariance: Array, poses: Sequence[Pose]) -> Payload:
     """Find the most likely possible body, and what is not observable.
 
-    Args:
-        measured: The solution of a fit.
-        covariance: Covariance of ``(m, h, J)``, shape (10, 10).
-        poses: Poses of the grasps, which show the size of the load.
+    ``covariance`` is that of ``(m, h, J)``, shape (10, 10); ``poses`` of the grasps show the size of the load.
     """
     _, length = middle_and_size(poses)
     units = np.repeat([abs(measured.mass), length, abs(measured.mass) * length**2], [1, 3, 6])

@@ -1,8 +1,5 @@
 """Checks for recordings in other units, orders or signs than expected, by what robots and loads can do."""
 
-from __future__ import annotations
-
-from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
@@ -37,26 +34,17 @@ _STEADY = 0.3
 
 
 def plausible_signals(recording: Recording, cutoff: float) -> Signals:
-    """Check shapes, units, order and signs of a recording, and return its smooth signals.
-
-    Raises:
-        RecordingError: Something is impossible, or missing; the message says what may be wrong.
-    """
+    """Check shapes, units, order and signs of a recording, and return its smooth signals."""
     check_plausible(recording)
     signals = signals_of(recording, cutoff)
     if recording.has("pose"):
         check_conventions(recording, cutoff, signals)
-    if signals.wrench is not None:
-        check_weight(recording, signals.wrench, signals.a)
+    check_weight(recording, signals.wrench, signals.a)
     return signals
 
 
 def check_plausible(recording: Recording) -> None:
-    """Check shapes, units and order of a recording's samples.
-
-    Raises:
-        RecordingError: Something is impossible; the message says what may be wrong.
-    """
+    """Check shapes, units and order of a recording's samples."""
     check_recording(recording)
     _check_robots(recording)
     check_units(recording)
@@ -78,11 +66,7 @@ def _check_robots(recording: Recording) -> None:
 
 
 def check_units(recording: Recording) -> None:
-    """Check that nothing moves faster than loads are carried, and that accelerations are about that of gravity.
-
-    Raises:
-        RecordingError: A value is out of range; the message says which unit it may have.
-    """
+    """Check that nothing moves faster than loads are carried, and that accelerations are about that of gravity."""
     steps = max(1, round(_STEP * recording.rate))
     expected = float(np.linalg.norm(recording.gravity))
     for name, robot in recording.robots.items():
@@ -119,9 +103,6 @@ def check_twists(recording: Recording) -> None:
     """Check that the first three columns of twists, and not the last, may be angular velocities of one load.
 
     Robots that hold one load turn equally fast, but their hands move at different velocities.
-
-    Raises:
-        RecordingError: The last three of one robot, or of all, fit better.
     """
     if not recording.has("twist"):
         return
@@ -170,30 +151,24 @@ def _check_jumps(recording: Recording) -> None:
 def check_weight(recording: Recording, wrench: Array, acceleration: Array) -> None:
     """Check that the forces carry the load: along the accelerations they add up to a positive mass.
 
-    Internal forces, by which robots push against each other, cancel.
-
-    Args:
-        recording: The recording, for the message.
-        wrench: ``(f, t)`` of each robot in its own grasp frame, shape (N, n, 6).
-        acceleration: Proper accelerations of the frames' origins, shape (N, n, 3).
-
-    Raises:
-        RecordingError: The forces pull the load down, or are zero.
+    Internal forces, by which robots push against each other, cancel. Wrenches ``(f, t)``, shape (N, n, 6), and proper
+    accelerations of the frames' origins, (N, n, 3), are in the grasp frames.
     """
     strength = float(np.sqrt(np.mean(np.square(acceleration).sum(axis=-1))))
     if strength == 0.0:
         raise RecordingError("the load neither accelerates nor feels gravity, so nothing shows its mass")
-    force, moment = (_Lift.of(wrench[..., part], acceleration, strength) for part in (slice(0, 3), slice(3, 6)))
-    found = f"wrenches add up to {force.mean / strength:.3g} kg"
-    is_larger = moment.mean > abs(force.mean) and moment.size > force.size  # lever arms are shorter than a metre
-    if is_larger and moment.is_steady and not force.is_steady:
+    force, force_size, is_force_steady = _lift(wrench[..., :3], acceleration, strength)
+    moment, moment_size, is_moment_steady = _lift(wrench[..., 3:], acceleration, strength)
+    found = f"wrenches add up to {force / strength:.3g} kg"
+    is_larger = moment > abs(force) and moment_size > force_size  # lever arms are shorter than a metre
+    if is_larger and is_moment_steady and not is_force_steady:
         raise RecordingError(
-            f"{found}, but what is given as moments would be forces that carry {moment.mean / strength:.3g} kg: give "
+            f"{found}, but what is given as moments would be forces that carry {moment / strength:.3g} kg: give "
             f"the moment first, mx my mz fx fy fz"
         )
-    if force.size == 0.0:
+    if force_size == 0.0:
         raise RecordingError(f"{found}: all forces are zero, so nothing shows the mass. Record the force of every hand")
-    if force.mean > -_OPPOSITE * force.size:
+    if force > -_OPPOSITE * force_size:
         return
     gravity = "accelerations must be what accelerometers read, acceleration minus gravity"
     if not recording.has("acceleration"):
@@ -205,28 +180,14 @@ def check_weight(recording: Recording, wrench: Array, acceleration: Array) -> No
     )
 
 
-@dataclass(frozen=True)
-class _Lift:
-    """Component of the sum of all robots' vectors along their proper accelerations.
+def _lift(vectors: Array, acceleration: Array, strength: float) -> tuple[float, float, bool]:
+    """Component of the sum of all robots' vectors (N, n, 3) along their proper accelerations, in root mean square size.
 
-    Attributes:
-        mean: Its mean over time.
-        spread: Its standard deviation over time.
-        size: Sum of the root mean square sizes of the robots' vectors.
+    Returns:
+        Its mean over time; the sum of the root mean square sizes of the robots' vectors; whether it is positive and
+        nearly constant, as the weight of a load is.
     """
-
-    mean: float
-    spread: float
-    size: float
-
-    @staticmethod
-    def of(vectors: Array, acceleration: Array, strength: float) -> _Lift:
-        """From vectors and accelerations (N, n, 3); ``strength`` is the root mean square acceleration [m/s²]."""
-        along = np.einsum("ikx,ikx->k", vectors, acceleration) / strength
-        size = np.sqrt(np.square(vectors).sum(axis=-1).mean(axis=1)).sum()
-        return _Lift(float(along.mean()), float(along.std()), float(size))
-
-    @property
-    def is_steady(self) -> bool:
-        """Whether it is positive and nearly constant, as the weight of a load is."""
-        return self.mean > 0.0 and self.spread < _STEADY * self.mean
+    along = np.einsum("ikx,ikx->k", vectors, acceleration) / strength
+    size = np.sqrt(np.square(vectors).sum(axis=-1).mean(axis=1)).sum()
+    mean = float(along.mean())
+    return mean, float(size), mean > 0.0 and float(along.std()) < _STEADY * mean

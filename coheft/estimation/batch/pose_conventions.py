@@ -36,36 +36,22 @@ def inverse_poses(poses: Array) -> Array:
     return np.hstack([-back.apply(poses[:, :3]), back.as_quat()])
 
 
-def _real_part_last(poses: Array) -> Array:
-    """Poses that were given as ``x y z qw qx qy qz``."""
-    return poses[:, [0, 1, 2, 4, 5, 6, 3]]
-
-
-def _inverse_quaternions(poses: Array) -> Array:
-    return poses * [1.0, 1.0, 1.0, -1.0, -1.0, -1.0, 1.0]
-
-
 _CONVENTIONS: tuple[tuple[Callable[[Array], Array], str, str], ...] = (
-    (_real_part_last, "with quaternions in the order qw qx qy qz", "Move the real part to the end"),
+    (
+        lambda p: p[:, [0, 1, 2, 4, 5, 6, 3]],
+        "with quaternions in the order qw qx qy qz",
+        "Move the real part to the end",
+    ),
     (inverse_poses, "as inverses, poses of the home frame in the grasp frame,", "Invert them"),
-    (_inverse_quaternions, "with inverse quaternions", "Change the signs of qx qy qz"),
+    (lambda p: p * [1, 1, 1, -1, -1, -1, 1], "with inverse quaternions", "Change the signs of qx qy qz"),
 )
 """Conversions from other conventions, with words for the convention and the remedy."""
 
 
 def check_conventions(recording: Recording, cutoff: float, signals: Signals) -> None:
-    """Check that no other convention explains the robots' motions far better.
-
-    Args:
-        recording: The recording, with poses.
-        cutoff: Cutoff of the filter [Hz].
-        signals: Signals of the recording.
-
-    Raises:
-        RecordingError: Another convention does; the message says which, and whose poses have it.
-    """
+    """Check that no other convention of poses explains the robots' motions far better."""
     by_poses = _by_poses(recording, cutoff) if recording.has("twist") else signals
-    given = _twists(by_poses)
+    given = by_poses.twists
     found = _misfit(given)
     if found < _MISFIT:
         return
@@ -96,7 +82,7 @@ def check_conventions(recording: Recording, cutoff: float, signals: Signals) -> 
 def _other_conventions(recording: Recording, cutoff: float) -> Iterator[tuple[Array, str, str]]:
     """Twists (N, n, 6) of poses in other conventions, with words for the convention and the remedy."""
     for convert, how, what_to_do in _CONVENTIONS:
-        yield _twists(_by_poses(recording.changed("pose", convert), cutoff)), how, what_to_do
+        yield _by_poses(recording.changed("pose", convert), cutoff).twists, how, what_to_do
 
 
 def _other_axes(signals: Signals) -> Iterator[tuple[Array, str, str]]:
@@ -116,11 +102,6 @@ def _by_poses(recording: Recording, cutoff: float) -> Signals:
     """Signals with twists from poses only."""
     robots = {name: replace(robot, twist=None, dtwist=None) for name, robot in recording.robots.items()}
     return signals_of(replace(recording, robots=robots), cutoff)
-
-
-def _twists(signals: Signals) -> Array:
-    """Twists (N, n, 6)."""
-    return np.concatenate([signals.w, signals.v], axis=-1)
 
 
 def _misfit(twists: Array) -> float:

@@ -37,10 +37,9 @@ class Signals:
         v: Velocity of the origin, shape (N, n, 3) [m/s].
         alpha: Angular acceleration, shape (N, n, 3) [rad/s²].
         a: Proper acceleration of the origin, shape (N, n, 3) [m/s²].
-        wrench: ``(f, t)`` on the payload, shape (N, n, 6); None if not recorded.
+        up: ``a`` minus the acceleration of the origin according to twists: minus gravity, shape (N, n, 3) [m/s²].
+        wrench: ``(f, t)`` on the payload, shape (N, n, 6).
         rotation: Of ``F_i`` in the home frame, shape (N, n, 3, 3); None without poses.
-        up: ``a`` minus the acceleration of the origin according to twists: minus gravity, shape (N, n, 3) [m/s²]; None
-            if it was not computed.
     """
 
     time: Array
@@ -48,28 +47,23 @@ class Signals:
     v: Array
     alpha: Array
     a: Array
-    wrench: Array | None
+    up: Array
+    wrench: Array
     rotation: Array | None
-    up: Array | None = None
 
     @property
     def rate(self) -> float:
         """Samples per second."""
         return float((len(self.time) - 1) / (self.time[-1] - self.time[0]))
 
+    @property
+    def twists(self) -> Array:
+        """``(w, v)``, shape (N, n, 6)."""
+        return np.concatenate([self.w, self.v], axis=-1)
+
 
 def low_pass(samples: Array, rate: float, cutoff: float = PAPER_CUTOFF, axis: int = 0) -> Array:
-    """Butterworth filter of third order, forwards and backwards.
-
-    Args:
-        samples: Samples, consecutive along ``axis``.
-        rate: Samples per second.
-        cutoff: Cutoff [Hz].
-        axis: The axis of time.
-
-    Raises:
-        RecordingError: There are too few samples, or too few per second.
-    """
+    """Butterworth filter of third order, forwards and backwards."""
     if cutoff >= 0.5 * rate:
         raise RecordingError(
             f"{rate:g} samples per second cannot be filtered at {cutoff:g} Hz: record more, or choose a --cutoff below "
@@ -91,9 +85,7 @@ def derivative(difference: Callable[[int], Array], rate: float) -> Array:
     The one of second order reduces an oscillation of angular frequency ``w`` by ``(w / rate)^2 / 6``, accelerations
     twice as much, so that inertias would be too large: by 0.2 % for motions of 2 Hz at 100 samples per second.
 
-    Args:
-        difference: Function of ``k``: differences between the samples ``k`` later and ``k`` earlier, (N, n - 2 k, ...).
-        rate: Samples per second.
+    ``difference(k)`` returns differences between the samples ``k`` later and ``k`` earlier, (N, n - 2 k, ...).
     """
     return rate * (2.0 * difference(1)[:, 1:-1] / 3.0 - difference(2) / 12.0)
 
@@ -136,44 +128,37 @@ def body_rates(rotations: Array, rate: float) -> Array:
 
 
 def signals_of(recording: Recording, cutoff: float = PAPER_CUTOFF) -> Signals:
-    """Smooth signals of a recording.
+    """Smooth signals of a checked recording.
 
     Channels that were not recorded are derived: twists from poses, their derivatives from twists, proper accelerations
     from these and gravity in the home frame.
-
-    Args:
-        recording: A checked recording.
-        cutoff: Cutoff of the filter [Hz].
-
-    Raises:
-        RecordingError: A channel is missing, or the recording is too short.
     """
-    rate, time = recording.rate, recording.time
-    rotation = None
+    rate, count = recording.rate, len(recording.time)
+
+    def smooth(channel: str, lost: int) -> Array:
+        return low_pass(recording.stacked(channel), rate, cutoff, axis=1)[:, lost : count - lost]
+
+    lost, rotation = 0, None  # samples at both ends, by differences
     if recording.has("pose"):
         rotation, position = smooth_poses(recording.stacked("pose"), rate, cutoff)
     if recording.has("twist"):
-        twist = low_pass(recording.stacked("twist"), rate, cutoff, axis=1)
+        twist = smooth("twist", 0)
     elif rotation is not None:
         velocity = (rates(position, rate)[..., None, :] @ rotation[:, 2:-2])[..., 0, :]  # in the grasp frame
-        twist = np.concatenate([body_rates(rotation, rate), velocity], axis=-1)
-        time, rotation = time[2:-2], rotation[:, 2:-2]
+        twist, lost = np.concatenate([body_rates(rotation, rate), velocity], axis=-1), 2
     else:
         raise RecordingError(
             f"found neither {_lacks(recording, 'pose')} nor {_lacks(recording, 'twist')}: one is needed"
         )
-    lost = (len(recording.time) - len(time)) // 2
     if recording.has("dtwist"):
-        dtwist = low_pass(recording.stacked("dtwist"), rate, cutoff, axis=1)[:, lost : lost + len(time)]
+        dtwist = smooth("dtwist", lost)
     else:
-        dtwist = rates(twist, rate)
-        time, twist, lost = time[2:-2], twist[:, 2:-2], lost + 2
-        rotation = None if rotation is None else rotation[:, 2:-2]
-    inner = slice(lost, lost + len(time))
+        dtwist, twist, lost = rates(twist, rate), twist[:, 2:-2], lost + 2
+    time, rotation = recording.time[lost : count - lost], None if rotation is None else rotation[:, lost : count - lost]
     w, v, alpha = twist[..., :3], twist[..., 3:], dtwist[..., :3]
     moved = dtwist[..., 3:] + np.cross(w, v)
     if recording.has("acceleration"):
-        a = low_pass(recording.stacked("acceleration"), rate, cutoff, axis=1)[:, inner]
+        a = smooth("acceleration", lost)
     elif rotation is not None:
         a = moved - recording.gravity @ rotation
     else:
@@ -181,7 +166,7 @@ def signals_of(recording: Recording, cutoff: float = PAPER_CUTOFF) -> Signals:
             f"found neither {_lacks(recording, 'pose')} nor {_lacks(recording, 'acceleration')}: nothing tells where "
             f"down is"
         )
-    wrench = low_pass(recording.stacked("wrench"), rate, cutoff, axis=1)[:, inner] if recording.has("wrench") else None
+    wrench = smooth("wrench", lost)
     inner_time = (time >= recording.time[0] + EDGE) & (time <= recording.time[-1] - EDGE)
     # There is nothing above the cutoff: fewer samples suffice.
     every = max(1, int(rate / (OVERSAMPLING * cutoff)))
@@ -199,7 +184,7 @@ def signals_of(recording: Recording, cutoff: float = PAPER_CUTOFF) -> Signals:
         alpha=alpha[:, kept],
         a=a[:, kept],
         up=(a - moved)[:, kept],
-        wrench=None if wrench is None else wrench[:, kept],
+        wrench=wrench[:, kept],
         rotation=None if rotation is None else rotation[:, kept],
     )
 

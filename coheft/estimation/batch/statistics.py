@@ -17,13 +17,8 @@ _SINGULAR = 1e-12
 def sandwich_information(derivative: Array, scores: Array, rate: float, least: Array) -> Array:
     """Information (u, u) on the solution of ``sum of scores = 0``, the inverse of its covariance (Huber 1967).
 
-    Directions that are not observable have no information.
-
-    Args:
-        derivative: Derivative of the summed scores by the unknowns, shape (u, u).
-        scores: Scores at the solution, consecutive in time, shape (n, u).
-        rate: Samples per second.
-        least: Covariance of the summed scores due to rounding, shape (u, u).
+    Directions that are not observable have no information. Scores (n, u) at the solution are consecutive in time;
+    ``derivative`` (u, u) is that of their sum by the unknowns, ``least`` (u, u) the sum's covariance due to rounding.
     """
     scatter = scatter_of_sum(scores, rate, len(derivative)) + least + EXACT**2 * derivative @ derivative.T
     balance = 1.0 / np.sqrt(np.maximum(np.diag(scatter), np.finfo(np.float64).tiny))
@@ -45,12 +40,8 @@ def scatter_of_sum(scores: Array, rate: float, reported: int) -> Array:
     which cancels over time, for more than it is.
 
     The result is itself uncertain, as if it came from the squares of so many independent sums. So it is increased until
-    the solution's squared error in units of its covariance is 1 per degree of freedom (Hotelling 1931).
-
-    Args:
-        scores: Scores at the solution.
-        rate: Samples per second.
-        reported: Number of components of the solution that are reported together.
+    the solution's squared error in units of its covariance is 1 per degree of freedom (Hotelling 1931); ``reported`` is
+    the number of components of the solution that are reported together.
     """
     count, unknowns = scores.shape
     length = span_length(count, rate, unknowns)

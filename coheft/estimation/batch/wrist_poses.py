@@ -42,11 +42,8 @@ class WristPoses:
     def of(poses: Array, rate: float, *, at_home: bool) -> WristPoses:
         """Convert poses ``x y z qx qy qz qw`` in the home frames, shape (N, n, 7).
 
-        Args:
-            poses: The recorded poses.
-            rate: Samples per second.
-            at_home: Whether to take robots for ones with gimbals, which are zero at home, except those whose second
-                angle would exceed ``LARGEST_TILT``.
+        With ``at_home``, robots are taken for ones with gimbals that are zero at home, except those whose second angle
+        would exceed ``LARGEST_TILT``.
         """
         zeros = Rotation.from_quat(poses[..., 3:].reshape(-1, 4)).as_matrix().reshape(*poses.shape[:2], 3, 3)
         has_gimbal = np.full(len(poses), at_home)

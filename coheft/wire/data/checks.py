@@ -5,21 +5,15 @@ from collections.abc import Mapping
 import numpy as np
 
 from coheft.errors import RecordingError, one_line
-from coheft.estimation.batch.recording import RobotRecord, Truth
+from coheft.estimation.batch.recording import CHANNELS, RobotRecord, Truth
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.rigid_body.mass_properties import Inertia
-from coheft.wire.data.units import samples_in_seconds
+from coheft.wire.data.times import samples_in_seconds
 
 TIME = "t"
-COLUMNS = {
-    "pose": ("x", "y", "z", "qx", "qy", "qz", "qw"),
-    "twist": ("wx", "wy", "wz", "vx", "vy", "vz"),
-    "dtwist": ("dwx", "dwy", "dwz", "dvx", "dvy", "dvz"),
-    "acceleration": ("ax", "ay", "az"),
-    "wrench": ("mx", "my", "mz", "fx", "fy", "fz"),
-}
-"""Channels of a robot and the names of their columns in CSV files."""
+COLUMNS = {**CHANNELS, "wrench": ("mx", "my", "mz", "fx", "fy", "fz")}
+"""Channels of a robot and the names of their columns in CSV files, in which the torque comes first."""
 TRUTH = "truth"
 _LEAST_GRAVITY, _MOST_GRAVITY = 1.5, 30.0
 """Range of gravity on planets and moons [m/s²]."""
@@ -32,11 +26,7 @@ def channels_of(robot: RobotRecord) -> dict[str, Array]:
 
 
 def robot_of(name: str, table: Mapping[str, Array]) -> RobotRecord:
-    """Make a robot's record from channels and ``t`` (n,). The shapes of channels are not checked.
-
-    Raises:
-        RecordingError: The times are invalid, or a channel is unknown.
-    """
+    """Make a robot's record from channels and ``t`` (n,). The shapes of channels are not checked."""
     if TIME not in table:
         raise RecordingError(
             f"'{TIME}' of {name} is missing: the times of its samples; if each line is a hold: --method static"
@@ -46,11 +36,7 @@ def robot_of(name: str, table: Mapping[str, Array]) -> RobotRecord:
 
 
 def record_at(time: Array, name: str, table: Mapping[str, Array]) -> RobotRecord:
-    """Make a robot's record from channels, at other times (n,) [s] than those in ``table``, if any.
-
-    Raises:
-        RecordingError: A channel is unknown.
-    """
+    """Make a robot's record from channels, at other times (n,) [s] than those in ``table``, if any."""
     unknown = set(table) - set(COLUMNS) - {TIME}
     if unknown:
         allowed = ", ".join([TIME, *COLUMNS])
@@ -81,11 +67,7 @@ def noise_of(array: Array) -> SensorNoise:
 
 
 def holds_of(array: Array) -> tuple[tuple[float, float], ...]:
-    """Check intervals in which the load was still, an array (k, 2) in its unit; an empty one may have any shape.
-
-    Raises:
-        RecordingError: They are invalid.
-    """
+    """Check intervals in which the load was still, an array (k, 2) in its unit; an empty one may have any shape."""
     if array.size == 0:
         return ()
     if array.ndim != 2 or array.shape[1] != 2:
@@ -101,12 +83,7 @@ def holds_of(array: Array) -> tuple[tuple[float, float], ...]:
 def truth_of(arrays: Mapping[str, Array], robots: int) -> Truth | None:
     """Make the truth from ``poses`` (N, 12), ``t`` and ``mass`` (k,), ``com`` (k, 3), ``inertia`` (k, 3, 3).
 
-    Args:
-        arrays: Arrays by these names; empty if the truth is unknown.
-        robots: Number of robots, N.
-
-    Raises:
-        RecordingError: Arrays are missing, unknown, of a wrong shape, or not finite.
+    Without arrays there is no truth.
     """
     if not arrays:
         return None

@@ -16,10 +16,9 @@ from coheft.errors import RecordingError, one_line, recording_errors
 from coheft.estimation.batch.recording import GRAVITY, Recording, check_recording
 from coheft.estimation.geometry.spatial import Array
 from coheft.wire.data.checks import TIME, TRUTH, channels_of, gravity_of, holds_of, noise_of, robot_of, truth_of
-from coheft.wire.data.common_times import at_common_times
 from coheft.wire.data.folder import read_folder, write_folder
 from coheft.wire.data.replace import replace_files
-from coheft.wire.data.units import holds_in_seconds, span_of
+from coheft.wire.data.times import at_common_times, holds_in_seconds, span_of
 
 _SHARED = ("gravity", "holds", "noise")
 _BEGINNINGS = (b"PK\x03\x04", b"PK\x05\x06", b"\x93NUMPY")
@@ -35,17 +34,9 @@ _DAMAGED = (
 
 
 def read_recording(path: Path) -> Recording:
-    """Read and check a recording.
-
-    Raises:
-        RecordingError: It cannot be read or used; the message says why.
-    """
+    """Read and check a recording."""
     with recording_errors(path):
-        if not path.is_dir():
-            return recording_of(load_arrays(path))
-        recording = read_folder(path)
-        check_recording(recording)
-    return recording
+        return read_folder(path) if path.is_dir() else recording_of(load_arrays(path))
 
 
 def write_recording(recording: Recording, path: Path) -> None:
@@ -93,31 +84,21 @@ def _gravity(shared: Mapping[str, Array]) -> Array:
 
 def _tables(arrays: Mapping[str, npt.ArrayLike]) -> tuple[dict[str, dict[str, Array]], dict[str, Array]]:
     """Return the arrays of robots and of the truth, by name and channel, and those of the whole recording."""
-    given = {}
-    for key, values in arrays.items():
-        try:
-            given[key] = np.asarray(values)
-        except ValueError as error:  # rows of different lengths
-            raise RecordingError(f"'{one_line(key)}': expected an array of numbers: {one_line(str(error))}") from error
     tables: dict[str, dict[str, Array]] = {}
     shared: dict[str, Array] = {}
-    for key, array in _as_numbers(given, "not a recording").items():
+    for key, values in arrays.items():
         name, slash, channel = key.rpartition("/")
         if slash:
-            tables.setdefault(name, {})[channel] = array
+            tables.setdefault(name, {})[channel] = _numbers(key, values, "not a recording")
         elif key in _SHARED:
-            shared[key] = array
+            shared[key] = _numbers(key, values, "not a recording")
         else:
             raise RecordingError(f"key '{one_line(key)}' is unknown; allowed: {', '.join(_SHARED)}, ROBOT/CHANNEL")
     return tables, shared
 
 
 def recording_of(arrays: Mapping[str, npt.ArrayLike]) -> Recording:
-    """Make and check a recording from arrays, by their names in an ``.npz`` file.
-
-    Raises:
-        RecordingError: It cannot be used; the message says why.
-    """
+    """Make and check a recording from arrays, by their names in an ``.npz`` file."""
     tables, shared = _tables(arrays)
     truth = tables.pop(TRUTH, {})
     if not tables:
@@ -135,23 +116,14 @@ def recording_of(arrays: Mapping[str, npt.ArrayLike]) -> Recording:
 
 
 def channels_in(arrays: Mapping[str, npt.ArrayLike]) -> tuple[dict[str, dict[str, Array]], Array]:
-    """Return each robot's channels in arrays as of an ``.npz`` file, unchanged, possibly without times, and gravity.
-
-    Raises:
-        RecordingError: They are not those of a recording.
-    """
+    """Return each robot's channels in arrays as of an ``.npz`` file, unchanged, possibly without times, and gravity."""
     tables, shared = _tables(arrays)
     tables.pop(TRUTH, None)
     return tables, _gravity(shared)
 
 
 def load_arrays(path: Path) -> dict[str, Array]:
-    """Return all arrays of an ``.npz`` file, by their keys.
-
-    Raises:
-        RecordingError: It is damaged, or contains something else.
-        OSError: It cannot be read.
-    """
+    """Return all arrays of an ``.npz`` file, by their keys."""
     try:
         with path.open("rb") as file:  # numpy itself does not close damaged files
             if not file.read(max(map(len, _BEGINNINGS))).startswith(_BEGINNINGS):
@@ -169,7 +141,7 @@ def load_arrays(path: Path) -> dict[str, Array]:
         raise RecordingError(f"not an .npz file of numbers: {one_line(str(error))}; {_EXPECTED}") from error
     if len(arrays) < len(keys):
         raise RecordingError("an array is there more than once, expected each key once: write the file again")
-    return _as_numbers(arrays, "not an .npz file of numbers")
+    return {key: _numbers(key, array, "not an .npz file of numbers") for key, array in arrays.items()}
 
 
 _ADVICE = dict.fromkeys("mM", ": convert it with .astype('datetime64[ns]').astype('int64')") | {
@@ -178,12 +150,13 @@ _ADVICE = dict.fromkeys("mM", ": convert it with .astype('datetime64[ns]').astyp
 """What to do with other types, by numpy's kinds."""
 
 
-def _as_numbers(arrays: Mapping[str, npt.NDArray[Any]], what: str) -> dict[str, Array]:
-    """Convert an array to real numbers; ``what`` begins the error."""
-    for key, array in arrays.items():
-        if array.dtype.kind not in "biuf":
-            advice = _ADVICE.get(array.dtype.kind, "")
-            raise RecordingError(
-                f"{what}: '{one_line(key)}' holds values of type {array.dtype}, expected numbers{advice}"
-            )
-    return {key: array.astype(np.float64) for key, array in arrays.items()}
+def _numbers(key: str, values: npt.ArrayLike, what: str) -> Array:
+    """Convert values to an array of real numbers; ``what`` begins the error."""
+    try:
+        array = np.asarray(values)
+    except ValueError as error:  # rows of different lengths
+        raise RecordingError(f"'{one_line(key)}': expected an array of numbers: {one_line(str(error))}") from error
+    if array.dtype.kind not in "biuf":
+        advice = _ADVICE.get(array.dtype.kind, "")
+        raise RecordingError(f"{what}: '{one_line(key)}' holds values of type {array.dtype}, expected numbers{advice}")
+    return array.astype(np.float64)

@@ -13,14 +13,13 @@ import numpy as np
 
 from coheft.errors import RecordingError, one_line
 from coheft.estimation.batch.alignment import Stream
-from coheft.estimation.batch.recording import Recording, RobotRecord
+from coheft.estimation.batch.recording import Recording, RobotRecord, check_recording
 from coheft.estimation.geometry.spatial import Array
 from coheft.wire.data.checks import COLUMNS, TIME, channels_of, holds_of, robot_of
-from coheft.wire.data.common_times import align, at_common_times, streams_of_robot
 from coheft.wire.data.replace import replace_files
 from coheft.wire.data.ros_columns import is_of_ros, robot_named, streams_of
 from coheft.wire.data.table import Table, read_table
-from coheft.wire.data.units import holds_in_seconds, span_of
+from coheft.wire.data.times import align, at_common_times, holds_in_seconds, span_of, streams_of_robot
 from coheft.wire.process.log import LOG
 
 _HOLDS = "holds"
@@ -32,12 +31,7 @@ _END = "\r\n"
 
 
 def read_folder(folder: Path) -> Recording:
-    """Read a recording with separate files for each robot.
-
-    Raises:
-        RecordingError: A file cannot be used; the message says which, and why.
-        OSError: A file cannot be read.
-    """
+    """Read and check a recording with separate files for each robot."""
     files = _tables(folder)
     for one, other in pairwise(files):
         if one.stem == other.stem:
@@ -48,14 +42,17 @@ def read_folder(folder: Path) -> Recording:
     if not robots:
         raise RecordingError("no .csv files in this folder; expected one per robot")
     holds = [file for file in files if file.stem == _HOLDS]
-    return Recording(robots=robots, holds=_holds_in(holds[0], robots, since) if holds else None)
+    recording = Recording(robots=robots, holds=_holds_in(holds[0], robots, since) if holds else None)
+    check_recording(recording)
+    return recording
 
 
 def _holds_in(file: Path, robots: Mapping[str, RobotRecord], since: float) -> tuple[tuple[float, float], ...]:
     """Return holds in the time of the samples, which count from ``since`` [s]; holds may count from there or from 0."""
-    holds, (start, end) = _read_holds(file), span_of(robots)
-    if not since:
-        return holds_in_seconds(file.name, holds, (start, end))
+    table, (start, end) = read_table(file), span_of(robots)
+    if sorted(table.names) != sorted(_HOLDS_HEADER):
+        raise RecordingError(f"{file.name}: found columns {table.listed}; expected {', '.join(_HOLDS_HEADER)}")
+    holds = holds_of(table.numbers(_HOLDS_HEADER))
     try:
         whole = holds_in_seconds(file.name, holds, (since + start, since + end))
     except RecordingError:
@@ -74,12 +71,7 @@ def _tables(folder: Path) -> list[Path]:
 
 
 def write_folder(recording: Recording, folder: Path) -> None:
-    """Write samples and holds, replacing a recording in the folder.
-
-    Raises:
-        RecordingError: The folder contains CSV files that would be read as part of the recording.
-        OSError: A file cannot be written.
-    """
+    """Write samples and holds, replacing a recording in the folder."""
     for name in recording.robots:
         if name in ("", _HOLDS) or Path(name).name != name:
             raise RecordingError(f"robot '{one_line(name)}': no name of a file: rename it, or write an .npz file")
@@ -97,12 +89,7 @@ def write_folder(recording: Recording, folder: Path) -> None:
 
 
 def check_folder(folder: Path) -> list[Path]:
-    """Check that a recording can be written into a folder; return the files that it replaces.
-
-    Raises:
-        RecordingError: The folder contains CSV files that would be read as part of the recording.
-        OSError: A file cannot be read.
-    """
+    """Check that a recording can be written into a folder; return the files that it replaces."""
     old = _tables(folder)
     others = [file.name for file in old if not _is_ours(file)]
     if others:
@@ -174,12 +161,7 @@ def _robot_of(name: str, table: Table) -> RobotRecord:
 
 
 def read_channels(folder: Path) -> dict[str, dict[str, Array]]:
-    """Return each robot's channels in the files of a folder, unchanged, possibly without times.
-
-    Raises:
-        RecordingError: A file is not a table of a robot's measurements.
-        OSError: A file cannot be read.
-    """
+    """Return each robot's channels in the files of a folder, unchanged, possibly without times."""
     return {file.stem: _channels(_known(read_table(file))) for file in _tables(folder) if file.stem != _HOLDS}
 
 
@@ -195,7 +177,7 @@ def _known(table: Table) -> Table:
         )
     if unknown:
         raise RecordingError(
-            f"{table.file}: column '{one_line(unknown[0])}' is unknown; found {one_line(', '.join(table.names))}; "
+            f"{table.file}: column '{one_line(unknown[0])}' is unknown; found {table.listed}; "
             f"allowed: {', '.join(sorted(known))}, or those that 'rostopic echo -p' writes: rename it, or remove it"
         )
     twice = [column for column, name in zip(table.names, names, strict=True) if names.count(name) > 1]
@@ -215,15 +197,7 @@ def _channels(table: Table) -> dict[str, Array]:
             if missing:
                 raise RecordingError(
                     f"{table.file}: '{channel}' lacks column{'s' * (len(missing) > 1)} {', '.join(missing)}; found "
-                    f"{one_line(', '.join(table.names))}"
+                    f"{table.listed}"
                 )
             channels[channel] = table.numbers(columns)
     return channels
-
-
-def _read_holds(path: Path) -> tuple[tuple[float, float], ...]:
-    table = read_table(path)
-    if sorted(table.names) != sorted(_HOLDS_HEADER):
-        found = one_line(", ".join(table.names))
-        raise RecordingError(f"{path.name}: found columns {found}; expected {', '.join(_HOLDS_HEADER)}")
-    return holds_of(table.numbers(_HOLDS_HEADER))

@@ -12,9 +12,7 @@ _parts: set[Path] = set()
 def replace_files(writers: Mapping[Path, Callable[[BinaryIO], None]], old: Iterable[Path] = ()) -> None:
     """Write files, each beside its place first. If one cannot be written, all existing files stay unchanged.
 
-    Args:
-        writers: Function that writes a file, by path.
-        old: Files to remove when all new ones are written.
+    ``writers`` has functions that write the files, by path; ``old`` files are removed when all new ones are written.
 
     Raises:
         OSError: A file cannot be written, or an old one cannot be removed.

@@ -59,9 +59,6 @@ def streams_of(table: Table) -> dict[str, Stream]:
     """Return the measurements of a topic's messages by channel, with the stamps of their headers in seconds.
 
     Without stamps, the times of receipt are used, which is logged.
-
-    Raises:
-        RecordingError: Columns are missing, or do not contain numbers; times do not increase.
     """
     columns = _known_columns(table)
     found: dict[str, Array] = {}
@@ -72,7 +69,7 @@ def streams_of(table: Table) -> dict[str, Stream]:
         if missing:
             raise RecordingError(
                 f"{table.file}: '{channel}' lacks column{'s' * (len(missing) > 1)} "
-                f"{', '.join(_FIELD + name for name in missing)}; found {_listed(table)}"
+                f"{', '.join(_FIELD + name for name in missing)}; found {table.listed}"
             )
         found[channel] = table.numbers([columns[name] for name in wanted])
     if not found:
@@ -80,7 +77,7 @@ def streams_of(table: Table) -> dict[str, Stream]:
             f"{channel}: {' '.join(f'{_FIELD}….{end}' for end in ends)}" for channel, ends in _ENDS.items()
         )
         raise RecordingError(
-            f"{table.file}: found columns {_listed(table)}: none of what a robot measures; expected {expected}"
+            f"{table.file}: found columns {table.listed}: none of what a robot measures; expected {expected}"
         )
     time = _times(table)
     return {channel: Stream(time, values) for channel, values in found.items()}
@@ -134,7 +131,3 @@ def _times(table: Table) -> Array:
 def _ending(table: Table, ends: tuple[str, ...]) -> str | None:
     """The first column whose name has one of these ends."""
     return next((name for name in table.names if name.endswith(ends)), None)
-
-
-def _listed(table: Table) -> str:
-    return one_line(", ".join(table.names))

@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from coheft.errors import RecordingError, one_line
+from coheft.estimation.batch.holds import Statics
 from coheft.estimation.batch.recording import GRAVITY, Recording, check_samples
 from coheft.estimation.batch.signals import turns
-from coheft.estimation.batch.statics import Statics
 from coheft.estimation.geometry.spatial import Array
 from coheft.wire.data.checks import TIME, record_at
 from coheft.wire.data.file import channels_in, load_arrays, read_recording, recording_of
@@ -29,10 +29,6 @@ def read_statics(path: Path) -> Statics:
 
     Without times, or if the load rotates from line to line, each line is a hold. Otherwise a hold lasts until there is
     a gap; if there are no gaps, as long as forces do not change.
-
-    Raises:
-        RecordingError: They cannot be used; the message says why.
-        OSError: They cannot be read.
     """
     if not path.is_dir():
         return statics_of(load_arrays(path))
@@ -65,18 +61,13 @@ def _statics(tables: Mapping[str, Mapping[str, Array]], gravity: Array, whole: C
     for name, robot in robots.items():
         check_samples(name, robot)
     spans = _spans(tables[first].get(TIME), tables[first]["pose"], first)
-    if spans is None:
-        return Statics.of_recording(whole())
-    return Statics.of_samples(Recording(robots, gravity=gravity), spans)
+    return Statics.of_recording(whole() if spans is None else Recording(robots, gravity=gravity), spans)
 
 
 def _spans(time: Array | None, pose: Array, name: str) -> list[tuple[int, int]] | None:
     """Return first and one past the last line of each hold; None if it was recorded without gaps.
 
-    Args:
-        time: Times of the lines, in any unit; None if not recorded.
-        pose: Poses of the lines, shape (n, 7).
-        name: Name of the robot in messages.
+    Times (n,) of the lines have any unit; None if not recorded. Poses have the shape (n, 7).
     """
     count = len(pose)
     if time is not None and time.shape != (count,):

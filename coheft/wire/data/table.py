@@ -25,12 +25,13 @@ class Table:
     names: tuple[str, ...]
     rows: Sequence[tuple[int, Sequence[str]]]
 
-    def numbers(self, names: Sequence[str]) -> Array:
-        """Return some of the columns, shape (n, columns).
+    @property
+    def listed(self) -> str:
+        """Names of the columns, for a message."""
+        return one_line(", ".join(self.names))
 
-        Raises:
-            RecordingError: A value is not a finite number; the message names line and column.
-        """
+    def numbers(self, names: Sequence[str]) -> Array:
+        """Return some of the columns, shape (n, columns)."""
         places = [self.names.index(name) for name in names]
         found = np.empty((len(self.rows), len(names)))
         for i, (line, row) in enumerate(self.rows):
@@ -53,11 +54,7 @@ class Table:
         return found
 
     def check_growing(self, time: Array, unit: str = "") -> None:
-        """Check that times (n,) of the rows grow; ``unit`` is for the message.
-
-        Raises:
-            RecordingError: They do not; the message names the line.
-        """
+        """Check that times (n,) of the rows grow; ``unit`` is for the message."""
         falling = np.flatnonzero(~(np.diff(time) > 0.0))
         if len(falling):
             at = int(falling[0]) + 1
@@ -72,10 +69,6 @@ def read_table(path: Path) -> Table:
     """Read a CSV file. Blank lines, spaces around values, and commas at the ends of lines are ignored.
 
     Lines that begin with # are comments, but for one with the names of columns, as ``numpy.savetxt`` writes it.
-
-    Raises:
-        RecordingError: It is not a table of values separated by commas.
-        OSError: It cannot be read.
     """
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:

@@ -1,16 +1,16 @@
-"""The frequency band in which a load moves, as nearly independent coefficients of a cosine transform.
+"""The frequency band in which a load moves, and the filter that it needs.
 
 Noise is measured just above the band, where there is no motion: still higher, a sensor's own filter may suppress it.
+
+Filters reduce fast parts of a motion, and of the forces that go with it, but not in proportion: forces depend on
+products of velocities. So a motion has to be slower than the filter.
 """
 
-from dataclasses import dataclass
-from typing import Self
-
 import numpy as np
-import numpy.typing as npt
 from scipy.fft import dct
 
-from coheft.estimation.batch.signals import ORDER, Signals
+from coheft.estimation.batch.recording import Recording
+from coheft.estimation.batch.signals import CUTOFF, ORDER, Signals, without_jumps
 from coheft.estimation.geometry.spatial import Array
 
 _USED = 5.0 / 6.0
@@ -23,6 +23,12 @@ _MOTION_POWER = 0.98
 _WIDER = 1.3
 _FEWEST, _MOST_BANDS, _PER_BAND = 3, 12, 8
 _FEW_ABOVE = 60
+_HIGHEST_CUTOFF = 12.0
+"""No robot moves a load so fast that it needs a higher one [Hz]."""
+_FAST = 1e-4
+"""Share of the power of velocities that a filter may take away."""
+_SURE = 6.0
+"""Standard deviations by which noise may exceed its mean."""
 
 
 def white_level(samples: Array, rate: float, cutoff: float) -> Array | None:
@@ -45,44 +51,67 @@ def periodogram(samples: Array) -> Array:
     return result
 
 
-@dataclass(frozen=True, eq=False)
+def cutoff_for(recording: Recording) -> float:
+    """Return the lowest of 3, 6 and 12 Hz that suits the motion of all robots, as far as the rate allows."""
+    channel = "pose" if recording.has("pose") else "twist"
+    if not recording.has(channel):
+        return CUTOFF
+    samples = recording.stacked(channel)
+    if channel == "pose":
+        samples = without_jumps(samples)
+    # Places and orientations, or velocities along and about the axes, have units of their own.
+    halves = [own[:, part] for own in samples for part in (slice(0, 3), slice(3, None))]
+    cutoff = CUTOFF
+    while 2.0 * cutoff <= min(_HIGHEST_CUTOFF, HIGHEST * recording.rate) and any(
+        _is_fast(half, recording.rate, cutoff, order=2 if channel == "pose" else 0) for half in halves
+    ):
+        cutoff *= 2.0
+    return cutoff
+
+
+def _is_fast(samples: Array, rate: float, cutoff: float, order: int) -> bool:
+    """Whether a filter takes too much of the power of samples (n, c), times the frequency to this order."""
+    level = white_level(samples, rate, HIGHEST * rate)
+    if level is None:
+        return False
+    frequency = np.fft.rfftfreq(len(samples), 1.0 / rate)
+    used = frequency < 2.0 * cutoff
+    weights, ratio = frequency[used] ** order, (frequency[used] / cutoff) ** (2 * ORDER)
+    power, noise = weights * (periodogram(samples)[used] - level**2).sum(axis=1), weights * (level**2).sum()
+    taken = (ratio / (1.0 + ratio)) ** 2  # its gain is 1 / (1 + ratio)
+    unsure = _SURE * float(np.sqrt(np.sum((taken * noise) ** 2)))
+    return float(taken @ power) > _FAST * float(power.sum()) + unsure
+
+
 class Band:
-    """Coefficients of the cosine transform of filtered signals, up to a frequency.
+    """Coefficients of the cosine transform of signals, filtered with a cutoff [Hz], up to a frequency.
 
     Attributes:
         frequency: Frequency of each coefficient, shape (K,) [Hz].
-        gain: Gain of the filter that was applied to the signals, shape (K,).
-        moving: Number of coefficients in the band of the motion; they come first.
-        starts: First coefficient of each interval in which spectra are measured, shape (B,).
+        moving: Number of coefficients in the band in which a load with this twist (n, 6) moves; they come first.
     """
 
-    frequency: Array
-    gain: Array
-    moving: int
-    starts: npt.NDArray[np.intp]
-
-    @classmethod
-    def of(cls, signals: Signals, cutoff: float, twist: Array) -> Self:
-        """Find the band of a load with this twist (n, 6), filtered with a cutoff [Hz]."""
+    def __init__(self, signals: Signals, cutoff: float, twist: Array) -> None:
         frequency = np.arange(len(signals.time)) * signals.rate / (2 * len(signals.time))
-        frequency = frequency[frequency <= _USED * cutoff]
-        count = len(frequency)
+        self.frequency = frequency[frequency <= _USED * cutoff]
+        self._gain = 1.0 / (1.0 + (self.frequency / cutoff) ** (2 * ORDER))
+        count = len(self.frequency)
         power = dct(twist - twist.mean(axis=0), axis=0, norm="ortho")[:count] ** 2
         share = np.cumsum((power / np.maximum(power.sum(axis=0), 1e-300)).sum(axis=1))
-        moving = min(count, int(_WIDER * np.searchsorted(share, _MOTION_POWER * share[-1])) + 3)
+        self.moving = min(count, int(_WIDER * np.searchsorted(share, _MOTION_POWER * share[-1])) + 3)
         bands = max(_FEWEST, min(_MOST_BANDS, count // _PER_BAND))
-        starts = np.linspace(0, count, bands + 1).astype(np.intp)[:-1]
-        return cls(frequency, 1.0 / (1.0 + (frequency / cutoff) ** (2 * ORDER)), moving, starts)
+        self._starts = np.linspace(0, count, bands + 1).astype(np.intp)[:-1]
+        """First coefficient of each interval in which spectra are measured."""
 
     def coefficients(self, signals: Array) -> Array:
         """Coefficients (K, ...) of signals (n, ...) as they were before the filter."""
         kept = dct(signals, axis=0, norm="ortho")[: len(self.frequency)]
-        return kept / self.gain.reshape(-1, *[1] * (signals.ndim - 1))
+        return kept / self._gain.reshape(-1, *[1] * (signals.ndim - 1))
 
     def spread(self, residual: Array) -> Array:
         """Mean square of whitened residuals (K, g, c) in the interval of each coefficient, at least 1, shape (K, g)."""
-        sizes = np.diff([*self.starts, len(residual)])
-        measured = np.add.reduceat(np.mean(residual**2, axis=-1), self.starts, axis=0) / sizes[:, None]
+        sizes = np.diff([*self._starts, len(residual)])
+        measured = np.add.reduceat(np.mean(residual**2, axis=-1), self._starts, axis=0) / sizes[:, None]
         return np.repeat(np.maximum(1.0, measured), sizes, axis=0)
 
     def misfit(self, residual: Array) -> float:

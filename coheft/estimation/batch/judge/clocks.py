@@ -21,11 +21,7 @@ _STEPS, _STEP, _LONGEST, _FOUND = 12, 0.1, 1.0, 1e-4
 
 
 def clock_delays(signals: Signals, poses: Sequence[Pose]) -> tuple[Array, Array]:
-    """Delay of each robot's poses against the mean of the others.
-
-    Args:
-        signals: Signals of N robots.
-        poses: Poses of their grasp frames in the body frame.
+    """Delay of each robot's motion against the mean of the others'; ``poses`` are in the body frame.
 
     Returns:
         Delays and their standard deviations, shape (N,) each [s]; infinite if there is nothing but noise.
@@ -53,10 +49,8 @@ def clock_delays(signals: Signals, poses: Sequence[Pose]) -> tuple[Array, Array]
 def _deviation(left: Array, columns: Array, acceleration: Array) -> float:
     """Standard deviation of a delay [s].
 
-    Args:
-        left: Residuals of the angular velocity, of all axes in turn, shape (3 n,).
-        columns: Their derivatives by the delay, which are noisy, and by a rotation, shape (3 n, 4).
-        acceleration: The robot's own angular acceleration, shape (3 n,).
+    ``left`` (3 n,) are residuals of the angular velocity, of all axes in turn, ``columns`` (3 n, 4) derivatives by the
+    delay, which are noisy, and by a rotation, and ``acceleration`` (3 n,) is the robot's own.
     """
     turns = columns[:, 1:]
     shown = columns[:, 0] - turns @ np.linalg.lstsq(turns, columns[:, 0])[0]

@@ -51,11 +51,7 @@ class Evidence:
 
     @classmethod
     def of(cls, recording: Recording, cutoff: float) -> Self:
-        """Find the grasp poses from poses, or without these from twists.
-
-        Raises:
-            RecordingError: Too little was recorded, or samples are impossible for robots that hold one load.
-        """
+        """Find the grasp poses from poses, or without these from twists."""
         cutoff = min(cutoff, HIGHEST * recording.rate)
         signals = plausible_signals(recording, cutoff)
         start, _ = grasps_from_twists(signals, with_instruments=True)
@@ -67,8 +63,7 @@ class Evidence:
     @classmethod
     def of_poses(cls, recording: Recording, signals: Signals, cutoff: float, grasps: HandEye) -> Self:
         """Use grasps that were fitted to poses."""
-        highest = HIGHEST * recording.rate
-        if cutoff > highest:
+        if cutoff > (highest := HIGHEST * recording.rate):
             signals, cutoff = signals_of(recording, highest), highest
         return cls(recording, signals, cutoff, grasps.team, grasps.homes, suspicions_about(grasps))
 

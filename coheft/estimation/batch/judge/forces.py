@@ -4,12 +4,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from coheft.estimation.batch.judge.evidence import Evidence
 from coheft.estimation.batch.judge.mend import MENDABLE, mend
 from coheft.estimation.batch.judge.motions import gravity_factors
-from coheft.estimation.batch.judge.sensors import FORCES, MOMENTS, missing_axis, silent_axis, silent_sensor
+from coheft.estimation.batch.judge.sensors import FORCES, MOMENTS, missing_axis, silent_sensor
 from coheft.estimation.batch.judge.suspects import Suspect, Suspects, forces_instead
 from coheft.estimation.batch.judge.verdict import ALL, Cause, Verdict
 from coheft.estimation.batch.judge.words import angle_deg, is_ambiguous, is_unit_of_all, words_of
@@ -38,8 +37,7 @@ _OFF = 0.2
 _ALIKE = 2.0
 """Largest difference in standard deviations between loads that are the same, whichever robot is corrected."""
 _HIDING = (
-    *(Cause.OFFSET, Cause.LEVER, Cause.SCALE, Cause.FORCE_SCALE, Cause.CLOCK, Cause.GRAVITY),
-    Cause.LENGTH_SCALE,
+    *(Cause.OFFSET, Cause.LEVER, Cause.SCALE, Cause.FORCE_SCALE, Cause.CLOCK, Cause.GRAVITY, Cause.LENGTH_SCALE),
 )
 """Faults that sensors may well have without being noticed."""
 _OF_CALIBRATION = (Cause.COMPENSATED, Cause.TIME, Cause.LENGTH_SCALE)
@@ -49,21 +47,11 @@ _LEVEL, _SURE = 0.5, 6.0
 
 
 def judge_forces(evidence: Evidence, assumed: str | None) -> Verdict:
-    """Judge whether the forces of a recording are those of one rigid body.
-
-    Args:
-        evidence: The recording, and where robots hold the load.
-        assumed: The fault that the user names; None: the likeliest.
-
-    Raises:
-        ValueError: There are too few samples, or too few per second, to tell noise from motion.
-    """
-    recording = evidence.recording
+    """Judge whether the forces are those of one rigid body; ``assumed`` is the fault that the user names."""
+    recording, cutoff = evidence.recording, evidence.cutoff
     misfit = WrenchMisfit(evidence)
-    homes = _homes(misfit)
-    plain = misfit.plain
-    suspects = Suspects(misfit, homes, recording.gravity)
-    level = _level(homes, evidence, suspects, plain)
+    suspects, plain = Suspects(misfit), misfit.plain
+    level = _level(evidence, suspects, plain)
     if level is not None:
         return level
     found = suspects.all()
@@ -71,41 +59,28 @@ def judge_forces(evidence: Evidence, assumed: str | None) -> Verdict:
         found += [forces_instead(one) for one in found if is_unit_of_all(one)]
     is_misfit = plain.excess > _EXCESS
     sure = [one for one in found if one.gain > _GAIN and (is_misfit or one.cause not in _OF_CALIBRATION)]
-    silent = silent_sensor(recording, evidence.cutoff)  # what others exert may still be that of a lighter load
+    broken = silent_sensor(recording, cutoff, is_whole=True)  # what others exert may still be that of a lighter load
     if not sure and not (is_misfit and misfit.share() > _SHARE):
-        return silent or _accepted(evidence, plain, found, assumed)
-    silent = missing_axis(recording, FORCES) or silent
-    if silent is not None:
-        return silent
+        return broken or _accepted(evidence, plain, found, assumed)
+    broken = missing_axis(recording, FORCES) or broken
+    if broken is not None:
+        return broken
     mending = [one for one in sure if _mends(one, plain.excess)]
     as_assumed = [one for one in mending if one.cause == assumed]
-    confirmed = _confirmed(as_assumed or mending, evidence, homes)
+    confirmed = _confirmed(as_assumed or mending, evidence, suspects.homes)
     unmendable = [one for one in mending[:1] if one.cause not in MENDABLE]
     best = next(iter([*confirmed, *as_assumed, *unmendable, *sure]), None)
-    misfits = f"forces differ from any rigid body's by {np.sqrt(plain.inside):.2g} times what noise explains"
     if best not in mending or best.cause is Cause.MOMENT_SCALE:
-        missing = missing_axis(recording, MOMENTS)  # hands that turn freely exert none
-        if missing is not None:
-            return missing
-    silent = silent_axis(recording, evidence.cutoff) if best not in mending else None
-    if silent is not None:
-        return silent
+        broken = missing_axis(recording, MOMENTS)  # hands that turn freely exert none
     if best not in mending:
-        second = next(one for one in found[1:] if one.cause is not found[0].cause)
-        return Verdict(
-            Cause.UNKNOWN,
-            words=f"{misfits}, most at {_worst(misfit):.1f} s, and no single cause explains it; the likeliest is that "
-            f"{words_of(found[0], recording, misfit)[1]}. Are the robots calibrated (--calibrate)? Did something "
-            f"happen meanwhile (choose a part with --from and --to)?",
-            ratio=float(np.sqrt(plain.inside)),
-            margin=found[0].gain - second.gain,
-            second=second.cause.value,
-        )
+        return broken or silent_sensor(recording, cutoff, is_whole=False) or _unexplained(found, misfit)
+    if broken is not None:
+        return broken
     unlike = (one for one in found if one.cause is not best.cause)
     second = next(one for one in unlike if one in mending or one.gain < best.gain)  # others leave more than noise
     robot, words = words_of(best, recording, misfit)
     if best.cause is Cause.GRAVITY:
-        off, wrong = _not_level(homes @ recording.gravity, best.value, evidence)
+        off, wrong = _not_level(suspects.homes @ recording.gravity, best.value, evidence)
         if 0 < len(wrong) < len(off):
             robot = wrong[0] if len(wrong) == 1 else None
             words = f"the home frame of {', '.join(wrong)} is tilted, by {max(off):.3g} degrees against gravity"
@@ -113,23 +88,42 @@ def judge_forces(evidence: Evidence, assumed: str | None) -> Verdict:
     is_open = is_ambiguous(best, recording) or (is_unit_of_all(best) and best.cause != assumed)
     alike = [] if is_open else [one for one in confirmed if one is not best and one.cause is best.cause]
     is_open = is_open or any(_apart(best.fit, one.fit) > _ALIKE for one in alike)
-    mass = None if is_open else _mass_of(best.fit)
+    mass = None if is_open else best.fit.mass
     with_it = "" if mass is None else f". With it estimated along, the mass is {mass[0]:.4g} kg (std {mass[1]:.2g} kg)"
-    rivals: tuple[str, ...] = ()
-    rest = f"; another fault, {second.cause.value}, explains it nearly as well" if margin < _CLOSE else ""
-    if alike:
-        others = [words_of(one, recording, misfit) for one in alike]
-        rest = "".join(f"; or {each}" for _, each in others) + ": which of these is not known" + rest
-        rivals = tuple(name or ALL for name, _ in others)
+    others = [words_of(one, recording, misfit) for one in alike]
+    rest = "".join(f"; or {each}" for _, each in others) + (": which of these is not known" if others else "")
+    if margin < _CLOSE:
+        rest += f"; another fault, {second.cause.value}, explains it nearly as well"
     return replace(
-        _verdict_of(best, robot, homes),
-        rivals=rivals,
-        words=f"{misfits}. One fault explains this: {words}{rest}{with_it}",
+        _verdict_of(best, robot, suspects.homes),
+        rivals=tuple(name or ALL for name, _ in others),
+        words=f"{_misfits(plain)}. One fault explains this: {words}{rest}{with_it}",
         ratio=float(np.sqrt(plain.inside)),
         margin=margin,
         second=second.cause.value,
         mass=mass,
         is_open=is_open,
+    )
+
+
+def _misfits(plain: Fit) -> str:
+    return f"forces differ from any rigid body's by {np.sqrt(plain.inside):.2g} times what noise explains"
+
+
+def _unexplained(found: Sequence[Suspect], misfit: WrenchMisfit) -> Verdict:
+    """No fault leaves only noise; ``found`` are all, the likeliest first."""
+    likeliest, plain = found[0], misfit.plain
+    second = next(one for one in found if one.cause is not likeliest.cause)
+    left = misfit.total - misfit.regressor @ plain.solution[:BODY_NUMBERS]
+    worst = int(np.argmax(np.linalg.norm(left / np.std(left, axis=0), axis=1)))
+    return Verdict(
+        Cause.UNKNOWN,
+        words=f"{_misfits(plain)}, most at {misfit.signals.time[worst]:.1f} s, and no single cause explains it; the "
+        f"likeliest is that {words_of(likeliest, misfit.evidence.recording, misfit)[1]}. Are the robots calibrated "
+        f"(--calibrate)? Did something happen meanwhile (choose a part with --from and --to)?",
+        ratio=float(np.sqrt(plain.inside)),
+        margin=likeliest.gain - second.gain,
+        second=second.cause.value,
     )
 
 
@@ -142,9 +136,8 @@ def _apart(one: Fit, other: Fit) -> float:
 
 def _verdict_of(suspect: Suspect, robot: str | None, homes: Array) -> Verdict:
     """The fault and its parameters, without words."""
-    when = () if suspect.time is None else (suspect.time,)
     gravity = suspect.value @ homes if suspect.cause is Cause.GRAVITY else None
-    return Verdict(suspect.cause, robot, (*suspect.value.tolist(), *when), gravity=gravity)
+    return Verdict(suspect.cause, robot, tuple(suspect.value.tolist()), gravity=gravity)
 
 
 def _confirmed(suspects: Sequence[Suspect], evidence: Evidence, homes: Array) -> list[Suspect]:
@@ -194,33 +187,10 @@ def _accepted(evidence: Evidence, plain: Fit, suspects: Sequence[Suspect], assum
     return Verdict(hidden=hidden)
 
 
-def _mass_of(fit: Fit) -> tuple[float, float]:
-    """Mass and its standard deviation [kg]."""
-    return float(fit.solution[0]), float(np.sqrt(max(fit.covariance[0, 0], 0.0)))
-
-
 def _mends(suspect: Suspect, excess: float) -> bool:
     """Whether a fault explains the whole excess."""
     left = max(_EXCESS + _SLACK, _MENDED * excess) if suspect.belongs else _EXCESS + _SLACK
     return suspect.gain > -np.inf and suspect.fit.excess < left
-
-
-def _worst(misfit: WrenchMisfit) -> float:
-    """Time of the largest residual of the wrench [s]."""
-    left = misfit.total - misfit.regressor @ misfit.plain.solution[:BODY_NUMBERS]
-    sizes = np.linalg.norm(left / np.std(left, axis=0), axis=1)
-    return float(misfit.signals.time[int(np.argmax(sizes))])
-
-
-def _homes(misfit: WrenchMisfit) -> Array:
-    """Rotations of all home frames in the first one's, shape (N, 3, 3), from all robots' views of the body.
-
-    Without poses there are none, shape (0, 3, 3).
-    """
-    if misfit.rotations is None:
-        return np.zeros((0, 3, 3))
-    to_first = misfit.rotations[0] @ misfit.rotations.swapaxes(-1, -2)
-    return np.array([Rotation.from_matrix(own).mean().as_matrix() for own in to_first])
 
 
 def _not_level(down: Array, gravity: Array, evidence: Evidence) -> tuple[list[float], list[str]]:
@@ -230,10 +200,10 @@ def _not_level(down: Array, gravity: Array, evidence: Evidence) -> tuple[list[fl
     return off, [name for name, angle in zip(evidence.recording.names, off, strict=True) if angle > least]
 
 
-def _level(homes: Array, evidence: Evidence, suspects: Suspects, plain: Fit) -> Verdict | None:
+def _level(evidence: Evidence, suspects: Suspects, plain: Fit) -> Verdict | None:
     """Find home frames whose z axes are not parallel; forces tell which of them are not level."""
-    recording = evidence.recording
-    down = homes @ (recording.gravity / np.linalg.norm(recording.gravity))
+    gravity = evidence.recording.gravity
+    down = suspects.homes @ (gravity / np.linalg.norm(gravity))
     apart = max((angle_deg(one, other) for one in down for other in down), default=0.0)
     if apart < _LEVEL + _SURE * np.degrees(evidence.turns):
         return None
@@ -248,7 +218,7 @@ def _level(homes: Array, evidence: Evidence, suspects: Suspects, plain: Fit) -> 
         return Verdict(Cause.UNKNOWN, words=words, ratio=ratio)
     off, wrong = _not_level(down, by_forces.value, evidence)
     who = ", ".join(wrong)
-    mass, std = _mass_of(by_forces.fit)
+    mass, std = by_forces.fit.mass
     return Verdict(
         Cause.NOT_LEVEL,
         wrong[0] if len(wrong) == 1 else None,
@@ -258,5 +228,5 @@ def _level(homes: Array, evidence: Evidence, suspects: Suspects, plain: Fit) -> 
         f"axis points up",
         ratio=ratio,
         mass=(mass, std),
-        gravity=by_forces.value @ homes,
+        gravity=by_forces.value @ suspects.homes,
     )

@@ -11,7 +11,7 @@ from coheft.estimation.batch.judge.verdict import Cause, Verdict
 from coheft.estimation.batch.pose_conventions import inverse_poses
 from coheft.estimation.batch.recording import CHANNELS, Recording
 from coheft.estimation.batch.signals import without_jumps
-from coheft.estimation.geometry.spatial import Array, Pose, skew
+from coheft.estimation.geometry.spatial import Array, Pose
 
 MENDABLE = (
     *(Cause.OFFSET, Cause.DRIFT, Cause.LEVER, Cause.SCALE, Cause.FORCE_SCALE, Cause.MOMENT_SCALE, Cause.AXIS_SCALE),
@@ -22,12 +22,7 @@ MENDABLE = (
 
 
 def mend(recording: Recording, verdict: Verdict, poses: Sequence[Pose]) -> Recording:
-    """Correct a recording for the fault of a verdict.
-
-    Args:
-        recording: The recording, with wrenches.
-        verdict: The verdict; its cause is one of ``MENDABLE``.
-        poses: Poses of the grasp frames in the body frame, in which the verdict's numbers are.
+    """Correct a recording for the fault of a verdict; ``poses`` of the grasp frames are in the verdict's body frame.
 
     Raises:
         RecordingError: The fault cannot be corrected.
@@ -42,8 +37,7 @@ def mend(recording: Recording, verdict: Verdict, poses: Sequence[Pose]) -> Recor
             own = offset @ np.linalg.inv(poses[index].adjoint()).T
             return recording.changed("wrench", lambda wrench: wrench - own, recording.names[index])
         case Cause.LEVER:
-            about = np.eye(6)
-            about[3:, :3] = -skew(value)
+            about = Pose(np.eye(3), -value).adjoint()
             return recording.changed("wrench", lambda wrench: wrench @ about.T, name)
         case Cause.SCALE | Cause.FORCE_SCALE | Cause.MOMENT_SCALE:
             factors = np.ones(6)
@@ -96,7 +90,7 @@ def _rotated(wrench: Array, rotations: Array, halves: Sequence[float] | Array = 
 
 def _earlier(samples: Array, time: Array, delay: float) -> Array:
     """Shift samples (n, width) to an earlier time by ``delay`` [s]; at the ends, repeat the last one."""
-    is_pose = samples.shape[1] == CHANNELS["pose"]
+    is_pose = samples.shape[1] == len(CHANNELS["pose"])
     if is_pose:
         samples = without_jumps(samples)
     moved = np.stack([np.interp(time + delay, time, column) for column in samples.T], axis=-1)

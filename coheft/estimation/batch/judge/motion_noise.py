@@ -1,23 +1,25 @@
 """Noise of the load's motion by frequency, which depends on the channels from which the motion was derived."""
 
+from functools import partial
+
 import numpy as np
 
 from coheft.estimation.batch.judge.band import white_level
-from coheft.estimation.batch.recording import Recording
+from coheft.estimation.batch.judge.evidence import Evidence
 from coheft.estimation.batch.signals import without_jumps
-from coheft.estimation.geometry.spatial import Array, Pose, skew
+from coheft.estimation.geometry.spatial import Array, skew
 
 
-def level_of(recording: Recording, channel: str, robot: int, cutoff: float) -> Array:
+def level_of(evidence: Evidence, robot: int, channel: str) -> Array:
     """Standard deviations of the white noise of a robot's samples, shape (c,); of poses (rotation, translation), (6,).
 
     Raises:
         ValueError: There are too few samples, or too few per second, to tell noise from motion.
     """
-    samples = recording.stacked(channel)[robot]
+    samples = evidence.recording.stacked(channel)[robot]
     if channel == "pose":
         samples = without_jumps(samples)
-    level = white_level(samples, recording.rate, cutoff)
+    level = white_level(samples, evidence.recording.rate, evidence.cutoff)
     if level is None:
         raise ValueError("there are too few samples, or too few per second, to tell noise from motion")
     if channel != "pose":
@@ -26,31 +28,15 @@ def level_of(recording: Recording, channel: str, robot: int, cutoff: float) -> A
     return np.repeat([turn, shift], 3)
 
 
-def acceleration_noise(
-    recording: Recording, robot: int, pose: Pose, up: Array, frequency: Array, cutoff: float
-) -> Array:
-    """Covariance of the noise of the body's ``(alpha, a)`` according to one robot, by frequency, shape (K, 6, 6).
+def acceleration_noise(evidence: Evidence, robot: int, up: Array, frequency: Array) -> Array:
+    """Covariance of the noise of the body's ``(alpha, a)`` according to one robot, by frequency (K,), shape (K, 6, 6).
 
-    Poses are differentiated twice, twists once; orientations also determine the direction of gravity.
-
-    Args:
-        recording: The recording.
-        robot: Index of the robot.
-        pose: Pose of its grasp frame in the body frame.
-        up: Mean proper acceleration in the body frame, shape (3,).
-        frequency: Frequencies, shape (K,) [Hz].
-        cutoff: Cutoff of the filter [Hz].
-
-    Raises:
-        ValueError: Noise cannot be told from motion.
+    Poses are differentiated twice, twists once; orientations also determine the direction of gravity. The mean proper
+    acceleration ``up`` (3,) is in the body frame.
     """
     pulsation = 2.0 * np.pi * frequency[:, None]
     turned, noise = np.zeros((len(frequency), 6, 6)), np.zeros((len(frequency), 6))
-    has = recording.has
-
-    def level(channel: str) -> Array:
-        return level_of(recording, channel, robot, cutoff)
-
+    pose, has, level = evidence.poses[robot], evidence.recording.has, partial(level_of, evidence, robot)
     if has("dtwist"):
         noise += level("dtwist") ** 2
     elif has("twist"):

@@ -31,11 +31,7 @@ _CHANNELS = (
 
 
 def judge_motions(evidence: Evidence) -> Verdict | None:
-    """Find a robot whose measured twists or accelerations do not fit the others'; None if there is none.
-
-    Raises:
-        ValueError: There are too few samples, or too few per second, to tell noise from motion.
-    """
+    """Find a robot whose measured twists or accelerations do not fit the others'; None if there is none."""
     if not evidence.recording.has("twist"):
         return None
     views = [_View(evidence, robot) for robot in range(len(evidence.poses))]
@@ -61,7 +57,6 @@ def judge_motions(evidence: Evidence) -> Verdict | None:
 
 def gravity_factors(evidence: Evidence) -> Array:
     """How large each robot's accelerations are at rest, in multiples of gravity, shape (N,)."""
-    assert evidence.signals.up is not None
     sizes: Array = np.linalg.norm(evidence.signals.up, axis=-1).mean(axis=1)
     return sizes / float(np.linalg.norm(evidence.recording.gravity))
 
@@ -69,7 +64,6 @@ def gravity_factors(evidence: Evidence) -> Array:
 def _angles_to_gravity(evidence: Evidence) -> Array:
     """Median angle between each robot's accelerations at rest and the vertical of its poses, shape (N,) [degrees]."""
     up, rotation = evidence.signals.up, evidence.signals.rotation
-    assert up is not None
     if rotation is None:
         return np.zeros(len(up))
     vertical = -(evidence.recording.gravity @ rotation)
@@ -124,7 +118,7 @@ class _View:
         kept = np.r_[BODY_W, BODY_V, BODY_A] if recording.has("acceleration") else np.r_[BODY_W, BODY_V]
         mean = others(motions)[robot]
         self._mean, self._difference = mean[:, kept], motions[robot][:, kept] - mean[:, kept]
-        self._band = band = Band.of(signals, evidence.cutoff, mean[:, np.r_[BODY_W, BODY_V]])
+        self._band = band = Band(signals, evidence.cutoff, mean[:, np.r_[BODY_W, BODY_V]])
         noise = [_noise(evidence, k, mean[:, BODY_A].mean(axis=0), band.frequency) for k in range(len(motions))]
         covariance = noise[robot] + (np.sum(noise, axis=0) - noise[robot]) / (len(noise) - 1) ** 2
         covariance = covariance[:, : len(kept), : len(kept)] * signals.rate / recording.rate
@@ -170,10 +164,9 @@ class _View:
 
 def _noise(evidence: Evidence, robot: int, up: Array, frequency: Array) -> Array:
     """Covariance of the noise of ``(w, v, a)`` of the body frame as one robot predicts them, shape (K, 9, 9)."""
-    recording, pose, cutoff = evidence.recording, evidence.poses[robot], evidence.cutoff
-    to_body = pose.adjoint()
+    to_body = evidence.poses[robot].adjoint()
     covariance = np.zeros((len(frequency), 9, 9))
-    covariance[:, :6, :6] = to_body @ np.diag(level_of(recording, "twist", robot, cutoff) ** 2) @ to_body.T
-    if recording.has("acceleration"):
-        covariance[:, 6:, 6:] = acceleration_noise(recording, robot, pose, up, frequency, cutoff)[:, 3:, 3:]
+    covariance[:, :6, :6] = to_body @ np.diag(level_of(evidence, robot, "twist") ** 2) @ to_body.T
+    if evidence.recording.has("acceleration"):
+        covariance[:, 6:, 6:] = acceleration_noise(evidence, robot, up, frequency)[:, 3:, 3:]
     return covariance

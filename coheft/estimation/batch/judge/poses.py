@@ -1,13 +1,18 @@
-"""Whether all robots' poses are those of one load at the same times; if not, which robot's are wrong."""
+"""Whether all robots' poses are those of one load at the same times; if not, which robot's are wrong.
+
+According to robot i, the load's pose is ``B_i = H_i T_i X_i^-1``. Constant errors of homes ``H_i`` and grasps ``X_i``
+are fitted; the remaining differences are noise, unless something is wrong. A grasp that slips has another pose in the
+load from some time on: the robot's view of the load has a step.
+"""
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from coheft.estimation.batch.judge.clocks import clock_delays
 from coheft.estimation.batch.judge.evidence import Evidence
-from coheft.estimation.batch.judge.slips import find_slip
 from coheft.estimation.batch.judge.verdict import Cause, Verdict
-from coheft.estimation.batch.judge.views import Views
 from coheft.estimation.batch.recording import CHANNELS
+from coheft.estimation.geometry.spatial import Array, Pose
 
 _SURE = 6.0
 """Standard deviations beyond which a difference is no chance."""
@@ -21,6 +26,74 @@ _FINEST = 1e-6
 """Effect on poses that no sensor resolves, but rounding may have [m]."""
 _LATE = 1e-3
 """Difference of clocks that does not matter [s]."""
+_FROM_THE_EDGE = 1.0
+"""Slips in the first and the last second are not looked for [s]."""
+_LEFT = 0.1
+"""Share of the squared differences that a slip may leave unexplained."""
+_BATCH = 0.2
+"""Time over which samples are averaged [s]."""
+
+
+class _Views:
+    """Differences of N robots' views of the load from their mean, in b batches.
+
+    Rotations and translations are in the load's axes, in units of their median change between batches, which is noise.
+
+    Attributes:
+        time: Times of the batches, shape (b,) [s].
+        scale: Factors of rotations and translations, shape (6,).
+        rest: Differences without constant errors of homes and grasps, shape (N, b, 6).
+        basis: Orthonormal basis of the effects of such errors, shape (b, 6, q).
+        positions: Positions of each grasp frame in its home frame, minus their mean, in the load's axes, (N, b, 3) [m].
+    """
+
+    def __init__(self, evidence: Evidence) -> None:
+        poses, times = evidence.recording.stacked("pose"), evidence.recording.time
+        length = max(1, round(_BATCH * (len(times) - 1) / (times[-1] - times[0])))
+        batches = len(times) // length
+
+        def mean(samples: Array) -> Array:
+            result: Array = samples[: batches * length].reshape(batches, length, *samples.shape[1:]).mean(axis=1)
+            return result
+
+        seen = [_load(*each) for each in zip(poses, evidence.homes, evidence.poses, strict=True)]
+        rotations, positions = seen[0]
+        to_load = rotations.swapaxes(-1, -2)
+        differences, places = [], []
+        for (turned, moved), own, home in zip(seen, poses, evidence.homes, strict=True):
+            turn = Rotation.from_matrix(to_load @ turned).as_rotvec()
+            shift = (to_load @ (moved - positions)[..., None])[..., 0]
+            differences.append(mean(np.hstack([turn, shift])))
+            away = (own[:, :3] - own[:, :3].mean(axis=0)) @ home.rotation.T
+            places.append(mean((to_load @ away[..., None])[..., 0]))
+        views = np.array(differences)
+        views -= views.mean(axis=0)
+        of_home = mean(_from_home(rotations, positions))
+        design = np.concatenate([np.broadcast_to(np.eye(6), of_home.shape), of_home], axis=-1)
+        sizes = np.median(np.abs(np.diff(views, axis=1)).reshape(-1, 2, 3), axis=(0, 2))
+        self.time, self.positions = mean(times), np.array(places)
+        self.scale = np.repeat(1.0 / np.maximum(sizes, 1e-12), 3)
+        basis = np.linalg.qr((design * self.scale[:, None]).reshape(batches * 6, -1))[0]
+        flat = (views * self.scale).reshape(len(views), -1)
+        self.rest = (flat - flat @ basis @ basis.T).reshape(views.shape)
+        self.basis = basis.reshape(batches, 6, -1)
+
+
+def _load(poses: Array, home: Pose, grasp: Pose) -> tuple[Array, Array]:
+    """Orientations (n, 3, 3) and positions (n, 3) of the load according to one robot's poses (n, 7)."""
+    to_load = grasp.inverse()
+    own = home.rotation @ Rotation.from_quat(poses[:, 3:]).as_matrix()
+    places = home.translation + poses[:, :3] @ home.rotation.T
+    return own @ to_load.rotation, places + own @ to_load.translation
+
+
+def _from_home(rotations: Array, positions: Array) -> Array:
+    """Derivative of the load's pose, in its own axes, by a perturbation of the home frame in the world, (n, 6, 6)."""
+    turned = rotations.swapaxes(-1, -2)
+    result = np.zeros((len(positions), 6, 6))
+    result[:, :3, :3] = result[:, 3:, 3:] = turned
+    result[:, 3:, :3] = np.cross(turned, positions[:, None])
+    return result
 
 
 def judge_poses(evidence: Evidence) -> Verdict | None:
@@ -28,8 +101,8 @@ def judge_poses(evidence: Evidence) -> Verdict | None:
     late = _late(evidence)
     if late is not None or not evidence.homes:
         return late
-    views = Views.of(evidence)
-    return find_slip(evidence, views) or _stretched(evidence, views)
+    views = _Views(evidence)
+    return _slip(evidence, views) or _stretched(evidence, views)
 
 
 def _late(evidence: Evidence) -> Verdict | None:
@@ -55,7 +128,45 @@ def _late(evidence: Evidence) -> Verdict | None:
     )
 
 
-def _stretched(evidence: Evidence, views: Views) -> Verdict | None:
+def _slip(evidence: Evidence, views: _Views) -> Verdict | None:
+    """Find the slip that explains nearly all differences between the robots' views of the load; None if none does."""
+    time, count = views.time, len(views.rest)
+    inner = np.flatnonzero((time > time[0] + _FROM_THE_EDGE) & (time < time[-1] - _FROM_THE_EDGE))
+    if not len(inner):
+        return None
+    # A step at each batch; constant errors of homes and grasps explain a part of it.
+    explained = _sums_to_the_end(views.scale[:, None] * views.basis)[inner]
+    size = (len(time) - inner)[:, None, None] * np.diag(views.scale**2)
+    inverse = np.linalg.pinv(size - explained @ explained.swapaxes(-1, -2), hermitian=True)
+    score = _sums_to_the_end((views.scale * views.rest).swapaxes(0, 1))[inner]
+    solution = score @ inverse
+    # A step of one robot also moves the mean of all, from which views are measured.
+    gains = np.sum(solution * score, axis=-1) * count / (count - 1)
+    start, robot = map(int, np.unravel_index(int(np.argmax(gains)), gains.shape))
+    before = float(np.sum(views.rest**2))
+    if before - gains[start, robot] > _LEFT * before:
+        return None
+    jump = solution[start, robot] * count / (count - 1)
+    # It is a perturbation of the load as the robot sees it, about the load's origin.
+    shift = float(np.linalg.norm(jump[3:] + np.cross(jump[:3], evidence.poses[robot].translation)))
+    turn_deg, when = float(np.degrees(np.linalg.norm(jump[:3]))), float(time[inner[start]]) - 0.5 * _BATCH
+    culprit = evidence.culprit(robot)
+    whose = culprit or f"{evidence.recording.names[robot]} (or of the other robot)"
+    return Verdict(
+        Cause.SLIP,
+        culprit,
+        (turn_deg, shift, when),
+        f"the grasp of {whose} slipped at {when:.1f} s, by {1e3 * shift:.3g} mm and {turn_deg:.2g} degrees, or its "
+        f"home moved: choose a part without this with --from and --to",
+    )
+
+
+def _sums_to_the_end(samples: Array) -> Array:
+    """Sums of samples (b, ...) from each to the last."""
+    return np.cumsum(samples[::-1], axis=0)[::-1]
+
+
+def _stretched(evidence: Evidence, views: _Views) -> Verdict | None:
     """Find a robot whose positions are too large or too small by a factor; a calibration estimates this along."""
     if evidence.tolerances is not None:
         return None

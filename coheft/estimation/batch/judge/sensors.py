@@ -1,13 +1,12 @@
 """Sensors that do not work: they repeat a reading, lose samples, or return nothing but noise."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from coheft.estimation.batch.judge.band import white_level
 from coheft.estimation.batch.judge.verdict import Cause, Verdict
-from coheft.estimation.batch.recording import Recording
+from coheft.estimation.batch.recording import CHANNELS, Recording
 from coheft.estimation.geometry.spatial import Array
 
 _NOISE_ALONE = 2.5
@@ -16,9 +15,8 @@ _SPIKE, _USUAL = 8.0, 0.1
 """Jumps of single samples, in multiples of the median second difference, at least this share of its deviation."""
 _MATTERS = 0.001
 """Share of all forces that jumps have to make up."""
-FORCES, MOMENTS = ("fx", "fy", "fz"), ("mx", "my", "mz")
-AXES = FORCES + MOMENTS
-_MOTION_AXES = {"twist": ("wx", "wy", "wz", "vx", "vy", "vz"), "acceleration": ("ax", "ay", "az")}
+AXES = CHANNELS["wrench"]
+FORCES, MOMENTS = AXES[:3], AXES[3:]
 _MOTIONS = (
     ("pose", slice(0, 7), "poses", 0.005),
     ("twist", slice(0, 3), "angular velocities", 0.05),
@@ -33,16 +31,19 @@ def stuck_sensor(recording: Recording) -> Verdict | None:
 
     Moments may be zero all the time: a hand in a gimbal exerts none.
     """
-    for name, wrench in zip(recording.names, recording.stacked("wrench"), strict=True):
+    for name, wrench in _wrenches(recording):
         for what, samples in (("forces", wrench[:, :3]), ("moments", wrench[:, 3:])):
             first, count = _longest_repeat(samples)
             if count > recording.rate and (what == "forces" or samples.any()):
                 return _stuck(recording, name, what, first, count)
-    return stuck_motion(recording)
+    return None
 
 
 def stuck_motion(recording: Recording) -> Verdict | None:
-    """Find a robot whose motion repeats itself while another one moves; encoders at rest may repeat themselves."""
+    """Find a robot whose motion repeats itself while another one moves; encoders at rest may repeat themselves.
+
+    Or one whose motion along some axes is exactly the same all the time; of robots in a plane, all are so.
+    """
     for channel, columns, what, least in _MOTIONS:
         if not recording.has(channel):
             continue
@@ -52,25 +53,18 @@ def stuck_motion(recording: Recording) -> Verdict | None:
             meanwhile = np.linalg.norm(np.ptp(samples[:, first : first + count, :3], axis=1), axis=1)
             if count > recording.rate and meanwhile.max() > least:
                 return _stuck(recording, name, what, first, count)
-    return _missing_motion(recording)
-
-
-def _missing_motion(recording: Recording) -> Verdict | None:
-    """Find a robot whose motion along some axes is exactly the same all the time; of robots in a plane, all are so."""
-    for channel, axes in _MOTION_AXES.items():
-        if not recording.has(channel):
-            continue
-        constant = np.ptp(recording.stacked(channel), axis=1) == 0.0
-        if np.count_nonzero(constant.any(axis=1)) == 1:
-            robot = int(np.argmax(constant.any(axis=1)))
-            missing = [axis for axis, is_missing in zip(axes, constant[robot], strict=True) if is_missing]
-            return _missing(recording.names[robot], missing)
+    for channel in ("twist", "acceleration"):
+        if recording.has(channel):
+            constant = np.ptp(recording.stacked(channel), axis=1) == 0.0
+            robots = np.flatnonzero(constant.any(axis=1))
+            if len(robots) == 1:
+                return _constant(recording.names[robots[0]], np.array(CHANNELS[channel])[constant[robots[0]]])
     return None
 
 
 def spiking_sensor(recording: Recording) -> Verdict | None:
     """Find a sensor whose forces jump for single samples: zeros for lost ones, or disturbances."""
-    for name, wrench in zip(recording.names, recording.stacked("wrench"), strict=True):
+    for name, wrench in _wrenches(recording):
         forces = wrench[:, :3]
         before, after = np.diff(forces, axis=0)[:-1], -np.diff(forces, axis=0)[1:]
         usual = np.maximum(np.median(np.abs(before + after), axis=0), _USUAL * np.std(before + after, axis=0))
@@ -80,61 +74,52 @@ def spiking_sensor(recording: Recording) -> Verdict | None:
         if sizes.sum() < _MATTERS * np.linalg.norm(forces, axis=1).sum():
             continue
         worst = int(np.argmax(sizes))
+        since = float(recording.time[worst + 1])
         words = (
-            f"forces of {name} jump for single samples, {np.count_nonzero(sizes)} times, most at "
-            f"{recording.time[worst + 1]:.2f} s, by {sizes[worst]:.3g} N: lost samples that are given as zero, or "
-            f"disturbances? Leave these samples out"
+            f"forces of {name} jump for single samples, {np.count_nonzero(sizes)} times, most at {since:.2f} s, by "
+            f"{sizes[worst]:.3g} N: lost samples that are given as zero, or disturbances? Leave these samples out"
         )
-        return Verdict(Cause.DEAD, name, (float(recording.time[worst + 1]),), words)
+        return _dead(name, words, since)
     return None
 
 
-def silent_sensor(recording: Recording, cutoff: float) -> Verdict | None:
-    """Find a sensor whose forces are nothing but noise; ``cutoff`` is that of the filter [Hz]."""
-    for name, silent in _silent(recording, cutoff):
-        if silent.all():
-            words = f"forces of {name} are nothing but noise: its sensor does not work, or it does not hold the load"
-            return Verdict(Cause.DEAD, name, (0.0,), words)
-    return None
-
-
-def silent_axis(recording: Recording, cutoff: float) -> Verdict | None:
-    """Find an axis of the forces that is nothing but noise, unlike the others of its sensor; arguments as before."""
-    for name, silent in _silent(recording, cutoff):
-        if silent.any():
-            axes = ", ".join(FORCES[axis] for axis in np.flatnonzero(silent))
-            return Verdict(Cause.DEAD, name, (0.0,), f"{axes} of {name} is nothing but noise: does its sensor work?")
-    return None
-
-
-def _silent(recording: Recording, cutoff: float) -> Iterator[tuple[str, npt.NDArray[np.bool_]]]:
-    """Robots, and which axes of their forces are nothing but noise, shape (3,), as far as noise is known."""
-    for name, wrench in zip(recording.names, recording.stacked("wrench"), strict=True):
+def silent_sensor(recording: Recording, cutoff: float, *, is_whole: bool) -> Verdict | None:
+    """Find a sensor whose forces, or unless ``is_whole`` those of some axes, are nothing but noise."""
+    for name, wrench in _wrenches(recording):
         noise = white_level(wrench[:, :3], recording.rate, cutoff)
-        if noise is not None:
-            yield name, np.mean(wrench[:, :3] ** 2, axis=0) < _NOISE_ALONE * noise**2
+        if noise is None:
+            continue
+        silent = np.mean(wrench[:, :3] ** 2, axis=0) < _NOISE_ALONE * noise**2
+        if silent.all():
+            return _dead(
+                name, f"forces of {name} are nothing but noise: its sensor does not work, or it does not hold the load"
+            )
+        if silent.any() and not is_whole:
+            axes = ", ".join(np.array(FORCES)[silent])
+            return _dead(name, f"{axes} of {name} is nothing but noise: does its sensor work?")
+    return None
 
 
 def missing_axis(recording: Recording, axes: Sequence[str]) -> Verdict | None:
     """Find a sensor whose readings along some of these axes (``fx``, …) are the same all the time."""
-    for name, wrench in zip(recording.names, recording.stacked("wrench"), strict=True):
+    for name, wrench in _wrenches(recording):
         missing = [axis for axis in axes if np.ptp(wrench[:, AXES.index(axis)]) == 0.0]
         if missing:
-            return _missing(name, missing)
+            return _constant(name, missing)
     return None
 
 
-def _missing(name: str, axes: Sequence[str]) -> Verdict:
-    words = f"{', '.join(axes)} of {name} are exactly the same all the time: were they measured?"
-    return Verdict(Cause.DEAD, name, (0.0,), words)
+def _wrenches(recording: Recording) -> Iterator[tuple[str, Array]]:
+    """Robots and their wrenches, shape (n, 6)."""
+    return zip(recording.names, recording.stacked("wrench"), strict=True)
 
 
-def _longest_repeat(samples: Array) -> tuple[int, int]:
-    """First index and number of the longest run of equal samples (n, c)."""
-    same = np.all(np.diff(samples, axis=0) == 0.0, axis=1)
-    changes = np.flatnonzero(np.concatenate([[True], ~same, [True]]))
-    longest = int(np.argmax(np.diff(changes)))
-    return int(changes[longest]), int(changes[longest + 1] - changes[longest])
+def _dead(name: str, words: str, since: float = 0.0) -> Verdict:
+    return Verdict(Cause.DEAD, name, (since,), words)
+
+
+def _constant(name: str, axes: Iterable[str]) -> Verdict:
+    return _dead(name, f"{', '.join(axes)} of {name} are exactly the same all the time: were they measured?")
 
 
 def _stuck(recording: Recording, name: str, what: str, first: int, count: int) -> Verdict:
@@ -143,4 +128,12 @@ def _stuck(recording: Recording, name: str, what: str, first: int, count: int) -
         f"{what} of {name} are exactly the same for {count / recording.rate:.1f} s from {start:.1f} s on: its sensor "
         f"does not work, or something repeats its last reading. Choose a part without this with --from and --to"
     )
-    return Verdict(Cause.DEAD, name, (start,), words)
+    return _dead(name, words, start)
+
+
+def _longest_repeat(samples: Array) -> tuple[int, int]:
+    """First index and number of the longest run of equal samples (n, c)."""
+    same = np.all(np.diff(samples, axis=0) == 0.0, axis=1)
+    changes = np.flatnonzero(np.concatenate([[True], ~same, [True]]))
+    longest = int(np.argmax(np.diff(changes)))
+    return int(changes[longest]), int(changes[longest + 1] - changes[longest])

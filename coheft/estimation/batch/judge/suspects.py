@@ -5,7 +5,7 @@ cost, which grows with the number of its unknowns, and with the number of robots
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -42,8 +42,7 @@ class Suspect:
         gain: Twice the log likelihood ratio to the fit without a fault, minus the cost of the fault's unknowns.
         value: Its parameters: an offset (6,) in the body frame, a lever (3,) [m], a factor, and of which of six axes, a
             delay [s], gravity (3,), a sensor's axes (9,), an offset and its drift per minute (12,), the indices of two
-            robots, or whether forces and moments have it, 0 or 1 each.
-        time: Time from which on the recording has it [s]; None if all the time.
+            robots, or whether forces and moments have it, 0 or 1 each; for a change, the last one is its time [s].
         belongs: Whether readings of which the scale is wrong belong to the load: it fits no better without them.
     """
 
@@ -51,31 +50,29 @@ class Suspect:
     robot: int | None
     fit: Fit
     gain: float
-    value: Array = field(default_factory=lambda: np.zeros(0))
-    time: float | None = None
+    value: Array
     belongs: bool = True
 
 
 class Suspects:
-    """All possible faults of a recording.
+    """All possible faults of a recording, of which ``misfit`` fits the total wrench.
 
-    Args:
-        misfit: The fits of the recording's total wrench.
-        homes: Rotations of all home frames in the first one's according to poses, shape (N, 3, 3); none without poses.
-        gravity: Gravity in each home frame, shape (3,) [m/s²].
+    Attributes:
+        homes: Rotations of all home frames in the first one's, from all robots' views of the body, shape (N, 3, 3);
+            without poses there are none, shape (0, 3, 3).
     """
 
-    def __init__(self, misfit: WrenchMisfit, homes: Array, gravity: Array) -> None:
-        self._misfit, self._homes, self._gravity = misfit, homes, gravity
+    def __init__(self, misfit: WrenchMisfit) -> None:
+        self._misfit, self._gravity = misfit, misfit.evidence.recording.gravity
         self._count = len(misfit.adjoints)
         indices = list(range(self._count))
-        self._one_or_all: list[tuple[int | None, list[int]]] = [
-            *((robot, [robot]) for robot in indices),
-            (None, indices),
-        ]
+        self._one_or_all: dict[int | None, list[int]] = {**{robot: [robot] for robot in indices}, None: indices}
+        self.homes = np.zeros((0, 3, 3))
         if misfit.rotations is not None:
             self._rotations = misfit.rotations
-            self._gravity_in_body = np.mean(gravity @ self._rotations, axis=0)
+            to_first = self._rotations[0] @ self._rotations.swapaxes(-1, -2)
+            self.homes = np.array([Rotation.from_matrix(own).mean().as_matrix() for own in to_first])
+            self._gravity_in_body = np.mean(self._gravity @ self._rotations, axis=0)
             """Gravity in the body frame, mean over the robots, shape (n, 3)."""
         self._unknown_cost = float(np.log(misfit.plain.residual.size))
         self._robot_cost = 2.0 * float(np.log(self._count))
@@ -94,8 +91,8 @@ class Suspects:
     def _suspect(self, cause: Cause, robot: int | None, fit: Fit, unknowns: int, value: Array | None = None) -> Suspect:
         cost = unknowns * self._unknown_cost + (self._robot_cost if robot is not None else 0.0)
         # A fault with which the load would have no mass is impossible.
-        has_mass = fit.solution[0] > _HEAVY * np.sqrt(max(float(fit.covariance[0, 0]), 0.0))
-        gain = self._misfit.plain.misfit - fit.misfit - cost if has_mass else -np.inf
+        mass, std = fit.mass
+        gain = self._misfit.plain.misfit - fit.misfit - cost if mass > _HEAVY * std else -np.inf
         return Suspect(cause, robot, fit, gain, fit.solution[BODY_NUMBERS:] if value is None else value)
 
     def _offset(self) -> Iterator[Suspect]:
@@ -110,14 +107,14 @@ class Suspects:
     def _levers(self) -> Iterator[Suspect]:
         """Moments about another point: ``t + l x f``."""
         maps = [np.block([[np.zeros((3, 6))], [skew(axis), np.zeros((3, 3))]]) for axis in np.eye(3)]
-        for robot, robots in self._one_or_all:
+        for robot, robots in self._one_or_all.items():
             yield self._suspect(Cause.LEVER, robot, self._misfit.fit_readings(robots, maps), 3)
 
     def _scales(self) -> Iterator[Suspect]:
         """A wrong scale of forces and moments, of forces only, or of moments only."""
         forces, moments = np.diag([1.0, 1, 1, 0, 0, 0]), np.diag([0.0, 0, 0, 1, 1, 1])
         for cause, scaled in ((Cause.SCALE, np.eye(6)), (Cause.FORCE_SCALE, forces), (Cause.MOMENT_SCALE, moments)):
-            for robot, robots in self._one_or_all:
+            for robot, robots in self._one_or_all.items():
                 if robot is None and cause is not Cause.MOMENT_SCALE:
                     continue  # a common scale of forces looks like another mass
                 yield self._scaled(cause, robot, robots, scaled)
@@ -139,7 +136,7 @@ class Suspects:
 
     def _clocks(self) -> Iterator[Suspect]:
         """Late wrenches of one robot or of all."""
-        for robot, robots in self._one_or_all:
+        for robot, robots in self._one_or_all.items():
             delay, fit = self._delay_of(robots)
             yield self._suspect(Cause.CLOCK, robot, fit, 1, np.array([delay]))
 
@@ -169,7 +166,7 @@ class Suspects:
         turned = np.einsum("knji,knhj->knhi", rotation, halves).reshape(self._misfit.wrenches.shape)
         for halves_turned in ((1.0, 1.0), (1.0, 0.0), (0.0, 1.0)):
             mixed = np.where(np.repeat(halves_turned, 3) == 1.0, turned, self._misfit.wrenches)
-            for robot, robots in self._one_or_all:
+            for robot, robots in self._one_or_all.items():
                 fit = self._misfit.fit(total=self._misfit.total_with(robots, mixed))
                 yield self._suspect(Cause.BASE_AXES, robot, fit, 1, np.array(halves_turned))
 
@@ -190,7 +187,7 @@ class Suspects:
 
     def _turned(self) -> Iterator[Suspect]:
         """Sensors whose axes are rotated or exchanged."""
-        for robot, robots in self._one_or_all:
+        for robot, robots in self._one_or_all.items():
             axes, fit = fit_turned(self._misfit, robots)
             yield self._suspect(Cause.TURNED, robot, fit, 3, axes.ravel())
 
@@ -239,16 +236,16 @@ class Suspects:
 
     def _in_body(self, vector: Array) -> Array:
         """A vector (3,) in the first home frame, in the body frame: mean over the robots, shape (n, 3)."""
-        seen = [vector @ home @ own for home, own in zip(self._homes, self._rotations, strict=True)]
+        seen = [vector @ home @ own for home, own in zip(self.homes, self._rotations, strict=True)]
         result: Array = np.mean(seen, axis=0)
         return result
 
     def direction_of_gravity(self) -> Suspect:
         """Another direction of gravity in the first robot's home frame, found by forces."""
         size = float(np.linalg.norm(self._gravity))
-        mean = np.mean(self._homes @ self._gravity, axis=0)
+        mean = np.mean(self.homes @ self._gravity, axis=0)
         mean *= size / max(float(np.linalg.norm(mean)), 1e-9)
-        others = [*(self._homes @ self._gravity), *(size * np.vstack([np.eye(3), -np.eye(3)]))]
+        others = [*(self.homes @ self._gravity), *(size * np.vstack([np.eye(3), -np.eye(3)]))]
         rough = sorted(others, key=lambda start: self._misfit.fit(regressor=self._regressor(start)).misfit)
         best = min((self._tilted(start) for start in (mean, *rough[:2])), key=lambda found: found[1].misfit)
         return self._suspect(Cause.GRAVITY, None, best[1], 2, best[0])
@@ -283,7 +280,7 @@ class Suspects:
             limits = max(tried[0], rough - 1.0), min(tried[-1], rough + 1.0)  # not where filters distort the ends
             when = float(minimize_scalar(misfit, bounds=limits, method="bounded", options={"xatol": _STEP / 4.0}).x)
             found = self._suspect(cause, None, self._from(when, columns), columns.shape[-1])
-            yield replace(found, gain=found.gain - 2.0 * float(np.log(len(tried))), time=when)
+            yield replace(found, gain=found.gain - 2.0 * float(np.log(len(tried))), value=np.append(found.value, when))
 
     def _from(self, time: float, columns: Array, passes: int = REWEIGHTINGS) -> Fit:
         later = expit((self._misfit.signals.time - time) / _STEP)

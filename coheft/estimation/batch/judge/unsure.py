@@ -8,7 +8,7 @@ from coheft.estimation.batch.body import body_motions, regressor, total_wrench
 from coheft.estimation.batch.calibrated_fit import force_columns
 from coheft.estimation.batch.calibration import Tolerances
 from coheft.estimation.batch.judge.evidence import Evidence
-from coheft.estimation.batch.pose_differences import derivative_by_poses
+from coheft.estimation.batch.team_poses import derivative_by_poses
 from coheft.estimation.geometry.body_motion import BODY_A
 from coheft.estimation.geometry.spatial import Array, Pose, skew
 
@@ -17,11 +17,6 @@ _ROUNDING = 1e-9
 
 def unsure_parameters(evidence: Evidence, motion: Array, theta: Array) -> tuple[Array, Array]:
     """Effects of uncertain grasp poses and, if they were estimated, calibration errors, by one standard deviation each.
-
-    Args:
-        evidence: The recording and its grasp poses.
-        motion: Motion of the body frame, shape (n, 12).
-        theta: Parameters of the body, shape (10,).
 
     Returns:
         Change of the total wrench's residual by q parameters, shape (n, 6, q), and the matrices by which each robot's
@@ -36,12 +31,10 @@ def unsure_parameters(evidence: Evidence, motion: Array, theta: Array) -> tuple[
 
 def _by_grasps(evidence: Evidence, theta: Array) -> tuple[Array, Array]:
     signals = evidence.signals
-    assert signals.wrench is not None
-    wrenches = signals.wrench
 
     def left(poses: Sequence[Pose]) -> Array:
         motion = body_motions(signals, poses).mean(axis=0)
-        return (total_wrench(wrenches, poses) - regressor(motion) @ theta).ravel()
+        return (total_wrench(signals.wrench, poses) - regressor(motion) @ theta).ravel()
 
     values, vectors = np.linalg.eigh(evidence.team.covariance)
     kept = values > _ROUNDING * values[-1]
@@ -59,7 +52,6 @@ def _by_grasps(evidence: Evidence, theta: Array) -> tuple[Array, Array]:
 def _by_calibration(evidence: Evidence, tolerances: Tolerances, motion: Array, theta: Array) -> tuple[Array, Array]:
     """Scales and offsets of forces, the common scale of lengths, and the direction of gravity."""
     signals, poses = evidence.signals, evidence.poses
-    assert signals.wrench is not None
     assert signals.rotation is not None
     count = len(poses)
     sizes = np.repeat([tolerances.force_scale, tolerances.force_offset], [count, 3 * count])

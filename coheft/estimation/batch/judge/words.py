@@ -86,9 +86,9 @@ def words_of(suspect: Suspect, recording: Recording, misfit: WrenchMisfit) -> tu
             angle = angle_deg(value, recording.gravity)
             return None, f"home frames are all tilted, by {angle:.3g} degrees against gravity"
         case Cause.LOAD_CHANGE:
-            return None, f"the load changed at {suspect.time:.1f} s; --from and --to choose a part"
+            return None, f"the load changed at {value[-1]:.1f} s; --from and --to choose a part"
         case Cause.OFFSET_JUMP:
-            return None, f"the zero of some sensor jumped at {suspect.time:.1f} s; --from and --to choose a part"
+            return None, f"the zero of some sensor jumped at {value[-1]:.1f} s; --from and --to choose a part"
         case cause:
             raise ValueError(f"expected a cause that forces have, found {cause}")
 

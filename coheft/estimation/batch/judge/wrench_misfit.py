@@ -53,21 +53,17 @@ class Fit:
     excess: float
     inside: float
 
+    @property
+    def mass(self) -> tuple[float, float]:
+        """Mass of the load and its standard deviation [kg]."""
+        return float(self.solution[0]), float(np.sqrt(max(self.covariance[0, 0], 0.0)))
+
 
 class WrenchMisfit:
     """Fits of the total wrench of one recording, whose grasp poses are known."""
 
     def __init__(self, evidence: Evidence) -> None:
-        """Prepare what all fits share.
-
-        Args:
-            evidence: On the recording.
-
-        Raises:
-            ValueError: There are too few samples, or too few per second, to tell noise from motion.
-        """
-        recording, signals, poses, cutoff = evidence.recording, evidence.signals, evidence.poses, evidence.cutoff
-        assert signals.wrench is not None
+        signals, poses = evidence.signals, evidence.poses
         self.evidence, self.signals, self.wrenches, self.poses = evidence, signals, signals.wrench, poses
         self.adjoints = [pose.adjoint() for pose in poses]
         self.motion = motion = body_motions(signals, poses).mean(axis=0)
@@ -75,20 +71,19 @@ class WrenchMisfit:
         if signals.rotation is not None:
             self.rotations = signals.rotation @ np.array([pose.rotation.T for pose in poses])[:, None]
         """Of the body frame in each robot's home frame, shape (N, n, 3, 3); None without poses."""
-        self.band = Band.of(signals, cutoff, np.hstack([motion[:, BODY_W], motion[:, BODY_V]]))
+        self.band = Band(signals, evidence.cutoff, np.hstack([motion[:, BODY_W], motion[:, BODY_V]]))
         self.regressor, self.total = regressor(motion), total_wrench(self.wrenches, poses)
-        per_coefficient = signals.rate / recording.rate
+        per_coefficient = signals.rate / evidence.recording.rate
         robots = range(len(poses))
-        self.noise = [np.diag(level_of(recording, "wrench", k, cutoff) ** 2) * per_coefficient for k in robots]
+        self.noise = [np.diag(level_of(evidence, k, "wrench") ** 2) * per_coefficient for k in robots]
         """Of each robot's coefficients, (6, 6)."""
         up, frequency = motion[:, BODY_A].mean(axis=0), self.band.frequency
-        views = [acceleration_noise(recording, k, poses[k], up, frequency, cutoff) for k in robots]
+        views = [acceleration_noise(evidence, k, up, frequency) for k in robots]
         self._motion_noise: Array = np.sum(views, axis=0) * per_coefficient / len(poses) ** 2
         self._unsure = np.zeros((6 * len(frequency), 0))
         """Whitened columns of the uncertain parameters, per standard deviation."""
         self._unsure_maps = np.zeros((len(poses), 0, 6, 6))
         """Maps of the readings in these columns."""
-        self._whitening = np.empty((len(self.band.frequency), 6, 6))
         theta = np.zeros(10)
         for _ in range(2):
             self._whiten(theta)

@@ -1,11 +1,16 @@
-"""Units of times: seconds, unless samples would be too slow to be useful, or no sample is at those times."""
+"""Times of recordings: their unit, and resampling at common ones; changes are logged.
+
+Times are in seconds, unless samples would be too slow to be useful, or no sample is at those times.
+"""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from coheft.errors import RecordingError
-from coheft.estimation.batch.recording import RobotRecord
+from coheft.estimation.batch.alignment import Stream, aligned
+from coheft.estimation.batch.recording import RobotRecord, check_samples, is_regular
 from coheft.estimation.geometry.spatial import Array
 from coheft.wire.process.log import LOG
 
@@ -16,6 +21,8 @@ _INDEX = "; numbers of samples are no times"
 _ROUNDING = 1e-9
 _SHORTEST = 0.2
 """Shortest hold by which another unit than seconds is recognised [s]."""
+_EPOCH = 1e8
+"""Larger times are those of a clock that counts from 1970 [s]: three years."""
 
 
 def samples_in_seconds(name: str, time: Array) -> Array:
@@ -47,13 +54,7 @@ def holds_in_seconds(
     The unit is the one with which most holds are within the recorded time; without such a unit, they do not belong to
     this recording.
 
-    Args:
-        name: Name of their source in messages.
-        holds: Start and end of each hold, in any unit.
-        span: First and last recorded time [s].
-
-    Raises:
-        RecordingError: No hold is within the recorded time, in any unit.
+    ``name`` is that of their source in messages, ``span`` the first and the last recorded time [s].
     """
     if not holds:
         return ()
@@ -76,3 +77,43 @@ def holds_in_seconds(
             f"{span[0]:g} s to {span[1]:g} s"
         )
     return tuple((factor * start, factor * end) for start, end in holds)
+
+
+def streams_of_robot(robot: RobotRecord) -> dict[str, Stream]:
+    """Return a robot's recorded channels separately."""
+    return {channel: Stream(robot.time, values) for channel, values in robot.channels.items()}
+
+
+def at_common_times(robots: Mapping[str, RobotRecord]) -> dict[str, RobotRecord]:
+    """Resample robots whose times are unsteady, have gaps, or differ from robot to robot; others stay as they are."""
+    times = [robot.time for robot in robots.values()]
+    if not times or any(len(time) < 2 or np.diff(time).min() <= 0.0 for time in times) or is_regular(times):
+        return dict(robots)
+    for name, robot in robots.items():
+        check_samples(name, robot)
+    return _aligned({name: streams_of_robot(robot) for name, robot in robots.items()})
+
+
+def align(streams: Mapping[str, Mapping[str, Stream]]) -> tuple[dict[str, RobotRecord], float]:
+    """Resample all sensors of streams, by robot and channel, at the same times; return what was taken from times [s].
+
+    Times that count from 1970 then count from the first sample.
+    """
+    starts = [float(stream.time[0]) for own in streams.values() for stream in own.values() if len(stream.time)]
+    since = max(starts, default=0.0)
+    if since > _EPOCH:
+        LOG.warning(f"coheft: times count from the first that all sensors have measured, which is {since:.3f} s of ROS")
+        streams = {
+            robot: {channel: replace(stream, time=stream.time - since) for channel, stream in own.items()}
+            for robot, own in streams.items()
+        }
+    else:
+        since = 0.0
+    return _aligned(streams), since
+
+
+def _aligned(streams: Mapping[str, Mapping[str, Stream]]) -> dict[str, RobotRecord]:
+    robots, remarks = aligned(streams)
+    for remark in remarks:
+        LOG.warning(f"coheft: {remark}")
+    return robots
