@@ -162,6 +162,8 @@ def test_a_load_that_is_dropped_while_time_stands_still_is_there_at_once() -> No
     assert model.loads == [dropped]
     assert model.changes > before, "there is another picture to draw"
     model.note_status(msgspec.structs.replace(STATUS, state=RunState.RUNNING, block=1, loads=[dropped]))
+    assert model.loads == [dropped], "until the first truth after the pause"
+    model.receive(truth(1, LIGHT))
     assert model.loads == [], "while time runs, the newest truth tells"
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from coheft.errors import RecordingError
-from coheft.estimation.batch.judge.sensors import stuck_sensor
+from coheft.estimation.batch.judge.sensors import stuck_motion, stuck_sensor
 from coheft.estimation.batch.plausibility import check_units, check_weight
 from coheft.estimation.batch.recording import Recording, RobotRecord
 from coheft.estimation.geometry.spatial import Array
@@ -44,7 +44,7 @@ class Contents:
             numbers = {tuple(number for number, _ in blocks) for blocks in self._blocks.values()}
             is_whole = all(map(recording.has, ("twist", "acceleration", "wrench")))
             if is_whole and len(full) == len(self._blocks) and len(numbers) == 1:
-                if stuck := stuck_sensor(recording):
+                if stuck := stuck_sensor(recording) or stuck_motion(recording):
                     return (
                         f"{stuck.words.partition(':')[0]}: its sensor does not work, or something repeats its reading"
                     )

@@ -9,7 +9,7 @@ from coheft.app.results.record import SILENT, Record
 from coheft.app.run.news import News
 from coheft.app.view.traces import Trace
 from coheft.estimation.rigid_body.mass_properties import Inertia
-from coheft.wire.messages.requests import RunState, Status
+from coheft.wire.messages.requests import Status
 from coheft.wire.messages.structs import Estimate, Problem
 from coheft.wire.messages.truth import LoadState
 from coheft.wire.scenario.plugins import estimator_names
@@ -65,11 +65,9 @@ class ViewModel:
 
     @property
     def loads(self) -> list[LoadState]:
-        """Loads on the payload, from the server's latest message: while paused, the status is newer than the truth."""
+        """Loads on the payload, from the server's latest message: since a pause, the status is newer than the truth."""
         truth, status = self.record.truth, self.status
-        if truth is None or (status.state is RunState.PAUSED and status.block > truth.block):
-            return status.loads
-        return truth.loads
+        return status.loads if truth is None or status.block > truth.block else truth.loads
 
     @property
     def disturbances(self) -> dict[tuple[str, ...], str]:
