@@ -14,7 +14,7 @@ import math
 
 from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.settings import Guards
-from coheft.agents.efficient.small_steps import UnnoticedStep
+from coheft.agents.efficient.small_steps import NO_STEP, UnnoticedStep
 
 _GROWTH = 1.1
 """The step is computed anew when there are so many times the rows: what is published need not follow each row."""
@@ -48,16 +48,16 @@ class Gap:
         """The largest step of the mass in the gap that is not significant; one of 0 kg if there was no gap."""
         estimate, buffer = known.estimate, known.buffer
         if self._first is None or estimate is None or known.theta is None:
-            return UnnoticedStep()
+            return NO_STEP
         index = buffer.index_of(self._first)
         if buffer.start < index < buffer.count:
             missing = buffer.numbers[index] - buffer.numbers[index - 1] - 1
             if missing <= self._waiting:  # they were only late
                 self._first = None
-                return UnnoticedStep()
+                return NO_STEP
         rows = max(1, buffer.number_at(buffer.count) - self._first)
         since = _GROWTH ** math.floor(math.log(rows, _GROWTH)) * known.innovations.mass_information(buffer)
         if not since > 0.0:
-            return UnnoticedStep()
+            return NO_STEP
         ratio = estimate.variance_of_mass * self._before / since
         return UnnoticedStep(math.sqrt(self._guards.least_small_step * ratio), self._first)

@@ -17,7 +17,7 @@ from coheft.agents.efficient.one_load import OneLoad
 from coheft.agents.efficient.pages import KEPT_ON_PAGE, Pages
 from coheft.agents.efficient.row_times import MANY
 from coheft.agents.efficient.settings import Guards
-from coheft.agents.efficient.small_steps import UnnoticedStep
+from coheft.agents.efficient.small_steps import NO_STEP, UnnoticedStep
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.moments.change import likeliest_step, surprise
 from coheft.estimation.moments.chapter import Chapter, Prior
@@ -132,8 +132,8 @@ class Knowledge:
             return None
         noise = self.unseen_change(estimate, unnoticed, drift, missing=missing / self._settings.period)
         self.bridge(missing)
-        prior = self._chapter.posterior(estimate, self._guess)
-        prior = replace(prior, is_after_gap=missing > self._guards.waiting)
+        is_after_gap = missing > self._guards.waiting
+        prior = replace(self._chapter.posterior(estimate, self._guess), is_after_gap=is_after_gap)
         return prior if noise is None else prior.with_process_noise(slice(None), noise)
 
     def unseen_change(
@@ -172,8 +172,7 @@ class Knowledge:
 
     def _unnoticed_step(self, estimate: Estimate, unnoticed: UnnoticedStep, fit: OneLoad) -> Array | None:
         """See ``UnnoticedStep.process_noise``; None if there is no step."""
-        load = estimate.state.load
-        if unnoticed.mass == 0.0 or load is None or not load[THETA.start] > 0.0:
+        if unnoticed.mass == 0.0 or (load := estimate.state.load) is None or not load[THETA.start] > 0.0:
             return None
         return unnoticed.process_noise(estimate, fit.error_by_step(self.buffer.index_of(unnoticed.first)))
 
@@ -182,16 +181,15 @@ class Knowledge:
         estimate: Estimate,
         drift: LoadDrift | None,
         end: int | None = None,
-        unnoticed: UnnoticedStep | None = None,
+        unnoticed: UnnoticedStep = NO_STEP,
     ) -> Estimate:
         """Return an estimate whose covariance covers a step of the mass that may have occurred, and the drift of the
         load up to the row before an index, or up to now.
         """
-        mass = 0.0 if unnoticed is None else unnoticed.mass
-        if estimate.state.load is None or (drift is None and mass == 0.0):
+        if estimate.state.load is None or (drift is None and unnoticed.mass == 0.0):
             return estimate
         fit = self._one_load(estimate, end)
-        step = None if unnoticed is None else self._unnoticed_step(estimate, unnoticed, fit)
+        step = self._unnoticed_step(estimate, unnoticed, fit)
         if step is not None:
             estimate = estimate.with_process_noise(step)
         return estimate if drift is None else drift.cover(estimate, fit.error_by_drift())

@@ -58,6 +58,9 @@ class UnnoticedStep(NamedTuple):
         return max(_LEAST_LEFT, -float(error))
 
 
+NO_STEP = UnnoticedStep()
+
+
 class StepWatch:
     """Remembers the largest step that tests for a change have found.
 
@@ -70,11 +73,11 @@ class StepWatch:
     """
 
     def __init__(self, shortest: int, guards: Guards) -> None:
-        self._shortest, self._guards, self.step = shortest, guards, UnnoticedStep()
+        self._shortest, self._guards, self.step = shortest, guards, NO_STEP
 
     def begin(self) -> None:
         """Start again with other knowledge."""
-        self.step = UnnoticedStep()
+        self.step = NO_STEP
 
     def sought(self, estimate: Estimate) -> SmallSteps | None:
         """Which steps a test for a change has to look for; None without a load."""
