@@ -70,7 +70,7 @@ class Session:
         self._restlessness = Restlessness(rows)
         self._gap, self._begins_after_gap = Gap(rows.waiting, guards), prior is not None and prior.is_after_gap
         self._newest = -1  # number of the newest row
-        self._oldest = -1  # rows before this number are from before a slip
+        self._oldest = -1  # rows before this number are from before a slip, or are forgotten
         self._begin(Knowledge(count, anchor, settings, guards, prior))
         if prior is not None:
             self.stage = TRANSITIONS[self.stage, Event.FITTED]
@@ -204,7 +204,7 @@ class Session:
             self.causes.forget_cause()
         self.causes.start_over()
         self._gap.load_begins(self._newest)
-        self._restlessness, self._oldest = Restlessness(self._rows), -1
+        self._restlessness, self._oldest = Restlessness(self._rows), self._newest + 1
         self.stage = TRANSITIONS[self.stage, event]
         self._begin(Knowledge(self._count, self._anchor, self.settings, self._guards))
 
