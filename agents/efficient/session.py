@@ -19,10 +19,9 @@ from coheft.agents.efficient.gaps import Gap
 from coheft.agents.efficient.judge import Verdict
 from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.load_drift import LoadChange, LoadDrift
-from coheft.agents.efficient.restlessness import Restlessness
 from coheft.agents.efficient.settings import Guards, RowCounts
 from coheft.agents.efficient.small_steps import UnnoticedStep
-from coheft.agents.efficient.stages import TRANSITIONS, Event, Stage
+from coheft.agents.efficient.stages import TRANSITIONS, Event, Restlessness, Stage
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.body import FORCING_SIZE
 from coheft.estimation.moments.chapter import Prior
