@@ -224,7 +224,7 @@ class ChangeDetector:
         first = buffer.start + known.innovations.look_for_change(buffer).first
         if first < index:  # rows of the other load were among those that were fitted
             before = known.fit(end=first)
-        surprise = 0.0 if before.state.load is None else known.surprise(first, before)
+        surprise = known.surprise(first, before)
         return Detected(Event.LOAD_CHANGED, first, before, surprise)
 
     def _compare_unconfirmed(self, known: Knowledge, index: int, number: int) -> Detected | None:
@@ -236,7 +236,7 @@ class ChangeDetector:
         kept = min(index, since)
         before = known.fit(end=kept, keeps_motion=True)
         index = buffer.start + known.innovations.look_for_change(buffer).first
-        surprise = 0.0 if before.state.load is None else known.surprise(index, before)
+        surprise = known.surprise(index, before)
         if surprise > 1.0:
             return Detected(Event.LOAD_CHANGED, kept, before, surprise)
         if self._confirmation.fits_badly(number):

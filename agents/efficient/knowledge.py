@@ -172,7 +172,7 @@ class Knowledge:
 
     def _unnoticed_step(self, estimate: Estimate, unnoticed: UnnoticedStep, fit: OneLoad) -> Array | None:
         """See ``UnnoticedStep.process_noise``; None if there is no step."""
-        if unnoticed.mass == 0.0 or (load := estimate.state.load) is None or not load[THETA.start] > 0.0:
+        if unnoticed.mass == 0.0 or not estimate.state.fitted_load[THETA.start] > 0.0:
             return None
         return unnoticed.process_noise(estimate, fit.error_by_step(self.buffer.index_of(unnoticed.first)))
 
@@ -214,7 +214,7 @@ class Knowledge:
 
     def fit(self, end: int | None = None, keeps_motion: bool = False) -> Estimate:
         """Fit all unknowns to all rows, or to those before an index, and to the prior from earlier chapters; see
-        ``Chapter.evaluation``.
+        ``Chapter.evaluation``. The estimate has a load.
         """
         chapter, settings, last = self._chapter, self._settings, self.estimate
         if self._first is None:
@@ -248,7 +248,7 @@ class Knowledge:
         """
         chapter, state, self._first = self._chapter, now.state.with_load(None), self.buffer.number_at(index)
         step, first = None, min(index, self.buffer.index_of(unnoticed.first))
-        if unnoticed.mass > 0.0 and now.state.load is not None:
+        if unnoticed.mass > 0.0:
             step = first, unnoticed.covariance(now, self._one_load(now, index).error_by_step(first))
         chapter.end_of_load(now, self._guess, index, has_changed and not now.misses_poses, step=step)
         if has_changed:

@@ -94,8 +94,7 @@ class OneLoad:
         return result
 
     def _evidence(self, moments: Moments) -> Evidence:
-        body, load = self._estimate.body, self._estimate.state.load
-        assert load is not None
+        body, load = self._estimate.body, self._estimate.state.fitted_load
         of_wrenches = wrench_moments(body, moments)
         noise = None if self._noise is None else of_wrenches.number * self._noise
         result = wrench_evidence(body, self._derivatives, of_wrenches, load, noise)

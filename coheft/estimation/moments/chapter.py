@@ -195,7 +195,7 @@ class Chapter:
 
     def _wrench_evidence(self, estimate: Estimate, moments: Moments, guess: Guess) -> Evidence:
         body = estimate.body
-        found = wrench_evidence(body, MotionDerivatives.at(body), wrench_moments(body, moments), _load(body))
+        found = wrench_evidence(body, MotionDerivatives.at(body), wrench_moments(body, moments), body.state.fitted_load)
         return self._beyond_doubt(estimate, found, guess)
 
     def end(self, estimate: Estimate, guess: Guess, index: int) -> None:
@@ -242,7 +242,7 @@ class EvidenceAt:
     """
 
     def __init__(self, body: BodyModel) -> None:
-        self._body, self._derivatives, self._load = body, MotionDerivatives.at(body), _load(body)
+        self._body, self._derivatives, self._load = body, MotionDerivatives.at(body), body.state.fitted_load
         self._noise: tuple[Array, Array] | None = None  # per row, of motion and of wrenches, (u, u) each
 
     def of(self, moments: EvaluatedMoments) -> Evidence:
@@ -254,11 +254,3 @@ class EvidenceAt:
         if min(numbers) > 0.0:
             self._noise = by_motion.noise / numbers[0], by_wrench.noise / numbers[1]
         return by_motion + by_wrench
-
-
-def _load(body: BodyModel) -> Array:
-    """The load at a state that has one."""
-    load = body.state.load
-    if load is None:
-        raise ValueError("the state has no load, which the evidence of wrenches is about; fit one first")
-    return load

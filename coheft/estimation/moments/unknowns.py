@@ -89,6 +89,13 @@ class State:
     gyros: Array
     load: Array | None
 
+    @property
+    def fitted_load(self) -> Array:
+        """The load, of a state that has one."""
+        if self.load is None:
+            raise ValueError("the state has no load; fit one first")
+        return self.load
+
     @staticmethod
     def first(poses: Sequence[Pose], errors: SensorErrors) -> State:
         """A state with exact sensors and without a load."""
