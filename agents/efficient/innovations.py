@@ -92,9 +92,8 @@ class Innovations:
         whitened = np.linalg.solve(root, body.wrench_map - load_operator(load) @ body.motion_map[FORCING])
         self._by_mass = one_kilogram(load) @ np.linalg.solve(root, REGRESSOR[:, :, THETA]).swapaxes(1, 2)  # (13, 6)
         self._body, self._matrix = body, np.vstack([see, whitened, body.motion_map[:MOTION_SIZE]])
-        one = ROW_SIZE * body.count
-        sums, self.mean_residuals = of_all.sums(one), np.zeros(KINEMATICS_SIZE * body.count)
-        rows = float(sums[one])
+        sums, self.mean_residuals = of_all.sums(body.one), np.zeros(KINEMATICS_SIZE * body.count)
+        rows = float(sums[body.one])
         if past is not None:  # a mean over few rows would be as noisy as the rows that are tested
             sums, rows = sums + past.rows * past.mean, rows + past.rows
         self._rows, self._mean = rows, sums / max(rows, 1.0)
@@ -110,8 +109,8 @@ class Innovations:
     def past_before_slip(self) -> Past:
         """The same, with a made-up mean that gives the present mean residuals at any poses."""
         mean = np.zeros_like(self._mean)
-        mean[ROW_SIZE * self._body.count] = 1.0
-        by_robot = mean[: ROW_SIZE * self._body.count].reshape(-1, ROW_SIZE)
+        mean[self._body.one] = 1.0
+        by_robot = mean[: self._body.one].reshape(-1, ROW_SIZE)
         root, mean_residuals = np.sqrt(self._body.weight), self.mean_residuals.reshape(-1, KINEMATICS_SIZE)
         by_robot[:, :KINEMATICS_SIZE] = np.divide(
             mean_residuals, root, out=np.zeros_like(mean_residuals), where=root > 0.0

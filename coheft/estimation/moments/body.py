@@ -102,7 +102,9 @@ class BodyModel:
 
     Attributes:
         state, unknowns, noise: As given.
+        rotations, positions: Of all grasp frames in the body frame, shapes (N, 3, 3) and (N, 3) [m].
         count: Number of robots.
+        one: Index of the constant 1 in an extended row.
         has_rates: Whether rows are extended by their rates.
         features: Length of ``psi``: 19, or 38 with rates, and 6 N more with flexing.
         flexing: Indices of these, shape (N, 6), or (N, 0).
@@ -127,6 +129,7 @@ class BodyModel:
     def __init__(self, state: State, noise: RowNoise, unknowns: Unknowns) -> None:
         self.state, self.noise, self.unknowns = state, noise, unknowns
         self.count, self.has_rates = len(state.poses), unknowns.errors.has_rates
+        self.one = ROW_SIZE * self.count
         moving, flexing = MOTION_SIZE * (1 + self.has_rates), FLEXING_SIZE * unknowns.errors.is_flexing
         self.features = moving + flexing * self.count
         self.flexing: Indices = np.arange(moving, self.features).reshape(self.count, flexing)
@@ -152,7 +155,7 @@ class BodyModel:
         self.twist = Fusion.of(TWIST, rows.TWIST, self.weight, predict)
         self.accelerations = Fusion.of(ACCELERATIONS, rows.ACCELERATIONS, self.weight, predict)
 
-        self.fusion_map = fusion_map = np.zeros((MOTION_SIZE, ROW_SIZE * count + 1))
+        self.fusion_map = fusion_map = np.zeros((MOTION_SIZE, self.one + 1))
         self.motion_noise = np.zeros((self.features, self.features))
         fusion_map[0, -1] = 1.0
         of_rows = fusion_map[:, :-1].reshape(MOTION_SIZE, count, ROW_SIZE)
@@ -252,7 +255,7 @@ class BodyModel:
         self.adjoints = np.zeros((count, 6, 6))
         self.adjoints[:, :3, :3] = self.adjoints[:, 3:, 3:] = rotations
         self.adjoints[:, 3:, :3] = skew(self.positions) @ rotations
-        wrench = np.zeros((6, ROW_SIZE * count + 1))
+        wrench = np.zeros((6, self.one + 1))
         wrench[:, :-1].reshape(6, count, ROW_SIZE)[:, :, rows.WRENCH] = self.adjoints.transpose(1, 0, 2)
         self.wrench_map = self._of_extended(wrench)
         self.rate_variance = self._variance_of_rates(self.noise.wrench, rows.WRENCH) / self.noise.slowness
@@ -321,15 +324,15 @@ class BodyModel:
 
     def _calibrated(self, extended_rows: Array) -> Array:
         """Readings of motion sensors, corrected by the sensor errors of the state: (n, X) to (n, N, 12)."""
-        calibration, count, size = self.state.calibration, self.count, ROW_SIZE * self.count
-        by_robot = extended_rows[:, :size].reshape(-1, count, ROW_SIZE)
+        calibration, count = self.state.calibration, self.count
+        by_robot = extended_rows[:, : self.one].reshape(-1, count, ROW_SIZE)
         if calibration is None:
             return by_robot[:, :, :KINEMATICS_SIZE]
         own = calibration[:, :KINEMATICS_SIZE]
         result = (own[:, :, :ROW_SIZE] @ by_robot.transpose(1, 2, 0)).transpose(2, 0, 1)
         result += own[:, :, ONE]
         if self.unknowns.errors.more:
-            more = extended_rows[:, size + 1 :].reshape(len(extended_rows), count, -1)
+            more = extended_rows[:, self.one + 1 :].reshape(len(extended_rows), count, -1)
             result += (own[:, :, MORE:] @ more.transpose(1, 2, 0)).transpose(2, 0, 1)
         return result
 

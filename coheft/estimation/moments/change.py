@@ -45,7 +45,7 @@ _WELL = 1e-6
 _LEFT = 0.05
 """A change is located by directions that older rows show as well: a fit to all rows leaves at least this share of the
 information of the newest ones."""
-_FAINT = 1e-10
+FAINT = 1e-10
 """Share of the information below which all is rounding."""
 
 
@@ -338,7 +338,7 @@ def seen_directions(matrix: Array, noise: Array) -> tuple[Array, Array]:
         white: Array = np.asarray(np.linalg.inv(np.linalg.cholesky(scaled)))
         return white * scale, one - white @ of_noise @ white.T
     values, vectors = np.linalg.eigh(scaled)
-    is_real = values > _FAINT * values[-1]
+    is_real = values > FAINT * values[-1]
     white = (vectors[:, is_real] / np.sqrt(values[is_real])).T
     shares, directions = np.linalg.eigh(np.eye(len(white)) - white @ of_noise @ white.T)
     is_seen = shares > _SEEN

@@ -107,7 +107,7 @@ class MotionMoments:
 
     @property
     def number(self) -> float:
-        """Of rows."""
+        """Number of rows."""
         return float(self.of_motion[0, 0])
 
 
@@ -127,7 +127,7 @@ class WrenchMoments:
 
     @property
     def number(self) -> float:
-        """Of rows."""
+        """Number of rows."""
         return float(self.of_motion[0, 0])
 
 
@@ -158,7 +158,7 @@ def view_moments(body: BodyModel, moments: Moments) -> Array:
     """Compute ``sum v v^T`` of views ``v = (motion[FORCING], total wrench)`` at a state, shape (19, 19)."""
     crossed, indices = moments.with_motion(body), wrench_indices(body.count, body.unknowns.errors)
     of_forcing, wrench = crossed[:, FORCING], body.wrench_map[:, indices]
-    one, size = ROW_SIZE * body.count, FORCING_SIZE
+    one, size = body.one, FORCING_SIZE
     result = np.zeros((size + 6, size + 6))
     result[:size, :size] = body.motion_map[FORCING] @ of_forcing
     result[size:, :size] = body.wrench_map @ of_forcing
@@ -171,7 +171,7 @@ def view_moments(body: BodyModel, moments: Moments) -> Array:
 
 
 def _motion_moments(body: BodyModel, crossed: Array) -> MotionMoments:
-    count, calibration, one = body.count, body.state.calibration, ROW_SIZE * body.count
+    count, calibration, one = body.count, body.state.calibration, body.one
     own = crossed[:one].reshape(count, ROW_SIZE, body.features)
     with_motion = own[:, KINEMATICS]
     if calibration is not None:
@@ -200,8 +200,7 @@ def _wrench_moments(body: BodyModel, moments: Moments, crossed: Array, of_motion
     of_wrenches = calibrated(calibrated(of_wrenches).T)
     sums, with_motion = calibrated(with_motion[:, :1]).ravel(), calibrated(with_motion)
     if constant.any():
-        one = ROW_SIZE * count
         across = np.outer(constant, sums)
-        of_wrenches = of_wrenches + across + across.T + crossed[one, 0] * np.outer(constant, constant)
-        with_motion = with_motion + np.outer(constant, crossed[one])
+        of_wrenches = of_wrenches + across + across.T + crossed[body.one, 0] * np.outer(constant, constant)
+        with_motion = with_motion + np.outer(constant, crossed[body.one])
     return WrenchMoments(of_wrenches, with_motion, of_motion)

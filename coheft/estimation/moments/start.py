@@ -70,7 +70,8 @@ class _Motion:
         count = len(known.poses)
         of_all = np.broadcast_to(settings.noise.kinematics, (count, rows.KINEMATICS_SIZE))
         noise = replace(settings.noise, kinematics=np.where(is_unknown[:, None], np.inf, of_all))
-        body, one = replace(settings, noise=noise).body(known), ROW_SIZE * count
+        body = replace(settings, noise=noise).body(known)
+        one = body.one
         fused, noise_of_motion = body.motion_map[:MOTION_SIZE], body.motion_noise[:MOTION_SIZE, :MOTION_SIZE]
         self._of_rows = moments.matrix @ fused.T
         self._of_motion = fused @ self._of_rows

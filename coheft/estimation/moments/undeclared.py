@@ -22,7 +22,7 @@ from coheft.estimation.moments.body import BodyModel
 from coheft.estimation.moments.chapter import Chapter, evidence_of
 from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.fit_settings import FitSettings, Guess
-from coheft.estimation.moments.sensor_errors import SensorErrors
+from coheft.estimation.moments.sensor_errors import DELAYS, SensorErrors
 from coheft.estimation.moments.unknowns import Indices, State, Unknowns
 from coheft.estimation.tolerance import SENSORS
 
@@ -38,10 +38,6 @@ _LEAST_SHARE = 1e-3
 """Least share of an error's information that has to remain beside all unknowns; less may be linearisation error."""
 _LATE = 0.002
 """Sensors that are later than others by more seem to have other errors as well, by the square of the delay [s]."""
-
-
-DELAYS = ("clock", "wrench_delay")
-"""Kinds of delays: of all sensors of a robot, or of its force and torque alone."""
 
 
 class UndeclaredError(NamedTuple):
@@ -82,7 +78,7 @@ def undeclared_error(
     declared, unknowns = settings.errors, estimate.body.unknowns
     is_declared = unknowns.deviations > 0.0
     names_declared = [{name for name, has_it in zip(declared.names, own, strict=True) if has_it} for own in is_declared]
-    if (np.abs(estimate.state.eta[:, [name in DELAYS for name in declared.names]]) > _LATE).any():
+    if (np.abs(estimate.state.eta[:, declared.are(*DELAYS)]) > _LATE).any():
         kinds = ()
     errors, body = declared, estimate.body
     if kinds:
