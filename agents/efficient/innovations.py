@@ -19,7 +19,7 @@ from coheft.estimation.moments.body import (
     load_operator,
     residual_covariance,
 )
-from coheft.estimation.moments.change import Look, SmallSteps, Weights, look_for_change, one_kilogram
+from coheft.estimation.moments.change import InformationMaps, Look, SmallSteps, look_for_change, one_kilogram
 from coheft.estimation.moments.chapter import Chapter
 from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.late_sensors import late_sensor
@@ -87,7 +87,7 @@ class Innovations:
             summed = buffer.summed_views()
             self._older = view_moments(body, of_load) - summed.T @ summed
         self._knows_load = chapter.knows_load and buffer.keeps_whole_load
-        self._weights = Weights.of(body, load, chapter.prior_evidence(body))
+        self._maps = InformationMaps.of(body, load, chapter.prior_evidence(body))
         root = np.linalg.cholesky(residual_covariance(body, load))
         whitened = np.linalg.solve(root, body.wrench_map - load_operator(load) @ body.motion_map[FORCING])
         self._by_mass = one_kilogram(load) @ np.linalg.solve(root, REGRESSOR[:, :, THETA]).swapaxes(1, 2)  # (13, 6)
@@ -155,4 +155,4 @@ class Innovations:
         See ``coheft.estimation.moments.change.look_for_change``.
         """
         views = buffer.views[buffer.start : buffer.count]
-        return look_for_change(views, self._older, self._weights, self._knows_load, small)
+        return look_for_change(views, self._older, self._maps, self._knows_load, small)

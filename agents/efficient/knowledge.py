@@ -27,7 +27,7 @@ from coheft.estimation.moments.misfit import KnownLoad
 from coheft.estimation.moments.row_buffer import RowBuffer
 from coheft.estimation.moments.start import first_load, first_poses, poses_by_motion
 from coheft.estimation.moments.suspects import SLIP
-from coheft.estimation.moments.undeclared import EACH_ROBOTS, UndeclaredError, undeclared_error
+from coheft.estimation.moments.undeclared import KINDS_OF_ONE_ROBOT, UndeclaredError, undeclared_error
 from coheft.estimation.moments.unknowns import THETA, Flags, State, Unknowns
 
 _EXACT_UP_TO = 12
@@ -119,7 +119,7 @@ class Knowledge:
         """
         return 0 if self._first is None else self.buffer.number_at(self.buffer.count) - self._first
 
-    def posterior(self, unnoticed: UnnoticedStep, drift: LoadDrift | None = None, missing: float = 0.0) -> Prior | None:
+    def posterior(self, unnoticed: UnnoticedStep, drift: LoadDrift | None, missing: float = 0.0) -> Prior | None:
         """Everything that is known, as a prior for another team; None if a pose or the load is unknown.
 
         Args:
@@ -165,7 +165,7 @@ class Knowledge:
         estimate, settings, false_alarm = self.estimate, self._settings, self._guards.undeclared
         if estimate is None:
             return None
-        kinds = EACH_ROBOTS if self.is_small else ()
+        kinds = KINDS_OF_ONE_ROBOT if self.is_small else ()
         constant = undeclared_error(estimate, self._guess, self._chapter, settings, self._anchor, kinds, false_alarm)
         late = self.innovations.late_sensor(self.buffer, settings.period, false_alarm)
         return max(filter(None, (constant, late)), key=lambda error: error.size, default=None)

@@ -20,7 +20,7 @@ from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.chapter import Prior
 from coheft.estimation.moments.unknowns import Unknowns
 from coheft.wire.config import AgentConfig
-from coheft.wire.messages.size import MOST_TOLD
+from coheft.wire.messages.size import MOST_HANDED_OVER
 
 if TYPE_CHECKING:  # not loaded in the open profile
     from coheft.agents.efficient.seals import Seals
@@ -99,7 +99,7 @@ class Team:
         Not if rows are signed: what a neighbour has concluded from them is not.
         """
         self._prior = prior, anchor
-        is_told = self._seals is None and Unknowns(len(self.names), self.settings.errors).size <= MOST_TOLD
+        is_told = self._seals is None and Unknowns(len(self.names), self.settings.errors).size <= MOST_HANDED_OVER
         self._newcomers = dict.fromkeys(newcomers, _TOLD) if is_told else {}
         self.session = Session(len(self.names), self.own, self.settings, self._guards, prior, anchor)
         self._next, self._taken = self.times.begun_from(self.start), set()

@@ -32,7 +32,7 @@ from coheft.estimation.moments.sensor_errors import RATES
 from coheft.estimation.moments.unknowns import POSE_SIZE, THETA, Indices
 from coheft.estimation.rigid_body.regressor import spatial_inertia
 
-FORCING_PRODUCTS = slice(7, 13)
+_FORCING_PRODUCTS = slice(7, 13)
 """Slice of the products within ``motion[FORCING]``."""
 
 
@@ -117,7 +117,7 @@ class WrenchDerivatives:
         common = np.zeros((unknowns.size, 6, features))
         of_motion = common[: unknowns.motion_size]
         of_motion[:] = (root @ spatial_inertia(load[THETA]) @ body.accelerations.covariance) @ motion.found
-        of_motion -= (root @ operator[:, FORCING_PRODUCTS]) @ motion.common
+        of_motion -= (root @ operator[:, _FORCING_PRODUCTS]) @ motion.common
         common[unknowns.load, :, FORCING] = -(root @ REGRESSOR).transpose(2, 1, 0)
 
         of_wrenches, by_motion = np.zeros((6, count, size)), np.zeros((6, features))

@@ -26,7 +26,7 @@ from coheft.estimation.moments.sensor_errors import DELAYS, SensorErrors
 from coheft.estimation.moments.unknowns import Indices, State, Unknowns
 from coheft.estimation.tolerance import SENSORS
 
-EACH_ROBOTS = (
+KINDS_OF_ONE_ROBOT = (
     "acceleration_bias",
     *(f"{sensor}_mounting" for sensor in ("gyro", "velocity", "acceleration")),
     *(f"{sensor}_scale" for sensor in SENSORS),
@@ -72,7 +72,7 @@ def undeclared_error(
         chapter: Rows and prior.
         settings: Settings of the fit.
         anchor: Index of the robot whose pose stays fixed.
-        kinds: Kinds of errors to test beside offsets, some of ``EACH_ROBOTS``.
+        kinds: Kinds of errors to test beside offsets, some of ``KINDS_OF_ONE_ROBOT``.
         false_alarm: False-alarm probability for one robot and one kind of error.
     """
     declared, unknowns = settings.errors, estimate.body.unknowns
