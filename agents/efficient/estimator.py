@@ -42,6 +42,7 @@ class EfficientEstimator:
         self._team: Team | None = None
         self._lacks: str | None = None  # a sensor that no robot of the team has, but one needs
         self._belief = Belief("poses", False, None, {})
+        # What the belief was computed from: it is computed anew if any of this differs.
         self._believed: tuple[Estimate, Stage, int, int, UnnoticedStep, int | None] | None = None
         self._former_changes: tuple[LoadChangeNotice, ...] = ()
         self._former_slips: tuple[SlipNotice, ...] = ()
@@ -108,11 +109,11 @@ class EfficientEstimator:
         if session.suspected is not None:
             where, what = _undeclared_in_words(session.suspected, team.names)
             return (f"{where} may {what}, though it is declared to be exact: more samples will tell",)
-        if team.session.contradicting is not None:
-            return (f"the sensors of {team.names[team.session.contradicting]} contradict the motion of the team",)
+        if session.contradicting is not None:
+            return (f"the sensors of {team.names[session.contradicting]} contradict the motion of the team",)
         if session.causes.is_open:
             return ("either the load has changed or a grasp has slipped",)
-        if not team.session.is_confirmed:
+        if not session.is_confirmed:
             return ("what was known before is being confirmed by new measurements",)
         disputed = team.disputed(self._config.blocks(self._guards.confirming))
         if disputed:
@@ -140,9 +141,8 @@ class EfficientEstimator:
             if now != self._believed:
                 self._belief, self._believed = self._belief_of(team, estimate), now
             self._belief = replace(self._belief, learned_block=team.newest)
-            if team.session.total_wrench is not None:
-                to_own = team.session.estimate.state.poses[team.own].inverse().adjoint()
-                wrench = to_own @ team.session.total_wrench
+            if session.total_wrench is not None:
+                wrench = estimate.state.poses[team.own].inverse().adjoint() @ session.total_wrench
                 self._belief = replace(self._belief, total_block=team.newest, total_wrench=wrench)
         return self._belief
 
@@ -173,7 +173,7 @@ class EfficientEstimator:
             self._team.begin(prior, anchor, newcomers)
 
     def _lives(self, names: list[str]) -> list[tuple[str, int, int]]:
-        """Name, incarnation and first block of each robot, which identify it across restarts."""
+        """Name, incarnation and first block of each robot: they differ if it has restarted or let go in between."""
         records = [self._gossip.records[name] for name in names]
         return [(record.robot, record.incarnation, record.since) for record in records]
 

@@ -82,7 +82,7 @@ class Innovations:
         of_all, of_load = buffer.moments()
         see = np.vstack([body.motion_map[FORCING], body.wrench_map])
         buffer.views[: buffer.count] = buffer.rows[: buffer.count] @ see.T
-        self._older = np.zeros((VIEW_SIZE, VIEW_SIZE))
+        self._older = np.zeros((VIEW_SIZE, VIEW_SIZE))  # Gram matrix of views of rows that are not kept
         if not buffer.keeps_whole_load:
             summed = buffer.summed_views()
             self._older = view_moments(body, of_load) - summed.T @ summed

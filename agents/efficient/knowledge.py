@@ -48,7 +48,7 @@ class Knowledge:
         buffer: Rows of the team.
         estimate: Estimate of poses and load, None at first.
         innovations: Evaluates rows at the estimate; not set before there is one.
-        least: Smallest number of rows to fit.
+        least: Number of rows to which a load is fitted for the first time; twice as many if nothing is known.
         revision: How often rows have been evaluated anew, for instance after a fit.
     """
 
@@ -67,7 +67,7 @@ class Knowledge:
         self._chapter = Chapter(self.buffer, settings, prior)
         self.estimate: Estimate | None = None
         self.revision = 0
-        self._past: Past | None = None  # when the last chapter ended
+        self._past: Past | None = None  # the rows of earlier chapters
         self._next_fit, self._pages = 2 * self.least, Pages(settings)
         self._first: int | None = None  # number of the first row with the present load
         self._unfitted, self._last_fit = 0, None  # number of the first row whose wrench was not fitted, and the fit
@@ -104,7 +104,7 @@ class Knowledge:
 
     @property
     def drift(self) -> Array:
-        """Variance (N, 12) or (1, 12) of drift of motion sensors since their mean innovations, in units of noise."""
+        """Variance (N, 12) or (1, 12) of motion sensors' drift since their mean innovations, in units of the noise."""
         return self._settings.drifted_kinematics((ROWS_BEFORE + self._pages.length) * self._settings.period)
 
     @property
@@ -348,7 +348,13 @@ class Knowledge:
         return surprise(newest, self.covariance_now(now), now.body.unknowns.theta)
 
     def _one_load(self, estimate: Estimate, end: int | None = None, is_last: bool = True) -> OneLoad:
-        """A fit to rows before an index, or to any: the last one, or one to all of these rows."""
+        """The fit that an estimate is from, to ask what a change of the load makes wrong in it.
+
+        Args:
+            estimate: The estimate.
+            end: Index after the last row in question; None for all rows.
+            is_last: Whether the estimate is from the last call of ``fit``; if not, it is from all rows before ``end``.
+        """
         buffer = self.buffer
         fitted, last = buffer.index_of(self._unfitted), buffer.count if end is None else end
         fitted = min(fitted, last) if is_last else last

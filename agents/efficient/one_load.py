@@ -41,7 +41,7 @@ class OneLoad:
         self._stepped: tuple[int, Array] | None = None  # the number of the first row after a step, and the error
 
     def at(self, fitted: int, end: int) -> OneLoad:
-        """Return this with the indices of rows that have come, moved or gone since."""
+        """Move the indices, as rows have come, moved or gone since; return this fit."""
         self._fitted, self._end = fitted, end
         return self
 

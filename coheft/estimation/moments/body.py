@@ -204,12 +204,12 @@ class BodyModel:
         return variance
 
     def _compliance(self) -> Array:
-        """By how much each row is corrected per flexing, shape (N, width, 6)."""
+        """Correction of each row by the robot's flexing, shape (N, width, 6)."""
         assert self.state.calibration is not None
         return self.state.calibration[:, :, self.unknowns.errors.flexing]
 
     def _variance_of_flexing(self) -> Array:
-        """Of how fast each robot's force changes, as it counts, shape (N, 6)."""
+        """Effective noise variance of each robot's flexing, shape (N, 6)."""
         force = np.where(np.isfinite(self.noise.wrench), self.noise.wrench, 0.0)[:, [0, 1, 2, 0, 1, 2]]
         return np.broadcast_to(force**2.0 * self.noise.flexing**2.0, (self.count, FLEXING_SIZE))
 

@@ -28,8 +28,7 @@ from coheft.estimation.moments.body import (
     load_operator,
 )
 from coheft.estimation.moments.rows import KINEMATICS_SIZE, ROW_SIZE, WRENCH_SIZE
-from coheft.estimation.moments.sensor_errors import RATES
-from coheft.estimation.moments.unknowns import POSE_SIZE, THETA, Indices
+from coheft.estimation.moments.unknowns import POSE_SIZE, THETA
 from coheft.estimation.rigid_body.regressor import spatial_inertia
 
 _FORCING_PRODUCTS = slice(7, 13)
@@ -109,9 +108,8 @@ class WrenchDerivatives:
         local = np.zeros((count, unknowns.own, 6, size))
         local[:, :POSE_SIZE, :, :WRENCH_SIZE] = body.adjoint_derivatives()
         if unknowns.errors.count:
-            own = np.arange(rows.WRENCH.start, rows.WRENCH.stop)
-            indices: Indices = np.concatenate([own, RATES + own])[:size]
-            local[:, POSE_SIZE:] = body.adjoints[:, None] @ unknowns.errors.generators[:, rows.WRENCH, indices]
+            by_errors = unknowns.errors.generators[:, rows.WRENCH, unknowns.errors.wrench]
+            local[:, POSE_SIZE:] = body.adjoints[:, None] @ by_errors
 
         operator = load_operator(load)
         common = np.zeros((unknowns.size, 6, features))

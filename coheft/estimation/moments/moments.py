@@ -14,10 +14,9 @@ from typing import Protocol, Self
 import numpy as np
 
 from coheft.estimation.geometry.spatial import Array
-from coheft.estimation.moments import rows
 from coheft.estimation.moments.body import FORCING, FORCING_SIZE, BodyModel
 from coheft.estimation.moments.rows import KINEMATICS, ROW_SIZE, WRENCH
-from coheft.estimation.moments.sensor_errors import MORE, ONE, RATES, SensorErrors
+from coheft.estimation.moments.sensor_errors import MORE, ONE, SensorErrors
 from coheft.estimation.moments.unknowns import Indices
 
 
@@ -188,8 +187,7 @@ def _wrench_moments(body: BodyModel, moments: Moments, crossed: Array, of_motion
     with_motion, of_wrenches = crossed[indices], moments.of_wrenches(indices)
     if body.state.calibration is None:
         return WrenchMoments(of_wrenches, with_motion, of_motion)
-    own = np.arange(rows.WRENCH.start, rows.WRENCH.stop)
-    own = np.concatenate([own, RATES + own]) if body.has_rates else own
+    own = body.unknowns.errors.wrench
     turn, constant = body.state.calibration[:, own[:, None], own], body.state.calibration[:, own, ONE].ravel()
     size = len(own)
 

@@ -68,6 +68,7 @@ class SensorErrors:
         is_flexing: Whether grasps are compliant, so that rows are followed by rates of the force, see ``flexing``.
         width: Length of an extended row of one robot.
         more: Number of entries that follow the constant.
+        wrench: Indices of the wrench in an extended row, then of its rates if there are any, shape (6,) or (12,).
         flexing: Slice of the rates of the force in an extended row; empty if grasps are stiff.
         generators: ``E_k``, shape (q, width, width).
     """
@@ -83,6 +84,8 @@ class SensorErrors:
         self.is_flexing = "grasp_compliance" in kinds
         self.more = ROW_SIZE * self.has_rates + FLEXING_SIZE * self.is_flexing
         self.width = MORE + self.more
+        wrench = np.arange(WRENCH.start, WRENCH.stop)
+        self.wrench = np.concatenate([wrench, RATES + wrench]) if self.has_rates else wrench
         self.flexing = slice(self.width - FLEXING_SIZE * self.is_flexing, self.width)
         generators = [(kind, entries) for kind in kinds for entries in self._generators(kind)]
         self.names = tuple(kind for kind, _ in generators)

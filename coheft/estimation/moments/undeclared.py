@@ -33,7 +33,7 @@ KINDS_OF_ONE_ROBOT = (
     "velocity_place",
     "acceleration_place",
 )
-"""Kinds of errors of one robot that can be tested, beside offsets of gyros, forces and torques."""
+"""Kinds of errors of one robot that can be tested; offsets of gyros, forces and torques are tested in any case."""
 _LEAST_SHARE = 1e-3
 """Least share of an error's information that has to remain beside all unknowns; less may be linearisation error."""
 _LATE = 0.002
