@@ -381,9 +381,7 @@ class Knowledge:
         index = max(buffer.start, buffer.count - KEPT_ON_PAGE)
         seconds = pages.turn(index, buffer.number_at(index), missing)
         self._past = self.innovations.past
-        chapter.end(estimate, self._guess, index)
-        assert chapter.prior is not None  # ``end`` has set it
-        chapter.prior = pages.inflated(chapter.prior, estimate, seconds)
+        chapter.prior = pages.inflated(chapter.end(estimate, self._guess, index), estimate, seconds)
         self._set_estimate(estimate)
         self._next_fit = buffer.load_rows + max(3, round((self._growth - 1.0) * pages.rows_before))
 

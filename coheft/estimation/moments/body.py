@@ -28,6 +28,7 @@ from coheft.estimation.rigid_body.regressor import regressor_coefficients, spati
 MOTION_SIZE = 19
 W, V, A, ALPHA = slice(1, 4), slice(4, 7), slice(7, 10), slice(10, 13)
 TWIST, ACCELERATIONS, PRODUCTS = slice(1, 7), slice(7, 13), slice(13, 19)
+"""Entries of the motion. Those of a row have the same names; where both are used, the latter are ``rows.W`` etc."""
 FORCING = np.r_[0, 7:MOTION_SIZE]
 """Entries of the motion that the wrench depends on: ``(1, a, alpha, products of w)``."""
 FORCING_SIZE = 13
