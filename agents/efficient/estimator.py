@@ -13,7 +13,7 @@ import numpy as np
 
 from coheft.agents.efficient.exchange import RowMessage
 from coheft.agents.efficient.judge import Outcome, Verdict
-from coheft.agents.efficient.settings import Guards, fit_settings
+from coheft.agents.efficient.settings import Guards
 from coheft.agents.efficient.small_steps import UnnoticedStep
 from coheft.agents.efficient.stages import Stage
 from coheft.agents.efficient.team import Team
@@ -159,18 +159,21 @@ class EfficientEstimator:
         if self._lacks is not None:
             self._team = None
             return
-        names, prior, anchor, newcomers = sorted(graph), None, 0, list[str]()
-        start = max(index, self._gossip.changed_at)
-        without = 0.0 if last is None else self._config.start_of(start) - self._config.start_of(last.newest + 1)
-        known = None if last is None else last.session.hand_over(max(0.0, without))
-        if last is not None and known is not None:
-            indices = [last.indices.get(each) for each in self._lives(names)]
-            newcomers = [each for each, then in zip(names, indices, strict=True) if then is None]
-            prior = known.for_team(indices, last.settings, fit_settings(self._config, names))
-            anchor = next(now for now, then in enumerate(indices) if then is not None)
-        self._team = Team(self._lives(names), membership, graph, start, self._config, self._guards, self._signer)
-        if prior is not None:
-            self._team.begin(prior, anchor, newcomers)
+        lives, start = self._lives(sorted(graph)), max(index, self._gossip.changed_at)
+        self._team = Team(lives, membership, graph, start, self._config, self._guards, self._signer)
+        if last is not None:
+            self._hand_over(last, self._team)
+
+    def _hand_over(self, last: Team, team: Team) -> None:
+        """Begin with what the last team has learned, if it can be relied upon."""
+        missing = self._config.start_of(team.start) - self._config.start_of(last.newest + 1)
+        known = last.session.hand_over(max(0.0, missing))
+        if known is None:
+            return
+        indices = [last.indices.get(life) for life in team.indices]
+        newcomers = [name for name, then in zip(team.names, indices, strict=True) if then is None]
+        anchor = next(now for now, then in enumerate(indices) if then is not None)
+        team.begin(known.for_team(indices, last.settings, team.settings), anchor, newcomers)
 
     def _lives(self, names: list[str]) -> list[tuple[str, int, int]]:
         """Name, incarnation and first block of each robot: they differ if it has restarted or let go in between."""

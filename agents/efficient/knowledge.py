@@ -251,7 +251,7 @@ class Knowledge:
         if unnoticed.mass > 0.0:
             step = first, unnoticed.covariance(now, self._one_load(now, index).error_by_step(first))
         chapter.end_of_load(now, self._guess, index, has_changed and not now.misses_poses, step=step)
-        if has_changed:
+        if has_changed:  # poses stay, so rows need not be evaluated anew
             self.estimate = replace(now, body=self._settings.body(state))
         else:
             self._set_estimate(self._fitted(state, chapter.evaluation()))
@@ -348,13 +348,7 @@ class Knowledge:
         return surprise(newest, self.covariance_now(now), now.body.unknowns.theta)
 
     def _one_load(self, estimate: Estimate, end: int | None = None, is_last: bool = True) -> OneLoad:
-        """The fit that an estimate is from, to ask what a change of the load makes wrong in it.
-
-        Args:
-            estimate: The estimate.
-            end: Index after the last row in question; None for all rows.
-            is_last: Whether the estimate is from the last call of ``fit``; if not, it is from all rows before ``end``.
-        """
+        """The fit that an estimate is from, with the rows before ``end``: the last one, or else one to all of these."""
         buffer = self.buffer
         fitted, last = buffer.index_of(self._unfitted), buffer.count if end is None else end
         fitted = min(fitted, last) if is_last else last
