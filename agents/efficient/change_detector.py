@@ -60,20 +60,20 @@ class Confirmation:
         return self._distrusted_at is not None
 
     def begin(self, since: int) -> None:
-        """From this row on, the load may be another one; rows that were not confirmed before still are not."""
+        """Confirm the load from this row on, or from an earlier one that is not confirmed yet."""
         self.since = min(self.since, since) if self.is_open else since
         self._missing = self._rows.confirming
 
     def end(self) -> None:
-        """There is nothing to confirm."""
+        """Stop: there is nothing to confirm any more."""
         self._missing, self._distrusted_at = 0, None
 
     def count(self) -> None:
-        """The newest row fits the load."""
+        """Count the newest row, which fits the load."""
         self._missing, self._distrusted_at = max(0, self._missing - 1), None
 
     def fits_badly(self, number: int) -> bool:
-        """At this row wrenches fit the load badly; return whether they have done so for too long."""
+        """Note that wrenches fit the load badly at this row; return whether they have done so for too long."""
         if self._distrusted_at is None:
             self._distrusted_at = number
         return number - self._distrusted_at > self._rows.lasting

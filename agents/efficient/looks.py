@@ -32,7 +32,7 @@ class Looks:
         self.found()
 
     def found(self) -> None:
-        """What was to be looked for has been found."""
+        """Forget all reasons to look: what they pointed to has been found."""
         self._surprises, self._closely_until = 0, -1
         self._masses.clear()
 
