@@ -81,7 +81,7 @@ class Estimate:
 
     def hidden_poses(self, limits: Array = POSE_LIMITS) -> Flags:
         """Whether a robot's pose is hidden or less certain than ``limits`` (6,) in any component, shape (N,)."""
-        variances = (self.seen + self.hidden).diagonal()[self.body.unknowns.poses]
+        variances = self.covariance.diagonal()[self.body.unknowns.poses]
         return np.asarray((variances > np.square(limits)).any(axis=1))
 
 

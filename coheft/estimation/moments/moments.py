@@ -1,6 +1,6 @@
 """Second moments of rows, which are exact at every state.
 
-    G = sum x x^T,    at a state:  sum psi psi^T = S G S^T,    sum x psi^T = G S^T
+    G = sum x x^T,    at a state:  sum psi psi^T = E G E^T,    sum x psi^T = G E^T,    E = motion_map
 
 ``G`` does not depend on poses, so nothing has to be summed again when their estimates improve. ``RowMoments`` keeps all
 of ``G``; for large teams ``coheft.estimation.moments.projected`` keeps its projection at one state.

@@ -36,6 +36,7 @@ class Unknowns:
         errors: Declared errors of their sensors.
 
     Attributes:
+        count, errors: As given.
         own: Number of unknowns of one robot.
         size: Number of all unknowns, ``u``.
         poses: Indices of each robot's pose, shape (N, 6).
