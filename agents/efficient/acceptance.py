@@ -12,14 +12,54 @@ from coheft.agents.efficient.judge import Outcome, Verdict
 from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.settings import Guards, RowCounts
 from coheft.agents.efficient.stages import Event
-from coheft.agents.efficient.tolerances import Tolerances
 from coheft.agents.efficient.undeclared_watch import UndeclaredWatch
 from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.fit_settings import FitSettings
 from coheft.estimation.moments.misfit import KnownLoad
+from coheft.estimation.moments.widening import widened
 
 _ROWS_TO_FIND = 3
 """An undeclared error is found with so many times the rows of a first fit; with fewer it is suspected."""
+
+
+class Tolerances:
+    """The tolerances that one team's fits assume: as declared, until the errors found exceed them twice in a row.
+
+    Args:
+        declared: Settings of fits with the declared tolerances.
+
+    Attributes:
+        settings: Settings of fits with the present ones.
+    """
+
+    def __init__(self, declared: FitSettings) -> None:
+        self._declared = self.settings = declared
+        self._exceeded_with = 0  # rows of the load when errors exceeded them; 0 if they do not
+
+    @property
+    def are_declared(self) -> bool:
+        """Whether they are the declared ones."""
+        return self.settings is self._declared
+
+    def exceed(self, estimate: Estimate, rows: int) -> bool:
+        """Process a fit after so many rows of the load whose errors exceed them; return whether that was so before.
+
+        They grow then, as it is no passing cause.
+        """
+        is_again = self._exceeded_with > 0
+        if is_again:
+            self.settings = widened(estimate, self.settings, self._declared) or self.settings
+        self._exceeded_with = rows
+        return is_again
+
+    def hold(self, rows: int) -> None:
+        """Process a fit after so many rows of the load whose errors are within them."""
+        if rows > 2 * self._exceeded_with:
+            self._exceeded_with = 0
+
+    def restore(self) -> None:
+        """Assume the declared ones again."""
+        self.settings, self._exceeded_with = self._declared, 0
 
 
 class Acceptance:

@@ -68,7 +68,7 @@ class Causes:
         return None if theta is None else LoadDrift.of(changes, theta[0], newest, self._rows.drifting)
 
     def start_over(self) -> None:
-        """What was known before is of no use any more, nor is what has changed in a gap."""
+        """Leave the changes so far out of drifts, and stop to compare with what was known before a gap."""
         self._forgotten = len(self.changes)
         if self._suspicion is not None and self._suspicion.is_after_gap:
             self._suspicion = None
@@ -94,13 +94,13 @@ class Causes:
             self._suspicion.notice_load()
 
     def expect(self, known: Knowledge, since: int, unnoticed: UnnoticedStep) -> None:
-        """Rows before this one were missing, or not used: load and grasps may have changed meanwhile."""
+        """Compare causes from this row on: rows before were missing, or not used, so anything may have changed."""
         if self._suspicion is None or not self._suspicion.is_open:
             drift = self.load_drift(known, since)
             self._suspicion = Suspicion.after_gap(known, since, len(self.changes), unnoticed, drift)
 
     def load_begins(self, number: int) -> None:
-        """The present load begins at this row; if it is not the first one since a gap, only its rows are compared."""
+        """Begin the present load at this row; unless it is the first since a gap, only its rows are compared."""
         suspicion = self._suspicion
         if suspicion is None or not suspicion.is_after_gap:
             return
@@ -124,7 +124,7 @@ class Causes:
         self._suspicion = None
 
     def contradiction_ends(self) -> None:
-        """Motions that have contradicted each other do so no longer, so no grasp has slipped then."""
+        """Note that motions contradict each other no longer, so no grasp has slipped when they did."""
         if self._suspicion is not None and not (self._suspicion.is_load or self._suspicion.is_after_gap):
             self._suspicion = None
 

@@ -15,7 +15,6 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from coheft.agents.efficient.confirmation import Confirmation
 from coheft.agents.efficient.innovations import EvaluatedRow
 from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.looks import Looks
@@ -28,6 +27,56 @@ from coheft.estimation.moments.row_buffer import RowBuffer
 
 _PAUSED = 4
 """The next comparison is due after at least one row for so many that were compared: each costs several fits."""
+
+
+class Confirmation:
+    """Counts rows that fit the load.
+
+    The load may have changed while rows were missing, or while the team was another one, and poses are uncertain then.
+    Those that had to explain the wrenches of another load would be wrong, and hide that it is another one. So wrenches
+    that fit the load badly are left out of fits until poses are better known, and if the load turns out to have
+    changed, none of them counts as a wrench of the former load. If that takes too long, the load is estimated anew.
+
+    Args:
+        rows: How many rows have to fit (``confirming``), and for how many wrenches may be distrusted (``lasting``).
+
+    Attributes:
+        since: Number of the first row that may be of another load.
+    """
+
+    def __init__(self, rows: RowCounts) -> None:
+        self._rows, self._missing = rows, 0
+        self._distrusted_at: int | None = None
+        self.since = -1
+
+    @property
+    def is_open(self) -> bool:
+        """Whether rows are still missing."""
+        return self._missing > 0
+
+    @property
+    def distrusts_wrenches(self) -> bool:
+        """Whether wrenches fit the load so badly that only uncertain poses can explain it."""
+        return self._distrusted_at is not None
+
+    def begin(self, since: int) -> None:
+        """Confirm the load from this row on, or from an earlier one that is not confirmed yet."""
+        self.since = min(self.since, since) if self.is_open else since
+        self._missing = self._rows.confirming
+
+    def end(self) -> None:
+        """Stop: there is nothing to confirm any more."""
+        self._missing, self._distrusted_at = 0, None
+
+    def count(self) -> None:
+        """Count the newest row, which fits the load."""
+        self._missing, self._distrusted_at = max(0, self._missing - 1), None
+
+    def fits_badly(self, number: int) -> bool:
+        """Note that wrenches fit the load badly at this row; return whether they have done so for too long."""
+        if self._distrusted_at is None:
+            self._distrusted_at = number
+        return number - self._distrusted_at > self._rows.lasting
 
 
 class Detected(NamedTuple):
@@ -175,7 +224,7 @@ class ChangeDetector:
         first = buffer.start + known.innovations.look_for_change(buffer).first
         if first < index:  # rows of the other load were among those that were fitted
             before = known.fit(end=first)
-        surprise = 0.0 if before.state.load is None else known.surprise(first, before)
+        surprise = known.surprise(first, before)
         return Detected(Event.LOAD_CHANGED, first, before, surprise)
 
     def _compare_unconfirmed(self, known: Knowledge, index: int, number: int) -> Detected | None:
@@ -187,7 +236,7 @@ class ChangeDetector:
         kept = min(index, since)
         before = known.fit(end=kept, keeps_motion=True)
         index = buffer.start + known.innovations.look_for_change(buffer).first
-        surprise = 0.0 if before.state.load is None else known.surprise(index, before)
+        surprise = known.surprise(index, before)
         if surprise > 1.0:
             return Detected(Event.LOAD_CHANGED, kept, before, surprise)
         if self._confirmation.fits_badly(number):

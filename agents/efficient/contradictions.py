@@ -56,7 +56,7 @@ class Contradictions:
             revision: Of the estimate; residuals at different ones are not summed.
 
         Returns:
-            What to do with the row, and the number of the first row that contradicts.
+            What to do with the row, and after ``BACK_TO_FIRST`` the number of the first row that contradicts.
         """
         if revision != self._revision:
             self._monitor.forget()

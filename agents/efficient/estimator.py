@@ -13,7 +13,7 @@ import numpy as np
 
 from coheft.agents.efficient.exchange import RowMessage
 from coheft.agents.efficient.judge import Outcome, Verdict
-from coheft.agents.efficient.settings import Guards, fit_settings
+from coheft.agents.efficient.settings import Guards
 from coheft.agents.efficient.small_steps import UnnoticedStep
 from coheft.agents.efficient.stages import Stage
 from coheft.agents.efficient.team import Team
@@ -42,6 +42,7 @@ class EfficientEstimator:
         self._team: Team | None = None
         self._lacks: str | None = None  # a sensor that no robot of the team has, but one needs
         self._belief = Belief("poses", False, None, {})
+        # What the belief was computed from: it is computed anew if any of this differs.
         self._believed: tuple[Estimate, Stage, int, int, UnnoticedStep, int | None] | None = None
         self._former_changes: tuple[LoadChangeNotice, ...] = ()
         self._former_slips: tuple[SlipNotice, ...] = ()
@@ -108,11 +109,11 @@ class EfficientEstimator:
         if session.suspected is not None:
             where, what = _undeclared_in_words(session.suspected, team.names)
             return (f"{where} may {what}, though it is declared to be exact: more samples will tell",)
-        if team.session.contradicting is not None:
-            return (f"the sensors of {team.names[team.session.contradicting]} contradict the motion of the team",)
+        if session.contradicting is not None:
+            return (f"the sensors of {team.names[session.contradicting]} contradict the motion of the team",)
         if session.causes.is_open:
             return ("either the load has changed or a grasp has slipped",)
-        if not team.session.is_confirmed:
+        if not session.is_confirmed:
             return ("what was known before is being confirmed by new measurements",)
         disputed = team.disputed(self._config.blocks(self._guards.confirming))
         if disputed:
@@ -140,9 +141,8 @@ class EfficientEstimator:
             if now != self._believed:
                 self._belief, self._believed = self._belief_of(team, estimate), now
             self._belief = replace(self._belief, learned_block=team.newest)
-            if team.session.total_wrench is not None:
-                to_own = team.session.estimate.state.poses[team.own].inverse().adjoint()
-                wrench = to_own @ team.session.total_wrench
+            if session.total_wrench is not None:
+                wrench = estimate.state.poses[team.own].inverse().adjoint() @ session.total_wrench
                 self._belief = replace(self._belief, total_block=team.newest, total_wrench=wrench)
         return self._belief
 
@@ -159,21 +159,24 @@ class EfficientEstimator:
         if self._lacks is not None:
             self._team = None
             return
-        names, prior, anchor, newcomers = sorted(graph), None, 0, list[str]()
-        start = max(index, self._gossip.changed_at)
-        without = 0.0 if last is None else self._config.start_of(start) - self._config.start_of(last.newest + 1)
-        known = None if last is None else last.session.hand_over(max(0.0, without))
-        if last is not None and known is not None:
-            indices = [last.indices.get(each) for each in self._lives(names)]
-            newcomers = [each for each, then in zip(names, indices, strict=True) if then is None]
-            prior = known.for_team(indices, last.settings, fit_settings(self._config, names))
-            anchor = next(now for now, then in enumerate(indices) if then is not None)
-        self._team = Team(self._lives(names), membership, graph, start, self._config, self._guards, self._signer)
-        if prior is not None:
-            self._team.begin(prior, anchor, newcomers)
+        lives, start = self._lives(sorted(graph)), max(index, self._gossip.changed_at)
+        self._team = Team(lives, membership, graph, start, self._config, self._guards, self._signer)
+        if last is not None:
+            self._hand_over(last, self._team)
+
+    def _hand_over(self, last: Team, team: Team) -> None:
+        """Begin with what the last team has learned, if it can be relied upon."""
+        missing = self._config.start_of(team.start) - self._config.start_of(last.newest + 1)
+        known = last.session.hand_over(max(0.0, missing))
+        if known is None:
+            return
+        indices = [last.indices.get(life) for life in team.indices]
+        newcomers = [name for name, then in zip(team.names, indices, strict=True) if then is None]
+        anchor = next(now for now, then in enumerate(indices) if then is not None)
+        team.begin(known.for_team(indices, last.settings, team.settings), anchor, newcomers)
 
     def _lives(self, names: list[str]) -> list[tuple[str, int, int]]:
-        """Name, incarnation and first block of each robot, which identify it across restarts."""
+        """Name, incarnation and first block of each robot: they differ if it has restarted or let go in between."""
         records = [self._gossip.records[name] for name in names]
         return [(record.robot, record.incarnation, record.since) for record in records]
 

@@ -34,13 +34,13 @@ class Gap:
         self._before = 0.0  # information of the rows before [1/kg^2]
 
     def begin(self, known: Knowledge, first: int) -> None:
-        """The rows before this one are missing."""
+        """Note that the rows before this one are missing."""
         self._first, self._before = None, 0.0
         if known.estimate is not None and known.theta is not None:
             self._first, self._before = first, 1.0 / known.estimate.variance_of_mass
 
     def load_begins(self, number: int) -> None:
-        """All rows of the present load have come since this one."""
+        """Forget the gap if it is not after this row, at which the present load begins."""
         if self._first is not None and number >= self._first:
             self._first = None
 

@@ -32,7 +32,6 @@ def encode(team: int, prior: Prior, anchor: int) -> Array:
     state, guess, evidence = prior.state, prior.guess, prior.evidence
     information = evidence.information.diagonal()
     scale = np.where(information > 0.0, 1.0 / np.sqrt(np.maximum(information, 1e-300)), 0.0)
-    assert state.load is not None  # every prior for a team has one
     half = np.triu_indices(len(scale))
     return np.concatenate(
         [
@@ -41,7 +40,7 @@ def encode(team: int, prior: Prior, anchor: int) -> Array:
             *(pose.numbers() for pose in state.poses),
             state.eta.ravel(),
             state.gyros,
-            state.load,
+            state.fitted_load,
             scale,
             scale * evidence.score,
             *((np.outer(scale, scale) * each)[half] for each in (evidence.information, evidence.noise)),

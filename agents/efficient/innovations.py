@@ -19,7 +19,7 @@ from coheft.estimation.moments.body import (
     load_operator,
     residual_covariance,
 )
-from coheft.estimation.moments.change import Look, SmallSteps, Weights, look_for_change, one_kilogram
+from coheft.estimation.moments.change import InformationMaps, Look, SmallSteps, look_for_change, one_kilogram
 from coheft.estimation.moments.chapter import Chapter
 from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.late_sensors import late_sensor
@@ -82,19 +82,18 @@ class Innovations:
         of_all, of_load = buffer.moments()
         see = np.vstack([body.motion_map[FORCING], body.wrench_map])
         buffer.views[: buffer.count] = buffer.rows[: buffer.count] @ see.T
-        self._older = np.zeros((VIEW_SIZE, VIEW_SIZE))
+        self._older = np.zeros((VIEW_SIZE, VIEW_SIZE))  # Gram matrix of views of rows that are not kept
         if not buffer.keeps_whole_load:
             summed = buffer.summed_views()
             self._older = view_moments(body, of_load) - summed.T @ summed
         self._knows_load = chapter.knows_load and buffer.keeps_whole_load
-        self._weights = Weights.of(body, load, chapter.prior_evidence(body))
+        self._maps = InformationMaps.of(body, load, chapter.prior_evidence(body))
         root = np.linalg.cholesky(residual_covariance(body, load))
         whitened = np.linalg.solve(root, body.wrench_map - load_operator(load) @ body.motion_map[FORCING])
         self._by_mass = one_kilogram(load) @ np.linalg.solve(root, REGRESSOR[:, :, THETA]).swapaxes(1, 2)  # (13, 6)
         self._body, self._matrix = body, np.vstack([see, whitened, body.motion_map[:MOTION_SIZE]])
-        one = ROW_SIZE * body.count
-        sums, self.mean_residuals = of_all.sums(one), np.zeros(KINEMATICS_SIZE * body.count)
-        rows = float(sums[one])
+        sums, self.mean_residuals = of_all.sums(body.one), np.zeros(KINEMATICS_SIZE * body.count)
+        rows = float(sums[body.one])
         if past is not None:  # a mean over few rows would be as noisy as the rows that are tested
             sums, rows = sums + past.rows * past.mean, rows + past.rows
         self._rows, self._mean = rows, sums / max(rows, 1.0)
@@ -110,8 +109,8 @@ class Innovations:
     def past_before_slip(self) -> Past:
         """The same, with a made-up mean that gives the present mean residuals at any poses."""
         mean = np.zeros_like(self._mean)
-        mean[ROW_SIZE * self._body.count] = 1.0
-        by_robot = mean[: ROW_SIZE * self._body.count].reshape(-1, ROW_SIZE)
+        mean[self._body.one] = 1.0
+        by_robot = mean[: self._body.one].reshape(-1, ROW_SIZE)
         root, mean_residuals = np.sqrt(self._body.weight), self.mean_residuals.reshape(-1, KINEMATICS_SIZE)
         by_robot[:, :KINEMATICS_SIZE] = np.divide(
             mean_residuals, root, out=np.zeros_like(mean_residuals), where=root > 0.0
@@ -156,4 +155,4 @@ class Innovations:
         See ``coheft.estimation.moments.change.look_for_change``.
         """
         views = buffer.views[buffer.start : buffer.count]
-        return look_for_change(views, self._older, self._weights, self._knows_load, small)
+        return look_for_change(views, self._older, self._maps, self._knows_load, small)

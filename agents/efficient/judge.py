@@ -73,8 +73,7 @@ def judge(
         drift: Variance by which motion sensors may have drifted, in units of the noise, shape (N, 12) or (1, 12).
         load_before: The load before the last change, while a faulty sensor may still explain that change; else None.
     """
-    assert estimate.state.load is not None
-    assumed = KnownLoad(estimate.state.load) if load_before is None else load_before
+    assumed = KnownLoad(estimate.state.fitted_load) if load_before is None else load_before
     first = max(0, buffer.count - _JUDGED)
     wrench, motion = innovations.residuals(buffer.rows[first : buffer.count])
     wrench, body = wrench[max(0, buffer.start - first) :], estimate.body
@@ -97,9 +96,9 @@ def judge(
 
 def _has_another_mass(estimate: Estimate, load_before: KnownLoad, guards: Guards) -> bool:
     """Whether the mass has changed: a load that only shifts is rarer than a faulty torque sensor."""
-    load = estimate.state.load
-    if load is None or load_before.covariance is None:
+    if load_before.covariance is None:
         return True
+    load = estimate.state.fitted_load
     variance = estimate.variance_of_mass + load_before.covariance[-10, -10]
     return bool((load[THETA] - load_before.load[THETA])[0] ** 2 > guards.least_mass_change * variance)
 
@@ -128,8 +127,8 @@ def _robot_beyond_tolerance(estimate: Estimate, guards: Guards) -> int | None:
 
 def _has_offset_beyond_tolerance(estimate: Estimate, settings: FitSettings, guards: Guards) -> bool:
     """Whether the offset of the total wrench exceeds what tolerances allow; offsets that drift are not judged."""
-    load, offset = estimate.state.load, estimate.body.unknowns.offset
-    if load is None or not settings.has_offset or max(settings.drift.force, settings.drift.torque) > 0.0:
+    load, offset = estimate.state.fitted_load, estimate.body.unknowns.offset
+    if not settings.has_offset or max(settings.drift.force, settings.drift.torque) > 0.0:
         return False
     root = np.linalg.cholesky(settings.offset_covariance(estimate.body))
     uncertain = np.linalg.solve(root, np.linalg.solve(root, estimate.covariance[offset, offset]).T)

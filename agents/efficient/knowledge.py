@@ -27,7 +27,7 @@ from coheft.estimation.moments.misfit import KnownLoad
 from coheft.estimation.moments.row_buffer import RowBuffer
 from coheft.estimation.moments.start import first_load, first_poses, poses_by_motion
 from coheft.estimation.moments.suspects import SLIP
-from coheft.estimation.moments.undeclared import EACH_ROBOTS, UndeclaredError, undeclared_error
+from coheft.estimation.moments.undeclared import KINDS_OF_ONE_ROBOT, UndeclaredError, undeclared_error
 from coheft.estimation.moments.unknowns import THETA, Flags, State, Unknowns
 
 _EXACT_UP_TO = 12
@@ -48,7 +48,7 @@ class Knowledge:
         buffer: Rows of the team.
         estimate: Estimate of poses and load, None at first.
         innovations: Evaluates rows at the estimate; not set before there is one.
-        least: Smallest number of rows to fit.
+        least: Number of rows to which a load is fitted for the first time; twice as many if nothing is known.
         revision: How often rows have been evaluated anew, for instance after a fit.
     """
 
@@ -67,7 +67,7 @@ class Knowledge:
         self._chapter = Chapter(self.buffer, settings, prior)
         self.estimate: Estimate | None = None
         self.revision = 0
-        self._past: Past | None = None  # when the last chapter ended
+        self._past: Past | None = None  # the rows of earlier chapters
         self._next_fit, self._pages = 2 * self.least, Pages(settings)
         self._first: int | None = None  # number of the first row with the present load
         self._unfitted, self._last_fit = 0, None  # number of the first row whose wrench was not fitted, and the fit
@@ -104,7 +104,7 @@ class Knowledge:
 
     @property
     def drift(self) -> Array:
-        """Variance (N, 12) or (1, 12) of drift of motion sensors since their mean innovations, in units of noise."""
+        """Variance (N, 12) or (1, 12) of motion sensors' drift since their mean innovations, in units of the noise."""
         return self._settings.drifted_kinematics((ROWS_BEFORE + self._pages.length) * self._settings.period)
 
     @property
@@ -119,7 +119,7 @@ class Knowledge:
         """
         return 0 if self._first is None else self.buffer.number_at(self.buffer.count) - self._first
 
-    def posterior(self, unnoticed: UnnoticedStep, drift: LoadDrift | None = None, missing: float = 0.0) -> Prior | None:
+    def posterior(self, unnoticed: UnnoticedStep, drift: LoadDrift | None, missing: float = 0.0) -> Prior | None:
         """Everything that is known, as a prior for another team; None if a pose or the load is unknown.
 
         Args:
@@ -165,14 +165,14 @@ class Knowledge:
         estimate, settings, false_alarm = self.estimate, self._settings, self._guards.undeclared
         if estimate is None:
             return None
-        kinds = EACH_ROBOTS if self.is_small else ()
+        kinds = KINDS_OF_ONE_ROBOT if self.is_small else ()
         constant = undeclared_error(estimate, self._guess, self._chapter, settings, self._anchor, kinds, false_alarm)
         late = self.innovations.late_sensor(self.buffer, settings.period, false_alarm)
         return max(filter(None, (constant, late)), key=lambda error: error.size, default=None)
 
     def _unnoticed_step(self, estimate: Estimate, unnoticed: UnnoticedStep, fit: OneLoad) -> Array | None:
         """See ``UnnoticedStep.process_noise``; None if there is no step."""
-        if unnoticed.mass == 0.0 or (load := estimate.state.load) is None or not load[THETA.start] > 0.0:
+        if unnoticed.mass == 0.0 or not estimate.state.fitted_load[THETA.start] > 0.0:
             return None
         return unnoticed.process_noise(estimate, fit.error_by_step(self.buffer.index_of(unnoticed.first)))
 
@@ -214,7 +214,7 @@ class Knowledge:
 
     def fit(self, end: int | None = None, keeps_motion: bool = False) -> Estimate:
         """Fit all unknowns to all rows, or to those before an index, and to the prior from earlier chapters; see
-        ``Chapter.evaluation``.
+        ``Chapter.evaluation``. The estimate has a load.
         """
         chapter, settings, last = self._chapter, self._settings, self.estimate
         if self._first is None:
@@ -248,10 +248,10 @@ class Knowledge:
         """
         chapter, state, self._first = self._chapter, now.state.with_load(None), self.buffer.number_at(index)
         step, first = None, min(index, self.buffer.index_of(unnoticed.first))
-        if unnoticed.mass > 0.0 and now.state.load is not None:
+        if unnoticed.mass > 0.0:
             step = first, unnoticed.covariance(now, self._one_load(now, index).error_by_step(first))
         chapter.end_of_load(now, self._guess, index, has_changed and not now.misses_poses, step=step)
-        if has_changed:
+        if has_changed:  # poses stay, so rows need not be evaluated anew
             self.estimate = replace(now, body=self._settings.body(state))
         else:
             self._set_estimate(self._fitted(state, chapter.evaluation()))
@@ -348,7 +348,7 @@ class Knowledge:
         return surprise(newest, self.covariance_now(now), now.body.unknowns.theta)
 
     def _one_load(self, estimate: Estimate, end: int | None = None, is_last: bool = True) -> OneLoad:
-        """A fit to rows before an index, or to any: the last one, or one to all of these rows."""
+        """The fit that an estimate is from, with the rows before ``end``: the last one, or else one to all of these."""
         buffer = self.buffer
         fitted, last = buffer.index_of(self._unfitted), buffer.count if end is None else end
         fitted = min(fitted, last) if is_last else last
@@ -375,9 +375,7 @@ class Knowledge:
         index = max(buffer.start, buffer.count - KEPT_ON_PAGE)
         seconds = pages.turn(index, buffer.number_at(index), missing)
         self._past = self.innovations.past
-        chapter.end(estimate, self._guess, index)
-        assert chapter.prior is not None  # ``end`` has set it
-        chapter.prior = pages.inflated(chapter.prior, estimate, seconds)
+        chapter.prior = pages.inflated(chapter.end(estimate, self._guess, index), estimate, seconds)
         self._set_estimate(estimate)
         self._next_fit = buffer.load_rows + max(3, round((self._growth - 1.0) * pages.rows_before))
 

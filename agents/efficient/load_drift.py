@@ -107,6 +107,4 @@ class LoadDrift(NamedTuple):
 
 def _spread(estimate: Estimate) -> Array:
     """Second moment (10, 10) of 1 kg anywhere in the load."""
-    load = estimate.state.load
-    assert load is not None
-    return spread_mass(load[THETA], estimate.size)
+    return spread_mass(estimate.state.fitted_load[THETA], estimate.size)

@@ -23,7 +23,7 @@ class Looks:
     def __init__(self, rows: RowCounts, guards: Guards, turn: int) -> None:
         self._rows, self._turn, self._largest_surprise = rows, turn, guards.largest_surprise
         self._masses, self._least_sum = deque[float](maxlen=rows.shortest), guards.least_mass_surprise * rows.shortest
-        self._news = -1  # first row of the newest change that another robot has told of
+        self._news = -1  # first row of the newest change that another robot has reported
         self.begin()
 
     def begin(self) -> None:
@@ -32,7 +32,7 @@ class Looks:
         self.found()
 
     def found(self) -> None:
-        """What was to be looked for has been found."""
+        """Forget all reasons to look: what they pointed to has been found."""
         self._surprises, self._closely_until = 0, -1
         self._masses.clear()
 

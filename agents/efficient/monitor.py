@@ -18,9 +18,9 @@ from coheft.agents.efficient.settings import Guards
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.rows import KINEMATICS_SIZE
 
-WINDOWS = np.array([1, 2, 4, 8, 16])
+_WINDOWS = np.array([1, 2, 4, 8, 16])
 """Numbers of newest rows that are tested."""
-_LONGEST = int(WINDOWS[-1])
+_LONGEST = int(_WINDOWS[-1])
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Monitor:
 
     def __init__(self, count: int, guards: Guards, drift: Array) -> None:
         self._count, self._guards = count, guards
-        self._spread = 1.0 + WINDOWS[:, None, None] * drift if drift.any() else None
+        self._spread = 1.0 + _WINDOWS[:, None, None] * drift if drift.any() else None
         self._sums = np.zeros((_LONGEST + 1, KINEMATICS_SIZE * count))
         """Running sum after each of the newest rows, the newest last."""
         self._rows = 0
@@ -63,7 +63,7 @@ class Monitor:
         sums[:-1] = sums[1:]
         sums[-1] += residuals
         self._rows += 1
-        windows = WINDOWS[: np.searchsorted(WINDOWS, self._rows, side="right")]
+        windows = _WINDOWS[: np.searchsorted(_WINDOWS, self._rows, side="right")]
         summed = (sums[-1] - sums[-1 - windows]).reshape(len(windows), self._count, KINEMATICS_SIZE)
         squares = np.square(summed)
         if self._spread is not None:

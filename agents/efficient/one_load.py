@@ -41,7 +41,7 @@ class OneLoad:
         self._stepped: tuple[int, Array] | None = None  # the number of the first row after a step, and the error
 
     def at(self, fitted: int, end: int) -> OneLoad:
-        """Return this with the indices of rows that have come, moved or gone since."""
+        """Move the indices, as rows have come, moved or gone since; return this fit."""
         self._fitted, self._end = fitted, end
         return self
 
@@ -94,8 +94,7 @@ class OneLoad:
         return result
 
     def _evidence(self, moments: Moments) -> Evidence:
-        body, load = self._estimate.body, self._estimate.state.load
-        assert load is not None
+        body, load = self._estimate.body, self._estimate.state.fitted_load
         of_wrenches = wrench_moments(body, moments)
         noise = None if self._noise is None else of_wrenches.number * self._noise
         result = wrench_evidence(body, self._derivatives, of_wrenches, load, noise)

@@ -7,10 +7,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import SAMPLE_SIZE
@@ -20,7 +18,6 @@ from coheft.estimation.moments.sensor_errors import SensorErrors
 
 MANY, _MOST_TIMES = 32, 5
 """In teams of more robots than this, rows are longer in proportion, but at most so many times."""
-Numbers = TypeVar("Numbers", int, npt.NDArray[np.int64])
 
 
 @dataclass(frozen=True)
@@ -60,8 +57,8 @@ class RowTimes:
         """Block in which a row begins."""
         return number * self.row // self.block
 
-    def last_block(self, number: Numbers) -> Numbers:
-        """Block in which a row ends; of several rows, an array."""
+    def last_block(self, number: int) -> int:
+        """Block in which a row ends."""
         return ((number + 1) * self.row - 1) // self.block
 
 

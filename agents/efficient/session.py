@@ -19,10 +19,9 @@ from coheft.agents.efficient.gaps import Gap
 from coheft.agents.efficient.judge import Verdict
 from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.load_drift import LoadChange, LoadDrift
-from coheft.agents.efficient.restlessness import Restlessness
 from coheft.agents.efficient.settings import Guards, RowCounts
 from coheft.agents.efficient.small_steps import UnnoticedStep
-from coheft.agents.efficient.stages import TRANSITIONS, Event, Stage
+from coheft.agents.efficient.stages import TRANSITIONS, Event, Restlessness, Stage
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.body import FORCING_SIZE
 from coheft.estimation.moments.chapter import Prior
@@ -224,8 +223,7 @@ class Session:
 
     def _change_load(self, index: int, before: Estimate, number: int, surprise: float) -> None:
         """The load has changed at this index, as is noticed at this row; for the others, see ``Detected``."""
-        known, load, unknowns = self._known, before.state.load, before.body.unknowns
-        assert load is not None
+        known, load, unknowns = self._known, before.state.fitted_load, before.body.unknowns
         self._suspect(index, is_load=True)
         if self._follow_drift(index, before, number):
             return
@@ -253,13 +251,13 @@ class Session:
     def _follow_drift(self, index: int, before: Estimate, number: int) -> bool:
         """Whether a change as in ``_change_load`` is one more step of the load's drift; the load stays known then."""
         known, first = self._known, int(self._known.buffer.numbers[index])
-        drift, load = self.causes.load_drift(known, first), before.state.load
+        drift = self.causes.load_drift(known, first)
         is_known = self.stage is Stage.ESTIMATING and self.is_confirmed
-        if drift is None or load is None or not is_known or first <= self.causes.changed_at:
+        if drift is None or not is_known or first <= self.causes.changed_at:
             return False
         if not known.follow_drift(before, index, drift):
             return False
-        self.causes.changes.append(LoadChange(first, number, load[THETA]))
+        self.causes.changes.append(LoadChange(first, number, before.state.fitted_load[THETA]))
         self._acceptance.undeclared.dismiss(drift.first)
         self._detector.settle()
         return True

@@ -271,9 +271,7 @@ class Suspicion:
     @property
     def former_load(self) -> Array:
         """``theta`` before the change, shape (10,)."""
-        load = self._before.estimate.state.load
-        assert load is not None
-        return load[THETA]
+        return self._before.estimate.state.fitted_load[THETA]
 
 
 def _slipped(known: Knowledge, before: Before, cause: Cause, numbers: list[int], rows: Array) -> Knowledge:
@@ -311,8 +309,7 @@ def _latest_start(before: Estimate, after: Knowledge, rows: Array, lead: float) 
 
 def _squares(estimate: Estimate, rows: Array, mean: Array) -> Array:
     """Squared residuals (n,) of rows (n, X) at an estimate, with these mean residuals of motion sensors."""
-    body, load = estimate.body, estimate.state.load
-    assert load is not None
+    body, load = estimate.body, estimate.state.fitted_load
     motion = rows @ body.motion_map.T
     of_motion = body.residuals(rows, motion[:, :MOTION_SIZE]).reshape(len(rows), -1) - mean
     wrench = (rows @ body.wrench_map.T - motion[:, FORCING] @ load_operator(load).T).T
@@ -326,8 +323,7 @@ def _log_ratio_to_knock(estimate: Estimate, robot: int, former_pose: Pose, rows:
 
     If the load has changed as well, each is with the load that fits best.
     """
-    body, load = estimate.body, estimate.state.load
-    assert load is not None
+    body, load = estimate.body, estimate.state.fitted_load
     root = np.linalg.cholesky(residual_covariance(body, load))
     motion, own = rows @ body.motion_map[FORCING].T, robot_indices(body.count, body.unknowns.errors)[robot]
     to_former = former_pose.adjoint() @ estimate.state.poses[robot].inverse().adjoint()

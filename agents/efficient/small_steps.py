@@ -37,28 +37,25 @@ class UnnoticedStep(NamedTuple):
 
     def process_noise(self, estimate: Estimate, error_by_step: Array) -> Array:
         """Covariance (u, u) of the error that the step makes; ``error_by_step`` is ``D``, shape (u, 10)."""
-        by_step, left = error_by_step.copy(), self._left(estimate, error_by_step)
-        if left == _LEAST_LEFT:  # a fit to later rows only: the step may have been a little later
-            by_step[estimate.body.unknowns.theta] = -left * np.eye(by_step.shape[1])
+        by_step = error_by_step.copy()
+        if not _wrong_share(estimate, error_by_step) > _LEAST_LEFT:  # a fit to later rows only: it may have been later
+            by_step[estimate.body.unknowns.theta] = -_LEAST_LEFT * np.eye(by_step.shape[1])
         result: Array = by_step @ self.covariance(estimate, error_by_step) @ by_step.T
         return result
 
     def covariance(self, estimate: Estimate, error_by_step: Array) -> Array:
         """Covariance (10, 10) of the step of theta itself; arguments as for ``process_noise``."""
-        load = estimate.state.load
-        assert load is not None
-        deviation = _COVER * self.mass / self._left(estimate, error_by_step)
-        return deviation**2 * spread_mass(load[THETA], estimate.size)
-
-    def _left(self, estimate: Estimate, error_by_step: Array) -> float:
-        """By which share of the step the mass is wrong."""
-        load = estimate.state.load
-        assert load is not None
-        error = error_by_step[estimate.body.unknowns.theta.start] @ one_kilogram(load)
-        return max(_LEAST_LEFT, -float(error))
+        deviation = _COVER * self.mass / max(_LEAST_LEFT, _wrong_share(estimate, error_by_step))
+        return deviation**2 * spread_mass(estimate.state.fitted_load[THETA], estimate.size)
 
 
 NO_STEP = UnnoticedStep()
+
+
+def _wrong_share(estimate: Estimate, error_by_step: Array) -> float:
+    """By which share of a step at the centre of mass the estimate of the mass is wrong."""
+    error = error_by_step[estimate.body.unknowns.theta.start] @ one_kilogram(estimate.state.fitted_load)
+    return -float(error)
 
 
 class StepWatch:
@@ -79,12 +76,10 @@ class StepWatch:
         """Start again with other knowledge."""
         self.step = NO_STEP
 
-    def sought(self, estimate: Estimate) -> SmallSteps | None:
-        """Which steps a test for a change has to look for; None without a load."""
-        load, guards = estimate.state.load, self._guards
-        if load is None:
-            return None
-        return SmallSteps(self._shortest, guards.least_small_step, guards.least_recent_step, float(load[THETA.start]))
+    def sought(self, estimate: Estimate) -> SmallSteps:
+        """Which steps a test for a change has to look for."""
+        guards, mass = self._guards, float(estimate.state.fitted_load[THETA.start])
+        return SmallSteps(self._shortest, guards.least_small_step, guards.least_recent_step, mass)
 
     def take(self, found: SmallStep | None, number: int) -> None:
         """Process what such a test has found, see ``Look.step``; the step is before the row of this number."""

@@ -20,12 +20,12 @@ from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.chapter import Prior
 from coheft.estimation.moments.unknowns import Unknowns
 from coheft.wire.config import AgentConfig
-from coheft.wire.messages.size import MOST_TOLD
+from coheft.wire.messages.size import MOST_HANDED_OVER
 
 if TYPE_CHECKING:  # not loaded in the open profile
     from coheft.agents.efficient.seals import Seals
 
-_TOLD = 2
+_TIMES_SENT = 2
 """A new robot is sent the prior in so many messages, in case one is lost."""
 
 
@@ -47,6 +47,8 @@ class Team:
         own: Index of this robot.
         times: Times of rows.
         settings: Settings of fits.
+        exchange: Rows in transit.
+        session: Estimation from complete rows.
         start: First block in which all robots hold the load.
         noticed: Block in which each load change was noticed.
         noticed_slips: Blocks in which each slip was noticed, and was distinguished from a load change.
@@ -85,13 +87,10 @@ class Team:
             self._seals = Seals(self.names, self.own, first, self.exchange, times, seal_times, signer)
         self._prior: tuple[Prior, int] | None = None
         self._newcomers = dict[str, int]()
-        self.session = Session(len(lives), self.own, self.settings, guards, anchor=self.settings.anchor)
-        self._next, self._taken = times.begun_from(start), set[int]()
         self.start, self.newest, self._index = start, start - 1, start
-        self._heard_at = start + hops  # block in which the newest row was taken
-        self.noticed: list[int] = []
-        self.noticed_slips: list[tuple[int, int]] = []
+        self._taken_at = start + hops  # block in which the newest row was taken
         self._unclear_since: int | None = None  # block in which a change was noticed whose cause is not known yet
+        self._begin_session(None, self.settings.anchor)
 
     def begin(self, prior: Prior, anchor: int, newcomers: Sequence[str] = ()) -> None:
         """Start the session from a prior, which newcomers are sent when their first message arrives.
@@ -99,11 +98,15 @@ class Team:
         Not if rows are signed: what a neighbour has concluded from them is not.
         """
         self._prior = prior, anchor
-        is_told = self._seals is None and Unknowns(len(self.names), self.settings.errors).size <= MOST_TOLD
-        self._newcomers = dict.fromkeys(newcomers, _TOLD) if is_told else {}
+        is_sent = self._seals is None and Unknowns(len(self.names), self.settings.errors).size <= MOST_HANDED_OVER
+        self._newcomers = dict.fromkeys(newcomers, _TIMES_SENT) if is_sent else {}
+        self._begin_session(prior, anchor)
+
+    def _begin_session(self, prior: Prior | None, anchor: int) -> None:
         self.session = Session(len(self.names), self.own, self.settings, self._guards, prior, anchor)
-        self._next, self._taken = self.times.begun_from(self.start), set()
-        self.noticed, self.noticed_slips = [], []
+        self._next, self._taken = self.times.begun_from(self.start), set[int]()
+        self.noticed: list[int] = []
+        self.noticed_slips: list[tuple[int, int]] = []
 
     def adopt(self, channels: Channels) -> None:
         """Start from the prior in a neighbour's message, if this robot knows nothing yet and rows are not signed."""
@@ -170,7 +173,7 @@ class Team:
                 self.session.take(number, row)
                 self._taken.add(number)
                 if self.times.last_block(number) > self.newest:
-                    self.newest, self._heard_at = self.times.last_block(number), index
+                    self.newest, self._taken_at = self.times.last_block(number), index
         session = self.session
         if self._unclear_since is None:  # so that a slip that is named in the block in which it shows has a time
             self._unclear_since = index
@@ -191,6 +194,6 @@ class Team:
 
     def missing(self) -> list[str]:
         """Robots whose rows have been missing for too long; empty if there is none."""
-        if self._index - self._heard_at <= self._waits and self._index - self.newest <= self._oldest:
+        if self._index - self._taken_at <= self._waits and self._index - self.newest <= self._oldest:
             return []
         return [self.names[robot] for robot in self.exchange.missing(self.times.begun_from(self.newest + 1))]

@@ -7,8 +7,8 @@ import pytest
 
 from coheft.agents.efficient.innovations import Innovations
 from coheft.estimation.moments.fit_settings import FitSettings
-from coheft.estimation.moments.sensor_errors import SensorErrors
-from coheft.estimation.moments.undeclared import DELAYS, UndeclaredError
+from coheft.estimation.moments.sensor_errors import DELAYS, SensorErrors
+from coheft.estimation.moments.undeclared import UndeclaredError
 from coheft.estimation.moments.unknowns import Unknowns
 from tests.estimation.moments.fitting import IDEAL, fit
 from tests.estimation.moments.moving_team import NOISE, PERIOD, extended_for, make_team, misread, noisy_for

@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from coheft.agents.efficient.confirmation import Confirmation
+from coheft.agents.efficient.change_detector import Confirmation
 from coheft.agents.efficient.judge import Outcome
-from coheft.agents.efficient.restlessness import Restlessness
 from coheft.agents.efficient.session import Session
 from coheft.agents.efficient.settings import Guards, RowCounts
-from coheft.agents.efficient.stages import TRANSITIONS, Event, Stage
+from coheft.agents.efficient.stages import TRANSITIONS, Event, Restlessness, Stage
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.moments.claims import claim_of

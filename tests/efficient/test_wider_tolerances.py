@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from coheft.agents.efficient import knowledge, tolerances
+from coheft.agents.efficient import acceptance, knowledge
 from coheft.agents.efficient.judge import Outcome, Verdict, judge
 from coheft.agents.efficient.session import Session
 from coheft.agents.efficient.settings import Guards
@@ -63,7 +63,7 @@ def told_too_little(
     declared = FitSettings(NOISE, PERIOD, errors, torque_offset=drift, drift=SensorDrift(torque=drift))
     wider = replace(declared, errors=declared.errors.scaled({"acceleration_scale": 2.0}))
     monkeypatch.setattr(knowledge, "judge", judged)
-    monkeypatch.setattr(tolerances, "widened", lambda *_: wider)
+    monkeypatch.setattr(acceptance, "widened", lambda *_: wider)
     found = Session(len(POSES), 0, declared, Guards())
     for number, row in enumerate(made_up_rows(rows + gap)):
         if not 100 <= number < 100 + gap:
@@ -118,5 +118,5 @@ def test_an_offset_of_forces_that_no_tolerance_allows_for_is_no_load(offset: flo
 @pytest.mark.slow
 def test_tolerances_that_are_too_small_grow(monkeypatch: pytest.MonkeyPatch) -> None:
     assert share_valid(9109, 4.3) == 1.0
-    monkeypatch.setattr(tolerances, "widened", lambda *_: None)
+    monkeypatch.setattr(acceptance, "widened", lambda *_: None)
     assert share_valid(9109, 4.3) == 0.0

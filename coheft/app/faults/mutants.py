@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from coheft.agents.efficient import estimator, judge
-from coheft.agents.efficient.change_detector import ChangeDetector
-from coheft.agents.efficient.confirmation import Confirmation
+from coheft.agents.efficient.change_detector import ChangeDetector, Confirmation
 from coheft.agents.efficient.exchange import Exchange
 from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.session import Session

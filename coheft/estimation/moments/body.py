@@ -28,6 +28,7 @@ from coheft.estimation.rigid_body.regressor import regressor_coefficients, spati
 MOTION_SIZE = 19
 W, V, A, ALPHA = slice(1, 4), slice(4, 7), slice(7, 10), slice(10, 13)
 TWIST, ACCELERATIONS, PRODUCTS = slice(1, 7), slice(7, 13), slice(13, 19)
+"""Entries of the motion. Those of a row have the same names; where both are used, the latter are ``rows.W`` etc."""
 FORCING = np.r_[0, 7:MOTION_SIZE]
 """Entries of the motion that the wrench depends on: ``(1, a, alpha, products of w)``."""
 FORCING_SIZE = 13
@@ -102,7 +103,9 @@ class BodyModel:
 
     Attributes:
         state, unknowns, noise: As given.
+        rotations, positions: Of all grasp frames in the body frame, shapes (N, 3, 3) and (N, 3) [m].
         count: Number of robots.
+        one: Index of the constant 1 in an extended row.
         has_rates: Whether rows are extended by their rates.
         features: Length of ``psi``: 19, or 38 with rates, and 6 N more with flexing.
         flexing: Indices of these, shape (N, 6), or (N, 0).
@@ -127,6 +130,7 @@ class BodyModel:
     def __init__(self, state: State, noise: RowNoise, unknowns: Unknowns) -> None:
         self.state, self.noise, self.unknowns = state, noise, unknowns
         self.count, self.has_rates = len(state.poses), unknowns.errors.has_rates
+        self.one = ROW_SIZE * self.count
         moving, flexing = MOTION_SIZE * (1 + self.has_rates), FLEXING_SIZE * unknowns.errors.is_flexing
         self.features = moving + flexing * self.count
         self.flexing: Indices = np.arange(moving, self.features).reshape(self.count, flexing)
@@ -152,7 +156,7 @@ class BodyModel:
         self.twist = Fusion.of(TWIST, rows.TWIST, self.weight, predict)
         self.accelerations = Fusion.of(ACCELERATIONS, rows.ACCELERATIONS, self.weight, predict)
 
-        self.fusion_map = fusion_map = np.zeros((MOTION_SIZE, ROW_SIZE * count + 1))
+        self.fusion_map = fusion_map = np.zeros((MOTION_SIZE, self.one + 1))
         self.motion_noise = np.zeros((self.features, self.features))
         fusion_map[0, -1] = 1.0
         of_rows = fusion_map[:, :-1].reshape(MOTION_SIZE, count, ROW_SIZE)
@@ -201,12 +205,12 @@ class BodyModel:
         return variance
 
     def _compliance(self) -> Array:
-        """By how much each row is corrected per flexing, shape (N, width, 6)."""
+        """Correction of each row by the robot's flexing, shape (N, width, 6)."""
         assert self.state.calibration is not None
         return self.state.calibration[:, :, self.unknowns.errors.flexing]
 
     def _variance_of_flexing(self) -> Array:
-        """Of how fast each robot's force changes, as it counts, shape (N, 6)."""
+        """Effective noise variance of each robot's flexing, shape (N, 6)."""
         force = np.where(np.isfinite(self.noise.wrench), self.noise.wrench, 0.0)[:, [0, 1, 2, 0, 1, 2]]
         return np.broadcast_to(force**2.0 * self.noise.flexing**2.0, (self.count, FLEXING_SIZE))
 
@@ -252,7 +256,7 @@ class BodyModel:
         self.adjoints = np.zeros((count, 6, 6))
         self.adjoints[:, :3, :3] = self.adjoints[:, 3:, 3:] = rotations
         self.adjoints[:, 3:, :3] = skew(self.positions) @ rotations
-        wrench = np.zeros((6, ROW_SIZE * count + 1))
+        wrench = np.zeros((6, self.one + 1))
         wrench[:, :-1].reshape(6, count, ROW_SIZE)[:, :, rows.WRENCH] = self.adjoints.transpose(1, 0, 2)
         self.wrench_map = self._of_extended(wrench)
         self.rate_variance = self._variance_of_rates(self.noise.wrench, rows.WRENCH) / self.noise.slowness
@@ -321,15 +325,15 @@ class BodyModel:
 
     def _calibrated(self, extended_rows: Array) -> Array:
         """Readings of motion sensors, corrected by the sensor errors of the state: (n, X) to (n, N, 12)."""
-        calibration, count, size = self.state.calibration, self.count, ROW_SIZE * self.count
-        by_robot = extended_rows[:, :size].reshape(-1, count, ROW_SIZE)
+        calibration, count = self.state.calibration, self.count
+        by_robot = extended_rows[:, : self.one].reshape(-1, count, ROW_SIZE)
         if calibration is None:
             return by_robot[:, :, :KINEMATICS_SIZE]
         own = calibration[:, :KINEMATICS_SIZE]
         result = (own[:, :, :ROW_SIZE] @ by_robot.transpose(1, 2, 0)).transpose(2, 0, 1)
         result += own[:, :, ONE]
         if self.unknowns.errors.more:
-            more = extended_rows[:, size + 1 :].reshape(len(extended_rows), count, -1)
+            more = extended_rows[:, self.one + 1 :].reshape(len(extended_rows), count, -1)
             result += (own[:, :, MORE:] @ more.transpose(1, 2, 0)).transpose(2, 0, 1)
         return result
 

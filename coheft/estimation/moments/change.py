@@ -8,7 +8,8 @@ With ``H`` and ``e`` the information and its vector of all rows of the load, and
 which is the sum of squared residuals of all rows, less those of older and of newer ones fitted separately. The wrench
 offset stays when the load changes: it is among the unknowns of ``H``, but only the part of ``S_k`` that concerns theta
 is tested. This is the first test, at fixed poses (``look_for_change``). The second (``surprise``) tests the newest
-rows against a fit to all older ones, and includes the full uncertainty of that fit.
+rows against a fit to all older ones, and includes the full uncertainty of that fit. A third statistic is of a change
+among the rows of one fit (``change_within_fit``); it only says where a change is.
 """
 
 from __future__ import annotations
@@ -45,12 +46,12 @@ _WELL = 1e-6
 _LEFT = 0.05
 """A change is located by directions that older rows show as well: a fit to all rows leaves at least this share of the
 information of the newest ones."""
-_FAINT = 1e-10
+FAINT = 1e-10
 """Share of the information below which all is rounding."""
 
 
 @dataclass(frozen=True, eq=False)
-class Weights:
+class InformationMaps:
     """Maps from views of rows to information on the load at fixed poses.
 
     Attributes:
@@ -68,7 +69,7 @@ class Weights:
     known_vector: Array
 
     @staticmethod
-    def of(body: BodyModel, load: Array, known: Evidence | None = None) -> Weights:
+    def of(body: BodyModel, load: Array, known: Evidence | None = None) -> InformationMaps:
         """Compute them at a state, for a load (16,); ``known`` is prior evidence on all unknowns."""
         weight: Array = inverse_of(residual_covariance(body, load))
         of_gram = information_table(weight)
@@ -76,9 +77,9 @@ class Weights:
         noise = body.motion_noise[FORCING[:, None], FORCING]
         of_noise = (noise.ravel() @ of_gram).reshape(LOAD_SIZE, LOAD_SIZE)
         if known is None:
-            return Weights(of_gram, of_cross, of_noise, np.zeros_like(of_noise), np.zeros(LOAD_SIZE))
+            return InformationMaps(of_gram, of_cross, of_noise, np.zeros_like(of_noise), np.zeros(LOAD_SIZE))
         about = known.restricted(np.arange(body.unknowns.size)[body.unknowns.load])
-        return Weights(of_gram, of_cross, of_noise, about.information, about.score + about.information @ load)
+        return InformationMaps(of_gram, of_cross, of_noise, about.information, about.score + about.information @ load)
 
     def sums(self, grams: Array) -> tuple[Array, Array]:
         """Return information, noise included, (k, 16, 16) and vectors (k, 16) of Gram matrices of views (k, 19, 19)."""
@@ -132,14 +133,14 @@ class Look(NamedTuple):
 
 
 def look_for_change(
-    views: Array, older: Array, weights: Weights, is_known: bool = False, small: SmallSteps | None = None
+    views: Array, older: Array, maps: InformationMaps, is_known: bool = False, small: SmallSteps | None = None
 ) -> Look:
     """Run the first test, at fixed poses.
 
     Args:
         views: ``(motion[FORCING], wrench)`` of rows of the load, oldest first, shape (n, 19).
         older: Gram matrix (19, 19) of older rows of the load.
-        weights: Maps from views to information.
+        maps: Maps from views to information.
         is_known: Whether there is a prior of the load, so that all of these rows may belong to another load.
         small: Small steps of the mass to look for, None for none.
     """
@@ -149,14 +150,14 @@ def look_for_change(
         sizes = np.append(sizes, count)
     if len(sizes) == 0:
         return Look(0, 0.0, None)
-    scores = _Scores.of(count - sizes, views, older, weights)
-    index, statistic = scores.likeliest(count - sizes, weights)
+    scores = _Scores.of(count - sizes, views, older, maps)
+    index, statistic = scores.likeliest(count - sizes)
     if statistic > 1.0:  # now exactly which row
         newest = count - index
         near = np.arange(max(1, int(newest / _RATIO)), min(count + is_known, int(newest * _RATIO) + 2))
-        scores = _Scores.of(count - near, views, older, weights)
-        index, statistic = scores.likeliest(count - near, weights)
-    return Look(index, statistic, None if small is None else scores.small_step(count, small, weights))
+        scores = _Scores.of(count - near, views, older, maps)
+        index, statistic = scores.likeliest(count - near)
+    return Look(index, statistic, None if small is None else scores.small_step(count, small))
 
 
 def surprise(newest: Evidence, covariance: Array, theta: slice) -> float:
@@ -236,7 +237,7 @@ class _Scores(NamedTuple):
         counts: Rows of each window, then all, shape (k + 1,).
         matrices: Information with noise, shape (k + 1, 16, 16).
         vectors: Of the information, shape (k + 1, 16).
-        of_noise: Noise in the information of all rows, shape (16, 16).
+        of_noise: Noise in the information of one row, shape (16, 16).
         basis: Directions that all rows show, as rows, shape (b, 16).
         load: Of all rows, shape (16,).
     """
@@ -249,7 +250,7 @@ class _Scores(NamedTuple):
     load: Array
 
     @staticmethod
-    def of(indices: Indices, views: Array, older: Array, weights: Weights) -> _Scores:
+    def of(indices: Indices, views: Array, older: Array, maps: InformationMaps) -> _Scores:
         """Of the windows that begin with these indices (k,), newest first."""
         grams, end = np.empty((len(indices) + 1, VIEW_SIZE, VIEW_SIZE)), len(views)
         for k, index in enumerate([*indices.tolist(), 0]):
@@ -259,18 +260,17 @@ class _Scores(NamedTuple):
         grams[-1] += older
         np.cumsum(grams, axis=0, out=grams)
         counts = grams[:, 0, 0]  # the first number of a view is 1
-        matrices, vectors = weights.sums(grams)
-        matrices[-1] += weights.known
-        vectors[-1] += weights.known_vector
-        of_noise = counts[-1] * weights.of_noise
-        basis, shares = seen_directions(matrices[-1], of_noise)
+        matrices, vectors = maps.sums(grams)
+        matrices[-1] += maps.known
+        vectors[-1] += maps.known_vector
+        basis, shares = seen_directions(matrices[-1], counts[-1] * maps.of_noise)
         load = basis.T @ np.linalg.solve(shares, basis @ vectors[-1])
-        return _Scores(counts, matrices, vectors, of_noise, basis, load)
+        return _Scores(counts, matrices, vectors, maps.of_noise, basis, load)
 
-    def along(self, directions: Array, weights: Weights) -> tuple[Array, Array]:
+    def along(self, directions: Array) -> tuple[Array, Array]:
         """``S`` (k, f) and ``V`` (k, f, f) along directions of theta (f, 10)."""
         part = directions @ self.matrices[:-1, THETA]
-        part_of_noise = self.counts[:-1, None, None] * (directions @ weights.of_noise[THETA])
+        part_of_noise = self.counts[:-1, None, None] * (directions @ self.of_noise[THETA])
         score = self.vectors[:-1, THETA] @ directions.T - (part - part_of_noise) @ self.load
         spread = (part + part_of_noise)[..., THETA] @ directions.T
         part = part @ self.basis.T
@@ -279,17 +279,17 @@ class _Scores(NamedTuple):
         spread[:, each, each] += 1e-9
         return score, spread
 
-    def likeliest(self, indices: Indices, weights: Weights) -> tuple[int, float]:
+    def likeliest(self, indices: Indices) -> tuple[int, float]:
         """Of the starts of these windows, the likeliest for a change, and its statistic over the threshold."""
-        tested, _ = seen_directions(self.matrices[-1, THETA, THETA], self.of_noise[THETA, THETA])
+        tested, _ = seen_directions(self.matrices[-1, THETA, THETA], self.counts[-1] * self.of_noise[THETA, THETA])
         if len(indices) == 0 or len(tested) == 0:
             return 0, 0.0
-        score, spread = self.along(tested, weights)
+        score, spread = self.along(tested)
         statistics = (score * np.linalg.solve(spread, score[..., None])[..., 0]).sum(axis=1)
         best = int(statistics.argmax())
         return int(indices[best]), float(statistics[best]) / chi_square_threshold(len(tested), FALSE_ALARM)
 
-    def small_step(self, count: int, small: SmallSteps, weights: Weights) -> SmallStep | None:
+    def small_step(self, count: int, small: SmallSteps) -> SmallStep | None:
         """Return ``Look.step``; ``count`` is the number of all rows that are kept.
 
         With ``x`` another kilogram at the centre of mass, the step at a row and its significance are
@@ -302,7 +302,7 @@ class _Scores(NamedTuple):
             return None
         is_long_ago = self.counts[:-1] >= small.shortest
         kilogram = one_kilogram(self.load)
-        score, spread = (each.ravel() for each in self.along(kilogram[None], weights))
+        score, spread = (each.ravel() for each in self.along(kilogram[None]))
         is_significant = score**2 >= np.where(is_long_ago, small.long_ago, small.recent) * spread
         if not is_long_ago.any() and not is_significant.any():
             return None
@@ -314,14 +314,14 @@ class _Scores(NamedTuple):
 
 
 def spread_mass(theta: Array, size: float) -> Array:
-    """Second moment (10, 10) of theta of 1 kg that is anywhere in a load with this ``theta`` (10,) and size [m]."""
+    """Second moment (10, 10) of the change of theta by 1 kg anywhere in a load of this ``theta`` (10,) and size [m]."""
     points = point_mass(theta[1:4] / theta[0] + size * _SPHERE)
     result: Array = points.T @ points / len(points)
     return result
 
 
 def one_kilogram(load: Array) -> Array:
-    """What theta (10,) is more with 1 kg more at the centre of mass of a load (16,); zeros if that has no mass."""
+    """Change of theta (10,) by 1 kg at the centre of mass of a load (16,); zeros if the load has no mass."""
     mass, *moment = load[THETA][:4]
     return point_mass(np.array(moment) / mass) if mass > 0.0 else np.zeros(10)
 
@@ -338,7 +338,7 @@ def seen_directions(matrix: Array, noise: Array) -> tuple[Array, Array]:
         white: Array = np.asarray(np.linalg.inv(np.linalg.cholesky(scaled)))
         return white * scale, one - white @ of_noise @ white.T
     values, vectors = np.linalg.eigh(scaled)
-    is_real = values > _FAINT * values[-1]
+    is_real = values > FAINT * values[-1]
     white = (vectors[:, is_real] / np.sqrt(values[is_real])).T
     shares, directions = np.linalg.eigh(np.eye(len(white)) - white @ of_noise @ white.T)
     is_seen = shares > _SEEN

@@ -180,13 +180,11 @@ class Chapter:
             since_step = self.buffer.moments_of(self.buffer.rows[step[0] : index])
         of_load = self.buffer.begin_load(index)
         if keeps_poses:
-            if step is None or since_step is None:
-                self._set_prior(estimate, guess, self._wrench_evidence(estimate, of_load, guess), False)
-            else:
-                self._set_prior(estimate, guess, self._wrench_evidence(estimate, of_load - since_step, guess), False)
-                assert self.prior is not None  # ``_set_prior`` has set it
+            before_step = of_load if since_step is None else of_load - since_step
+            self.prior = self._prior_with(estimate, guess, self._wrench_evidence(estimate, before_step, guess))
+            if step is not None and since_step is not None:
                 self.prior = self.prior.with_process_noise(body.unknowns.theta, step[1])
-                self._set_prior(estimate, guess, self._wrench_evidence(estimate, since_step, guess), False)
+                self.prior = self._prior_with(estimate, guess, self._wrench_evidence(estimate, since_step, guess))
         if self.prior is not None:
             if noise is None:
                 self.prior = self.prior.without_load(body.unknowns, guess.limits)
@@ -195,25 +193,23 @@ class Chapter:
 
     def _wrench_evidence(self, estimate: Estimate, moments: Moments, guess: Guess) -> Evidence:
         body = estimate.body
-        found = wrench_evidence(body, MotionDerivatives.at(body), wrench_moments(body, moments), _load(body))
+        found = wrench_evidence(body, MotionDerivatives.at(body), wrench_moments(body, moments), body.state.fitted_load)
         return self._beyond_doubt(estimate, found, guess)
 
-    def end(self, estimate: Estimate, guess: Guess, index: int) -> None:
-        """Make all rows before this index, and the prior of sensor errors, part of the chapter's prior."""
+    def end(self, estimate: Estimate, guess: Guess, index: int) -> Prior:
+        """Make all rows before this index, and the prior of sensor errors, part of the chapter's prior; return it."""
         of_all, of_load = self.buffer.begin_chapter(index)
         evidence = evidence_of(estimate.body, evaluated_moments(estimate.body, of_all, of_load))
         evidence = self._beyond_doubt(estimate, evidence, guess)
         if self.prior is None or not self.prior.has_expectations:
             evidence += self._settings.expected(estimate.body)
-        self._set_prior(estimate, guess, evidence, True)
+        self.prior = self._prior_with(estimate, guess, evidence, True)
+        return self.prior
 
     def posterior(self, estimate: Estimate, guess: Guess, evaluate: EvaluateMoments | None = None) -> Prior:
         """Return the posterior as a prior for another robot or team; ``evaluate`` may leave out rows."""
         evidence = evidence_of(estimate.body, (self.evaluation() if evaluate is None else evaluate)(estimate.body))
-        evidence = self._beyond_doubt(estimate, evidence, guess)
-        if self.prior is not None:
-            evidence += self.prior.at(estimate.body)
-        return Prior(estimate.state, guess, evidence, self.prior is not None and self.prior.has_expectations)
+        return self._prior_with(estimate, guess, self._beyond_doubt(estimate, evidence, guess))
 
     def _beyond_doubt(self, estimate: Estimate, evidence: Evidence, guess: Guess) -> Evidence:
         """Evidence of rows that become part of a prior, used as in the estimate."""
@@ -222,11 +218,14 @@ class Chapter:
         limits = self._settings.limits(estimate.body.count, guess)
         return evidence.beyond_doubt(np.where(limits > 0.0, limits, 1.0))
 
-    def _set_prior(self, estimate: Estimate, guess: Guess, evidence: Evidence, has_expectations: bool) -> None:
+    def _prior_with(
+        self, estimate: Estimate, guess: Guess, evidence: Evidence, has_expectations: bool = False
+    ) -> Prior:
+        """Return the prior with more evidence, around the state of an estimate."""
         if self.prior is not None:
             evidence += self.prior.at(estimate.body)
             has_expectations = has_expectations or self.prior.has_expectations
-        self.prior = Prior(estimate.state, guess, evidence, has_expectations)
+        return Prior(estimate.state, guess, evidence, has_expectations)
 
 
 def evidence_of(body: BodyModel, moments: EvaluatedMoments) -> Evidence:
@@ -242,7 +241,7 @@ class EvidenceAt:
     """
 
     def __init__(self, body: BodyModel) -> None:
-        self._body, self._derivatives, self._load = body, MotionDerivatives.at(body), _load(body)
+        self._body, self._derivatives, self._load = body, MotionDerivatives.at(body), body.state.fitted_load
         self._noise: tuple[Array, Array] | None = None  # per row, of motion and of wrenches, (u, u) each
 
     def of(self, moments: EvaluatedMoments) -> Evidence:
@@ -254,11 +253,3 @@ class EvidenceAt:
         if min(numbers) > 0.0:
             self._noise = by_motion.noise / numbers[0], by_wrench.noise / numbers[1]
         return by_motion + by_wrench
-
-
-def _load(body: BodyModel) -> Array:
-    """The load at a state that has one."""
-    load = body.state.load
-    if load is None:
-        raise ValueError("the state has no load, which the evidence of wrenches is about; fit one first")
-    return load

@@ -75,9 +75,7 @@ def _remedy(unobservable: Unobservable, estimate: Estimate) -> str:
 
 def possible_load(estimate: Estimate) -> Inertia:
     """Return the likeliest physically possible load, in the body frame; the estimate must have a load."""
-    load = estimate.state.load
-    assert load is not None
-    theta, indices = load[THETA], estimate.body.unknowns.theta
+    theta, indices = estimate.state.fitted_load[THETA], estimate.body.unknowns.theta
     if not is_possible(theta):
         theta = nearest_possible(theta, inverse_of(estimate.covariance[indices, indices]), estimate.size)
     return Inertia.from_barycentric(theta)

@@ -28,11 +28,10 @@ from coheft.estimation.moments.body import (
     load_operator,
 )
 from coheft.estimation.moments.rows import KINEMATICS_SIZE, ROW_SIZE, WRENCH_SIZE
-from coheft.estimation.moments.sensor_errors import RATES
-from coheft.estimation.moments.unknowns import POSE_SIZE, THETA, Indices
+from coheft.estimation.moments.unknowns import POSE_SIZE, THETA
 from coheft.estimation.rigid_body.regressor import spatial_inertia
 
-FORCING_PRODUCTS = slice(7, 13)
+_FORCING_PRODUCTS = slice(7, 13)
 """Slice of the products within ``motion[FORCING]``."""
 
 
@@ -109,15 +108,14 @@ class WrenchDerivatives:
         local = np.zeros((count, unknowns.own, 6, size))
         local[:, :POSE_SIZE, :, :WRENCH_SIZE] = body.adjoint_derivatives()
         if unknowns.errors.count:
-            own = np.arange(rows.WRENCH.start, rows.WRENCH.stop)
-            indices: Indices = np.concatenate([own, RATES + own])[:size]
-            local[:, POSE_SIZE:] = body.adjoints[:, None] @ unknowns.errors.generators[:, rows.WRENCH, indices]
+            by_errors = unknowns.errors.generators[:, rows.WRENCH, unknowns.errors.wrench]
+            local[:, POSE_SIZE:] = body.adjoints[:, None] @ by_errors
 
         operator = load_operator(load)
         common = np.zeros((unknowns.size, 6, features))
         of_motion = common[: unknowns.motion_size]
         of_motion[:] = (root @ spatial_inertia(load[THETA]) @ body.accelerations.covariance) @ motion.found
-        of_motion -= (root @ operator[:, FORCING_PRODUCTS]) @ motion.common
+        of_motion -= (root @ operator[:, _FORCING_PRODUCTS]) @ motion.common
         common[unknowns.load, :, FORCING] = -(root @ REGRESSOR).transpose(2, 1, 0)
 
         of_wrenches, by_motion = np.zeros((6, count, size)), np.zeros((6, features))

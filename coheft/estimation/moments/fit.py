@@ -27,7 +27,7 @@ _LONGEST = 0.3
 """Steps are shortened to move no pose by more than this [rad, m]."""
 _FAR = 3.0
 """After a step of so many standard deviations the noise of regressors is computed anew."""
-MOST_STEPS, SMALL_ERROR = 10, 0.01
+_MOST_STEPS, _SMALL_ERROR = 10, 0.01
 """Most steps of a fit; one that leaves a smaller error, in standard deviations, is the last."""
 
 
@@ -81,7 +81,7 @@ class Estimate:
 
     def hidden_poses(self, limits: Array = POSE_LIMITS) -> Flags:
         """Whether a robot's pose is hidden or less certain than ``limits`` (6,) in any component, shape (N,)."""
-        variances = (self.seen + self.hidden).diagonal()[self.body.unknowns.poses]
+        variances = self.covariance.diagonal()[self.body.unknowns.poses]
         return np.asarray((variances > np.square(limits)).any(axis=1))
 
 
@@ -115,7 +115,7 @@ def fit_state(
     guess: Guess,
     settings: FitSettings,
     anchor: int,
-    most_steps: int = MOST_STEPS,
+    most_steps: int = _MOST_STEPS,
 ) -> Estimate:
     """Fit a state to moments.
 
@@ -143,7 +143,7 @@ def fit_state(
         state = step.state
         if step.size > _FAR:
             noise_of_motion = noise_of_wrench = None
-        if step.left < SMALL_ERROR:
+        if step.left < _SMALL_ERROR:
             break
     body = settings.body(state)
     return Estimate(body, step.seen, step.hidden, step.inverse, step.size, guess.size, step.is_doubtful)

@@ -18,7 +18,7 @@ from coheft.estimation.moments import rows
 from coheft.estimation.moments.body import FORCING, BodyModel
 from coheft.estimation.moments.evidence import Evidence
 from coheft.estimation.moments.moments import Moments
-from coheft.estimation.moments.rows import ROW_SIZE, RowNoise
+from coheft.estimation.moments.rows import RowNoise
 from coheft.estimation.moments.sensor_errors import SensorErrors
 from coheft.estimation.moments.unknowns import OFFSET, Indices, State, Unknowns
 from coheft.estimation.rigid_body.mass_properties import point_mass
@@ -54,10 +54,10 @@ class Guess:
     @staticmethod
     def of(body: BodyModel, moments: Moments) -> Guess:
         """Guess the mass from the mean wrench and acceleration, and the centre of mass in the middle of the grasps."""
-        one = ROW_SIZE * body.count
         middle, size = middle_and_size(body.state.poses)
-        sums = moments.sums(one)
-        force, acceleration = body.wrench_map[:3] @ sums / sums[one], body.motion_map[FORCING[1:4]] @ sums / sums[one]
+        sums = moments.sums(body.one)
+        number = sums[body.one]
+        force, acceleration = body.wrench_map[:3] @ sums / number, body.motion_map[FORCING[1:4]] @ sums / number
         mass = max(_LIGHTEST, float(np.linalg.norm(force)) / max(float(np.linalg.norm(acceleration)), 1e-9))
         theta = mass * point_mass(middle)
         theta[4:7] += mass * size**2 / 3.0
@@ -128,8 +128,7 @@ class FitSettings:
         """Indices of the unknowns that a fit changes."""
         is_free = np.ones(unknowns.size, dtype=bool)
         is_free[unknowns.poses[anchor]] = False
-        is_clock = [name == "clock" for name in self.errors.names]
-        is_free[unknowns.eta[anchor, is_clock]] = False  # an offset of all clocks together has no effect
+        is_free[unknowns.eta[anchor, self.errors.are("clock")]] = False  # one offset of all clocks has no effect
         is_free[unknowns.eta[unknowns.deviations == 0.0]] = False
         is_free[unknowns.offset], is_free[unknowns.gyros] = self.has_offset, self.has_gyro_offset
         if not with_load:
@@ -200,11 +199,11 @@ class FitSettings:
     def drifted(self, body: BodyModel, seconds: float) -> tuple[Indices, Array]:
         """Return indices (k,) of the unknowns that drift, and the covariance (k, k) of their drift in a time [s]."""
         unknowns, drift, minutes = body.unknowns, self.drift, seconds / 60.0
-        is_bias = [name == "acceleration_bias" for name in self.errors.names]
+        is_bias = self.errors.are("acceleration_bias")
         parts = [
             (np.arange(unknowns.size)[unknowns.offset], _of_total(body, drift.force, drift.torque)),
             (np.arange(unknowns.size)[unknowns.gyros], drift.gyro**2 / self._fused(body) * np.eye(3)),
-            (unknowns.eta[:, is_bias].ravel(), drift.acceleration**2 * np.eye(unknowns.count * sum(is_bias))),
+            (unknowns.eta[:, is_bias].ravel(), drift.acceleration**2 * np.eye(unknowns.count * int(is_bias.sum()))),
         ]
         parts = [(indices, covariance) for indices, covariance in parts if covariance.any()]
         size = sum(len(indices) for indices, _ in parts)

@@ -11,10 +11,8 @@ import numpy as np
 
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.fit import Estimate
-from coheft.estimation.moments.sensor_errors import SensorErrors
+from coheft.estimation.moments.sensor_errors import DELAYS, SensorErrors
 from coheft.estimation.tolerance import AXES, PAIRS
-
-_DELAYS = ("clock", "wrench_delay")
 
 
 class FoundError(NamedTuple):
@@ -57,9 +55,9 @@ def found_errors(estimate: Estimate, robot: int, declared: SensorErrors) -> list
         number, axes[name] = axes[name], axes[name] + 1
         key = "acceleration_offset" if name == "acceleration_bias" else name
         scale, axis = -1.0, (PAIRS if name.endswith("cross_talk") else AXES)[number]
-        if name in (*_DELAYS, "grasp_compliance") or name.endswith("_gain"):
+        if name in (*DELAYS, "grasp_compliance") or name.endswith("_gain"):
             axis = ""
-        if name in _DELAYS:
+        if name in DELAYS:
             scale = 1.0
         if name.endswith("_mounting"):
             key, scale = f"{name}_deg", float(np.degrees(-1.0))

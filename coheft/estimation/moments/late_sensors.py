@@ -18,7 +18,8 @@ from coheft.estimation.chi_square import chi_square_threshold
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.body import BodyModel
 from coheft.estimation.moments.rows import KINEMATICS, ROW_SIZE, TWIST, WRENCH
-from coheft.estimation.moments.undeclared import DELAYS, UndeclaredError
+from coheft.estimation.moments.sensor_errors import DELAYS
+from coheft.estimation.moments.undeclared import UndeclaredError
 from coheft.estimation.moments.unknowns import Flags, Indices
 
 
@@ -46,7 +47,7 @@ def late_sensor(
     between = numbers[2 * far :] - numbers[: -2 * far] == 2 * far
     if not is_tested.any() or not between.any():
         return None
-    count, size = body.count, ROW_SIZE * body.count
+    count, size = body.count, body.one
     change = (rows[2 * far :, :size] - rows[: -2 * far, :size])[between]
     change = change.reshape(-1, count, ROW_SIZE) / (2.0 * far * period)
     wrench, motion = residuals(rows[far:-far][between])
@@ -72,6 +73,6 @@ def late_sensor(
 
 def _declared(body: BodyModel) -> Flags:
     """Which delays are among the unknowns of the fit, shape (2, N)."""
-    names = body.unknowns.errors.names
-    found = [(body.unknowns.deviations[:, [name == kind for name in names]] > 0.0).any(axis=1) for kind in DELAYS]
+    errors, deviations = body.unknowns.errors, body.unknowns.deviations
+    found = [(deviations[:, errors.are(kind)] > 0.0).any(axis=1) for kind in DELAYS]
     return np.array(found)

@@ -18,15 +18,11 @@ import numpy as np
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.linear_algebra import inverse as inverse_of
 from coheft.estimation.moments.body import BodyModel
-from coheft.estimation.moments.change import Weights
+from coheft.estimation.moments.change import FAINT, InformationMaps
 from coheft.estimation.moments.unknowns import LOAD_SIZE, OFFSET
 
 WINDOWS = (1, 2, 4, 8, 16, 32)
 """Numbers of consecutive rows that are tested: longer windows would show the approximations of rows."""
-
-
-_FAINT = 1e-10
-"""Share of the information below which all is rounding."""
 
 
 @dataclass(frozen=True)
@@ -127,11 +123,11 @@ def explanations(body: BodyModel, gram: Array, assumed: KnownLoad) -> Explanatio
         gram: Gram matrix of views ``(motion[FORCING], total wrench)`` of rows there, shape (19, 19).
         assumed: The load that was known.
     """
-    weights = Weights.of(body, assumed.load)
-    (spread,), (vector,) = weights.sums(gram[None])
-    score = vector - (spread - gram[0, 0] * weights.of_noise) @ assumed.load  # the first number of a view is 1
+    maps = InformationMaps.of(body, assumed.load)
+    (spread,), (vector,) = maps.sums(gram[None])
+    score = vector - (spread - gram[0, 0] * maps.of_noise) @ assumed.load  # the first number of a view is 1
     scale = np.maximum(spread.diagonal(), 1e-300) ** -0.5
-    score, spread = scale * score, scale[:, None] * spread * scale + _FAINT * np.eye(LOAD_SIZE)
+    score, spread = scale * score, scale[:, None] * spread * scale + FAINT * np.eye(LOAD_SIZE)
 
     # A sensor's offset is one of the wrench offset: by force, then by torque, of each robot; shape (2 N, 6, 3).
     offsets = np.concatenate([body.adjoints[:, :, :3], body.adjoints[:, :, 3:]]) / scale[OFFSET, None]

@@ -1,6 +1,6 @@
 """Second moments of rows, which are exact at every state.
 
-    G = sum x x^T,    at a state:  sum psi psi^T = S G S^T,    sum x psi^T = G S^T
+    G = sum x x^T,    at a state:  sum psi psi^T = E G E^T,    sum x psi^T = G E^T,    E = motion_map
 
 ``G`` does not depend on poses, so nothing has to be summed again when their estimates improve. ``RowMoments`` keeps all
 of ``G``; for large teams ``coheft.estimation.moments.projected`` keeps its projection at one state.
@@ -14,10 +14,9 @@ from typing import Protocol, Self
 import numpy as np
 
 from coheft.estimation.geometry.spatial import Array
-from coheft.estimation.moments import rows
 from coheft.estimation.moments.body import FORCING, FORCING_SIZE, BodyModel
 from coheft.estimation.moments.rows import KINEMATICS, ROW_SIZE, WRENCH
-from coheft.estimation.moments.sensor_errors import MORE, ONE, RATES, SensorErrors
+from coheft.estimation.moments.sensor_errors import MORE, ONE, SensorErrors
 from coheft.estimation.moments.unknowns import Indices
 
 
@@ -107,7 +106,7 @@ class MotionMoments:
 
     @property
     def number(self) -> float:
-        """Of rows."""
+        """Number of rows."""
         return float(self.of_motion[0, 0])
 
 
@@ -127,7 +126,7 @@ class WrenchMoments:
 
     @property
     def number(self) -> float:
-        """Of rows."""
+        """Number of rows."""
         return float(self.of_motion[0, 0])
 
 
@@ -158,7 +157,7 @@ def view_moments(body: BodyModel, moments: Moments) -> Array:
     """Compute ``sum v v^T`` of views ``v = (motion[FORCING], total wrench)`` at a state, shape (19, 19)."""
     crossed, indices = moments.with_motion(body), wrench_indices(body.count, body.unknowns.errors)
     of_forcing, wrench = crossed[:, FORCING], body.wrench_map[:, indices]
-    one, size = ROW_SIZE * body.count, FORCING_SIZE
+    one, size = body.one, FORCING_SIZE
     result = np.zeros((size + 6, size + 6))
     result[:size, :size] = body.motion_map[FORCING] @ of_forcing
     result[size:, :size] = body.wrench_map @ of_forcing
@@ -171,7 +170,7 @@ def view_moments(body: BodyModel, moments: Moments) -> Array:
 
 
 def _motion_moments(body: BodyModel, crossed: Array) -> MotionMoments:
-    count, calibration, one = body.count, body.state.calibration, ROW_SIZE * body.count
+    count, calibration, one = body.count, body.state.calibration, body.one
     own = crossed[:one].reshape(count, ROW_SIZE, body.features)
     with_motion = own[:, KINEMATICS]
     if calibration is not None:
@@ -188,8 +187,7 @@ def _wrench_moments(body: BodyModel, moments: Moments, crossed: Array, of_motion
     with_motion, of_wrenches = crossed[indices], moments.of_wrenches(indices)
     if body.state.calibration is None:
         return WrenchMoments(of_wrenches, with_motion, of_motion)
-    own = np.arange(rows.WRENCH.start, rows.WRENCH.stop)
-    own = np.concatenate([own, RATES + own]) if body.has_rates else own
+    own = body.unknowns.errors.wrench
     turn, constant = body.state.calibration[:, own[:, None], own], body.state.calibration[:, own, ONE].ravel()
     size = len(own)
 
@@ -200,8 +198,7 @@ def _wrench_moments(body: BodyModel, moments: Moments, crossed: Array, of_motion
     of_wrenches = calibrated(calibrated(of_wrenches).T)
     sums, with_motion = calibrated(with_motion[:, :1]).ravel(), calibrated(with_motion)
     if constant.any():
-        one = ROW_SIZE * count
         across = np.outer(constant, sums)
-        of_wrenches = of_wrenches + across + across.T + crossed[one, 0] * np.outer(constant, constant)
-        with_motion = with_motion + np.outer(constant, crossed[one])
+        of_wrenches = of_wrenches + across + across.T + crossed[body.one, 0] * np.outer(constant, constant)
+        with_motion = with_motion + np.outer(constant, crossed[body.one])
     return WrenchMoments(of_wrenches, with_motion, of_motion)

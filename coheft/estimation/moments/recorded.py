@@ -78,8 +78,7 @@ def fit_recorded(samples: Array, noise: SensorNoise, rate: float) -> Recorded:
         state = estimate.state
         if estimate.step < _CLOSE:
             break
-    body, load = estimate.body, state.load
-    assert load is not None  # it has been fitted
+    body, load = estimate.body, state.fitted_load
     explained = load_operator(load) @ body.motion_map[FORCING]
     return Recorded(
         estimate=estimate,

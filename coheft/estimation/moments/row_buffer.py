@@ -34,8 +34,9 @@ class RowBuffer:
     Attributes:
         rows: Rows of the team, shape (2 KEPT, X), of which the first ``count`` are in use.
         views: ``(motion[FORCING], wrench)`` of each row at the newest state, shape (2 KEPT, 19).
-        numbers: Number of each row.
-        start: Place of the first row with the present load.
+        numbers: Number of each row, shape (2 KEPT,).
+        count: Number of rows that are kept.
+        start: Index of the first row with the present load.
     """
 
     def __init__(self, size: int, is_projected: bool = False) -> None:
@@ -48,8 +49,8 @@ class RowBuffer:
         self._summed = 0  # rows before this index are in the moments
         self._dropped = 0  # rows of the present load that are not kept any more
         self._since = -1  # number of the first row with the present load, or of the chapter
-        self._seen_from: BodyModel | None = None
-        self._has_dropped = False
+        self._projected_at: BodyModel | None = None  # None while moments are exact
+        self._has_dropped = False  # whether any row has been dropped
 
     @property
     def load_rows(self) -> int:
@@ -101,7 +102,7 @@ class RowBuffer:
 
     def moments_of(self, rows: Array) -> Moments:
         """Compute moments of rows (n, X), projected if the others are."""
-        return RowMoments.of(rows) if self._seen_from is None else ProjectedMoments.of(rows, self._seen_from)
+        return RowMoments.of(rows) if self._projected_at is None else ProjectedMoments.of(rows, self._projected_at)
 
     def moments_since(self, index: int) -> Moments:
         """Moments of the rows from this index on."""
@@ -125,9 +126,9 @@ class RowBuffer:
     def project_at(self, body: BodyModel) -> None:
         """Project moments at this state from now on, if the team is large."""
         self._sum_up()
-        if not self._is_projected or (self._seen_from is None and self.count < _LEAST_TO_PROJECT):
+        if not self._is_projected or (self._projected_at is None and self.count < _LEAST_TO_PROJECT):
             return
-        self._seen_from = body
+        self._projected_at = body
         if not self._has_dropped:  # all rows are kept, so they are projected anew
             self._load = self.moments_of(self.rows[self.start : self._summed])
             if self._former is not None:

@@ -44,9 +44,11 @@ _FASTEST, _FAST_TURNING, _TIMES = 2.0, 10.0, 3.0
 """Frequency [Hz] and angular acceleration [rad/s²] of a fast motion. Its effect on slopes does not average out, so it
 counts as noise that is so many times larger."""
 _SAMPLES = slice(0, 9), slice(9, 15)
+"""Columns of samples: ``(w, v, a)`` and ``(f, t)``."""
 _OF_SENSOR = {"gyro": (W, SLOPE), "velocity": (V,), "acceleration": (A,), "force": (FORCE,), "torque": (TORQUE,)}
 """Numbers of a row that a robot without this sensor does not measure, beside the products of its gyro."""
 _FLAT_PRODUCTS = 3 * PACKED_ROWS + PACKED_COLUMNS
+"""Entries of a raveled 3×3 matrix that are packed into six numbers."""
 
 
 def rows_per_block(samples: int, rate: float, longest: float = LONGEST) -> int:
@@ -79,7 +81,7 @@ class RowNoise:
         rates: Deviations of the rates of these 18 numbers, in deviations of the number itself, shape (N, 18) or (1, 18)
             [1/s].
         slowness: Effective variance over that of the noise of a single row; 1 for white noise.
-        flexing: Of how fast the force changes, in standard deviations of the force, shape (6,) [1/s, 1/s²].
+        flexing: Deviations of ``(u1, u2)``, see ``flexing``, in deviations of the force, shape (6,) [1/s, 1/s²].
     """
 
     kinematics: Array
@@ -104,7 +106,7 @@ class RowNoise:
         alike = 0.0 if correlation == 0.0 else math.exp(-1.0 / (correlation * rate))
 
         def deviation(weights: Array) -> float:
-            """Of a sum of samples whose noise is 1."""
+            """Standard deviation of a weighted sum of samples whose variance is 1."""
             apart = np.abs(np.subtract.outer(range(len(weights)), range(len(weights))))
             return math.sqrt(weights @ np.power(alike, apart) @ weights)
 

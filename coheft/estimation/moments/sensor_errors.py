@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
+import numpy.typing as npt
 
 from coheft.estimation.geometry.spatial import CROSS_OF_AXES, Array
 from coheft.estimation.moments.flexing import FLEXING_SIZE
@@ -27,7 +28,6 @@ ONE, RATES = ROW_SIZE, ROW_SIZE + 1
 MORE = RATES
 """Place of all that follows the constant in an extended row: rates if there are any, then flexing if there is any."""
 _FIRST = dict(zip(SENSORS, (0, 3, 6, 12, 15), strict=True))
-_SLOPE_AFTER_GYRO = 9
 _PLACE_OF_PRODUCT = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]]) + PRODUCTS.start
 
 KINDS = (
@@ -41,6 +41,9 @@ KINDS = (
 )
 """Kinds of errors: a bias [m/s²]; a gain of all axes and a scale of each, relative; a small rotation of the mount
 [rad]; cross-talk, relative; places [m]; delays [s]; a compliance, negative [m/N]."""
+
+DELAYS = ("clock", "wrench_delay")
+"""Kinds of delays: of all sensors of a robot, or of its force and torque alone."""
 
 Entry = tuple[int, int, float]
 
@@ -65,6 +68,7 @@ class SensorErrors:
         is_flexing: Whether grasps are compliant, so that rows are followed by rates of the force, see ``flexing``.
         width: Length of an extended row of one robot.
         more: Number of entries that follow the constant.
+        wrench: Indices of the wrench in an extended row, then of its rates if there are any, shape (6,) or (12,).
         flexing: Slice of the rates of the force in an extended row; empty if grasps are stiff.
         generators: ``E_k``, shape (q, width, width).
     """
@@ -76,10 +80,12 @@ class SensorErrors:
             raise ValueError(f"errors of kind {unknown[0]!r} are not known; there are {', '.join(KINDS)}")
         kinds = [kind for kind in KINDS if kind in declared]
         self.tolerances = tolerances
-        self.has_rates = "clock" in kinds or "wrench_delay" in kinds
+        self.has_rates = any(kind in kinds for kind in DELAYS)
         self.is_flexing = "grasp_compliance" in kinds
         self.more = ROW_SIZE * self.has_rates + FLEXING_SIZE * self.is_flexing
         self.width = MORE + self.more
+        wrench = np.arange(WRENCH.start, WRENCH.stop)
+        self.wrench = np.concatenate([wrench, RATES + wrench]) if self.has_rates else wrench
         self.flexing = slice(self.width - FLEXING_SIZE * self.is_flexing, self.width)
         generators = [(kind, entries) for kind in kinds for entries in self._generators(kind)]
         self.names = tuple(kind for kind, _ in generators)
@@ -105,6 +111,10 @@ class SensorErrors:
         """Return the same parameters with tolerances that are larger by a factor for each kind."""
         tolerances = ({kind: factors.get(kind, 1.0) * size for kind, size in each.items()} for each in self.tolerances)
         return SensorErrors(*tolerances, other_kinds=self.names)
+
+    def are(self, *kinds: str) -> npt.NDArray[np.bool_]:
+        """Whether each parameter is of one of these kinds, shape (q,)."""
+        return np.array([name in kinds for name in self.names], dtype=bool)
 
     @property
     def count(self) -> int:
@@ -180,7 +190,7 @@ def _of_matrix(first: int, matrix: Array) -> list[Entry]:
         factor = float(matrix[to, source])
         entries.append((first + to, first + source, factor))
         if first == _FIRST["gyro"]:  # its slope and its products are of the same sensor
-            entries.append((_SLOPE_AFTER_GYRO + to, _SLOPE_AFTER_GYRO + source, factor))
+            entries.append((SLOPE.start + to, SLOPE.start + source, factor))
             entries += [
                 (
                     int(_PLACE_OF_PRODUCT[to, axis]),

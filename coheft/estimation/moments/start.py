@@ -23,15 +23,16 @@ from coheft.estimation.moments.moments import RowMoments, WrenchMoments
 from coheft.estimation.moments.rows import ROW_SIZE
 from coheft.estimation.moments.unknowns import Flags, State
 
-BY_POSITION = slice(10, MOTION_SIZE)
-"""Entries of the motion by which accelerations differ from position to position: ``(alpha, products of w)``."""
+_TURNING = slice(10, MOTION_SIZE)
+"""Entries of the motion by which accelerations differ from place to place on the body: ``(alpha, products of w)``."""
 _WEAK = 1e-9
 """Regularization, as a share of the noise: keeps the velocity solvable if nothing rotates."""
 _FAINT = 1e-12
+"""Makes no rotation the likeliest one where the moments are all zero."""
 _UNKNOWN = 1e3
 """Variance of a part of the motion that no robot measures; some are larger, none of those that one measures is."""
-_BY_POSITION = np.concatenate([CROSS_OF_AXES, CENTRIPETAL_OF_AXES.transpose(2, 1, 0)])
-"""``alpha x p + w x (w x p) == sum_k motion[BY_POSITION][k] _BY_POSITION[k] @ p``, shape (9, 3, 3)."""
+_LEVER_TERMS = np.concatenate([CROSS_OF_AXES, CENTRIPETAL_OF_AXES.transpose(2, 1, 0)])
+"""``alpha x p + w x (w x p) == sum_k motion[_TURNING][k] _LEVER_TERMS[k] @ p``, shape (9, 3, 3)."""
 
 
 def first_poses(moments: RowMoments, known: State, settings: FitSettings, is_unknown: Flags) -> State:
@@ -70,7 +71,8 @@ class _Motion:
         count = len(known.poses)
         of_all = np.broadcast_to(settings.noise.kinematics, (count, rows.KINEMATICS_SIZE))
         noise = replace(settings.noise, kinematics=np.where(is_unknown[:, None], np.inf, of_all))
-        body, one = replace(settings, noise=noise).body(known), ROW_SIZE * count
+        body = replace(settings, noise=noise).body(known)
+        one = body.one
         fused, noise_of_motion = body.motion_map[:MOTION_SIZE], body.motion_noise[:MOTION_SIZE, :MOTION_SIZE]
         self._of_rows = moments.matrix @ fused.T
         self._of_motion = fused @ self._of_rows
@@ -79,7 +81,7 @@ class _Motion:
         self._noise, self._variances = number * noise_of_motion, np.square(of_all)
         accelerations = np.arange(one).reshape(count, ROW_SIZE)[:, rows.A].ravel()
         spread = moments.matrix[accelerations, accelerations] - number * np.square(self._mean_row[accelerations])
-        self._swaying = float(spread.sum()) / count
+        self._swaying = float(spread.sum()) / count  # sum of squared deviations of accelerations from their mean
 
     def _varied(self, part: slice, other: slice) -> Array:
         """Moments of parts of the motion with each other, less those of their means."""
@@ -114,10 +116,10 @@ class _Motion:
         likeness += self._number**2 / (self._swaying + acceleration) * gravity
         has_twist = np.isfinite(own[rows.TWIST]).all() and of_motion[V.start] < _UNKNOWN
         if not has_twist:
-            turned = self._varied(BY_POSITION, BY_POSITION)
+            turned = self._varied(_TURNING, _TURNING)
             weak = _WEAK * np.trace(turned) + _WEAK * self._number * acceleration
-            by_position = np.linalg.solve(turned + weak * np.eye(len(turned)), self._varied_with(BY_POSITION, a))
-            likeness += 0.5 * (self._varied_with(A, a) - self._varied(A, BY_POSITION) @ by_position) / acceleration
+            by_lever = np.linalg.solve(turned + weak * np.eye(len(turned)), self._varied_with(_TURNING, a))
+            likeness += 0.5 * (self._varied_with(A, a) - self._varied(A, _TURNING) @ by_lever) / acceleration
         rotation = _likeliest_rotation(likeness)
         if np.isinf(own[rows.V.start]) or of_motion[V.start] >= _UNKNOWN:
             return Pose(rotation, self._position_by_acceleration(rotation, a, acceleration))
@@ -130,12 +132,12 @@ class _Motion:
 
     def _position_by_acceleration(self, rotation: Array, entries: slice, variance: float) -> Array:
         """Compute where an accelerometer is from ``R a_i = a + alpha x p + w x (w x p)``, shape (3,)."""
-        square = (self._of_motion - self._noise)[BY_POSITION, BY_POSITION]
-        spread = np.einsum("kab,kl,lac->bc", _BY_POSITION, square, _BY_POSITION)
-        more = self._of_rows[entries, BY_POSITION].T @ rotation.T - (self._of_motion - self._noise)[BY_POSITION, A]
+        square = (self._of_motion - self._noise)[_TURNING, _TURNING]
+        spread = np.einsum("kab,kl,lac->bc", _LEVER_TERMS, square, _LEVER_TERMS)
+        more = self._of_rows[entries, _TURNING].T @ rotation.T - (self._of_motion - self._noise)[_TURNING, A]
         values, vectors = np.linalg.eigh(spread)
         values = np.maximum(values, 0.0) + variance / POSE_LIMITS[3] ** 2
-        result: Array = vectors @ (vectors.T @ np.einsum("kab,ka->b", _BY_POSITION, more) / values)
+        result: Array = vectors @ (vectors.T @ np.einsum("kab,ka->b", _LEVER_TERMS, more) / values)
         return result
 
 

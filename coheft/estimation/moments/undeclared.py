@@ -22,26 +22,22 @@ from coheft.estimation.moments.body import BodyModel
 from coheft.estimation.moments.chapter import Chapter, evidence_of
 from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.fit_settings import FitSettings, Guess
-from coheft.estimation.moments.sensor_errors import SensorErrors
+from coheft.estimation.moments.sensor_errors import DELAYS, SensorErrors
 from coheft.estimation.moments.unknowns import Indices, State, Unknowns
 from coheft.estimation.tolerance import SENSORS
 
-EACH_ROBOTS = (
+KINDS_OF_ONE_ROBOT = (
     "acceleration_bias",
     *(f"{sensor}_mounting" for sensor in ("gyro", "velocity", "acceleration")),
     *(f"{sensor}_scale" for sensor in SENSORS),
     "velocity_place",
     "acceleration_place",
 )
-"""Kinds of errors of one robot that can be tested, beside offsets of gyros, forces and torques."""
+"""Kinds of errors of one robot that can be tested; offsets of gyros, forces and torques are tested in any case."""
 _LEAST_SHARE = 1e-3
 """Least share of an error's information that has to remain beside all unknowns; less may be linearisation error."""
 _LATE = 0.002
 """Sensors that are later than others by more seem to have other errors as well, by the square of the delay [s]."""
-
-
-DELAYS = ("clock", "wrench_delay")
-"""Kinds of delays: of all sensors of a robot, or of its force and torque alone."""
 
 
 class UndeclaredError(NamedTuple):
@@ -76,13 +72,13 @@ def undeclared_error(
         chapter: Rows and prior.
         settings: Settings of the fit.
         anchor: Index of the robot whose pose stays fixed.
-        kinds: Kinds of errors to test beside offsets, some of ``EACH_ROBOTS``.
+        kinds: Kinds of errors to test beside offsets, some of ``KINDS_OF_ONE_ROBOT``.
         false_alarm: False-alarm probability for one robot and one kind of error.
     """
     declared, unknowns = settings.errors, estimate.body.unknowns
     is_declared = unknowns.deviations > 0.0
     names_declared = [{name for name, has_it in zip(declared.names, own, strict=True) if has_it} for own in is_declared]
-    if (np.abs(estimate.state.eta[:, [name in DELAYS for name in declared.names]]) > _LATE).any():
+    if (np.abs(estimate.state.eta[:, declared.are(*DELAYS)]) > _LATE).any():
         kinds = ()
     errors, body = declared, estimate.body
     if kinds:

@@ -36,6 +36,7 @@ class Unknowns:
         errors: Declared errors of their sensors.
 
     Attributes:
+        count, errors: As given.
         own: Number of unknowns of one robot.
         size: Number of all unknowns, ``u``.
         poses: Indices of each robot's pose, shape (N, 6).
@@ -88,6 +89,13 @@ class State:
     calibration: Array | None
     gyros: Array
     load: Array | None
+
+    @property
+    def fitted_load(self) -> Array:
+        """The load, of a state that has one."""
+        if self.load is None:
+            raise ValueError("the state has no load; fit one first")
+        return self.load
 
     @staticmethod
     def first(poses: Sequence[Pose], errors: SensorErrors) -> State:

@@ -49,7 +49,7 @@ def _largest(settings: FitSettings, kind: str) -> float:
     """Largest tolerance of a kind in the team; the others are in proportion."""
     if kind in _OFFSETS:
         return float(np.max(getattr(settings, kind)))
-    return float(settings.errors.deviations[:, [name == kind for name in settings.errors.names]].max())
+    return float(settings.errors.deviations[:, settings.errors.are(kind)].max())
 
 
 def _squares(estimate: Estimate, settings: FitSettings) -> dict[str, Array]:
@@ -61,7 +61,7 @@ def _squares(estimate: Estimate, settings: FitSettings) -> dict[str, Array]:
     squares = np.divide(np.square(state.eta) + of_eta, np.square(deviations), where=is_found, out=np.zeros_like(of_eta))
     result = dict[str, Array]()
     for kind in dict.fromkeys(settings.errors.names):
-        of_kind = is_found & np.array([name == kind for name in settings.errors.names])
+        of_kind = is_found & settings.errors.are(kind)
         if of_kind.any():
             result[kind] = squares[of_kind]
     if settings.has_offset and state.load is not None:

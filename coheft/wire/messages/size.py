@@ -22,7 +22,7 @@ MANY = 64
 """In larger teams, exact sums use a tree, in which a message carries two values instead of all rounds."""
 PER_MESSAGE = 32
 """Largest number of robots' records in a message."""
-MOST_TOLD = 450
+MOST_HANDED_OVER = 450
 """With more unknowns, a robot that joins does not receive the team's estimate, which would take megabytes."""
 MOST_SEALED = 50
 """Largest number of a robot's rows in a seal."""
@@ -39,7 +39,7 @@ def _row_arrays(scenario: Scenario) -> int:
     rows = rows_per_block(scenario.sensors.block, scenario.sensors.rate)  # as many or, in large teams, fewer
     sheets = [scenario.sensors.tolerance, *(each.tolerance for each in scenario.robot_sensors())]
     errors = SensorErrors.of(sheets, scenario.sensors.drift)
-    unknowns = min((6 + errors.count) * scenario.robot_count + 19, MOST_TOLD)
+    unknowns = min((6 + errors.count) * scenario.robot_count + 19, MOST_HANDED_OVER)
     row = _LABEL + _NUMBER_OF_ROW * (errors.width - 1)
     seals = (2 * scenario.robot_count + 1) * _PER_SEAL
     return 4 * scenario.robot_count * rows * row + seals + _NUMBER * (unknowns**2 + 8 * unknowns)

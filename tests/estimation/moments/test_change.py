@@ -10,7 +10,7 @@ import pytest
 from coheft.estimation.chi_square import chi_square_threshold
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.body import FORCING, REGRESSOR, BodyModel, residual_covariance
-from coheft.estimation.moments.change import FALSE_ALARM, SmallSteps, Weights, look_for_change, surprise
+from coheft.estimation.moments.change import FALSE_ALARM, InformationMaps, SmallSteps, look_for_change, surprise
 from coheft.estimation.moments.chapter import Chapter
 from coheft.estimation.moments.derivatives import MotionDerivatives
 from coheft.estimation.moments.evidence import Evidence
@@ -35,26 +35,26 @@ class Watched:
 
     body: BodyModel
     views: Array
-    weights: Weights
+    maps: InformationMaps
 
     @staticmethod
     def of(team: Team, rows: Array, settings: FitSettings) -> Watched:
         body = settings.body(team.state())
         views = rows @ np.vstack([body.motion_map[FORCING], body.wrench_map]).T
-        return Watched(body, views, Weights.of(body, team.load, settings.expected(body)))
+        return Watched(body, views, InformationMaps.of(body, team.load, settings.expected(body)))
 
     def look(self, until: int | None = None, older: int = 0, is_known: bool = False) -> tuple[int, float]:
         views, older = self.views[older:until], self.views[:older]
-        return look_for_change(views, older.T @ older, self.weights, is_known)[:2]
+        return look_for_change(views, older.T @ older, self.maps, is_known)[:2]
 
     def step(self, until: int, shortest: int = 8, mass: float | None = None) -> float | None:
         """By how much an estimate of the mass is off, of all rows unless it is given."""
         views = self.views[:until]
         if mass is None:
-            matrices, vectors = self.weights.sums((views.T @ views)[None])
-            mass = np.linalg.solve(matrices[0] + self.weights.known, vectors[0] + self.weights.known_vector)[THETA][0]
+            matrices, vectors = self.maps.sums((views.T @ views)[None])
+            mass = np.linalg.solve(matrices[0] + self.maps.known, vectors[0] + self.maps.known_vector)[THETA][0]
         small = SmallSteps(shortest, chi_square_threshold(1, 0.012), chi_square_threshold(1, 1e-6), mass)
-        found = look_for_change(self.views[:until], NOTHING_OLDER, self.weights, small=small).step
+        found = look_for_change(self.views[:until], NOTHING_OLDER, self.maps, small=small).step
         return None if found is None else found.error
 
     def gained(self, index: int, settings: FitSettings) -> float:
@@ -157,7 +157,9 @@ def test_a_load_that_was_known_may_have_changed_before_the_very_first_row(is_kno
     views = rows @ np.vstack([body.motion_map[FORCING], body.wrench_map]).T
     known = Chapter(former.chapter.buffer, IDEAL, prior).prior_evidence(body)
     assert body.state.load is not None
-    index, statistic, _ = look_for_change(views, NOTHING_OLDER, Weights.of(body, body.state.load, known), is_known)
+    index, statistic, _ = look_for_change(
+        views, NOTHING_OLDER, InformationMaps.of(body, body.state.load, known), is_known
+    )
     assert (statistic > 1.0 and index == 0) == is_known
 
 

@@ -10,7 +10,7 @@ import pytest
 from coheft.estimation.moments.fit_settings import FitSettings
 from coheft.estimation.moments.rows import FORCE, ROW_SIZE
 from coheft.estimation.moments.sensor_errors import SensorErrors
-from coheft.estimation.moments.undeclared import EACH_ROBOTS, UndeclaredError, undeclared_error
+from coheft.estimation.moments.undeclared import KINDS_OF_ONE_ROBOT, UndeclaredError, undeclared_error
 from coheft.estimation.moments.unknowns import Unknowns
 from tests.estimation.moments.fitting import IDEAL, fit
 from tests.estimation.moments.moving_team import NOISE, PERIOD, make_team, misread, noisy_for
@@ -46,7 +46,7 @@ def asked_for(
         step[unknowns.eta[2, [name == "clock" for name in errors.names]]] = delay
         rows = misread(rows, state.moved(step, unknowns, 6.0))
     found = fit(rows, settings)
-    return undeclared_error(found.estimate, found.guess, found.chapter, settings, 0, EACH_ROBOTS, false_alarm)
+    return undeclared_error(found.estimate, found.guess, found.chapter, settings, 0, KINDS_OF_ONE_ROBOT, false_alarm)
 
 
 @pytest.mark.parametrize("kind", SIZES)
@@ -84,7 +84,7 @@ def test_while_much_is_in_doubt_nothing_is_asked_for() -> None:
     team = team.expressed_in(team.poses[0])
     found = fit(noisy_for(errors, team, np.random.default_rng(1), noise), settings)
     assert not found.estimate.misses_poses
-    assert undeclared_error(found.estimate, found.guess, found.chapter, settings, 0, EACH_ROBOTS, 1e-9) is None
+    assert undeclared_error(found.estimate, found.guess, found.chapter, settings, 0, KINDS_OF_ONE_ROBOT, 1e-9) is None
 
 
 def test_offsets_of_forces_are_found_where_nothing_else_is_tested() -> None:

@@ -12,7 +12,7 @@ from coheft.estimation.moments.fit_settings import FitSettings
 from coheft.estimation.moments.found_errors import found_errors
 from coheft.estimation.moments.rows import RowNoise
 from coheft.estimation.moments.sensor_errors import SensorErrors
-from coheft.estimation.moments.undeclared import EACH_ROBOTS, undeclared_error
+from coheft.estimation.moments.undeclared import KINDS_OF_ONE_ROBOT, undeclared_error
 from coheft.estimation.moments.unknowns import Unknowns
 from coheft.estimation.tolerance import SensorDrift, SensorTolerance
 from tests.estimation.moments.fitting import IDEAL, erring, fit, normalised_error
@@ -91,7 +91,7 @@ def test_a_sensor_that_is_told_to_be_exact_is_tested_although_others_are_not() -
         step = np.zeros(unknowns.size)
         step[unknowns.eta[robot]] = [0.02, -0.02, 0.02]
         found = fit(misread(rows, state.moved(step, unknowns, 6.0)), settings)
-        error = undeclared_error(found.estimate, found.guess, found.chapter, settings, 0, EACH_ROBOTS, 1e-9)
+        error = undeclared_error(found.estimate, found.guess, found.chapter, settings, 0, KINDS_OF_ONE_ROBOT, 1e-9)
         assert (error is not None and (error.robot, error.kind) == (1, "gyro_mounting")) == is_found
 
 
