@@ -22,7 +22,7 @@ class SwaySettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Sway:
-    """Sways along a random direction, another one for each robot. See ``coheft.agents.motion.reference.ReferenceMotion``."""
+    """Sways along a direction drawn for each robot. See ``coheft.agents.motion.reference.ReferenceMotion``."""
 
     def __init__(self, config: AgentConfig) -> None:
         settings = msgspec.convert(config.motion_settings, SwaySettings)
