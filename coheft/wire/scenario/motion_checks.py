@@ -79,5 +79,5 @@ def _too_far(key: str, found: float, gain: float, limit: float, unit: str, meant
         yield (
             key,
             f"found {found:g}, which moves a hand up to {found * gain:.3g} {unit} from its home, its speed "
-            f"included; arms reach {limit:.3g} {unit} at most: expected at most {rounded_down(limit / gain):g}, {meant}",
+            f"included; arms reach {limit:.3g} {unit}: expected at most {rounded_down(limit / gain):g}, {meant}",
         )
