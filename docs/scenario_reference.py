@@ -24,7 +24,19 @@ _MARK = "<!-- All that follows is written by docs/scenario_reference.py -->\n"
 def page() -> str:
     """Return the page in Markdown: the part by hand up to the mark, and then the reference."""
     by_hand, mark, _ = PAGE.read_text().partition(_MARK)
-    return "\n".join([by_hand + mark, *(_section(place, section) for place, section in _sections("", Scenario))])
+    first: dict[type[msgspec.Struct], str] = {}
+    parts = [by_hand + mark]
+    for place, section in _sections("", Scenario):
+        if first.setdefault(section, place) == place:
+            parts.append(_section(place, section))
+        else:
+            parts.append(f"## `{place}`\n\nThe keys are those of {_link(first[section])}.\n")
+    return "\n".join(parts)
+
+
+def _link(place: str) -> str:
+    """Return a link to a section of the page; anchors are made as GitHub and MyST make them."""
+    return f"[`{place}`](#{place.strip('[]').replace('.', '')})"
 
 
 def _sections(place: str, section: type[msgspec.Struct]) -> Iterator[tuple[str, type[msgspec.Struct]]]:

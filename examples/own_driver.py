@@ -1,12 +1,12 @@
-"""Your robots' own driver in place of the physics server. Here a recording plays the robots:
+"""A driver for your own robots, in place of the physics server. In this example a recording replaces the robots:
 
     coheft run ring3 --duration 10 --save-data run.npz     # or a recording of your own, see docs/data-format.md
-    coheft run ring3 --write-configs team                  # what each agent is to be told
+    coheft run ring3 --write-configs team                  # the agents' configurations
     coheft agent team/r1.json & coheft agent team/r2.json & coheft agent team/r3.json &
     python examples/own_driver.py run.npz team/r1.json team/r2.json team/r3.json
 
-On real robots each has a driver of its own, on its own computer, with one configuration. Block k begins at the same
-time for all of them: clocks have to agree within a fraction of a millisecond.
+Real robots each have a driver with one configuration, usually on a computer of their own. Block k begins at the same
+time for all of them, so clocks have to agree within a fraction of a millisecond.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from coheft.wire.transport.sessions import Keys, open_session
 
 
 def measured(data: Path, configs: list[AgentProcessConfig]) -> dict[str, Array]:
-    """All samples of each robot, shape (n, 15), in its grasp frame. This is where your sensors come in."""
+    """Return all samples of each robot, shape (n, 15), in its grasp frame. Read your sensors here instead."""
     recording = read_recording(data)
     rate, names = configs[0].agent.rate, [config.agent.name for config in configs]
     if abs(recording.rate - rate) > 1e-3 * rate or not set(names) <= set(recording.names):
@@ -40,12 +40,12 @@ def measured(data: Path, configs: list[AgentProcessConfig]) -> dict[str, Array]:
 
 
 def main(data: str, *files: str) -> None:
-    """Feed the agents with these configurations, and print what they believe in the end."""
+    """Feed the agents with these configurations, and print their last estimates."""
     configs = [msgspec.json.decode(Path(file).read_bytes(), type=AgentProcessConfig) for file in files]
     samples = measured(Path(data), configs)
     with ExitStack() as stack:
         drivers = [stack.enter_context(open_driver(config)) for config in configs]
-        # Only to see what comes of it: agents tell their estimates to whoever watches.
+        # Only to print the estimates, which agents send to observers.
         watcher, estimates = stack.enter_context(open_session(connect=[config.observe for config in configs])), Inbox()
         for config in configs:
             key = Keys(config.run).observe_agent(config.agent.name, "estimate")
@@ -55,7 +55,7 @@ def main(data: str, *files: str) -> None:
         length = drivers[0].samples
         for block in range(len(samples[drivers[0].name]) // length):
             for driver in drivers:
-                driver.reference(block)  # what your arm shall do; what was recorded cannot be moved any more
+                driver.reference(block)  # the reference for your arm; a recording cannot follow it
                 driver.send(block, samples[driver.name][block * length : (block + 1) * length])
         for driver in drivers:
             driver.finish()

@@ -244,7 +244,7 @@ def test_version(capfd: pytest.CaptureFixture[str]) -> None:
 def test_help_tells_the_exit_status(capfd: pytest.CaptureFixture[str]) -> None:
     assert run_command_line(["--help"]) == EXIT_CONVERGED
     text = " ".join(capfd.readouterr().out.split())
-    assert "3 not every robot converged, or one is further off than it claims (or: not all was reached)" in text
+    assert "3 not every robot converged, or an estimate is further off than it claims (or: incomplete or " in text
 
 
 def test_help_tells_how_changes_and_places_are_written(capfd: pytest.CaptureFixture[str]) -> None:

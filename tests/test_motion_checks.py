@@ -105,13 +105,13 @@ def test_motions_of_ones_own_are_not_known_here() -> None:
     [
         (
             "translation = 60",
-            "key 'motion.translation': found 60, with which a hand can be asked to go 80.2 m from its home, its speed "
-            "counted in; arms go 2 m at most: expected at most 1.4, in metres, not millimetres",
+            "key 'motion.translation': found 60, which moves a hand up to 80.2 m from its home, its speed "
+            "included; arms reach 2 m: expected at most 1.4, in metres, not millimetres",
         ),
         (
             "rotation = 12",
-            "key 'motion.rotation': found 12, with which a hand can be asked to go 17.1 rad from its home, its speed "
-            "counted in; arms go 6.28 rad at most: expected at most 4.4, in radians, not degrees",
+            "key 'motion.rotation': found 12, which moves a hand up to 17.1 rad from its home, its speed "
+            "included; arms reach 6.28 rad: expected at most 4.4, in radians, not degrees",
         ),
     ],
 )

@@ -15,8 +15,9 @@ EXIT_MEANINGS = {
     EXIT_CONVERGED: "every robot converged (or: done)",
     EXIT_ERROR: "an error",
     EXIT_USAGE: "wrong usage or a bad scenario",
-    EXIT_NOT_CONVERGED: "not every robot converged, or one is further off than it claims (or: not all was reached)",
-    EXIT_BROKEN_PROMISE: "a promise was broken",
+    EXIT_NOT_CONVERGED: "not every robot converged, or an estimate is further off than it claims (or: incomplete or "
+    "doubtful results)",
+    EXIT_BROKEN_PROMISE: "a promise was broken (coheft faults)",
     EXIT_INTERRUPTED: "stopped by Ctrl-C",
 }
 
@@ -28,7 +29,7 @@ SHELL = cyclopts.Group.create_ordered("The command line itself")
 
 app = cyclopts.App(
     name="coheft",
-    help="Robots that hold a load together identify it by themselves.",
+    help="Identify a load that several robots hold: in a simulation, from recordings, or with real robots.",
     help_epilogue=f"Exit status: {', '.join(f'{status} {meaning}' for status, meaning in EXIT_MEANINGS.items())}.",
     version=coheft.__version__,
     group_commands=SHELL,

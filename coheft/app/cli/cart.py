@@ -15,7 +15,7 @@ from coheft.errors import UsageError
 
 Point = Annotated[tuple[float, float], Parameter(negative=(), show_default=lambda point: " ".join(map(str, point)))]
 
-cart_app = cyclopts.App(name="cart", group=EVALUATE)
+cart_app = cyclopts.App(name="cart", group=EVALUATE, group_commands="Your own recordings")
 app.command(cart_app)
 
 

@@ -145,7 +145,7 @@ def cut(one: Robot, other: Neighbour, *, run: options.RunFolder = None) -> None:
 
 @app.command(group=CONTROL)
 def mend(one: Robot, other: Neighbour, *, run: options.RunFolder = None) -> None:
-    """Mend a link that was cut."""
+    """Restore a link that was cut."""
     _set_link(run, one, other, cut=False)
     print(f"{one} and {other} can receive each other's messages again")
 
@@ -161,9 +161,9 @@ def disturb(
     clock: Share | None = None,
     run: options.RunFolder = None,
 ) -> None:
-    """Let messages between neighbours be lost or late, or set a robot's clock; without options, restore them.
+    """Lose or delay messages between neighbours, or set a robot's clock; without options, restore them.
 
-    An agent that restarts receives everything in time again.
+    An agent that restarts is no longer disturbed.
 
     Args:
         loss: Share of messages that are lost, from 0 to 1.

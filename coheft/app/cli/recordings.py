@@ -10,7 +10,7 @@ from coheft.app.cli.base import EVALUATE, app
 def recover(
     recording: options.GivenPath, *, output: options.FileTarget = None, overwrite: options.Flag = False
 ) -> None:
-    """Save what is intact of a recording that is damaged, or whose run was killed.
+    """Save the intact part of a recording that is damaged, or whose run was killed.
 
     Args:
         recording: The .mcap file; it is not changed.

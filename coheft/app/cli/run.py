@@ -57,7 +57,8 @@ def run(
 ) -> int:
     """Start the physics server and one process per robot, and follow their estimates of the load.
 
-    Exit status 0 if every robot converged, none is stale, and none is further off than it claims; otherwise 3.
+    Exit status 0 if every robot converged, none is stale, and no error is larger than four of the robot's own standard
+    deviations; otherwise 3.
 
     Args:
         change: A change of the load that replaces those of the scenario. For instance, t=20,mass=3,at=0.4,0.3,0.1 drops

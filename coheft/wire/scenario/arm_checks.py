@@ -69,10 +69,10 @@ def stability_complaints(scenario: Scenario) -> Iterator[Complaint]:
         share *= 0.5
     yield (
         "robots.stiffness",
-        f"the robots' arms are too stiff, or damped too strongly, for so light a payload ({payload.mass:.3g} kg): it "
-        f"would fly apart. Found robots.stiffness = {_in_file(robots.stiffness)} and robots.damping = "
+        f"the robots' arms are too stiff, or damped too strongly, for so light a payload ({payload.mass:.3g} kg): the "
+        f"simulation would be unstable. Found robots.stiffness = {_in_file(robots.stiffness)} and robots.damping = "
         f"{_in_file(robots.damping)}; {_in_file(robots.stiffness, share)} and {_in_file(robots.damping, share)} would "
-        f"do",
+        f"work",
     )
 
 

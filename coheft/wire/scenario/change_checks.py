@@ -41,7 +41,7 @@ def load_complaints(scenario: Scenario) -> Iterator[Complaint]:
             )
         if change.remove is None and len(there) >= slots:
             found = f"found {len(there) + 1} loads at a time from {change.at} s on"
-            yield key, f"{found}, but 'payload.load_slots' is {slots}"
+            yield key, f"{found}, but 'payload.load_slots' is {slots}; set it to at least {len(there) + 1}"
 
 
 def loads_over_time(scenario: Scenario) -> Iterator[tuple[int, LoadChange, dict[int, LoadChange]]]:

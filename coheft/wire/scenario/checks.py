@@ -137,7 +137,7 @@ def _sensor_complaints(scenario: Scenario) -> Iterator[Complaint]:
         missing = tuple(sensor for sensor in each.without() if sensor in MOTION_SENSORS)
         key, found = f"sensors.of[{number}].missing", f"found {in_words(missing)} with " if missing else ""
         if missing and "fan2017" in estimator_names(scenario.estimator):
-            yield key, f"{found}'estimator' = 'fan2017', expected 'efficient': it takes what is missing for zeros"
+            yield key, f"{found}'estimator' = 'fan2017', expected 'efficient': 'fan2017' would use zeros instead"
         if "acceleration" in missing and scenario.carry is not None and scenario.carry.feedforward:
             yield (
                 key,

@@ -13,15 +13,15 @@ from coheft.wire.scenario.section import NAME_IN_WORDS
 from coheft.wire.scenario.toml_value import as_toml
 
 _GONE = {
-    "efficient.start_rotation_deg": "the estimator has no sums any more that begin with rough poses",
-    "efficient.start_translation_mm": "the estimator has no sums any more that begin with rough poses",
-    "efficient.refit_share": "all is fitted anew whenever there are 15 % more measurements",
+    "efficient.start_rotation_deg": "the estimator no longer uses sums with rough poses",
+    "efficient.start_translation_mm": "the estimator no longer uses sums with rough poses",
+    "efficient.refit_share": "the fit is repeated whenever there are 15 % more measurements",
 }
 """Keys of earlier releases that are no longer needed, with the reasons."""
 _RENAMED = {
-    "efficient.offsets": "a robot is told how far its sensors may be off, 'offsets = true' being the same as "
+    "efficient.offsets": "robots know the tolerances of their sensors; 'offsets = true' is the same as "
     "sensors.tolerance = { force_offset = 1.2, torque_offset = 0.06 }",
-    "sensors.offset": "errors are drawn with standard deviations, a largest one of 2 N being about the same as "
+    "sensors.offset": "errors are drawn with standard deviations; a largest one of 2 N is about the same as "
     "sensors.errors = { force_offset = 1.2 }",
 }
 """Keys of earlier releases, with their replacements."""

@@ -78,6 +78,6 @@ def _too_far(key: str, found: float, gain: float, limit: float, unit: str, meant
     if not (found == 0.0 or found * gain <= limit):
         yield (
             key,
-            f"found {found:g}, with which a hand can be asked to go {found * gain:.3g} {unit} from its home, its speed "
-            f"counted in; arms go {limit:.3g} {unit} at most: expected at most {rounded_down(limit / gain):g}, {meant}",
+            f"found {found:g}, which moves a hand up to {found * gain:.3g} {unit} from its home, its speed "
+            f"included; arms reach {limit:.3g} {unit}: expected at most {rounded_down(limit / gain):g}, {meant}",
         )

@@ -89,7 +89,9 @@ class HeldBody:
                 refuse_scenario(place, f"body {self._name!r} has no mass: give its geoms a density or a mass")
             is_solid = np.all(np.isfinite(whole.tensor)) and np.all(np.linalg.eigvalsh(whole.pseudo_inertia()) > 0.0)
         if not is_solid:
-            refuse_scenario(place, f"a body of {whole.mass:g} kg with such moments of inertia has no extent somewhere")
+            refuse_scenario(
+                place, f"a body of {whole.mass:g} kg with such moments of inertia has no extent in some direction"
+            )
         return whole
 
     def extent(self, properties: MassProperties) -> Extent:

@@ -70,7 +70,7 @@ def _moved(error: Exception) -> str:
     name = error.name if isinstance(error, ImportError) else None
     if name is None or name.partition(".")[0] not in ("coheft", "agents", "consensus", "physics_server"):
         return ""
-    return "; coheft's modules have moved into rooms of the one package coheft: CHANGELOG.md lists them"
+    return "; coheft's modules have moved into the package 'coheft': CHANGELOG.md lists them"
 
 
 def told(error: Exception, module: str) -> str:

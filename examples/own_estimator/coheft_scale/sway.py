@@ -1,4 +1,4 @@
-"""A motion so gentle that one can weigh meanwhile: to and fro along one direction."""
+"""A slow motion to and fro along one direction, during which the payload can be weighed."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from coheft.wire.config import AgentConfig
 
 
 class SwaySettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What ``[settings.sway]`` in a scenario may say.
+    """The settings in ``[settings.sway]`` of a scenario.
 
     Attributes:
         amplitude: Greatest distance from home [m].
@@ -22,7 +22,7 @@ class SwaySettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Sway:
-    """Sways along a direction that this robot draws alone. See ``coheft.agents.motion.reference.ReferenceMotion``."""
+    """Sways along a direction drawn for each robot. See ``coheft.agents.motion.reference.ReferenceMotion``."""
 
     def __init__(self, config: AgentConfig) -> None:
         settings = msgspec.convert(config.motion_settings, SwaySettings)
