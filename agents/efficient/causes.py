@@ -53,9 +53,10 @@ class Causes:
 
     @property
     def certain_changes(self) -> list[LoadChange]:
-        """Load changes for which a slip has been ruled out."""
+        """Load changes that are not slips instead."""
         suspicion = self._suspicion
-        return self.changes if suspicion is None or not suspicion.is_open else self.changes[: suspicion.changes]
+        is_certain = suspicion is None or suspicion.is_load_certain or not suspicion.is_open
+        return self.changes if suspicion is None or is_certain else self.changes[: suspicion.changes]
 
     def load_drift(self, known: Knowledge, newest: int) -> LoadDrift | None:
         """The drift of the present load, None if it does not drift.
@@ -70,7 +71,7 @@ class Causes:
     def start_over(self) -> None:
         """Leave the changes so far out of drifts, and stop to compare with what was known before a gap."""
         self._forgotten = len(self.changes)
-        if self._suspicion is not None and self._suspicion.is_after_gap:
+        if self._suspicion is not None and self._suspicion.is_expected:
             self._suspicion = None
 
     def suspect(self, known: Knowledge, index: int, newest: int, is_load: bool, unnoticed: UnnoticedStep) -> None:
@@ -90,7 +91,7 @@ class Causes:
         if self._suspicion is None:
             index, drift = max(index, buffer.start), self.load_drift(known, first)
             self._suspicion = Suspicion.of_change(known, index, newest, len(self.changes), is_load, unnoticed, drift)
-        elif self._suspicion.is_after_gap and is_load:
+        elif self._suspicion.is_expected and is_load:
             self._suspicion.notice_load()
 
     def expect(self, known: Knowledge, since: int, unnoticed: UnnoticedStep) -> None:
@@ -102,7 +103,7 @@ class Causes:
     def load_begins(self, number: int) -> None:
         """Begin the present load at this row; unless it is the first since a gap, only its rows are compared."""
         suspicion = self._suspicion
-        if suspicion is None or not suspicion.is_after_gap:
+        if suspicion is None or not suspicion.is_expected:
             return
         earlier = [change for change in self.changes[suspicion.changes :] if change.first < number]
         if earlier:
@@ -123,9 +124,14 @@ class Causes:
         """Forget what is being compared: what was known before is not to be relied upon."""
         self._suspicion = None
 
+    def contradiction_begins(self) -> None:
+        """Note that motions contradict each other, so a grasp may have slipped, even if the load has changed."""
+        if self._suspicion is not None:
+            self._suspicion.notice_contradiction()
+
     def contradiction_ends(self) -> None:
         """Note that motions contradict each other no longer, so no grasp has slipped when they did."""
-        if self._suspicion is not None and not (self._suspicion.is_load or self._suspicion.is_after_gap):
+        if self._suspicion is not None and not (self._suspicion.is_load or self._suspicion.is_expected):
             self._suspicion = None
 
     def decide(self, known: Knowledge, newest: int) -> tuple[Event, Knowledge | None] | None:
@@ -153,11 +159,11 @@ class Causes:
                     self.changes.append(LoadChange(cause.first, newest, suspicion.former_load, math.inf))
                 self._suspicion = None
                 return Event.SLIPPED, slipped
-        longest = self._rows.after_gap if suspicion.is_after_gap else self._rows.telling_apart
+        longest = self._rows.after_gap if suspicion.is_expected else self._rows.telling_apart
         is_load = suspicion.is_load and cause is not None and cause.robot is None
-        if is_load and suspicion.is_after_gap:
-            suspicion.is_load = False  # but a grasp may have slipped as well
-        elif is_load or newest - suspicion.noticed >= longest:
+        if is_load:
+            suspicion.settle_load(self.changed_at)
+        elif newest - suspicion.noticed >= longest:
             self._suspicion = None
             return (Event.STARTED_OVER, None) if suspicion.favours_change else None
         return None

@@ -207,7 +207,7 @@ class ChangeDetector:
         found, least = self._detected(known, index), self._guards.worth_a_fit
         rows = known.buffer.count - found.at
         if is_located:
-            located = self._detected(known, known.likeliest_change(known.fit()))
+            located = self._detected(known, known.one_load(known.fit()).likeliest_change())
             if located.surprise > least and not located.before.misses_poses:
                 found = located._replace(surprise=max(found.surprise, located.surprise))
         if found.surprise > 1.0:

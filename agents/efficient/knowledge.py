@@ -19,6 +19,7 @@ from coheft.agents.efficient.row_times import MANY
 from coheft.agents.efficient.settings import Guards
 from coheft.agents.efficient.small_steps import NO_STEP, UnnoticedStep
 from coheft.estimation.geometry.spatial import Array, Pose
+from coheft.estimation.moments.body import BodyModel
 from coheft.estimation.moments.change import likeliest_step, surprise
 from coheft.estimation.moments.chapter import Chapter, Prior
 from coheft.estimation.moments.fit import Estimate, EvaluateMoments, fit_state
@@ -153,7 +154,7 @@ class Knowledge:
             end: The estimate is from the rows before this index; None if from all of them.
             missing: Number of rows that are missing since.
         """
-        fit = self._one_load(estimate, end, is_last=end is None)
+        fit = self.one_load(estimate, end, is_last=end is None)
         step = self._unnoticed_step(estimate, unnoticed, fit)
         if drift is None:
             return step
@@ -188,7 +189,7 @@ class Knowledge:
         """
         if estimate.state.load is None or (drift is None and unnoticed.mass == 0.0):
             return estimate
-        fit = self._one_load(estimate, end)
+        fit = self.one_load(estimate, end)
         step = self._unnoticed_step(estimate, unnoticed, fit)
         if step is not None:
             estimate = estimate.with_process_noise(step)
@@ -249,7 +250,7 @@ class Knowledge:
         chapter, state, self._first = self._chapter, now.state.with_load(None), self.buffer.number_at(index)
         step, first = None, min(index, self.buffer.index_of(unnoticed.first))
         if unnoticed.mass > 0.0:
-            step = first, unnoticed.covariance(now, self._one_load(now, index).error_by_step(first))
+            step = first, unnoticed.covariance(now, self.one_load(now, index).error_by_step(first))
         chapter.end_of_load(now, self._guess, index, has_changed and not now.misses_poses, step=step)
         if has_changed:  # poses stay, so rows need not be evaluated anew
             self.estimate = replace(now, body=self._settings.body(state))
@@ -268,8 +269,8 @@ class Knowledge:
         Returns:
             Whether it has.
         """
-        noise = drift.process_noise(now, self._one_load(now, index).error_by_drift())
-        newest = self._one_load(now).wrenches(index, self.buffer.count)
+        noise = drift.process_noise(now, self.one_load(now, index).error_by_drift())
+        newest = self.one_load(now).wrenches(index, self.buffer.count)
         step = likeliest_step(newest, self.covariance_now(now) + noise, now.body.unknowns.theta)
         if not drift.goes_on(float(step[0]), 0):
             return False
@@ -324,6 +325,10 @@ class Knowledge:
         found.fit()
         return found
 
+    def body_at(self, state: State) -> BodyModel:
+        """Return the matrices at a state."""
+        return self._settings.body(state)
+
     def covariance_now(self, now: Estimate) -> Array:
         """Covariance (u, u) of an estimate, with the drift of sensors over the rows that are kept."""
         if not self._settings.drift.is_any:
@@ -333,10 +338,6 @@ class Knowledge:
         result[np.ix_(indices, indices)] += drifted
         return result
 
-    def likeliest_change(self, now: Estimate) -> int:
-        """See ``OneLoad.likeliest_change``; ``now`` is the fit to all rows."""
-        return self._one_load(now).likeliest_change()
-
     def surprise(self, index: int, now: Estimate) -> float:
         """Return the statistic of a load change at this row over its threshold; allows for all uncertainty.
 
@@ -344,10 +345,10 @@ class Knowledge:
             index: Of the first row of the other load.
             now: The fit to the rows before.
         """
-        newest = self._one_load(now).wrenches(index, self.buffer.count)
+        newest = self.one_load(now).wrenches(index, self.buffer.count)
         return surprise(newest, self.covariance_now(now), now.body.unknowns.theta)
 
-    def _one_load(self, estimate: Estimate, end: int | None = None, is_last: bool = True) -> OneLoad:
+    def one_load(self, estimate: Estimate, end: int | None = None, is_last: bool = True) -> OneLoad:
         """The fit that an estimate is from, with the rows before ``end``: the last one, or else one to all of these."""
         buffer = self.buffer
         fitted, last = buffer.index_of(self._unfitted), buffer.count if end is None else end

@@ -148,6 +148,7 @@ class Session:
             case Use.BACK_TO_FIRST:
                 numbers = self._known.buffer.numbers[: self._known.buffer.count]
                 self._suspect(int(np.searchsorted(numbers, first)), is_load=False)
+                self.causes.contradiction_begins()
                 self._known.take_back(first)
                 self._detector.take_back()
             case Use.START_OVER:

@@ -7,7 +7,8 @@ much likelier than all other causes, and with which all rows fit, replaces what 
 that may be from before it are left out then: one of them would do more harm than several later rows do good.
 
 After missing rows, load and grasps may have changed unseen, even both. So there is a suspicion without any notice, and
-nothing is valid while its rows are likelier with a slip.
+nothing is valid while its rows are likelier with a slip. It goes on after a load change if motions contradict each
+other: a grasp may have slipped because of it.
 """
 
 from __future__ import annotations
@@ -113,6 +114,15 @@ class Before(NamedTuple):
         estimate = known.known_from(prior)
         return Before(estimate, prior, known.covariance_now(estimate), self.past, self.unseen)
 
+    def with_load_of(self, known: Knowledge) -> Before:
+        """Return the same at the present load, of which nothing was known: derivatives by poses depend on the load."""
+        assert known.estimate is not None
+        body = known.body_at(self.estimate.state.with_load(known.estimate.state.load))
+        covariance, theta = self.covariance.copy(), body.unknowns.theta
+        covariance[theta] = covariance[:, theta] = 0.0
+        covariance[theta, theta] = np.diag(np.square(self.prior.guess.limits))
+        return self._replace(estimate=replace(self.estimate, body=body), covariance=covariance)
+
 
 class Suspicion:
     """A change whose cause is not known yet: what was known before, and all rows since.
@@ -124,11 +134,13 @@ class Suspicion:
         noticed: Number of the row at which it was noticed.
         changes: Number of load changes before.
         is_load: Whether it looks like a load change; if not, motions contradict each other.
-        is_after_gap: Whether nothing has been noticed, but rows were missing, and anything may have changed meanwhile.
+        is_expected: Whether all that has been noticed is explained, but more may have occurred: rows were missing, or
+            the load has changed.
 
     Attributes:
-        noticed, changes, is_load, is_after_gap: As given.
-        favours_change: Whether rows after a gap are likelier if a grasp has slipped, or the load has changed unnoticed.
+        noticed, changes, is_load, is_expected: As given.
+        is_load_certain: Whether the load has changed for certain, even if a grasp has slipped as well.
+        favours_change: Whether rows are likelier with a change that is only expected, of a grasp or of the load.
     """
 
     def __init__(
@@ -139,13 +151,15 @@ class Suspicion:
         noticed: int,
         changes: int,
         is_load: bool = False,
-        is_after_gap: bool = False,
+        is_expected: bool = False,
     ) -> None:
         self._before, self._rows, self._first = before, rows, first
         self._next, self._tried = _LEAST, dict[int, LogRatios]()
         self.noticed, self.changes, self.is_load = noticed, changes, is_load
         self._oldest = -1  # rows before this number are of another load
-        self.is_after_gap, self.favours_change, self._is_load_known = is_after_gap, False, is_load
+        self._contradicts = self._rests = False  # if it rests, nothing is compared until motions contradict each other
+        self.is_load_certain = False
+        self.is_expected, self.favours_change, self._is_load_known = is_expected, False, is_load
 
     @staticmethod
     def of_change(
@@ -172,16 +186,26 @@ class Suspicion:
         """The suspicion when rows have been missing; ``since`` is the number of the first row that is not."""
         missing = max(0, since - known.buffer.number_at(known.buffer.count))
         before = Before.of(known, known.buffer.count, unnoticed, drift, missing)
-        return Suspicion(before, {}, since, since, changes, is_after_gap=True)
+        return Suspicion(before, {}, since, since, changes, is_expected=True)
 
     @property
     def is_open(self) -> bool:
         """Whether it is doubtful what has changed."""
-        return not self.is_after_gap or self.is_load or self.favours_change
+        return not self.is_expected or self.is_load or self.favours_change
 
     def notice_load(self) -> None:
         """Process that it looks like a load change now."""
         self.is_load = self._is_load_known = True
+
+    def notice_contradiction(self) -> None:
+        """Process that motions contradict each other: a load that has changed does not explain that."""
+        self._contradicts, self._rests = True, False
+
+    def settle_load(self, number: int) -> None:
+        """Process that the load has changed at this row; a grasp may have slipped as well."""
+        self._leave_out_before(number)
+        self._rests, self.is_load_certain = not (self.is_expected or self._contradicts), True
+        self.is_load, self.is_expected = False, True
 
     def begin_at(self, number: int, changes: int) -> None:
         """Leave out the rows before this one: after a gap, the load has changed once more, possibly to what it was.
@@ -191,16 +215,19 @@ class Suspicion:
             changes: Number of load changes before.
         """
         self.changes = changes
+        self._leave_out_before(number)
+        self._next, self.is_load, self.is_load_certain = _LEAST, False, False
+
+    def _leave_out_before(self, number: int) -> None:
         self._rows = {each: row for each, row in self._rows.items() if each >= number}
         self._first = self._oldest = number
-        self._next, self.is_load = _LEAST, False
 
     def may_begin_at(self, number: int) -> bool:
         """Whether a change that begins at this row may be this one: not after rows that have shown no change in a gap,
         nor before the gap.
         """
         has_compared = sum(each < number for each in self._rows) >= _LEAST
-        return not self.is_after_gap or (number >= self._first and (self.is_open or not has_compared))
+        return not self.is_expected or (number >= self._first and (self.is_open or not has_compared))
 
     def add(self, number: int, row: Array) -> None:
         """Add a row; what was before a change of the load after a gap counts for nothing."""
@@ -209,6 +236,8 @@ class Suspicion:
 
     def cause(self, known: Knowledge, guards: Guards) -> Cause | None:
         """Return the cause; None while it is not clear, or if few rows have come since the last comparison."""
+        if self._rests:
+            return None
         numbers, self._tried = sorted(self._rows), {}
         index = bisect_left(numbers, self._first)
         if len(numbers) - index < self._next:
@@ -217,15 +246,18 @@ class Suspicion:
         if before is None:  # nothing can be compared yet
             return None
         self._next = math.ceil(_GROWTH * (len(numbers) - index))
+        is_at_present = self.is_load_certain and known.theta is not None
+        if is_at_present:
+            before = before.with_load_of(known)
         rows = np.array([self._rows[number] for number in numbers])
         ratios = partial(self._ratios, before, EvidenceAt(before.estimate.body), rows)
         load, _ = _likeliest(len(numbers), index, lambda start: ratios(start).load)
         sensor, _ = _likeliest(len(numbers), index, lambda start: ratios(start).sensor)
         slip, first = _likeliest(len(numbers), index, lambda start: float(ratios(start).slips.max()))
         both, first_of_both = _likeliest(len(numbers), index, lambda start: float(ratios(start).slips_with_load.max()))
-        lead, is_load = max(slip, both) - max(load, sensor, 0.0), both > slip
+        lead, is_load = max(slip, both) - max(load, sensor, 0.0), both > slip or is_at_present
         doubtful = lead if self._is_load_known else max(lead, load)
-        self.favours_change = self.is_after_gap and doubtful > guards.doubt
+        self.favours_change = self.is_expected and doubtful > guards.doubt
         if lead <= guards.lead:
             return Cause(None, self._first) if max(load, sensor) > slip + guards.lead else None
         first = first_of_both if is_load else first
@@ -240,7 +272,7 @@ class Suspicion:
         if start not in self._tried:
             moments, body = RowMoments.of(rows[start:]), before.estimate.body
             newest = evidence.of(evaluated_moments(body, moments, moments))
-            self._tried[start] = log_ratios(body, newest, before.covariance, before.prior.guess, self.is_after_gap)
+            self._tried[start] = log_ratios(body, newest, before.covariance, before.prior.guess)
         return self._tried[start]
 
     def known_if_slipped(self, known: Knowledge, cause: Cause, guards: Guards) -> Knowledge | None:
