@@ -90,7 +90,9 @@ class Causes:
             self._suspicion = None
         if self._suspicion is None:
             index, drift = max(index, buffer.start), self.load_drift(known, first)
-            self._suspicion = Suspicion.of_change(known, index, newest, len(self.changes), is_load, unnoticed, drift)
+            self._suspicion = Suspicion.of_change(
+                known, index, newest, len(self.changes), is_load, unnoticed, drift, self._rows.telling_apart
+            )
         elif self._suspicion.is_expected and is_load:
             self._suspicion.notice_load()
 
@@ -98,7 +100,9 @@ class Causes:
         """Compare causes from this row on: rows before were missing, or not used, so anything may have changed."""
         if self._suspicion is None or not self._suspicion.is_open:
             drift = self.load_drift(known, since)
-            self._suspicion = Suspicion.after_gap(known, since, len(self.changes), unnoticed, drift)
+            self._suspicion = Suspicion.after_gap(
+                known, since, len(self.changes), unnoticed, drift, self._rows.after_gap
+            )
 
     def load_begins(self, number: int) -> None:
         """Begin the present load at this row; unless it is the first since a gap, only its rows are compared."""

@@ -329,11 +329,11 @@ class Knowledge:
         """Return the matrices at a state."""
         return self._settings.body(state)
 
-    def covariance_now(self, now: Estimate) -> Array:
-        """Covariance (u, u) of an estimate, with the drift of sensors over the rows that are kept."""
+    def covariance_now(self, now: Estimate, later: int = 0) -> Array:
+        """Covariance (u, u) of an estimate, with the drift of sensors over the rows that are kept and so many later."""
         if not self._settings.drift.is_any:
             return now.covariance
-        indices, drifted = self._settings.drifted(now.body, self.buffer.count * self._settings.period)
+        indices, drifted = self._settings.drifted(now.body, (self.buffer.count + later) * self._settings.period)
         result = now.covariance.copy()
         result[np.ix_(indices, indices)] += drifted
         return result

@@ -81,6 +81,7 @@ class Before(NamedTuple):
         covariance: Covariance of all unknowns, shape (u, u), with the drift of sensors.
         past: The rows until then.
         unseen: Covariance (u, u) of the error if theta has changed before without having been noticed, or None.
+        later: Number of later rows with which it may be compared, missing ones included; sensors drift meanwhile.
     """
 
     estimate: Estimate
@@ -88,13 +89,18 @@ class Before(NamedTuple):
     covariance: Array
     past: Past
     unseen: Array | None
+    later: int
 
     @staticmethod
-    def of(known: Knowledge, index: int, unnoticed: UnnoticedStep, drift: LoadDrift | None, missing: int = 0) -> Before:
-        """What the rows before an index have shown; so many rows are missing after them."""
+    def of(
+        known: Knowledge, index: int, unnoticed: UnnoticedStep, drift: LoadDrift | None, later: int, missing: int = 0
+    ) -> Before:
+        """What the rows before an index have shown; so many rows are missing after them, and ``later`` are compared."""
         estimate, prior = known.known_before(index)
         unseen = known.unseen_change(estimate, unnoticed, drift, index, missing)
-        return Before(estimate, prior, known.covariance_now(estimate), known.innovations.past_before_slip, unseen)
+        later += missing
+        covariance = known.covariance_now(estimate, later)
+        return Before(estimate, prior, covariance, known.innovations.past_before_slip, unseen, later)
 
     def with_poses_of(self, known: Knowledge) -> Before | None:
         """Return the same with the poses of robots that have joined as they are known now, because the offset of the
@@ -112,7 +118,7 @@ class Before(NamedTuple):
         shift = there.since(state, self.estimate.body.unknowns)
         prior = replace(self.prior, state=there, evidence=self.prior.evidence.shifted(shift))
         estimate = known.known_from(prior)
-        return Before(estimate, prior, known.covariance_now(estimate), self.past, self.unseen)
+        return self._replace(estimate=estimate, prior=prior, covariance=known.covariance_now(estimate, self.later))
 
     def with_load_of(self, known: Knowledge) -> Before:
         """Return the same at the present load, of which nothing was known: derivatives by poses depend on the load."""
@@ -170,6 +176,7 @@ class Suspicion:
         is_load: bool,
         unnoticed: UnnoticedStep,
         drift: LoadDrift | None,
+        later: int,
     ) -> Suspicion:
         """The suspicion when a change is noticed; the row at ``index`` is the first after it, as far as is known."""
         buffer = known.buffer
@@ -177,15 +184,15 @@ class Suspicion:
         numbers = buffer.numbers[begin : buffer.count].tolist()
         rows = dict(zip(numbers, buffer.window(begin).copy(), strict=True))
         first = numbers[index - begin] if index < buffer.count else noticed
-        return Suspicion(Before.of(known, begin, unnoticed, drift), rows, first, noticed, changes, is_load)
+        return Suspicion(Before.of(known, begin, unnoticed, drift, later), rows, first, noticed, changes, is_load)
 
     @staticmethod
     def after_gap(
-        known: Knowledge, since: int, changes: int, unnoticed: UnnoticedStep, drift: LoadDrift | None
+        known: Knowledge, since: int, changes: int, unnoticed: UnnoticedStep, drift: LoadDrift | None, later: int
     ) -> Suspicion:
         """The suspicion when rows have been missing; ``since`` is the number of the first row that is not."""
         missing = max(0, since - known.buffer.number_at(known.buffer.count))
-        before = Before.of(known, known.buffer.count, unnoticed, drift, missing)
+        before = Before.of(known, known.buffer.count, unnoticed, drift, later, missing)
         return Suspicion(before, {}, since, since, changes, is_expected=True)
 
     @property
