@@ -135,8 +135,11 @@ class Causes:
 
     def contradiction_ends(self) -> None:
         """Note that motions contradict each other no longer, so no grasp has slipped when they did."""
-        if self._suspicion is not None and not (self._suspicion.is_load or self._suspicion.is_expected):
+        suspicion = self._suspicion
+        if suspicion is not None and not (suspicion.is_load or suspicion.is_expected):
             self._suspicion = None
+        elif suspicion is not None:
+            suspicion.forget_contradiction()
 
     def decide(self, known: Knowledge, newest: int) -> tuple[Event, Knowledge | None] | None:
         """Decide between the causes once one of them leads.
@@ -157,16 +160,16 @@ class Causes:
             slipped = suspicion.known_if_slipped(known, cause, guards)
             if slipped is not None:
                 self.slips.append(Slip(cause.robot, cause.first, suspicion.noticed, newest))
-                del self.changes[suspicion.changes :]
-                self._forgotten = min(self._forgotten, len(self.changes))
-                if cause.is_load:
-                    self.changes.append(LoadChange(cause.first, newest, suspicion.former_load, math.inf))
+                if not suspicion.is_load_certain:
+                    del self.changes[suspicion.changes :]
+                    self._forgotten = min(self._forgotten, len(self.changes))
+                    if cause.is_load:
+                        self.changes.append(LoadChange(cause.first, newest, suspicion.former_load, math.inf))
                 self._suspicion = None
                 return Event.SLIPPED, slipped
         longest = self._rows.after_gap if suspicion.is_expected else self._rows.telling_apart
-        is_load = suspicion.is_load and cause is not None and cause.robot is None
-        if is_load:
-            suspicion.settle_load(self.changed_at)
+        if suspicion.is_load and cause is not None and cause.robot is None:
+            suspicion.settle_load(self.changed_at, cause.is_load)
         elif newest - suspicion.noticed >= longest:
             self._suspicion = None
             return (Event.STARTED_OVER, None) if suspicion.favours_change else None

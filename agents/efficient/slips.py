@@ -8,7 +8,7 @@ that may be from before it are left out then: one of them would do more harm tha
 
 After missing rows, load and grasps may have changed unseen, even both. So there is a suspicion without any notice, and
 nothing is valid while its rows are likelier with a slip. It goes on after a load change if motions contradict each
-other: a grasp may have slipped because of it.
+other before the new load is known: a grasp may have slipped because of it.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class Cause(NamedTuple):
     Attributes:
         robot: Index of the robot whose grasp has slipped, None if the cause is the load or a sensor.
         first: Number of the row that is most likely the first one after the change.
-        is_load: Whether the load has changed as well as the grasp.
+        is_load: Whether the load has changed, possibly as well as the grasp.
     """
 
     robot: int | None
@@ -123,7 +123,9 @@ class Before(NamedTuple):
     def with_load_of(self, known: Knowledge) -> Before:
         """Return the same at the present load, of which nothing was known: derivatives by poses depend on the load."""
         assert known.estimate is not None
-        body = known.body_at(self.estimate.state.with_load(known.estimate.state.load))
+        load = self.estimate.state.fitted_load.copy()
+        load[THETA] = known.estimate.state.fitted_load[THETA]
+        body = known.body_at(self.estimate.state.with_load(load))
         covariance, theta = self.covariance.copy(), body.unknowns.theta
         covariance[theta] = covariance[:, theta] = 0.0
         covariance[theta, theta] = np.diag(np.square(self.prior.guess.limits))
@@ -164,7 +166,7 @@ class Suspicion:
         self.noticed, self.changes, self.is_load = noticed, changes, is_load
         self._oldest = -1  # rows before this number are of another load
         self._contradicts = self._rests = False  # if it rests, nothing is compared until motions contradict each other
-        self.is_load_certain = False
+        self.is_load_certain, self._was_noticed = False, not is_expected
         self.is_expected, self.favours_change, self._is_load_known = is_expected, False, is_load
 
     @staticmethod
@@ -203,16 +205,26 @@ class Suspicion:
     def notice_load(self) -> None:
         """Process that it looks like a load change now."""
         self.is_load = self._is_load_known = True
+        self.is_load_certain = self._rests = False
 
     def notice_contradiction(self) -> None:
         """Process that motions contradict each other: a load that has changed does not explain that."""
         self._contradicts, self._rests = True, False
 
-    def settle_load(self, number: int) -> None:
-        """Process that the load has changed at this row; a grasp may have slipped as well."""
+    def forget_contradiction(self) -> None:
+        """Process that motions contradict each other no longer: what remains is the load, if that has changed."""
+        self._contradicts, self._rests = False, self._was_noticed and self.is_expected
+
+    def settle_load(self, number: int, is_certain: bool) -> None:
+        """Process that no grasp has slipped alone; one may have slipped as well.
+
+        Args:
+            number: Number of the first row of the present load.
+            is_certain: Whether that is another load, not a faulty sensor.
+        """
         self._leave_out_before(number)
-        self._rests, self.is_load_certain = not (self.is_expected or self._contradicts), True
-        self.is_load, self.is_expected = False, True
+        self.is_load, self.is_expected, self.is_load_certain = False, True, is_certain
+        self._rests = self._was_noticed and not self._contradicts
 
     def begin_at(self, number: int, changes: int) -> None:
         """Leave out the rows before this one: after a gap, the load has changed once more, possibly to what it was.
@@ -223,11 +235,12 @@ class Suspicion:
         """
         self.changes = changes
         self._leave_out_before(number)
-        self._next, self.is_load, self.is_load_certain = _LEAST, False, False
+        self.is_load = self.is_load_certain = self._rests = False
 
     def _leave_out_before(self, number: int) -> None:
         self._rows = {each: row for each, row in self._rows.items() if each >= number}
         self._first = self._oldest = number
+        self._next = _LEAST
 
     def may_begin_at(self, number: int) -> bool:
         """Whether a change that begins at this row may be this one: not after rows that have shown no change in a gap,
@@ -253,7 +266,7 @@ class Suspicion:
         if before is None:  # nothing can be compared yet
             return None
         self._next = math.ceil(_GROWTH * (len(numbers) - index))
-        is_at_present = self.is_load_certain and known.theta is not None
+        is_at_present = self.is_load_certain and known.theta is not None and not known.misses_poses
         if is_at_present:
             before = before.with_load_of(known)
         rows = np.array([self._rows[number] for number in numbers])
@@ -262,11 +275,11 @@ class Suspicion:
         sensor, _ = _likeliest(len(numbers), index, lambda start: ratios(start).sensor)
         slip, first = _likeliest(len(numbers), index, lambda start: float(ratios(start).slips.max()))
         both, first_of_both = _likeliest(len(numbers), index, lambda start: float(ratios(start).slips_with_load.max()))
-        lead, is_load = max(slip, both) - max(load, sensor, 0.0), both > slip or is_at_present
+        lead, is_load = max(slip, both) - max(load, sensor, 0.0), both > slip or self.is_load_certain
         doubtful = lead if self._is_load_known else max(lead, load)
         self.favours_change = self.is_expected and doubtful > guards.doubt
         if lead <= guards.lead:
-            return Cause(None, self._first) if max(load, sensor) > slip + guards.lead else None
+            return Cause(None, self._first, load > sensor) if max(load, sensor) > slip + guards.lead else None
         first = first_of_both if is_load else first
         each = ratios(first).of_slips(is_load)
         robot = int(each.argmax())
@@ -279,7 +292,8 @@ class Suspicion:
         if start not in self._tried:
             moments, body = RowMoments.of(rows[start:]), before.estimate.body
             newest = evidence.of(evaluated_moments(body, moments, moments))
-            self._tried[start] = log_ratios(body, newest, before.covariance, before.prior.guess)
+            with_both = self.is_expected or self._contradicts
+            self._tried[start] = log_ratios(body, newest, before.covariance, before.prior.guess, with_both)
         return self._tried[start]
 
     def known_if_slipped(self, known: Knowledge, cause: Cause, guards: Guards) -> Knowledge | None:
@@ -294,7 +308,8 @@ class Suspicion:
             return None
         rows, start = np.array([self._rows[number] for number in numbers]), bisect_left(numbers, cause.first)
         found = _slipped(known, before, cause, numbers[start:], rows[start:])
-        later = _latest_start(before.estimate, found, rows, guards.lead)
+        former = before.with_load_of(found) if cause.is_load else before
+        later = _latest_start(former.estimate, found, rows, guards.lead)
         if len(numbers) - max(start, later) < _LEAST:
             return None
         if later > start:

@@ -364,8 +364,8 @@ def test_schedules_in_which_a_grasp_slips_unseen_keep_all_promises(seed: int):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", ONCE_BROKEN_BY_LEAKS)
-def test_schedules_in_which_a_load_leaks_keep_all_promises(seed: int):
+@pytest.mark.parametrize("seed", ONCE_BROKEN_BY_DRIFTS)
+def test_schedules_in_which_loads_or_sensors_drift_keep_all_promises(seed: int):
     assert_keeps_all_promises(DRAWN[seed])
 
 

@@ -35,7 +35,7 @@ class LogRatios(NamedTuple):
     Attributes:
         load: If the load has changed.
         slips: If the grasp of each robot has slipped, shape (N,).
-        slips_with_load: If both have happened, shape (N,).
+        slips_with_load: If both have happened, shape (N,); ``-inf`` unless asked for.
         sensor: If the likeliest force or torque sensor has an offset.
     """
 
@@ -83,7 +83,7 @@ class _White(NamedTuple):
         return 0.5 * float((squares - np.linalg.slogdet(matrix)[1]).max())
 
 
-def log_ratios(body: BodyModel, newest: Evidence, covariance: Array, guess: Guess) -> LogRatios:
+def log_ratios(body: BodyModel, newest: Evidence, covariance: Array, guess: Guess, with_both: bool = True) -> LogRatios:
     """Compute the log ratios of all causes.
 
     Args:
@@ -91,6 +91,7 @@ def log_ratios(body: BodyModel, newest: Evidence, covariance: Array, guess: Gues
         newest: Evidence of the newest rows there.
         covariance: Covariance of all unknowns in that fit, shape (u, u).
         guess: Guess of the load.
+        with_both: Whether to compute ``slips_with_load``.
     """
     white, every, unknowns = _White.of(body, newest, covariance), np.eye(body.unknowns.size), body.unknowns
     offsets = [
@@ -102,6 +103,6 @@ def log_ratios(body: BodyModel, newest: Evidence, covariance: Array, guess: Gues
     return LogRatios(
         white.log_ratio(load),
         np.array([white.log_ratio(slip) for slip in slips]),
-        np.array([white.log_ratio(load, slip) for slip in slips]),
+        np.array([white.log_ratio(load, slip) if with_both else -np.inf for slip in slips]),
         max(map(white.log_ratio, offsets)),
     )
