@@ -133,13 +133,13 @@ class Causes:
         if self._suspicion is not None:
             self._suspicion.notice_contradiction()
 
-    def contradiction_ends(self) -> None:
-        """Note that motions contradict each other no longer, so no grasp has slipped when they did."""
+    def contradiction_ends(self, number: int) -> None:
+        """Note that motions contradict each other no longer from this row on, so no grasp has slipped when they did."""
         suspicion = self._suspicion
         if suspicion is not None and not (suspicion.is_load or suspicion.is_expected):
             self._suspicion = None
-        elif suspicion is not None:
-            suspicion.forget_contradiction()
+        elif suspicion is not None and suspicion.is_load_certain:
+            suspicion.contradiction_ends(number)
 
     def decide(self, known: Knowledge, newest: int) -> tuple[Event, Knowledge | None] | None:
         """Decide between the causes once one of them leads.

@@ -154,7 +154,7 @@ class Session:
             case Use.START_OVER:
                 self._start_over()
             case Use.RESUME:
-                self.causes.contradiction_ends()
+                self.causes.contradiction_ends(number)
                 self._expect_changes(since=number)
                 self._gap.begin(self._known, number)
         return use in (Use.KEEP, Use.RESUME)

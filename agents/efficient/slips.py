@@ -211,9 +211,10 @@ class Suspicion:
         """Process that motions contradict each other: a load that has changed does not explain that."""
         self._contradicts, self._rests = True, False
 
-    def forget_contradiction(self) -> None:
-        """Process that motions contradict each other no longer: what remains is the load, if that has changed."""
-        self._contradicts, self._rests = False, self._was_noticed and self.is_expected
+    def contradiction_ends(self, number: int) -> None:
+        """Process that motions contradict each other no longer: rows before this one may have been a sensor's fault."""
+        self._leave_out_before(number)
+        self._contradicts = self.favours_change = False
 
     def settle_load(self, number: int, is_certain: bool) -> None:
         """Process that no grasp has slipped alone; one may have slipped as well.

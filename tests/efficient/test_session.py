@@ -220,6 +220,20 @@ def test_a_sensor_that_was_off_at_first_makes_all_begin_again() -> None:
     assert_right(found)
 
 
+def test_rows_from_before_all_began_again_that_come_late_are_not_used() -> None:
+    rows, late = made_up_rows(120), range(6, 12)
+    rows[:15, ROW_SIZE + A.start] += 0.3  # the first fits show it
+    numbers = [number for number in range(120) if number not in late]
+    begun = numbers.index(40)
+    found, without = session(), session()
+    for number in [*numbers[:begun], *late, *numbers[begun:]]:
+        found.take(number, rows[number])
+        if number not in late:
+            without.take(number, rows[number])
+    assert np.array_equal(state_of(found), state_of(without))
+    assert_right(found)
+
+
 def test_without_a_load_that_fits_poses_are_found_anew() -> None:
     rows = made_up_rows(900)
     rows[150:700, ROW_SIZE + FORCE.start] += np.random.default_rng(3).normal(size=550)

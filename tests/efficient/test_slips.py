@@ -117,7 +117,7 @@ def test_a_slip_that_removed_rows_have_shown_is_forgotten() -> None:
 def test_what_was_known_stays_the_same_where_a_pose_is_filled_in() -> None:
     known = fed(made_up_rows(BEFORE))._known
     assert known.estimate is not None
-    before = Before.of(known, BEFORE, UnnoticedStep(), None)
+    before = Before.of(known, BEFORE, UnnoticedStep(), None, 0)
     hidden, own = before.estimate.hidden.copy(), before.estimate.body.unknowns.poses[2]
     hidden[own, own] += 1.0
     poses = list(known.estimate.state.poses)
@@ -132,6 +132,33 @@ def test_what_was_known_stays_the_same_where_a_pose_is_filled_in() -> None:
     scale = np.sqrt(before.prior.evidence.information.diagonal())
     seen = scale > 0.0
     assert (there - here)[seen] / scale[seen] == pytest.approx(0.0, abs=0.1)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_load_that_makes_a_grasp_slip_is_told_from_the_slip(seed: int) -> None:
+    heavier, poses = LOAD + 2.0 * point_mass(np.array([0.1, 0.2, 0.0])), slipped_poses(25.0, 1.0, seed, seed)
+    rows = np.concatenate([made_up_rows(BEFORE, seed=seed), made_up_rows(AFTER, heavier, BEFORE, seed, poses)])
+    found, worst = session(), 0.0
+    for number, row in enumerate(rows):
+        found.take(number, row)
+        if number > BEFORE + 2 and is_valid(found):
+            worst = max(worst, largest_error(found, poses, heavier[0]))
+    (slip,), (change,) = found.causes.slips, found.causes.certain_changes
+    assert slip.robot == seed
+    assert slip.named < BEFORE + 0.5 / PERIOD
+    assert change.first == pytest.approx(BEFORE, abs=2)
+    assert is_valid(found)
+    assert worst < 5.0
+
+
+def test_a_sensor_that_is_off_for_a_moment_after_a_load_change_is_no_slip() -> None:
+    heavier = LOAD + 2.0 * point_mass(np.array([0.1, 0.2, 0.0]))
+    rows = np.concatenate([made_up_rows(BEFORE), made_up_rows(AFTER, heavier, BEFORE)])
+    rows[BEFORE + 9 : BEFORE + 15, ROW_SIZE + V.start] += 0.2
+    found = fed(rows[: BEFORE + 60])
+    assert found.causes.slips == []
+    assert is_valid(found)
+    assert largest_error(found, POSES, heavier[0]) < 5.0
 
 
 def test_rows_from_before_a_slip_that_come_late_are_not_used() -> None:
