@@ -236,7 +236,7 @@ class Suspicion:
         """
         self.changes = changes
         self._leave_out_before(number)
-        self.is_load = self.is_load_certain = self._rests = False
+        self.is_load = self.is_load_certain = False
 
     def _leave_out_before(self, number: int) -> None:
         self._rows = {each: row for each, row in self._rows.items() if each >= number}
@@ -276,7 +276,7 @@ class Suspicion:
         sensor, _ = _likeliest(len(numbers), index, lambda start: ratios(start).sensor)
         slip, first = _likeliest(len(numbers), index, lambda start: float(ratios(start).slips.max()))
         both, first_of_both = _likeliest(len(numbers), index, lambda start: float(ratios(start).slips_with_load.max()))
-        lead, is_load = max(slip, both) - max(load, sensor, 0.0), both > slip or self.is_load_certain
+        lead, is_load = max(slip, both) - max(load, sensor, 0.0), both > slip + guards.lead or self.is_load_certain
         doubtful = lead if self._is_load_known else max(lead, load)
         self.favours_change = self.is_expected and doubtful > guards.doubt
         if lead <= guards.lead:

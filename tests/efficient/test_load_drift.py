@@ -328,7 +328,7 @@ def test_a_leak_goes_on_while_rows_are_missing() -> None:
     assert drift is not None
     covered = []
     for gap in (0, 50):
-        before = Suspicion.after_gap(known, known.buffer.number_at(known.buffer.count) + gap, 2, none, drift)._before
+        before = Suspicion.after_gap(known, known.buffer.number_at(known.buffer.count) + gap, 2, none, drift, 0)._before
         assert before.unseen is not None
         mass = before.estimate.body.unknowns.theta.start
         covered.append(before.unseen[mass, mass])
