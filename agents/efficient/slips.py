@@ -276,8 +276,10 @@ class Suspicion:
         sensor, _ = _likeliest(len(numbers), index, lambda start: ratios(start).sensor)
         slip, first = _likeliest(len(numbers), index, lambda start: float(ratios(start).slips.max()))
         both, first_of_both = _likeliest(len(numbers), index, lambda start: float(ratios(start).slips_with_load.max()))
-        lead, is_load = max(slip, both) - max(load, sensor, 0.0), both > slip + guards.lead or self.is_load_certain
-        doubtful = lead if self._is_load_known else max(lead, load)
+        is_load, others = both > slip + guards.lead or self.is_load_certain, max(load, sensor, 0.0)
+        lead, doubtful = (both if is_load else slip) - others, max(slip, both) - others
+        if not self._is_load_known:
+            doubtful = max(doubtful, load)
         self.favours_change = self.is_expected and doubtful > guards.doubt
         if lead <= guards.lead:
             return Cause(None, self._first, load > sensor) if max(load, sensor) > slip + guards.lead else None
