@@ -23,7 +23,7 @@ demo: $(RUNTIME) ## Run the main scenario: six robots identify a load
 test: setup ## Run the tests that a contributor runs, on all cores: some minutes
 	$(PYTEST) -m "not slow"
 
-test-all: setup ## Run all tests, also those that take long or start processes: about twelve minutes
+test-all: setup ## Run all tests, also those that take long or start processes: about fifteen minutes
 	$(PYTEST)
 
 test-required: setup ## Run the tests that need a browser or a foreign package, and fail where these are missing
