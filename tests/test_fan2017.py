@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from coheft.agents.fan2017.claims import likeliest_body
 from coheft.app.faults.run import FaultyRun
 from coheft.app.faults.schedule import FaultSchedule, Pause, Release
 from coheft.app.run.inprocess import TeamInProcess, measured, run_in_process
+from coheft.estimation.rigid_body.consistency import is_possible
+from coheft.estimation.rigid_body.mass_properties import Inertia, unpack_symmetric
 from coheft.estimation.tolerance import SensorTolerance
 from coheft.wire.messages.codec import encode
 from coheft.wire.scenario.estimator_settings import Fan2017Settings
@@ -223,3 +226,12 @@ def test_messages_of_whole_numbers_are_refused_because_their_products_overflow()
         if heard["r1"] and heard["r1"][0].channels:
             break
     assert "this robot's estimator cannot read its arrays" in outboxes["r1"].problems[0]
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_body_that_cannot_exist_is_corrected_however_unequal_the_units(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    raw = Inertia(10.0 ** rng.uniform(1, 4), rng.normal(size=3), unpack_symmetric(rng.normal(size=6)))
+    root = rng.normal(size=(10, 10)) * 10.0 ** rng.uniform(-4, -1, size=(10, 1))
+    root[0] *= raw.mass**2  # as of 1/m
+    assert is_possible(likeliest_body(raw, root @ root.T, 0.5).barycentric(), thinnest=-1e-9)

@@ -6,6 +6,7 @@ from coheft.agents.estimator import is_converged
 from coheft.agents.fan2017.agreement import Agreed
 from coheft.estimation.fan2017.joint_rls import JointRls
 from coheft.estimation.geometry.spatial import Array
+from coheft.estimation.linear_algebra import inverse
 from coheft.estimation.rigid_body.consistency import is_possible, nearest_possible
 from coheft.estimation.rigid_body.derivatives import barycentric_derivative
 from coheft.estimation.rigid_body.mass_properties import Inertia, unpack_symmetric
@@ -41,7 +42,7 @@ def claim(
     covariances = {cause: _in_order(part, values[0]) for cause, part in parts.items()}
     covariance = np.sum(list(covariances.values()), axis=0)
     raw = Inertia(float(values[0]), values[1:4], unpack_symmetric(values[4:]))
-    inertia = _possible(raw, covariance, length)
+    inertia = likeliest_body(raw, covariance, length)
     payload = PayloadEstimate(inertia.mass, inertia.com, inertia.tensor, covariance)
     if is_converged(payload, limits):
         return payload, ()
@@ -61,11 +62,18 @@ def _in_order(covariance: Array, mass: float) -> Array:
     return result
 
 
-def _possible(raw: Inertia, covariance: Array, length: float) -> Inertia:
-    """The likeliest body that can exist: no robot is to be told of one that cannot."""
+def likeliest_body(raw: Inertia, covariance: Array, length: float) -> Inertia:
+    """The likeliest body that can exist: no robot is to be told of one that cannot.
+
+    Args:
+        raw: Estimate that need not be possible.
+        covariance: Of its ``(m, h, J)``, shape (10, 10).
+        length: Rough size of the body [m].
+    """
     parameters = raw.barycentric()
     if is_possible(parameters):
         return raw
-    derivative = barycentric_derivative(raw)
-    information = np.linalg.inv(derivative @ covariance @ derivative.T).astype(np.float64)
+    deviations = np.sqrt(covariance.diagonal())  # kg, m and kg m^2 differ by much
+    to_raw = inverse(barycentric_derivative(raw)) / deviations[:, None]
+    information = to_raw.T @ inverse(covariance / np.outer(deviations, deviations)) @ to_raw
     return Inertia.from_barycentric(nearest_possible(parameters, information, length))
