@@ -50,7 +50,7 @@ class RowBuffer:
         self._dropped = 0  # rows of the present load that are not kept any more
         self._since = -1  # number of the first row with the present load, or of the chapter
         self._projected_at: BodyModel | None = None  # None while moments are exact
-        self._has_dropped = False  # whether any row has been dropped
+        self._has_dropped = False  # whether any row of the chapter has been dropped
 
     @property
     def load_rows(self) -> int:
@@ -171,7 +171,7 @@ class RowBuffer:
         self._former, self._load = None, newer
         self._since = self.number_at(index)
         self._drop(index)
-        self.start, self._dropped = 0, 0
+        self.start, self._dropped, self._has_dropped = 0, 0, False
         return everything - newer, of_load - newer
 
     def index_of(self, number: int) -> int:

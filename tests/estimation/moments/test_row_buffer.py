@@ -198,3 +198,20 @@ def test_moments_of_rows_that_are_not_kept_can_be_seen_from_the_first_state(has_
     assert (everything is load) != has_former
     expected = RowMoments.of(team.rows).with_motion(body)
     np.testing.assert_allclose(everything.with_motion(body), expected, rtol=1e-7, atol=1e-3)
+
+
+def test_after_a_chapter_all_moments_are_projected_anew_at_each_state() -> None:
+    team = make_team(seed=3, number=40)
+    rows = team.rows + 0.1 * np.random.default_rng(0).normal(size=team.rows.shape)  # of noise, conversion is inexact
+    first, second = body_at(make_team(seed=4).state()), body_at(team.state())
+    buffer = RowBuffer(rows.shape[1], is_projected=True)
+    for number, each in enumerate(rows[:30]):
+        buffer.add(number, each)
+    buffer.project_at(first)
+    buffer.begin_chapter(buffer.index_of(25))
+    for number, each in enumerate(rows[30:34], 30):
+        buffer.add(number, each)
+    buffer.project_at(second)
+    everything, _ = buffer.moments()
+    expected = RowMoments.of(rows[25:34]).with_motion(second)
+    np.testing.assert_allclose(everything.with_motion(second), expected, rtol=1e-7, atol=1e-3)
