@@ -140,7 +140,7 @@ class Agent:
         self._gossip.hear(gossip)
         if self._receives_late is not None:
             for message in late:
-                self._receives_late.receive_late(index, message.channels)
+                self._receives_late.receive_late(message.sender, message.channels)
         if block is not None and self._is_missing is not None:
             block = MeasurementBlock(index, np.where(self._is_missing, 0.0, block.samples))
         if block is not None and not self._sensors.is_usable(block.samples):

@@ -88,8 +88,8 @@ class Estimator(Protocol):
 class TakesLate(Protocol):
     """An estimator that can also use messages of earlier blocks than the one before."""
 
-    def receive_late(self, index: int, channels: Channels) -> None:
-        """A message that a neighbour sent after an earlier block; called before ``step`` of the block ``index``."""
+    def receive_late(self, sender: str, channels: Channels) -> None:
+        """A message that a neighbour sent after an earlier block; called before the next ``step``."""
         ...
 
 

@@ -65,12 +65,12 @@ class SideBySide:
         doubts = self._try(name, self._estimators[name].doubts, no_doubts)
         return (self._failures[name],) if name in self._failures else doubts
 
-    def receive_late(self, index: int, channels: Channels) -> None:
+    def receive_late(self, sender: str, channels: Channels) -> None:
         """See ``TakesLate``."""
         for name, estimator in self._estimators.items():
             part = self._parts(channels).get(name)
             if part is not None and isinstance(estimator, TakesLate):
-                estimator.receive_late(index, part)
+                estimator.receive_late(sender, part)
 
     def sign_with(self, signer: RowSigner) -> None:
         """See ``SignsRows``."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 
@@ -63,6 +64,7 @@ class SignedTeam(TeamInProcess):
 
     Attributes:
         loses: Share of the messages that are lost.
+        holds_back: Number of blocks by which messages from r2 to r1 are late while r2 changes them.
         cut: The two robots whose link is cut.
         problems: What each robot has refused.
     """
@@ -73,6 +75,8 @@ class SignedTeam(TeamInProcess):
         self._block_duration = scenario.block_duration
         self._random = random.Random(5)
         self.loses = 0.0
+        self.holds_back = 0
+        self._held_back = deque[NeighbourMessage]()
         self.cut = set[str]()
         self.problems: dict[str, list[str]] = {name: [] for name in self.graph}
         self._checks: dict[str, RecordCheck] = {}
@@ -95,6 +99,11 @@ class SignedTeam(TeamInProcess):
                 name: [self._passed(message, name, change) for message in messages if self._arrives(message, name)]
                 for name, messages in self.heard().items()
             }
+            if change is not None and self.holds_back:
+                self._held_back += [message for message in heard["r1"] if message.sender == "r2"]
+                heard["r1"] = [message for message in heard["r1"] if message.sender != "r2"]
+                if len(self._held_back) > self.holds_back:
+                    heard["r1"].append(self._held_back.popleft())
             for name, outbox in self.answer(measured(result), heard).items():
                 self.problems[name] += outbox.problems
                 if outbox.estimate is not None:
@@ -160,6 +169,17 @@ def test_rows_that_their_robot_has_not_signed_are_removed(keys: Path, lie: Chang
     after = team.run(4.0)["r1"]
     assert not wrong(after)
     assert valid(after[-5:]) == 1.0
+
+
+@pytest.mark.slow
+def test_who_tells_false_rows_late_is_named_and_distrusted(keys: Path) -> None:
+    team = SignedTeam(quiet("line4"), keys)
+    team.holds_back = 1
+    team.run(2.0)
+    team.run(2.0, heavier(2))
+    problems = [problem for problem in team.problems["r1"] if "has not signed" in problem]
+    assert problems
+    assert all(problem.startswith("refused from r2: rows of r3") for problem in problems)
 
 
 @pytest.mark.slow

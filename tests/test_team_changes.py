@@ -11,8 +11,10 @@ import pytest
 from coheft.app.faults.invariants import Watch
 from coheft.app.faults.run import FaultyRun
 from coheft.app.faults.schedule import AnyFault, Crash, FaultSchedule, Lie, Loss, Partition, Release, SensorFault
+from coheft.app.run.inprocess import TeamInProcess, measured
 from coheft.wire.messages.structs import Estimate
-from coheft.wire.scenario.schema import Graph, LoadChange
+from coheft.wire.scenario.file import load_scenario
+from coheft.wire.scenario.schema import Graph, LoadChange, Robots
 from tests.in_process import changed, run_with_faults
 
 FROM = 4.5
@@ -141,6 +143,22 @@ def test_a_robot_lets_go_and_takes_hold_again(robot: str, notice: int) -> None:
     assert story.statuses(back + SOON) == {"valid"}
     assert {story.at(name, back + SOON).members for name in ROBOTS} == {4}
     assert set(story.at(robot, back + SOON).poses) == {"r3" if robot == "r4" else "r2"}
+
+
+def test_a_team_of_which_all_have_let_go_and_taken_hold_again_begins_anew() -> None:
+    grasps = load_scenario("line4").robots.grasps[::3]
+    team = TeamInProcess(changed("line4", robots=Robots(grasps=grasps), load_changes=()))
+    regrasps = {150: "r2", 151: "r1"}  # r1 hears of r2 in the block in which it takes hold again itself
+    statuses = dict[int, str]()
+    for block in range(240):
+        result, heard = team.measure(), team.heard()
+        if block in regrasps:
+            for holding in (False, True):
+                team.agents[regrasps[block]].set_holding(holding, block)
+        estimate = team.answer(measured(result), heard)["r1"].estimate
+        if estimate is not None:
+            statuses[block] = estimate.status
+    assert [statuses[block] for block in (149, 151, 239)] == ["valid", "stale", "valid"]
 
 
 def test_halves_that_cannot_talk_are_stale_until_they_can() -> None:

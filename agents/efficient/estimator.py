@@ -40,6 +40,7 @@ class EfficientEstimator:
         self._config, self._gossip, self._guards = config, gossip, Guards()
         self._signer: RowSigner | None = None
         self._team: Team | None = None
+        self._late: list[tuple[str, Channels]] = []  # messages of earlier blocks by their senders, since the last step
         self._lacks: str | None = None  # a sensor that no robot of the team has, but one needs
         self._belief = Belief("poses", False, None, {})
         # What the belief was computed from: it is computed anew if any of this differs.
@@ -52,11 +53,12 @@ class EfficientEstimator:
         membership = self._gossip.membership
         if self._team is None or membership != self._team.exchange.team:
             self._join(membership, index)
-        team = self._team
+        team, received = self._team, [*self._late, *inbox.items()]
+        self._late.clear()
         if team is None:
             return {}
         messages, is_welcoming = list[RowMessage](), False
-        for name, channels in inbox.items():
+        for name, channels in received:
             message = RowMessage.of_channels(channels, name)
             if message is not None and message.team == team.exchange.team:
                 messages.append(message)
@@ -73,11 +75,9 @@ class EfficientEstimator:
             arrays |= team.known()
         return arrays
 
-    def receive_late(self, index: int, channels: Channels) -> None:
-        """See ``TakesLate.receive_late``: its rows count as those of any other message."""
-        message = RowMessage.of_channels(channels)
-        if self._team is not None and message is not None:
-            self._team.exchange.receive([message], index)
+    def receive_late(self, sender: str, channels: Channels) -> None:
+        """See ``TakesLate.receive_late``: the message counts as any other."""
+        self._late.append((sender, channels))
 
     def sign_with(self, signer: RowSigner) -> None:
         """See ``SignsRows.sign_with``; called before the first step."""
@@ -172,8 +172,9 @@ class EfficientEstimator:
             return
         indices = [last.indices.get(life) for life in team.indices]
         newcomers = [name for name, then in zip(team.names, indices, strict=True) if then is None]
-        anchor = next(now for now, then in enumerate(indices) if then is not None)
-        team.begin(known.for_team(indices, last.settings, team.settings), anchor, newcomers)
+        anchor = next((now for now, then in enumerate(indices) if then is not None), None)
+        if anchor is not None:  # else all have let go and grasped the load again since
+            team.begin(known.for_team(indices, last.settings, team.settings), anchor, newcomers)
 
     def _lives(self, names: list[str]) -> list[tuple[str, int, int]]:
         """Name, incarnation and first block of each robot: they differ if it has restarted or let go in between."""
