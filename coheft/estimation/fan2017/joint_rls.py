@@ -170,7 +170,8 @@ class JointRls:
         block = np.zeros_like(self._sums)
         block[:, : n + 1] = _over_samples(weighted, both)
         if self._is_weighted_by_state:  # basic least squares takes the regressor to be exact
-            in_regressor = np.tensordot(self._noise.covariance, weight @ self._by_inputs, 1)
+            by_inputs_weighted = (weight @ self._by_inputs).reshape(12, 6 * (n + 1))
+            in_regressor = (self._noise.covariance @ by_inputs_weighted).reshape(12, 6, n + 1)
             block[:, n + 1 :] = age_weights.sum() * _over_samples(self._by_inputs, in_regressor)[:-1]
         self._sums = decay * self._sums + block
         self._scatter = decay**2 * self._scatter + _over_samples(weighted, noise @ weighted)

@@ -14,7 +14,7 @@ from coheft.estimation.fan2017.dual_quaternion import (
 from coheft.estimation.geometry.observability import doubt_of
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.geometry.uncertain_pose import UncertainPose
-from coheft.estimation.linear_algebra import positive_part
+from coheft.estimation.linear_algebra import inverse, positive_part
 from coheft.estimation.measurement import SensorNoise
 
 _PRIOR_STD = np.repeat([3.0, 10.0], 3)
@@ -28,10 +28,19 @@ _OPERATORS = np.concatenate(
 _GYROS = np.diag(np.repeat([1.0, 0.0, 1.0, 0.0], 3))
 
 
-def _operator_moment(moment: Array, weight: Array) -> Array:
-    """``sum H^T W H`` (8, 8) of samples with the second moment ``sum z z^T`` (12, 12)."""
-    weighted = np.tensordot(moment, weight @ _OPERATORS, axes=1)
-    return np.tensordot(_OPERATORS, weighted, ([0, 1], [0, 1]))
+def _moment_map(weight: Array) -> Array:
+    """Matrix (32, 144) that takes ``sum z z^T`` (12, 12) to ``sum H(w)^T W [H(w), H(v)]`` (4, 8)."""
+    left, right = _OPERATORS[:, :, :4].transpose(2, 0, 1).reshape(48, 4), (weight @ _OPERATORS).transpose(1, 0, 2)
+    products: Array = (left @ right.reshape(4, 96)).reshape(4, 12, 12, 8)
+    return products.transpose(0, 3, 1, 2).reshape(32, 144)
+
+
+def _moment(moment_map: Array, moment: Array) -> Array:
+    """``sum H(w)^T W [H(w), H(v)]`` (4, 8) of samples with the second moment ``sum z z^T`` (12, 12)."""
+    return (moment_map @ moment.ravel()).reshape(4, 8)
+
+
+_UNWEIGHTED = _moment_map(np.eye(4))
 
 
 class PoseRls:
@@ -63,7 +72,7 @@ class PoseRls:
     def update(self, twist_i: Array, twist_j: Array) -> None:
         """Take in simultaneous twists ``(w, v)`` of both frames, shape (B, 6) each.
 
-        The same as B updates with one sample each, except that the weight is evaluated once per call.
+        The same as B updates with one sample each, except that the weight is that of the last solution.
         """
         z = np.hstack([twist_i, twist_j])
         age_weights = self._forgetting ** np.arange(len(z) - 1, -1, -1.0)
@@ -71,13 +80,10 @@ class PoseRls:
         moment = (age_weights * z.T) @ z
 
         # cov(H(w) q_r) = 2 sigma_w^2 (I - q_r q_r^T), and the residual has no part along q_r: a scalar weight.
-        weight = 0.5 / self._gyro_variance * np.eye(4)
-        self._rotation_moment = decay * self._rotation_moment + _operator_moment(moment, weight)[:4, :4]
-
-        weight = np.linalg.inv(self._translation_noise()).astype(np.float64)
-        self._translation_moment = decay * self._translation_moment + _operator_moment(moment, weight)[:4]
-        noise_share = age_weights.sum() * _operator_moment(_GYROS, weight)[:4, :4]
-        self._noise_share = decay * self._noise_share + noise_share
+        of_rotation = 0.5 / self._gyro_variance * _moment(_UNWEIGHTED, moment)[:, :4]
+        self._rotation_moment = decay * self._rotation_moment + of_rotation
+        self._translation_moment = decay * self._translation_moment + _moment(self._weighted, moment)
+        self._noise_share = decay * self._noise_share + age_weights.sum() * self._noise_share_of_sample
         self._count = decay * self._count + float(age_weights.sum())
         self._updates += 1
         if self._updates % self._solve_every == 0:
@@ -131,3 +137,5 @@ class PoseRls:
         self._q_r, self._q_d, self._covariance = q_r, q_d, covariance
         derivative = dual_tangent(q_r, q_d)
         self._spread = np.diag(derivative @ covariance @ derivative.T)
+        self._weighted = _moment_map(inverse(self._translation_noise()))
+        self._noise_share_of_sample = _moment(self._weighted, _GYROS)[:, :4]
