@@ -25,7 +25,6 @@ from coheft.wire.messages.requests import InjectRequest, RemoveRequest, StatusRe
 
 SAMPLE_EVERY = 10.0
 CHANGE_EVERY = 60.0
-KILL_EVERY = 240.0
 LAST_WORDS = 5.0
 """Time before the end of a run without requests [s]. It is short, because an agent's memory grows with the time since
 a load change, so it has to be compared at equal times after changes."""
@@ -76,6 +75,7 @@ class Troubles:
     """Changes the load and kills the last robot's agent at regular times, and counts both."""
 
     folder: Path
+    kill_every: float
     changes: int = 0
     kills: int = 0
 
@@ -86,23 +86,22 @@ class Troubles:
             put = InjectRequest(mass=2.0, position=(0.2, 0.1, 0.08))
             ask_run(RemoveRequest(load=loads[-1].id) if loads else put, self.folder)
             self.changes += 1
-        if elapsed >= (self.kills + 1) * KILL_EVERY:
+        if elapsed >= (self.kills + 1) * self.kill_every:
             run_file = find_run(self.folder)
             with suppress(ProcessLookupError):  # it has just ended
                 os.kill(run_file.pids[list(run_file.agents)[-1]], signal.SIGKILL)
             self.kills += 1
 
 
-def follow(run: subprocess.Popen[bytes], folder: Path, seconds: float) -> tuple[list[Life], Troubles]:
+def follow(run: subprocess.Popen[bytes], troubles: Troubles, seconds: float) -> list[Life]:
     """Sample all processes of a run until it ends."""
     lives = [Life("supervisor", run.pid)]
-    troubles = Troubles(folder)
     began = time.monotonic()
     while run.poll() is None:
         elapsed = time.monotonic() - began
         try:
             known = {life.pid for life in lives}
-            lives += [Life(name, pid) for name, pid in find_run(folder).pids.items() if pid not in known]
+            lives += [Life(name, pid) for name, pid in find_run(troubles.folder).pids.items() if pid not in known]
             if elapsed < seconds - LAST_WORDS:
                 troubles.make(elapsed)
         except CoheftError as error:  # the run has not begun, or has ended
@@ -111,7 +110,7 @@ def follow(run: subprocess.Popen[bytes], folder: Path, seconds: float) -> tuple[
             life.sample(elapsed)
         with suppress(subprocess.TimeoutExpired):
             run.wait(SAMPLE_EVERY)
-    return lives, troubles
+    return lives
 
 
 def print_table(lives: list[Life]) -> None:
@@ -133,24 +132,25 @@ def print_table(lives: list[Life]) -> None:
         )
 
 
-def main(*, minutes: float = 60.0, scenario: str = "ring3", sensor_rate: int = 200) -> int:
+def main(*, minutes: float = 60.0, scenario: str = "ring3", sensor_rate: int = 200, kill_every: float = 240.0) -> int:
     """Run, and print the table.
 
     Args:
         minutes: Duration of the run.
         scenario: Its scenario.
         sensor_rate: Samples per second.
+        kill_every: Time from one kill to the next [s].
     """
     seconds = 60.0 * minutes
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that the run also ends
     with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
+        troubles = Troubles(Path(name), kill_every)
         run = subprocess.Popen(
             [sys.executable, "-m", "coheft", "run", scenario, "--realtime", "--duration", str(seconds)]
             + ["--sensor-rate", str(sensor_rate), "--restarts", "1000", "--logs", name],
         )
         try:
-            lives, troubles = follow(run, folder, seconds)
+            lives = follow(run, troubles, seconds)
         finally:
             if run.poll() is None:
                 run.terminate()
