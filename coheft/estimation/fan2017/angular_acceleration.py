@@ -68,9 +68,8 @@ class AngularAcceleration:
         moment = self._gyro_weight * gyro_derivative
         crosses = skew(gyro)
         centripetal = crosses @ crosses
-        for arm, seen in zip(self._arms, [acceleration, *carried], strict=True):
-            tangential = seen - centripetal @ arm
-            moment += tangential @ skew(arm).T / self.noise.acceleration**2
+        for arm, lever, seen in zip(self._arms, self._levers, [acceleration, *carried], strict=True):
+            moment += (seen - centripetal @ arm) @ lever.T
         return moment @ self.covariance
 
     def by_place(self, gyro: Array, alpha: Array, others: Sequence[Array]) -> Array:
@@ -87,11 +86,23 @@ class AngularAcceleration:
         result = np.zeros((len(gyro), 3, 6))
         crosses = skew(gyro)
         field = skew(alpha) + crosses @ crosses  # acceleration by distance
-        for arm, pose, other in zip(self._arms[1:], self.poses_j_in_i, others, strict=True):
-            gain = self.covariance @ skew(arm) / self.noise.acceleration**2
-            by_pose = -gain @ np.concatenate([skew(other @ pose.rotation.T), field], axis=2)
-            result -= by_pose @ place_carried(pose.translation)
+        by_pose = np.empty_like(result)
+        by_pose[:, :, 3:] = field
+        for (gain, carried), pose, other in zip(self._by_acceleration, self.poses_j_in_i, others, strict=True):
+            by_pose[:, :, :3] = skew(other @ pose.rotation.T)
+            result += gain @ by_pose @ carried
         return result
+
+    @cached_property
+    def _levers(self) -> Array:
+        """Weighted cross-product matrices of the arms, shape (1 + neighbours, 3, 3)."""
+        return skew(self._arms) / self.noise.acceleration**2
+
+    @cached_property
+    def _by_acceleration(self) -> list[tuple[Array, Array]]:
+        """Of each neighbour, the derivative of alpha by its acceleration, (3, 3), and its ``place_carried``, (6, 6)."""
+        gains = self.covariance @ self._levers[1:]
+        return [(gain, place_carried(pose.translation)) for gain, pose in zip(gains, self.poses_j_in_i, strict=True)]
 
     @cached_property
     def _arms(self) -> Array:

@@ -20,6 +20,9 @@ from coheft.estimation.measurement import SensorNoise
 _PRIOR_STD = np.repeat([3.0, 10.0], 3)
 """What is known beforehand: next to nothing. Rotation [rad], translation [m]."""
 
+_GROWTH = 0.02
+"""Share of new samples that is worth another solution: they make deviations 1 % smaller."""
+
 _UNITS = np.eye(12).reshape(12, 4, 3)
 _OPERATORS = np.concatenate(
     [pair_operator(_UNITS[:, 0], _UNITS[:, 2]), pair_operator(_UNITS[:, 1], _UNITS[:, 3])], axis=2
@@ -49,12 +52,16 @@ class PoseRls:
     Args:
         noise: Of the sensors of both robots.
         forgetting: Factor per sample by which older samples count less; 1 forgets nothing.
-        solve_every: Updates per solution; the estimate, and the weights that depend on it, are that old at most.
+        solve_every: Updates per solution at least: the estimate, and the weights that depend on it, are as old. Later
+            it is as many as bring ``_GROWTH`` more samples.
+
+    Attributes:
+        estimate: The pose at the last solution, with its covariance; identity and next to no knowledge at first.
     """
 
     def __init__(self, noise: SensorNoise, forgetting: float = 1.0, solve_every: int = 1) -> None:
         self._solve_every = solve_every
-        self._updates = 0
+        self._updates, self._samples = 0, 0.0  # since the last solution
         self._gyro_variance = noise.gyro**2
         self._velocity_variance = noise.velocity**2
         self._forgetting = forgetting
@@ -63,11 +70,6 @@ class PoseRls:
         self._noise_share = np.zeros((4, 4))  # what unit noise of the gyros adds to the latter on average
         self._count = 0.0
         self._set(*dual_from_pose(Pose.identity()), np.diag(_PRIOR_STD**2))
-
-    @property
-    def estimate(self) -> UncertainPose:
-        """The pose at the last solution, with its covariance; identity and next to no knowledge at first."""
-        return UncertainPose(pose_from_dual(self._q_r, self._q_d), self._covariance)
 
     def update(self, twist_i: Array, twist_j: Array) -> None:
         """Take in simultaneous twists ``(w, v)`` of both frames, shape (B, 6) each.
@@ -85,8 +87,9 @@ class PoseRls:
         self._translation_moment = decay * self._translation_moment + _moment(self._weighted, moment)
         self._noise_share = decay * self._noise_share + age_weights.sum() * self._noise_share_of_sample
         self._count = decay * self._count + float(age_weights.sum())
-        self._updates += 1
-        if self._updates % self._solve_every == 0:
+        self._updates, self._samples = self._updates + 1, self._samples + len(z)
+        if self._updates >= self._solve_every and self._samples >= _GROWTH * self._count:
+            self._updates, self._samples = 0, 0.0
             self._solve()
 
     def _translation_noise(self) -> Array:
@@ -134,7 +137,8 @@ class PoseRls:
         return np.block([[rotation_covariance, coupling.T], [coupling, translation_covariance + coupling @ follow.T]])
 
     def _set(self, q_r: Array, q_d: Array, covariance: Array) -> None:
-        self._q_r, self._q_d, self._covariance = q_r, q_d, covariance
+        self._q_r, self._q_d = q_r, q_d
+        self.estimate = UncertainPose(pose_from_dual(q_r, q_d), covariance)
         derivative = dual_tangent(q_r, q_d)
         self._spread = np.diag(derivative @ covariance @ derivative.T)
         self._weighted = _moment_map(inverse(self._translation_noise()))
