@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -75,9 +76,17 @@ class Network:
             stages.append(
                 NeighbourStages(
                     transport=transport,
-                    gains=np.full(rounds, self.gains[name]),
+                    gains=_in_all_rounds(self.gains[name], rounds),
                     stages=channels.get(channel),
                     valid=None if valid is None else valid > 0.5,
                 )
             )
         return stages
+
+
+@cache
+def _in_all_rounds(gain: float, rounds: int) -> Array:
+    """The gain of each round, shape (rounds,); not to be changed, because others get the same array."""
+    result = np.full(rounds, gain)
+    result.setflags(write=False)
+    return result

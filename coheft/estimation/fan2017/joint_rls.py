@@ -19,6 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from coheft.estimation.fan2017.forgetting import age_weights
 from coheft.estimation.fan2017.input_noise import InputNoise
 from coheft.estimation.geometry.observability import doubt_of
 from coheft.estimation.geometry.spatial import Array, skew
@@ -161,18 +162,18 @@ class JointRls:
         weight = normal if self._is_weighted_by_state else inverse(self._constant_noise)
         self.surprise = float(_squares(both, self._newest.theta, normal).mean()) / self._residual_scale
 
-        self.decay, age_weights = decay, _ = self._weights_of(len(w))
-        weighted = age_weights[:, None, None] * (weight @ both[:, :, :-1])
+        self.decay, weights = decay, _ = self._weights_of(len(w))
+        weighted = weights[:, None, None] * (weight @ both[:, :, :-1])
         n = len(self._free)
         self._old *= decay
-        self._count = decay * self._count + float(age_weights.sum())
+        self._count = decay * self._count + float(weights.sum())
         self._old_count *= decay
         block = np.zeros_like(self._sums)
         block[:, : n + 1] = _over_samples(weighted, both)
         if self._is_weighted_by_state:  # basic least squares takes the regressor to be exact
             by_inputs_weighted = (weight @ self._by_inputs).reshape(12, 6 * (n + 1))
             in_regressor = (self._noise.covariance @ by_inputs_weighted).reshape(12, 6, n + 1)
-            block[:, n + 1 :] = age_weights.sum() * _over_samples(self._by_inputs, in_regressor)[:-1]
+            block[:, n + 1 :] = weights.sum() * _over_samples(self._by_inputs, in_regressor)[:-1]
         self._sums = decay * self._sums + block
         self._scatter = decay**2 * self._scatter + _over_samples(weighted, noise @ weighted)
         late = np.zeros(n)
@@ -189,7 +190,7 @@ class JointRls:
         self.theta[self._free] = self._all.theta
         residual = (block[:, n + 1 :] - block[:, : n + 1]) @ np.append(self._newest.theta, -1.0)
         self.moved[self._free] = self._all.inverse @ (residual + late)
-        self._squares = decay * self._squares + float(age_weights @ _squares(both, self._newest.theta, normal))
+        self._squares = decay * self._squares + float(weights @ _squares(both, self._newest.theta, normal))
 
     def covariance(self, share: Array | None = None) -> Array:
         """Covariance of theta, or of the mean of all robots' thetas; larger where residuals exceed the noise.
@@ -251,12 +252,11 @@ class JointRls:
         What the first samples weigh follows from the guess, and may be far too much: of k samples, number j counts
         ``j / k``.
         """
-        weights = self._forgetting ** np.arange(samples - 1, -1, -1.0)
-        decay = self._forgetting**samples
+        weights, decay = age_weights(self._forgetting, samples), self._forgetting**samples
         if self._is_weighted_by_state:
             places = np.arange(self._taken, self._taken + samples + 1) / (self._taken + samples)
             decay *= float(places[0])
-            weights *= places[1:]
+            weights = weights * places[1:]
         self._taken += samples
         return decay, weights
 
@@ -292,6 +292,8 @@ class JointRls:
 
     def _of_all(self, of_free: Array) -> Array:
         """A covariance with zeros for what is known beforehand."""
+        if not len(self._known):
+            return of_free
         result = np.zeros((10, 10))
         result[np.ix_(self._free, self._free)] = of_free
         return result

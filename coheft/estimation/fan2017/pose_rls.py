@@ -11,6 +11,7 @@ from coheft.estimation.fan2017.dual_quaternion import (
     solve_rotation,
     solve_translation,
 )
+from coheft.estimation.fan2017.forgetting import age_weights
 from coheft.estimation.geometry.observability import doubt_of
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.geometry.uncertain_pose import UncertainPose
@@ -77,16 +78,15 @@ class PoseRls:
         The same as B updates with one sample each, except that the weight is that of the last solution.
         """
         z = np.hstack([twist_i, twist_j])
-        age_weights = self._forgetting ** np.arange(len(z) - 1, -1, -1.0)
-        decay = self._forgetting ** len(z)
-        moment = (age_weights * z.T) @ z
+        weights, decay = age_weights(self._forgetting, len(z)), self._forgetting ** len(z)
+        moment, count = (weights * z.T) @ z, float(weights.sum())
 
         # cov(H(w) q_r) = 2 sigma_w^2 (I - q_r q_r^T), and the residual has no part along q_r: a scalar weight.
         of_rotation = 0.5 / self._gyro_variance * _moment(_UNWEIGHTED, moment)[:, :4]
         self._rotation_moment = decay * self._rotation_moment + of_rotation
         self._translation_moment = decay * self._translation_moment + _moment(self._weighted, moment)
-        self._noise_share = decay * self._noise_share + age_weights.sum() * self._noise_share_of_sample
-        self._count = decay * self._count + float(age_weights.sum())
+        self._noise_share = decay * self._noise_share + count * self._noise_share_of_sample
+        self._count = decay * self._count + count
         self._updates, self._samples = self._updates + 1, self._samples + len(z)
         if self._updates >= self._solve_every and self._samples >= _GROWTH * self._count:
             self._updates, self._samples = 0, 0.0
