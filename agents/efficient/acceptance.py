@@ -41,16 +41,11 @@ class Tolerances:
         """Whether they are the declared ones."""
         return self.settings is self._declared
 
-    def exceed(self, estimate: Estimate, rows: int) -> bool:
-        """Process a fit after so many rows of the load whose errors exceed them; return whether that was so before.
-
-        They grow then, as it is no passing cause.
-        """
-        is_again = self._exceeded_with > 0
-        if is_again:
+    def exceed(self, estimate: Estimate, rows: int) -> None:
+        """Process a fit after so many rows of the load whose errors exceed them; if that was so before, they grow."""
+        if self._exceeded_with > 0:  # it is no passing cause
             self.settings = widened(estimate, self.settings, self._declared) or self.settings
         self._exceeded_with = rows
-        return is_again
 
     def hold(self, rows: int) -> None:
         """Process a fit after so many rows of the load whose errors are within them."""
@@ -116,7 +111,8 @@ class Acceptance:
             case Outcome.NO_BODY:
                 return Event.STARTED_OVER, end
             case Outcome.BEYOND_TOLERANCE:
-                return Event.EXCEEDED if self.tolerances.exceed(estimate, known.age) else Event.STARTED_OVER, end
+                self.tolerances.exceed(estimate, known.age)
+                return Event.STARTED_OVER, end
             case Outcome.NO_LOAD:
                 return Event.MISFIT, end
             case Outcome.UNDECIDED if age <= self._undecided:

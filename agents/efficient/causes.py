@@ -122,10 +122,6 @@ class Causes:
         """Forget changes and slips since this row."""
         self.changes = [change for change in self.changes if change.first < number]
         self.slips = [slip for slip in self.slips if slip.first < number]
-        self.forget_cause()
-
-    def forget_cause(self) -> None:
-        """Forget what is being compared: what was known before is not to be relied upon."""
         self._suspicion = None
 
     def contradiction_begins(self) -> None:

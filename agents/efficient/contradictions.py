@@ -75,7 +75,7 @@ class Contradictions:
         if is_new and is_calm and found.rows == 1:  # one wrong sample, or a jump that a late sensor shows a row later
             return Use.LEAVE_OUT, number
         is_again = found.robot == self._last and number <= self._ended + self._calm
-        if (is_new or is_calm) and not is_again:
+        if is_new and not is_again:
             self._began = number
         self.robot, self._last, self._ended = found.robot, found.robot, number
         if number - self._began > self._lasting:

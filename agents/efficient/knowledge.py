@@ -275,7 +275,6 @@ class Knowledge:
         if not drift.goes_on(float(step[0]), 0):
             return False
         self._chapter.end_of_load(now, self._guess, index, True, noise)
-        self._pages.rows_before = 0
         self.fit()
         return True
 

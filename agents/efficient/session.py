@@ -194,18 +194,16 @@ class Session:
             case Event.MISFIT:
                 if not self._drifts_on():
                     self._forget_load(index, event, estimate)
-            case Event.STARTED_OVER | Event.EXCEEDED:
-                self._start_over(event)
+            case Event.STARTED_OVER:
+                self._start_over()
             case _:
                 self.stage = TRANSITIONS[self.stage, event]
 
-    def _start_over(self, event: Event = Event.STARTED_OVER) -> None:
-        if event is Event.EXCEEDED:
-            self.causes.forget_cause()
+    def _start_over(self) -> None:
         self.causes.start_over()
         self._gap.load_begins(self._newest)
         self._restlessness, self._oldest = Restlessness(self._rows), self._newest + 1
-        self.stage = TRANSITIONS[self.stage, event]
+        self.stage = TRANSITIONS[self.stage, Event.STARTED_OVER]
         self._begin(Knowledge(self._count, self._anchor, self.settings, self._guards))
 
     # --- changes of the load ---

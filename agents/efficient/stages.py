@@ -27,7 +27,6 @@ class Event(Enum):
         "all is forgotten: motions fit no poses, errors of sensors no tolerances, or for long rows fit no load,"
         " contradict each other, or leave in doubt what has changed"
     )
-    EXCEEDED = "all is forgotten, and what was known before, too: errors of sensors exceed tolerances again"
 
 
 TRANSITIONS = {
@@ -36,20 +35,17 @@ TRANSITIONS = {
     (Stage.GATHERING, Event.MISFIT): Stage.GATHERING,
     (Stage.GATHERING, Event.SLIPPED): Stage.ESTIMATING,
     (Stage.GATHERING, Event.STARTED_OVER): Stage.GATHERING,
-    (Stage.GATHERING, Event.EXCEEDED): Stage.GATHERING,
     (Stage.UNDECIDED, Event.FITTED): Stage.ESTIMATING,
     (Stage.UNDECIDED, Event.UNDECIDED): Stage.UNDECIDED,
     (Stage.UNDECIDED, Event.LOAD_CHANGED): Stage.GATHERING,
     (Stage.UNDECIDED, Event.MISFIT): Stage.GATHERING,
     (Stage.UNDECIDED, Event.SLIPPED): Stage.ESTIMATING,
     (Stage.UNDECIDED, Event.STARTED_OVER): Stage.GATHERING,
-    (Stage.UNDECIDED, Event.EXCEEDED): Stage.GATHERING,
     (Stage.ESTIMATING, Event.FITTED): Stage.ESTIMATING,
     (Stage.ESTIMATING, Event.LOAD_CHANGED): Stage.GATHERING,
     (Stage.ESTIMATING, Event.MISFIT): Stage.GATHERING,
     (Stage.ESTIMATING, Event.SLIPPED): Stage.ESTIMATING,
     (Stage.ESTIMATING, Event.STARTED_OVER): Stage.GATHERING,
-    (Stage.ESTIMATING, Event.EXCEEDED): Stage.GATHERING,
 }
 """All that can happen; anything else is an error in this file."""
 

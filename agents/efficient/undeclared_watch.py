@@ -10,13 +10,12 @@ class UndeclaredWatch:
     """Tests for undeclared errors at growing intervals.
 
     Two tests in a row have to find the same error; one that is less certain, or that few rows show, is suspected. An
-    error is over once as many rows in succession are free of it as it was found with; the first time, after ``lasts``
-    rows at most.
+    error is over once as many rows in succession are free of it as it was found with, or ``lasts`` rows.
 
     Args:
         doubt: Size from which on an error is suspected.
         growth: The next test is due when the number of rows has grown by this factor, in large teams by its square.
-        lasts: Number of rows after which an error that was found for the first time may be over.
+        lasts: Number of rows after which an error is over that does not show any more.
 
     Attributes:
         found: The error, None if there is none.
@@ -29,7 +28,7 @@ class UndeclaredWatch:
         self.suspected: UndeclaredError | None = None
         self.since = 0
         self._doubt, self._growth, self._lasts = doubt, growth, lasts
-        self._found_with = self._over_with = 0  # rows of the load when it was found, and when it is over
+        self._over_with = 0  # rows of the load when the error is over
         self.begin(0)
 
     def begin(self, least: int) -> None:
@@ -58,13 +57,9 @@ class UndeclaredWatch:
             self._last_found = None
             if known.age >= self._over_with:
                 self.found = None
-                if known.age > 2 * self._found_with:
-                    self._found_with = 0
             return False
         self._last_found = found.robot, found.kind
         if self._last_found != last:  # a sensor may have been faulty for a while only
             return False
-        is_again = self._found_with > 0
-        self.found, self._found_with = found, max(known.age, self._found_with)
-        self._over_with = self._found_with if is_again else min(known.age, self._lasts)
+        self.found, self._over_with = found, min(known.age, self._lasts)
         return True

@@ -19,8 +19,6 @@ from coheft.estimation.moments.unknowns import OFFSET
 
 _MOST = 4.0
 """Sensors that are worse than this times their tolerances are faulty; errors of any size would explain too much."""
-_LEAST = 1.05
-"""Least factor by which a tolerance has to grow."""
 _OFFSETS = ("force_offset", "torque_offset", "gyro_offset")
 """Kinds that are attributes of ``FitSettings``; all others are in ``FitSettings.errors``."""
 
@@ -37,7 +35,7 @@ def widened(estimate: Estimate, present: FitSettings, declared: FitSettings) -> 
     for kind, squares in _squares(estimate, present).items():
         factor = _largest(present, kind) / _largest(declared, kind)
         wider = min(_MOST, factor * float(np.sqrt(squares.mean())))
-        is_wider |= wider > _LEAST * factor
+        is_wider |= wider > factor
         factors[kind] = max(factor, wider)
     if not is_wider:
         return None
