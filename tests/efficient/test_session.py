@@ -289,6 +289,38 @@ def test_rows_that_came_with_a_contradiction_are_taken_back() -> None:
     assert found._known.buffer.count < before + 3
 
 
+def test_after_rows_are_taken_back_those_before_count_and_new_ones_have_to_confirm_them() -> None:
+    rows = made_up_rows(150)
+    found = fed(rows[:140])
+    assert found.is_confirmed
+    found.take_back(120)
+    assert not found.is_confirmed
+    np.testing.assert_allclose(state_of(found), state_of(fed(rows[:120])), atol=2e-2)
+    for number in range(120, 150):
+        found.take(number, rows[number])
+    assert found.is_confirmed
+    assert_right(found)
+
+
+def test_where_taking_back_leaves_few_rows_all_begins_again() -> None:
+    rows = made_up_rows(80)
+    found = fed(rows[:60])
+    assert found.stage is Stage.ESTIMATING
+    found.take_back(3)
+    assert found.stage is Stage.GATHERING
+    for number in range(3, 80):
+        found.take(number, rows[number])
+    assert_right(found)
+
+
+def test_rows_that_have_made_room_count_in_tests_for_changes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("coheft.estimation.moments.row_buffer.KEPT", 64)
+    rows = made_up_rows(129)
+    known = fed(rows)._known
+    assert known.buffer.count == 65
+    assert known.innovations.gram(known.buffer)[0, 0] == pytest.approx(len(rows))
+
+
 def test_the_total_wrench_of_the_newest_row_is_told() -> None:
     rows = made_up_rows(100)
     found = fed(rows)
