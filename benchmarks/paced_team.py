@@ -87,10 +87,15 @@ class PacedTeam:
         self._ask(PauseRequest(paused=True))
 
     def turn(self, seconds: float) -> Turn:
-        """Run for a time [s]; the team is paused before and after."""
+        """Run for a time [s], or until a block is done; the team is paused before and after."""
         cpu = cpu_times(self._children)
         before = self._ask(PauseRequest(paused=False))
         time.sleep(seconds)
+        deadline = time.monotonic() + _LIMIT
+        while self._ask(StatusRequest()).block == before.block:  # the machine has stood still
+            if time.monotonic() > deadline:
+                raise LinkError(f"the team has not gone on for {_LIMIT:g} s; see {self._processes.folder}")
+            time.sleep(_POLL)
         after = self._ask(PauseRequest(paused=True))
         time.sleep(_POLL)  # for the last answers
         return Turn(
