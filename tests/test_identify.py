@@ -80,6 +80,7 @@ def test_the_bias_of_plain_least_squares_is_counted_in(vibrating: Recording, lea
         assert (np.abs(off) < 4.0 * np.sqrt(np.diag(relative.covariance))).all()
 
 
+@pytest.mark.slow
 def test_only_noise_keeps_inertias_from_being_exact() -> None:
     """Via points are fast: plain central differences would make inertias 0.2 % too large."""
     scenario = scenario_of("a", "vibration", 1)

@@ -155,6 +155,7 @@ def test_false_alarms_are_rare(probability: float, jumps: int) -> None:
     assert learner.jumps == jumps
 
 
+@pytest.mark.slow
 def test_casters_that_turn_round_are_no_change_of_the_cart() -> None:
     """15 N that no robot measures, for almost a second, twice, and 3 N of noise on the wrench."""
     found = run(12, 1)

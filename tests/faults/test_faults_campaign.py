@@ -161,6 +161,7 @@ def test_equal_schedules_give_equal_runs_bit_for_bit():
         assert first == second
 
 
+@pytest.mark.slow
 def test_a_run_that_parts_from_another_goes_on_as_that_one_does():
     schedule = draw_schedule(10, is_exact=True)
     change = LoadChange(at=1.5, mass=1.0)

@@ -43,6 +43,7 @@ def test_it_says_nothing_about_time_on_the_wall(made: Path) -> None:
     assert "real time</p>" not in page
 
 
+@pytest.mark.slow
 def test_it_tells_how_the_load_was_carried(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(runs, "SCENARIO", msgspec.structs.replace(runs.SCENARIO, carry=Carry(start=0.1)))
     recording = record(tmp_path / "run.mcap", news_of_a_run())
