@@ -88,5 +88,5 @@ class Network:
 def _in_all_rounds(gain: float, rounds: int) -> Array:
     """The gain of each round, shape (rounds,); not to be changed, because others get the same array."""
     result = np.full(rounds, gain)
-    result.setflags(write=False)
+    result.flags.writeable = False
     return result

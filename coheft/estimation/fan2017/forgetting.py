@@ -11,5 +11,5 @@ from coheft.estimation.geometry.spatial import Array
 def age_weights(forgetting: float, samples: int) -> Array:
     """Weights of so many samples, the oldest first, shape (samples,); read-only, because others get the same array."""
     weights: Array = forgetting ** np.arange(samples - 1, -1, -1.0)
-    weights.setflags(write=False)
+    weights.flags.writeable = False
     return weights
