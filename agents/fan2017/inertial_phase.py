@@ -83,6 +83,7 @@ class InertialPhase:
         self._inputs = np.zeros((config.block, _SAMPLE_CHANNELS))
         self._by_place = np.zeros((10, 10))
         self._filter: JointRls | None = None
+        self._grasp_centre = np.zeros(3)
         self._surprised = 0
         self._quiet_until = np.inf
         self._first_agreed = 0
@@ -237,7 +238,8 @@ class InertialPhase:
         self.newest = leaving
         self.total_wrench = total[-1]
         if self._filter is None:
-            centre = self._agreement.centre if self._settings.initial_com == "centre" else np.zeros(3)
+            self._grasp_centre = self._agreement.centre
+            centre = self._grasp_centre if self._settings.initial_com == "centre" else np.zeros(3)
             self._filter = self._new_filter(centre)
             self._quiet_until = self._config.start_of(index) + _SETTLED
             self._first_agreed = index + self._mixing_rounds
@@ -249,7 +251,9 @@ class InertialPhase:
         if self._settings.share_acceleration:
             lag[:, 9:] = behind[:, 6:9]
         by_place = inputs_by_place((samples[:, 9:15] - average[:, :6])[::_EVERY], by_place)
-        self._filter.update(samples[:, :3], samples[:, 6:9], alpha, total[:, :3], total[:, 3:], by_place, lag)
+        is_shared = self._settings.share_acceleration and self._settings.share_estimates
+        mean_com = self._filter.theta[6:9] - self._grasp_centre if is_shared else None
+        self._filter.update(samples[:, :3], samples[:, 6:9], alpha, total[:, :3], total[:, 3:], by_place, lag, mean_com)
         self._watch_for_change(leaving, index, self._filter.surprise)
 
     def _watch_for_change(self, leaving: int, index: int, surprise: float) -> None:

@@ -1,5 +1,6 @@
 """Dynamic consensus on the moves of the robots' estimates, from which each robot learns how noisy their mean is."""
 
+from collections import deque
 from collections.abc import Mapping
 
 import numpy as np
@@ -11,6 +12,7 @@ from coheft.consensus.dynamic import DynamicConsensus
 from coheft.estimation.fan2017.joint_rls import JointRls
 from coheft.estimation.fan2017.mean_noise import MeanNoise
 from coheft.estimation.geometry.spatial import Array, Pose
+from coheft.estimation.linear_algebra import inverse
 
 CHANNEL = "moves"
 _CHANNELS = 11
@@ -35,6 +37,7 @@ class MeanMoves:
     def start(self, poses_j_in_i: Mapping[str, Pose]) -> None:
         """Start anew, with the poses of the neighbours."""
         self.consensus = DynamicConsensus(self._rounds, 1, _CHANNELS)
+        self._gains: deque[Array | None] = deque(maxlen=self._rounds)
         self._transports = {name: _transport(pose) for name, pose in poses_j_in_i.items()}
 
     def step(self, estimate: JointRls | None, is_new: bool, inbox: Mapping[str, Channels]) -> None:
@@ -49,8 +52,12 @@ class MeanMoves:
         if estimate is not None and is_new:
             entering[0] = np.append(estimate.moved, 1.0)
         mean = self.consensus.step(entering, self._network.stages(CHANNEL, self._transports, inbox, self._rounds))
-        if estimate is not None and mean is not None and mean[0, -1] > 1.0 - 0.5 / self._network.members:
-            self.noise.measure(mean[0, :-1], estimate.noise_root, estimate.decay)
+        gain_then = self._gains[0] if self._gains else None
+        self._gains.append(None if estimate is None else estimate.gain)
+        is_complete = mean is not None and mean[0, -1] > 1.0 - 0.5 / self._network.members
+        if mean is not None and is_complete and estimate is not None and gain_then is not None:
+            pull = inverse(gain_then) @ mean[0, :-1]
+            self.noise.measure(pull, estimate.gain, estimate.noise_root, estimate.decay)
 
 
 def _transport(pose_j_in_i: Pose) -> Array:

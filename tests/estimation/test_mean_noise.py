@@ -23,18 +23,27 @@ def test_the_covariance_of_the_mean_is_that_of_its_moves() -> None:
     rng, noise = np.random.default_rng(1), MeanNoise(MEMORY)
     move, root = roots(rng)
     for _ in range(4000):
-        noise.measure(move @ rng.normal(size=10), root, DECAY)
+        noise.measure(move @ rng.normal(size=10), np.eye(10), root, DECAY)
     expected = move @ move.T / (1.0 - DECAY**2)
     found = root @ noise.share @ root.T
     sizes = np.sqrt(expected.diagonal())
     np.testing.assert_allclose(found / np.outer(sizes, sizes), expected / np.outer(sizes, sizes), atol=0.15)
 
 
+def test_former_residuals_count_by_the_gain_of_today() -> None:
+    rng, noise = np.random.default_rng(1), MeanNoise(MEMORY)
+    _, root = roots(rng)
+    for block in range(4000):  # information comes and goes, and the own covariance with it
+        gain = (2.0 + np.sin(0.1 * block)) * root
+        noise.measure(rng.normal(size=10), gain, gain, DECAY)
+    np.testing.assert_allclose(noise.share, np.eye(10) / (1.0 - DECAY**2), atol=0.15 / (1.0 - DECAY**2))
+
+
 def test_before_it_is_measured_the_mean_is_taken_to_be_as_noisy_as_one() -> None:
     rng, noise = np.random.default_rng(2), MeanNoise(MEMORY)
     move, root = roots(rng)
     for _ in range(int(MEMORY) - 1):
-        noise.measure(move @ rng.normal(size=10), root, DECAY)
+        noise.measure(move @ rng.normal(size=10), np.eye(10), root, DECAY)
     np.testing.assert_array_equal(noise.share, np.eye(10))
 
 
@@ -43,11 +52,11 @@ def test_what_a_load_change_does_is_no_noise(late: int) -> None:
     rng, noise = np.random.default_rng(3), MeanNoise(MEMORY)
     move, root = roots(rng)
     for _ in range(200):
-        noise.measure(move @ rng.normal(size=10), root, DECAY)
+        noise.measure(move @ rng.normal(size=10), np.eye(10), root, DECAY)
     before = noise.share.copy()
     noise.pause(late)
     for _ in range(late):
-        noise.measure(1e3 * move @ rng.normal(size=10), root, DECAY)
+        noise.measure(1e3 * move @ rng.normal(size=10), np.eye(10), root, DECAY)
     for _ in range(200):
-        noise.measure(move @ rng.normal(size=10), root, DECAY)
+        noise.measure(move @ rng.normal(size=10), np.eye(10), root, DECAY)
     assert np.trace(noise.share) < 1.5 * np.trace(before)

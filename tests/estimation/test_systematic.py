@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from coheft.estimation.fan2017.joint_rls import JointRls
@@ -24,14 +26,23 @@ def theta_of(inertia: Inertia) -> Array:
 
 
 def filter_of(
-    w: Array, a: Array, alpha: Array, wrench: Array, by_place: Array | None = None, lag: Array | None = None
+    w: Array,
+    a: Array,
+    alpha: Array,
+    wrench: Array,
+    by_place: Array | None = None,
+    lag: Array | None = None,
+    mean_com: Array | None = None,
+    *,
+    is_weighted_by_state: bool = True,
 ) -> JointRls:
     # Exact data deserve trust.
-    result = JointRls(np.zeros(3), 1e-12 * WRENCH_COVARIANCE, 1e-12 * MOTION_COVARIANCE, 0.98)
+    covariances = 1e-12 * WRENCH_COVARIANCE, 1e-12 * MOTION_COVARIANCE
+    result = JointRls(np.zeros(3), *covariances, 0.98, is_weighted_by_state=is_weighted_by_state)
     for start in [*range(0, len(w), 5)] * 3:  # the weights follow the estimate; in few samples noise is not measured
         block = slice(start, start + 5)
         more = [None if each is None else each[block] for each in (by_place, lag)]
-        result.update(w[block], a[block], alpha[block], wrench[block, :3], wrench[block, 3:], *more)
+        result.update(w[block], a[block], alpha[block], wrench[block, :3], wrench[block, 3:], *more, mean_com)
     return result
 
 
@@ -53,6 +64,26 @@ def test_the_estimate_is_off_as_place_and_lag_say() -> None:
     late = filter_of(w, a, alpha - lag[:, 9:], total - lag[:, :6])
     for found, expected in ((elsewhere, right.by_place @ off), (late, -right.by_lag)):
         np.testing.assert_allclose((found.theta - right.theta) / tiny, expected / tiny, rtol=2e-3, atol=2e-2)
+
+
+def test_an_error_of_the_alpha_that_all_share_enters_the_mean_by_the_mean_lever_arm() -> None:
+    """Three robots around the load, of which one stands elsewhere: each finds another mass, and so does the mean."""
+    team, rng, tiny = make_team(2, duration=4.0), np.random.default_rng(3), 1e-5
+    w, a, alpha = team.exact[:, 0, :3], team.exact[:, 0, 6:9], team.motion[:, 9:]
+    total, own = team.inertia.wrench(w, a, alpha), rng.normal(size=(len(w), 6))
+    by_place, off = np.einsum("ijk,nk->nij", rng.normal(size=(3, 6, 3)), a), tiny * rng.normal(size=6)
+    filter_alike = partial(filter_of, is_weighted_by_state=False)  # else robots weigh alpha by their own levers
+    places, changes = [np.zeros(3), np.array([0.6, 0.1, -0.2]), np.array([-0.4, 0.5, 0.3])], []
+    for place in places:
+        there = Pose(np.eye(3), place).inverse()
+        a_there = a + np.cross(alpha, place) + np.cross(w, np.cross(w, place))
+        right = filter_alike(w, a_there, alpha, total @ there.adjoint().T)
+        seen_off = (total + moved(own, off) - own) @ there.adjoint().T
+        changes.append((filter_alike(w, a_there, alpha + by_place @ off, seen_off).theta - right.theta) / tiny)
+    mean_com = team.inertia.com - np.mean(places, axis=0)
+    told = filter_alike(w, a, alpha, total, inputs_by_place(own, by_place), mean_com=mean_com).by_place @ off / tiny
+    np.testing.assert_allclose(np.mean(changes, axis=0), told, rtol=2e-3, atol=2e-3)
+    assert abs(changes[0][9] / told[9]) < 0.6
 
 
 def test_a_payload_is_seen_from_where_a_robot_is_off_the_mean() -> None:

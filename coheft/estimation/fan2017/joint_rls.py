@@ -140,6 +140,7 @@ class JointRls:
         torque: Array,
         by_place: Array | None = None,
         lag: Array | None = None,
+        mean_com: Array | None = None,
     ) -> None:
         """Take in a block.
 
@@ -152,6 +153,9 @@ class JointRls:
             by_place: Errors of ``(F, T, a, alpha)`` per unit of error of the robot's frozen place, shape (b, 12, 6): of
                 every sample or, as they change as slowly as the motion, of every second, third, ..., from the first on.
             lag: What is missing in ``(F, T, a, alpha)`` because sums lag behind, of the same samples, shape (b, 12).
+            mean_com: Centre of mass in the robots' frames, their mean in the axes of ``F_i``, shape (3,) [m]: if all
+                share alpha, its error ``e`` adds ``e x h_j`` to the force equation of robot j, and on average this.
+                None where the robot's own estimate counts.
         """
         both = _split(*joint_regressor(w, a, alpha, force, torque), self.theta, self._known, self._free)
         self._noise.measure(np.hstack([force, torque, a, alpha]))
@@ -184,7 +188,10 @@ class JointRls:
         self._pull_of_place *= decay
         if by_place is not None:
             every = -(-len(w) // len(by_place))
-            self._pull_of_place += every * _over_samples(weighted[::every], by_inputs @ by_place)
+            mean_by_inputs = by_inputs.copy()
+            if mean_com is not None:
+                mean_by_inputs[3:, 9:] = skew(mean_com)
+            self._pull_of_place += every * _over_samples(weighted[::every], mean_by_inputs @ by_place)
         self._all = self._solution(self._sums + self._old, self._count + self._old_count)
         self._newest = self._solution(self._sums, self._count) if self._has_changed else self._all
         self.theta[self._free] = self._all.theta
@@ -204,6 +211,11 @@ class JointRls:
         root = self.noise_root
         held = self._all.by_guess @ np.diag(_PRIOR_STD[self._free])
         return (root @ root.T if share is None else root @ share @ root.T) + self._of_all(held @ held.T)
+
+    @property
+    def gain(self) -> Array:
+        """By what theta moves for a unit of a block's residuals in the normal equations, shape (10, 10), invertible."""
+        return self._of_all(self._all.inverse) + np.diag(np.isin(np.arange(10), self._known).astype(np.float64))
 
     @property
     def noise_root(self) -> Array:

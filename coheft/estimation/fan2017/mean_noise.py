@@ -4,13 +4,13 @@ All robots use the same total wrench and angular acceleration, but the noise of 
 another lever arm, and the angular acceleration comes from the accelerometers that each robot also uses by itself. So
 the mean of N estimates does not simply have a variance N times smaller; the share is measured. Each block moves each
 robot's estimate by the effect of its residuals, and consensus gives the mean of these moves. Blocks are independent, so
-the squares of the mean's moves add up to its covariance (a sandwich estimator).
+their squares add up to its covariance (a sandwich estimator): squares of residuals in the normal equations, because
+what these once moved the estimate by changes as information comes and goes.
 """
 
 import numpy as np
 
 from coheft.estimation.geometry.spatial import Array
-from coheft.estimation.linear_algebra import inverse
 
 
 class MeanNoise:
@@ -38,19 +38,21 @@ class MeanNoise:
         self._squares[:] = 0.0
         self._wait = self._memory + late
 
-    def measure(self, moved: Array, root: Array, decay: float) -> None:
+    def measure(self, pull: Array, gain: Array, root: Array, decay: float) -> None:
         """Process a block.
 
         Args:
-            moved: Mean of the moves of all robots' estimates, in the own frame, shape (10,).
-            root: The own ``JointRls.noise_root``, shape (10, 10).
+            pull: Residuals in the normal equations that move the own estimate as far as the mean of all robots'
+                estimates moved, shape (10,).
+            gain: The own ``JointRls.gain`` now, shape (10, 10).
+            root: The own ``JointRls.noise_root`` now, shape (10, 10).
             decay: Factor by which the weight of older samples has become smaller.
         """
         self._wait -= 1.0
         if self._wait >= self._memory:
             return
-        self._squares = decay**2 * self._squares + np.outer(moved, moved)
+        self._squares = decay**2 * self._squares + np.outer(pull, pull)
         if self._wait <= 0.0:
-            white = inverse(root)
+            white = np.linalg.solve(root, gain)
             self._sum = self._sum + white @ self._squares @ white.T
             self._count += 1.0
