@@ -5,7 +5,7 @@ robots nor a network, see docs/consensus.md. With ``coheft.consensus.gossip``, a
 learn the graph.
 """
 
-from coheft.consensus.dynamic import DynamicConsensus, lag_bound
+from coheft.consensus.dynamic import DynamicConsensus, lag_bound, settled
 from coheft.consensus.graph import (
     Neighbours,
     convergence_rate,
@@ -36,6 +36,7 @@ __all__ = [
     "metropolis_matrix",
     "metropolis_weight",
     "place_variances",
+    "settled",
     "tree",
     "weight_matrix",
 ]

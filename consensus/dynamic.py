@@ -38,6 +38,20 @@ def lag_bound(rate: float, rounds: int, moved: float) -> float:
     return left / (1.0 - left) * moved
 
 
+def settled(after: Array, before: Array, rate: float) -> Array:
+    """Extrapolate values to what more rounds without end would leave of them.
+
+    What agents disagree on shrinks to its slowest part first, of which each round leaves ``r``: what is left after the
+    last round is ``r / (1 - r)`` times what that round changed. With ``r = 0`` nothing is left.
+
+    Args:
+        after: Values after some rounds, any shape.
+        before: The same one round earlier.
+        rate: ``r``, see ``coheft.consensus.graph.convergence_rate``.
+    """
+    return after + rate / (1.0 - rate) * (after - before)
+
+
 class DynamicConsensus:
     """One agent's share of a dynamic consensus on blocks of samples.
 

@@ -242,7 +242,7 @@ def _draw_consensus(found: Run) -> None:
         worst = np.linalg.norm(values - values.mean(axis=0), axis=2).max(axis=0)
         bodies.semilogy(found.times[::2], worst[::2], color=ROBOTS[2 + k], linewidth=1.0, label=label)
     sums.set_title("Total wrench: what neighbours differ by")
-    sums.set_ylim(0.01, 20.0)
+    sums.set_ylim(1e-4, 20.0)
     bodies.set_title("Beliefs: how far from the mean")
     for axes in (sums, bodies):
         axes.set_xlim(0.0, found.scenario.duration)

@@ -19,6 +19,7 @@ from coheft.consensus import (
     lag_bound,
     make_rounds,
     metropolis_matrix,
+    settled,
     tree,
 )
 from coheft.estimation.geometry.spatial import Array
@@ -124,9 +125,14 @@ def test_the_bound_is_reached_by_a_ramp_along_the_slowest_part(graph: Neighbours
     assert rate == pytest.approx(abs(eigenvalues[slowest]))
     ramp = vectors[:, slowest, None, None] * np.ones((SAMPLES, CHANNELS))
     for block in range(40 * rounds + int(30.0 / -np.log(max(rate, 1e-3)))):
+        before = {name: agent.pipeline.stages[-1] for name, agent in network.dynamic.items()}
         found = network.step(inputs_seen(network, block * ramp))
     off = np.linalg.norm(in_common(network, found), axis=0).max()
     assert off == pytest.approx(lag_bound(rate, rounds, float(rounds)), rel=1e-6, abs=1e-9)
+    after = in_common(network, found)
+    left = settled(after, network.in_common(lambda name: before[name]), rate)
+    if eigenvalues[slowest] > 0.0:
+        np.testing.assert_allclose(left, 0.0, atol=1e-8 * off + 1e-9)
 
 
 @pytest.mark.parametrize("kind", GRAPHS)

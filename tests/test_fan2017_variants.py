@@ -57,6 +57,7 @@ def usual() -> Recording:
         ({"known": ("mass",)}, 12.0),
         ({"known": ("com", "inertia")}, 1e-6),
         ({"rounds": 40}, 12.0),
+        ({"extrapolate": False}, 20.0),
         ({"memory": 5.0}, 12.0),
     ],
     ids=str,

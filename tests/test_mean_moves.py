@@ -44,6 +44,6 @@ def test_a_move_of_the_mean_is_judged_by_the_gain_of_its_time() -> None:
             stages, valid = robots[name].consensus.pipeline.sent()
             sent[name] = {CHANNEL: stages, f"{CHANNEL}_valid": valid.astype(np.float64)}
     for pull in pulls[:-ROUNDS]:
-        expected.measure(pull.mean(axis=0), np.eye(10), np.eye(10), DECAY)
+        expected.measure(pull.mean(axis=0), _Estimate(np.zeros(10), np.eye(10)))  # type: ignore[arg-type]
     for robot in robots.values():
         np.testing.assert_allclose(robot.noise.share, expected.share, rtol=1e-9, atol=1e-9)

@@ -16,7 +16,7 @@ from coheft.agents.fan2017.agreement import Agreed, Agreement
 from coheft.agents.fan2017.claims import claim
 from coheft.agents.fan2017.mean_moves import CHANNEL, MeanMoves
 from coheft.agents.fan2017.network import Network
-from coheft.consensus.dynamic import DynamicConsensus
+from coheft.consensus.dynamic import DynamicConsensus, settled
 from coheft.consensus.graph import Neighbours
 from coheft.estimation.fan2017.angular_acceleration import AngularAcceleration, gyro_derivative
 from coheft.estimation.fan2017.joint_rls import JointRls
@@ -105,6 +105,7 @@ class InertialPhase:
         self._sums = DynamicConsensus(self._rounds, self._config.block, _SAMPLE_CHANNELS)
         for each in (self._agreement, self._moves):
             each.start({name: pose.pose for name, pose in self._poses.items()})
+        self._before_that = np.zeros_like(self._inputs)
         self._next: int | None = None
         self._converged_at: int | None = None
         self._agreed_at = 0
@@ -146,13 +147,19 @@ class InertialPhase:
                 self._inputs[:, 6:9],
                 self._acceleration_by_place(blocks[index - 1], heard),
             )
-        before_last_round = self._sums.pipeline.stages[-1]
+        stages = self._sums.pipeline.stages
+        before, before_that = stages[-1], self._before_that if self._rounds > 1 else stages[-1]
+        self._before_that = stages[-2:][0]
         finished = self._sums.step(self._inputs, self._network.stages("sums", self._transports, inbox, self._rounds))
         leaving = index - 1 - self._rounds
         is_converged = index >= self._converged_at
         is_new = finished is not None and is_converged and leaving in self._own_acceleration
         if finished is not None and is_new and (is_new := self._is_measured(finished)):
-            self._take_in(leaving, index, blocks[leaving], finished, before_last_round)
+            if self._settings.extrapolate:
+                rate = self._network.rate
+                finished, before = settled(finished, before, rate), settled(before, before_that, rate)
+            behind = self._network.left_by_a_round * (finished - before)
+            self._take_in(leaving, index, blocks[leaving], finished, behind)
         self._moves.step(self._filter, is_new, inbox)
         is_reached = self._filter is None or index >= self._agreed_at
         self._agreement.step(self._own_estimate(index), inbox, is_reached=is_reached)
@@ -233,7 +240,7 @@ class InertialPhase:
             return None
         return f"no complete sum of the team since {self._config.start_of(self.newest + 1):.2f} s"
 
-    def _take_in(self, leaving: int, index: int, samples: Array, average: Array, before_last_round: Array) -> None:
+    def _take_in(self, leaving: int, index: int, samples: Array, average: Array, behind: Array) -> None:
         total = self._network.members * average[:, :6]
         self.newest = leaving
         self.total_wrench = total[-1]
@@ -246,10 +253,9 @@ class InertialPhase:
         own_alpha, by_place = self._own_acceleration[leaving]
         alpha = average[:, 6:9] if self._settings.share_acceleration else own_alpha
         lag = np.zeros((len(samples[::_EVERY]), 12))
-        behind = self._network.left_by_a_round * (average - before_last_round)[::_EVERY]
-        lag[:, :6] = self._network.members * behind[:, :6]
+        lag[:, :6] = self._network.members * behind[::_EVERY, :6]
         if self._settings.share_acceleration:
-            lag[:, 9:] = behind[:, 6:9]
+            lag[:, 9:] = behind[::_EVERY, 6:9]
         by_place = inputs_by_place((samples[:, 9:15] - average[:, :6])[::_EVERY], by_place)
         is_shared = self._settings.share_acceleration and self._settings.share_estimates
         mean_com = self._filter.theta[6:9] - self._grasp_centre if is_shared else None

@@ -56,8 +56,7 @@ class MeanMoves:
         self._gains.append(None if estimate is None else estimate.gain)
         is_complete = mean is not None and mean[0, -1] > 1.0 - 0.5 / self._network.members
         if mean is not None and is_complete and estimate is not None and gain_then is not None:
-            pull = inverse(gain_then) @ mean[0, :-1]
-            self.noise.measure(pull, estimate.gain, estimate.noise_root, estimate.decay)
+            self.noise.measure(inverse(gain_then) @ mean[0, :-1], estimate)
 
 
 def _transport(pose_j_in_i: Pose) -> Array:

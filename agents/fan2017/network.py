@@ -2,25 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 
 import numpy as np
 
 from coheft.agents.estimator import Channels
-from coheft.consensus.graph import (
-    Neighbours,
-    convergence_rate,
-    diameter,
-    metropolis_weight,
-    uniform_weight,
-    weight_matrix,
-)
+from coheft.consensus.graph import Neighbours, convergence_rate, metropolis_weight, uniform_weight, weight_matrix
 from coheft.consensus.pipeline import NeighbourStages
 from coheft.estimation.geometry.spatial import Array
 from coheft.wire.config import AgentConfig
-from coheft.wire.messages.size import MANY
 
 
 @dataclass(frozen=True)
@@ -39,19 +31,11 @@ class Network:
 
     @staticmethod
     def of(config: AgentConfig, graph: Neighbours) -> Network:
-        """In a team of more than ``MANY`` the rate is a bound: no robot decomposes as large a matrix."""
-        equal = uniform_weight(graph) if config.fan2017.consensus_weights == "uniform" else None
-
-        def gain(one: str, other: str) -> float:
-            return metropolis_weight(len(graph[one]), len(graph[other])) if equal is None else equal
-
+        """As the robot of these settings sees it."""
+        gain = _gain(graph, config.fan2017.consensus_weights)
         gains = {name: gain(config.name, name) for name in graph[config.name]}
-        if len(graph) > MANY:
-            # The second smallest eigenvalue of a Laplacian is 4 / (N diameter) at least (Mohar 1991), and the smallest
-            # weight that of a uniform one.
-            rate = 1.0 - 4.0 * uniform_weight(graph) / (len(graph) * diameter(graph))
-            return Network(len(graph), gains, rate)
-        return Network(len(graph), gains, convergence_rate(weight_matrix(graph, gain)))
+        edges = tuple(sorted((name, *others) for name, others in graph.items()))
+        return Network(len(graph), gains, _rate(edges, config.fan2017.consensus_weights))
 
     @property
     def left_by_a_round(self) -> float:
@@ -82,6 +66,21 @@ class Network:
                 )
             )
         return stages
+
+
+def _gain(graph: Neighbours, weights: str) -> Callable[[str, str], float]:
+    """What gives an edge its weight."""
+    if weights == "uniform":
+        equal = uniform_weight(graph)
+        return lambda one, other: equal
+    return lambda one, other: metropolis_weight(len(graph[one]), len(graph[other]))
+
+
+@lru_cache(maxsize=16)
+def _rate(edges: tuple[tuple[str, ...], ...], weights: str) -> float:
+    """``convergence_rate``, once for all robots of a large team that share a process."""
+    graph = {each[0]: each[1:] for each in edges}
+    return convergence_rate(weight_matrix(graph, _gain(graph, weights)))
 
 
 @cache

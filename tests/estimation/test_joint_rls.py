@@ -208,8 +208,7 @@ def test_what_is_forgotten_and_what_all_share_enter_the_covariance(is_differenti
             for joint_filter, own in zip(filters, own_a, strict=True):
                 joint_filter.update(w[now], own[now], alpha[now], force[now], torque[now])
             moved = np.mean([joint_filter.moved for joint_filter in filters], axis=0)
-            gain = filters[0].gain
-            noise.measure(np.linalg.solve(gain, moved), gain, filters[0].noise_root, filters[0].decay)
+            noise.measure(np.linalg.solve(filters[0].gain, moved), filters[0])
         errors = [joint_filter.theta - theta_of(team.inertia) for joint_filter in filters]
         mean = np.mean(errors, axis=0)
         squares.append(mean @ np.linalg.solve(filters[0].covariance(noise.share), mean))

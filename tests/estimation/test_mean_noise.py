@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,19 @@ from coheft.estimation.geometry.spatial import Array
 
 MEMORY = 50.0
 DECAY = 1.0 - 1.0 / MEMORY
+
+
+@dataclass
+class _Own:
+    """All that is asked of a ``JointRls``."""
+
+    noise_root: Array
+    gain: Array = field(default_factory=lambda: np.eye(10))
+    decay: float = DECAY
+
+
+def measure(noise: MeanNoise, pull: Array, own: _Own) -> None:
+    noise.measure(pull, own)  # type: ignore[arg-type]
 
 
 def roots(rng: np.random.Generator) -> tuple[Array, Array]:
@@ -23,7 +38,7 @@ def test_the_covariance_of_the_mean_is_that_of_its_moves() -> None:
     rng, noise = np.random.default_rng(1), MeanNoise(MEMORY)
     move, root = roots(rng)
     for _ in range(4000):
-        noise.measure(move @ rng.normal(size=10), np.eye(10), root, DECAY)
+        measure(noise, move @ rng.normal(size=10), _Own(root))
     expected = move @ move.T / (1.0 - DECAY**2)
     found = root @ noise.share @ root.T
     sizes = np.sqrt(expected.diagonal())
@@ -35,7 +50,7 @@ def test_former_residuals_count_by_the_gain_of_today() -> None:
     _, root = roots(rng)
     for block in range(4000):  # information comes and goes, and the own covariance with it
         gain = (2.0 + np.sin(0.1 * block)) * root
-        noise.measure(rng.normal(size=10), gain, gain, DECAY)
+        measure(noise, rng.normal(size=10), _Own(gain, gain))
     np.testing.assert_allclose(noise.share, np.eye(10) / (1.0 - DECAY**2), atol=0.15 / (1.0 - DECAY**2))
 
 
@@ -43,7 +58,7 @@ def test_before_it_is_measured_the_mean_is_taken_to_be_as_noisy_as_one() -> None
     rng, noise = np.random.default_rng(2), MeanNoise(MEMORY)
     move, root = roots(rng)
     for _ in range(int(MEMORY) - 1):
-        noise.measure(move @ rng.normal(size=10), np.eye(10), root, DECAY)
+        measure(noise, move @ rng.normal(size=10), _Own(root))
     np.testing.assert_array_equal(noise.share, np.eye(10))
 
 
@@ -52,11 +67,11 @@ def test_what_a_load_change_does_is_no_noise(late: int) -> None:
     rng, noise = np.random.default_rng(3), MeanNoise(MEMORY)
     move, root = roots(rng)
     for _ in range(200):
-        noise.measure(move @ rng.normal(size=10), np.eye(10), root, DECAY)
+        measure(noise, move @ rng.normal(size=10), _Own(root))
     before = noise.share.copy()
     noise.pause(late)
     for _ in range(late):
-        noise.measure(1e3 * move @ rng.normal(size=10), np.eye(10), root, DECAY)
+        measure(noise, 1e3 * move @ rng.normal(size=10), _Own(root))
     for _ in range(200):
-        noise.measure(move @ rng.normal(size=10), np.eye(10), root, DECAY)
+        measure(noise, move @ rng.normal(size=10), _Own(root))
     assert np.trace(noise.share) < 1.5 * np.trace(before)

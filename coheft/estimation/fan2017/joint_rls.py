@@ -215,7 +215,9 @@ class JointRls:
     @property
     def gain(self) -> Array:
         """By what theta moves for a unit of a block's residuals in the normal equations, shape (10, 10), invertible."""
-        return self._of_all(self._all.inverse) + np.diag(np.isin(np.arange(10), self._known).astype(np.float64))
+        result = self._of_all(self._all.inverse)
+        result[self._known, self._known] = 1.0
+        return result
 
     @property
     def noise_root(self) -> Array:

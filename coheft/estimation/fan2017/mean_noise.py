@@ -10,7 +10,11 @@ what these once moved the estimate by changes as information comes and goes.
 
 import numpy as np
 
+from coheft.estimation.fan2017.joint_rls import JointRls
 from coheft.estimation.geometry.spatial import Array
+
+_EVERY = 5
+"""Squares are compared with the own noise every so many blocks: they change slowly."""
 
 
 class MeanNoise:
@@ -38,21 +42,19 @@ class MeanNoise:
         self._squares[:] = 0.0
         self._wait = self._memory + late
 
-    def measure(self, pull: Array, gain: Array, root: Array, decay: float) -> None:
+    def measure(self, pull: Array, own: JointRls) -> None:
         """Process a block.
 
         Args:
             pull: Residuals in the normal equations that move the own estimate as far as the mean of all robots'
                 estimates moved, shape (10,).
-            gain: The own ``JointRls.gain`` now, shape (10, 10).
-            root: The own ``JointRls.noise_root`` now, shape (10, 10).
-            decay: Factor by which the weight of older samples has become smaller.
+            own: The own estimate, as it is now.
         """
         self._wait -= 1.0
         if self._wait >= self._memory:
             return
-        self._squares = decay**2 * self._squares + np.outer(pull, pull)
-        if self._wait <= 0.0:
-            white = np.linalg.solve(root, gain)
-            self._sum = self._sum + white @ self._squares @ white.T
-            self._count += 1.0
+        self._squares = own.decay**2 * self._squares + np.outer(pull, pull)
+        if self._wait <= 0.0 and self._wait % _EVERY == 0.0:
+            white = np.linalg.solve(own.noise_root, own.gain)
+            self._sum = self._sum + _EVERY * white @ self._squares @ white.T
+            self._count += _EVERY

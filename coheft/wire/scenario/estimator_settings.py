@@ -15,6 +15,8 @@ class Fan2017Settings(Section, frozen=True):
         memory: Time over which old samples are forgotten [s]; the forgetting factor per sample is
             ``1 - 1 / (memory * rate)``.
         rounds: Rounds of dynamic consensus that each sample goes through.
+        extrapolate: Whether a robot adds to a sum what more rounds would still change, see
+            ``coheft.consensus.settled``; false is as in the paper.
         pose_rotation_deg: Largest standard deviation of a pose's rotation for it to have converged [degrees].
         pose_translation_mm: The same for its translation [mm].
         acceleration: Angular acceleration from the ``gyro`` alone, eq. (16), or from ``accelerometers``, eq. (17), with
@@ -33,6 +35,7 @@ class Fan2017Settings(Section, frozen=True):
 
     memory: Positive = 2.0
     rounds: Annotated[int, Meta(ge=1, le=256)] = 16
+    extrapolate: bool = True
     pose_rotation_deg: Positive = 0.18
     pose_translation_mm: Positive = 3.6
     acceleration: Literal["gyro", "accelerometers"] = "accelerometers"
