@@ -92,6 +92,19 @@ def test_moments_in_another_unit_are_no_obstacle() -> None:
         assert is_possible(nearest_possible(estimate, root @ root.T, 0.5))
 
 
+def test_a_mass_that_is_known_is_no_obstacle() -> None:
+    """Some directions are known up to a million million times better than others."""
+    rng = np.random.default_rng(5)
+    for _ in range(20):
+        axes = np.linalg.qr(rng.normal(size=(10, 10)))[0]
+        information = axes @ np.diag(10.0 ** rng.uniform(0.0, 5.0, 10)) @ axes.T
+        information[0, 0] += 10.0 ** rng.uniform(6.0, 14.0)
+        estimate = np.concatenate([[10.0], rng.normal(size=3), 3.0 * rng.normal(size=6)])
+        body = nearest_possible(estimate, information, LENGTH)
+        assert is_possible(body, 0.0)
+        assert abs(body[0] - 10.0) < 0.1
+
+
 def test_agrees_with_a_general_purpose_optimiser() -> None:
     lower = np.tril_indices(4)
 

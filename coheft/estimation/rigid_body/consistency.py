@@ -23,6 +23,8 @@ _GROWTH = 20.0
 _ROUGHLY, _EXACTLY = 0.5, 1e-2
 """Newton decrements that end the search for a centre: for intermediate ones, and for the last one."""
 _NEWTON_STEPS = 40
+_INSIDE = 0.9
+"""Largest share of the way to the border of what is possible that a step may go."""
 _INWARDS = 1e-7
 """Share of the way to an interior point by which the result is moved, so that rounding cannot make it impossible."""
 
@@ -124,8 +126,10 @@ def _centred(point: Array, target: Array, metric: Array, tolerance: float) -> Ar
         step = -np.linalg.solve(outwards.T @ metric @ outwards + np.eye(10), gradient)
         decrement = np.sqrt(max(-float(gradient @ step), 0.0))
         # The damped step of a self-concordant function stays inside (Nesterov, Nemirovskii 1994), and so do short
-        # steps.
-        point = point + outwards @ (step / (1.0 + decrement) if decrement > 0.25 else step)
+        # steps; rounding may make any step longer, if some directions are known much better than others.
+        length = 1.0 / (1.0 + decrement) if decrement > 0.25 else 1.0
+        lowest = float(np.linalg.eigvalsh((step @ _FLAT_BASIS).reshape(4, 4))[0])
+        point = point + min(length, _INSIDE / max(-lowest, _INSIDE)) * (outwards @ step)
         if decrement < tolerance:
             break
     return point
