@@ -122,10 +122,10 @@ def sentences(estimator: str, result: EstimatorResult) -> Iterator[str]:
 
 def title(report: StudyReport) -> str:
     """Return a line that describes the study."""
+    runs = f"{report.runs} run{'s' * (report.runs != 1)}"
     times = ", ".join(f"{at:g}" for at in report.at_s)
     return (
-        f"{report.scenario}: {report.runs} runs (seeds {report.seeds[0]} to {report.seeds[1]}) per noise scale, "
-        f"judged at {times} s"
+        f"{report.scenario}: {runs} (seeds {report.seeds[0]} to {report.seeds[1]}) per noise scale, judged at {times} s"
     )
 
 
