@@ -6,7 +6,7 @@ chapters of fixed length), ``innovations`` (residuals of rows at the fit), ``mon
 robot's sensors contradict the team, and what becomes of rows then), ``looks`` and ``change_detector`` (has the load
 changed?), ``one_load`` (where, and what a change makes wrong in a fit to all rows), ``small_steps`` and ``gaps``
 (changes that are too small to be noticed), ``judge`` (do all rows fit?) and ``acceptance`` (what follows if not, with
-``undeclared_watch``), ``causes`` (a load change or one of the ``slips``?), ``load_drift``, ``stages`` and ``session``
-(decides what to do with each row), ``team`` (all of this while the team stays the same, with ``handover`` for robots
-that join), ``estimator`` (the interface to the agent). The mathematics is in ``coheft.estimation.moments``.
+``undeclared_watch``), ``before``, ``slips`` and ``causes`` (a load change or a slip?), ``load_drift``, ``stages`` and
+``session`` (decides what to do with each row), ``team`` (all of this while the team stays the same, with ``handover``
+for robots that join), ``estimator`` (the interface to the agent). The mathematics is in ``coheft.estimation.moments``.
 """

@@ -16,23 +16,21 @@ from __future__ import annotations
 import math
 from bisect import bisect_left
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
-from coheft.agents.efficient.innovations import Past
+from coheft.agents.efficient.before import Before
 from coheft.agents.efficient.judge import Outcome
 from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.load_drift import LoadDrift
 from coheft.agents.efficient.settings import Guards
 from coheft.agents.efficient.small_steps import UnnoticedStep
-from coheft.estimation.geometry.spatial import Array, Pose
-from coheft.estimation.moments.body import FORCING, MOTION_SIZE, REGRESSOR, load_operator, residual_covariance
-from coheft.estimation.moments.chapter import EvidenceAt, Prior
-from coheft.estimation.moments.fit import Estimate
-from coheft.estimation.moments.moments import RowMoments, evaluated_moments, robot_indices
+from coheft.estimation.geometry.spatial import Array
+from coheft.estimation.moments.chapter import EvidenceAt
+from coheft.estimation.moments.moments import RowMoments, evaluated_moments
+from coheft.estimation.moments.slip_residuals import latest_start, log_ratio_to_knock
 from coheft.estimation.moments.suspects import LogRatios, log_ratios
 from coheft.estimation.moments.unknowns import THETA
 
@@ -70,66 +68,6 @@ class Cause(NamedTuple):
     robot: int | None
     first: int
     is_load: bool = False
-
-
-class Before(NamedTuple):
-    """What was known before a change.
-
-    Attributes:
-        estimate: The estimate; poses of robots that have joined since are hidden.
-        prior: The same, as a prior.
-        covariance: Covariance of all unknowns, shape (u, u), with the drift of sensors.
-        past: The rows until then.
-        unseen: Covariance (u, u) of the error if theta has changed before without having been noticed, or None.
-        later: Number of later rows with which it may be compared, missing ones included; sensors drift meanwhile.
-    """
-
-    estimate: Estimate
-    prior: Prior
-    covariance: Array
-    past: Past
-    unseen: Array | None
-    later: int
-
-    @staticmethod
-    def of(
-        known: Knowledge, index: int, unnoticed: UnnoticedStep, drift: LoadDrift | None, later: int, missing: int = 0
-    ) -> Before:
-        """What the rows before an index have shown; so many rows are missing after them, and ``later`` are compared."""
-        estimate, prior = known.known_before(index)
-        unseen = known.unseen_change(estimate, unnoticed, drift, index, missing)
-        later += missing
-        covariance = known.covariance_now(estimate, later)
-        return Before(estimate, prior, covariance, known.innovations.past_before_slip, unseen, later)
-
-    def with_poses_of(self, known: Knowledge) -> Before | None:
-        """Return the same with the poses of robots that have joined as they are known now, because the offset of the
-        total wrench depends on them; None if one is unknown.
-        """
-        is_new = self.estimate.hidden_poses()
-        if not is_new.any():
-            return self
-        if known.estimate is None or known.misses_poses:
-            return None
-        state, now, old = self.prior.state, known.estimate.state.poses, int(np.argmin(is_new))
-        to_body = state.poses[old] @ now[old].inverse()
-        poses = [to_body @ now[robot] if is_new[robot] else pose for robot, pose in enumerate(state.poses)]
-        there = replace(state, poses=tuple(poses))
-        shift = there.since(state, self.estimate.body.unknowns)
-        prior = replace(self.prior, state=there, evidence=self.prior.evidence.shifted(shift))
-        estimate = known.known_from(prior)
-        return self._replace(estimate=estimate, prior=prior, covariance=known.covariance_now(estimate, self.later))
-
-    def with_load_of(self, known: Knowledge) -> Before:
-        """Return the same at the present load, of which nothing was known: derivatives by poses depend on the load."""
-        assert known.estimate is not None
-        load = self.estimate.state.fitted_load.copy()
-        load[THETA] = known.estimate.state.fitted_load[THETA]
-        body = known.body_at(self.estimate.state.with_load(load))
-        covariance, theta = self.covariance.copy(), body.unknowns.theta
-        covariance[theta] = covariance[:, theta] = 0.0
-        covariance[theta, theta] = np.diag(np.square(self.prior.guess.limits))
-        return self._replace(estimate=replace(self.estimate, body=body), covariance=covariance)
 
 
 class Suspicion:
@@ -312,7 +250,9 @@ class Suspicion:
         rows, start = np.array([self._rows[number] for number in numbers]), bisect_left(numbers, cause.first)
         found = _slipped(known, before, cause, numbers[start:], rows[start:])
         former = before.with_load_of(found) if cause.is_load else before
-        later = _latest_start(former.estimate, found, rows, guards.lead)
+        assert found.estimate is not None
+        mean = found.innovations.mean_residuals
+        later = latest_start(former.estimate, found.estimate, rows, mean, guards.lead)
         if len(numbers) - max(start, later) < _LEAST:
             return None
         if later > start:
@@ -321,7 +261,7 @@ class Suspicion:
         assert estimate is not None
         former_pose, all_rows = before.estimate.state.poses[cause.robot], rows[start:]
         least = guards.doubt if cause.is_load else guards.lead  # wrenches of an unknown load show less
-        if _log_ratio_to_knock(estimate, cause.robot, former_pose, all_rows, cause.is_load) < least:
+        if log_ratio_to_knock(estimate, cause.robot, former_pose, all_rows, cause.is_load) < least:
             return None
         return found if found.judge().outcome is Outcome.FITS else None
 
@@ -351,45 +291,3 @@ def _likeliest(count: int, index: int, ratio: Callable[[int], float]) -> tuple[f
         step = (step + 1) // 2
         best = max({best, max(best - step, 0), min(best + step, last)}, key=ratio)
     return ratio(best), best
-
-
-def _latest_start(before: Estimate, after: Knowledge, rows: Array, lead: float) -> int:
-    """Return the index of the last of rows (n, X) that may well be the first one after a slip, by residuals at the
-    estimates before and after it.
-    """
-    assert after.estimate is not None
-    mean = after.innovations.mean_residuals
-    of_before, of_after = (_squares(estimate, rows, mean) for estimate in (before, after.estimate))
-    ratios = np.cumsum(0.5 * (of_before - of_after)[::-1])[::-1]  # if each row is the first one
-    return int(np.flatnonzero(ratios >= ratios.max() - lead)[-1])
-
-
-def _squares(estimate: Estimate, rows: Array, mean: Array) -> Array:
-    """Squared residuals (n,) of rows (n, X) at an estimate, with these mean residuals of motion sensors."""
-    body, load = estimate.body, estimate.state.fitted_load
-    motion = rows @ body.motion_map.T
-    of_motion = body.residuals(rows, motion[:, :MOTION_SIZE]).reshape(len(rows), -1) - mean
-    wrench = (rows @ body.wrench_map.T - motion[:, FORCING] @ load_operator(load).T).T
-    of_wrench = np.linalg.solve(np.linalg.cholesky(residual_covariance(body, load)), wrench)
-    result: Array = np.square(of_motion).sum(axis=1) + np.square(of_wrench).sum(axis=0)
-    return result
-
-
-def _log_ratio_to_knock(estimate: Estimate, robot: int, former_pose: Pose, rows: Array, is_load: bool) -> float:
-    """Return the log ratio of the wrenches of rows (n, X): slipped grasp to grasp as before.
-
-    If the load has changed as well, each is with the load that fits best.
-    """
-    body, load = estimate.body, estimate.state.fitted_load
-    root = np.linalg.cholesky(residual_covariance(body, load))
-    motion, own = rows @ body.motion_map[FORCING].T, robot_indices(body.count, body.unknowns.errors)[robot]
-    to_former = former_pose.adjoint() @ estimate.state.poses[robot].inverse().adjoint()
-    knocked = body.wrench_map.copy()
-    knocked[:, own] = to_former @ knocked[:, own]
-    needed = motion @ load_operator(load).T
-    of_slip, of_knock = (np.linalg.solve(root, (rows @ each.T - needed).T) for each in (body.wrench_map, knocked))
-    if is_load:
-        by_theta = np.tensordot(motion, np.linalg.solve(root, REGRESSOR[:, :, THETA]), axes=1)  # (n, 6, 10)
-        basis, _ = np.linalg.qr(by_theta.reshape(-1, by_theta.shape[2]))
-        of_slip, of_knock = (each.T.ravel() - basis @ (basis.T @ each.T.ravel()) for each in (of_slip, of_knock))
-    return 0.5 * float(np.square(of_knock).sum() - np.square(of_slip).sum())
