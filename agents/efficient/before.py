@@ -9,8 +9,7 @@ import numpy as np
 
 from coheft.agents.efficient.innovations import Past
 from coheft.agents.efficient.knowledge import Knowledge
-from coheft.agents.efficient.load_drift import LoadDrift
-from coheft.agents.efficient.small_steps import UnnoticedStep
+from coheft.agents.efficient.unnoticed import Unnoticed
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.chapter import Prior
 from coheft.estimation.moments.fit import Estimate
@@ -37,12 +36,10 @@ class Before(NamedTuple):
     later: int
 
     @staticmethod
-    def of(
-        known: Knowledge, index: int, unnoticed: UnnoticedStep, drift: LoadDrift | None, later: int, missing: int = 0
-    ) -> Before:
+    def of(known: Knowledge, index: int, unnoticed: Unnoticed, later: int, missing: int = 0) -> Before:
         """What the rows before an index have shown; so many rows are missing after them, and ``later`` are compared."""
         estimate, prior = known.known_before(index)
-        unseen = known.unseen_change(estimate, unnoticed, drift, index, missing)
+        unseen = unnoticed.process_noise(known, estimate, index, missing)
         later += missing
         covariance = known.covariance_now(estimate, later)
         return Before(estimate, prior, covariance, known.innovations.past_before_slip, unseen, later)

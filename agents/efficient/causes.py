@@ -13,6 +13,7 @@ from coheft.agents.efficient.settings import Guards, RowCounts
 from coheft.agents.efficient.slips import Slip, Suspicion
 from coheft.agents.efficient.small_steps import UnnoticedStep
 from coheft.agents.efficient.stages import Event
+from coheft.agents.efficient.unnoticed import Unnoticed
 from coheft.estimation.geometry.spatial import Array
 
 
@@ -89,9 +90,9 @@ class Causes:
         if self._suspicion is not None and not self._suspicion.may_begin_at(first):
             self._suspicion = None
         if self._suspicion is None:
-            index, drift = max(index, buffer.start), self.load_drift(known, first)
+            index, changes = max(index, buffer.start), Unnoticed(unnoticed, self.load_drift(known, first))
             self._suspicion = Suspicion.of_change(
-                known, index, newest, len(self.changes), is_load, unnoticed, drift, self._rows.telling_apart
+                known, index, newest, len(self.changes), is_load, changes, self._rows.telling_apart
             )
         elif self._suspicion.is_expected and is_load:
             self._suspicion.notice_load()
@@ -99,10 +100,8 @@ class Causes:
     def expect(self, known: Knowledge, since: int, unnoticed: UnnoticedStep) -> None:
         """Compare causes from this row on: rows before were missing, or not used, so anything may have changed."""
         if self._suspicion is None or not self._suspicion.is_open:
-            drift = self.load_drift(known, since)
-            self._suspicion = Suspicion.after_gap(
-                known, since, len(self.changes), unnoticed, drift, self._rows.after_gap
-            )
+            changes = Unnoticed(unnoticed, self.load_drift(known, since))
+            self._suspicion = Suspicion.after_gap(known, since, len(self.changes), changes, self._rows.after_gap)
 
     def load_begins(self, number: int) -> None:
         """Begin the present load at this row; unless it is the first since a gap, only its rows are compared."""

@@ -135,7 +135,7 @@ class EfficientEstimator:
                 session.stage,
                 len(session.causes.certain_changes),
                 len(session.causes.slips),
-                session.unnoticed,
+                session.unnoticed.step,
                 None if session.load_drift is None else team.newest,  # the estimate lags behind more and more
             )
             if now != self._believed:

@@ -17,7 +17,7 @@ from coheft.agents.efficient.one_load import OneLoad
 from coheft.agents.efficient.pages import KEPT_ON_PAGE, Pages
 from coheft.agents.efficient.row_times import MANY
 from coheft.agents.efficient.settings import Guards
-from coheft.agents.efficient.small_steps import NO_STEP, UnnoticedStep
+from coheft.agents.efficient.small_steps import UnnoticedStep
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.moments.body import BodyModel
 from coheft.estimation.moments.change import likeliest_step, surprise
@@ -120,46 +120,12 @@ class Knowledge:
         """
         return 0 if self._first is None else self.buffer.number_at(self.buffer.count) - self._first
 
-    def posterior(self, unnoticed: UnnoticedStep, drift: LoadDrift | None, missing: float = 0.0) -> Prior | None:
-        """Everything that is known, as a prior for another team; None if a pose or the load is unknown.
-
-        Args:
-            unnoticed: The step of the mass that may not have been noticed yet; that team could not notice it.
-            drift: Drift of the load.
-            missing: Time without rows until that team's first one [s].
-        """
-        estimate = self.estimate
-        if estimate is None or self.misses_poses or self.theta is None:
-            return None
-        noise = self.unseen_change(estimate, unnoticed, drift, missing=missing / self._settings.period)
+    def posterior(self, missing: float = 0.0) -> Prior:
+        """Everything that is known, as a prior for another team, whose first row is so much later [s]."""
+        assert self.estimate is not None
         self.bridge(missing)
         is_after_gap = missing > self._guards.waiting
-        prior = replace(self._chapter.posterior(estimate, self._guess), is_after_gap=is_after_gap)
-        return prior if noise is None else prior.with_process_noise(slice(None), noise)
-
-    def unseen_change(
-        self,
-        estimate: Estimate,
-        unnoticed: UnnoticedStep,
-        drift: LoadDrift | None,
-        end: int | None = None,
-        missing: float = 0.0,
-    ) -> Array | None:
-        """Covariance (u, u) of the error if theta has changed without having been noticed, None if it has not.
-
-        Args:
-            estimate: The estimate.
-            unnoticed: The step of the mass that may have occurred.
-            drift: Drift of the load.
-            end: The estimate is from the rows before this index; None if from all of them.
-            missing: Number of rows that are missing since.
-        """
-        fit = self.one_load(estimate, end, is_last=end is None)
-        step = self._unnoticed_step(estimate, unnoticed, fit)
-        if drift is None:
-            return step
-        drifted = drift.process_noise(estimate, fit.error_by_drift(missing))
-        return drifted if step is None else step + drifted
+        return replace(self._chapter.posterior(self.estimate, self._guess), is_after_gap=is_after_gap)
 
     def undeclared_error(self) -> UndeclaredError | None:
         """Return the most significant sensor error with tolerance zero, or None; large teams look for fewer kinds."""
@@ -170,30 +136,6 @@ class Knowledge:
         constant = undeclared_error(estimate, self._guess, self._chapter, settings, self._anchor, kinds, false_alarm)
         late = self.innovations.late_sensor(self.buffer, settings.period, false_alarm)
         return max(filter(None, (constant, late)), key=lambda error: error.size, default=None)
-
-    def _unnoticed_step(self, estimate: Estimate, unnoticed: UnnoticedStep, fit: OneLoad) -> Array | None:
-        """See ``UnnoticedStep.process_noise``; None if there is no step."""
-        if unnoticed.mass == 0.0 or not estimate.state.fitted_load[THETA.start] > 0.0:
-            return None
-        return unnoticed.process_noise(estimate, fit.error_by_step(self.buffer.index_of(unnoticed.first)))
-
-    def covering(
-        self,
-        estimate: Estimate,
-        drift: LoadDrift | None,
-        end: int | None = None,
-        unnoticed: UnnoticedStep = NO_STEP,
-    ) -> Estimate:
-        """Return an estimate whose covariance covers a step of the mass that may have occurred, and the drift of the
-        load up to the row before an index, or up to now.
-        """
-        if estimate.state.load is None or (drift is None and unnoticed.mass == 0.0):
-            return estimate
-        fit = self.one_load(estimate, end)
-        step = self._unnoticed_step(estimate, unnoticed, fit)
-        if step is not None:
-            estimate = estimate.with_process_noise(step)
-        return estimate if drift is None else drift.cover(estimate, fit.error_by_drift())
 
     def judge(self, load_before: KnownLoad | None = None) -> Verdict:
         """Judge the estimate, see ``judge.judge``."""

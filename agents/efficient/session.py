@@ -20,8 +20,8 @@ from coheft.agents.efficient.judge import Verdict
 from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.load_drift import LoadChange, LoadDrift
 from coheft.agents.efficient.settings import Guards, RowCounts
-from coheft.agents.efficient.small_steps import UnnoticedStep
 from coheft.agents.efficient.stages import TRANSITIONS, Event, Restlessness, Stage
+from coheft.agents.efficient.unnoticed import Unnoticed
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.body import FORCING_SIZE
 from coheft.estimation.moments.chapter import Prior
@@ -226,7 +226,7 @@ class Session:
         self._suspect(index, is_load=True)
         if self._follow_drift(index, before, number):
             return
-        covered = known.covering(before, self.load_drift, index)
+        covered = Unnoticed(drift=self.load_drift).cover(known, before, index)
         known_before = unknowns.load if self.settings.has_offset else unknowns.theta
         self._acceptance.load_changes(KnownLoad(load, covered.covariance[known_before, known_before]))
         first = int(known.buffer.numbers[index])
@@ -298,7 +298,13 @@ class Session:
         is_doubtful = is_suspected or self.causes.is_open or self._detector.distrusts_wrenches
         if self.stage is not Stage.ESTIMATING or is_doubtful:
             return None
-        return self._known.posterior(self.unnoticed, self.load_drift, missing)
+        known = self._known
+        if known.estimate is None or known.misses_poses or known.theta is None:
+            return None
+        # The other team could not notice what has not been noticed here.
+        noise = self.unnoticed.process_noise(known, known.estimate, missing=missing / self.settings.period)
+        prior = known.posterior(missing)
+        return prior if noise is None else prior.with_process_noise(slice(None), noise)
 
     @property
     def settings(self) -> FitSettings:
@@ -317,7 +323,7 @@ class Session:
 
     def claimable(self, estimate: Estimate) -> Estimate:
         """Return the estimate to publish: its covariance covers changes of the load that are not noticed yet."""
-        return self._known.covering(estimate, self.load_drift, unnoticed=self.unnoticed)
+        return self.unnoticed.cover(self._known, estimate)
 
     @property
     def load_drift(self) -> LoadDrift | None:
@@ -325,9 +331,9 @@ class Session:
         return self.causes.load_drift(self._known, self._newest)
 
     @property
-    def unnoticed(self) -> UnnoticedStep:
-        """The step of the mass that may have occurred without being noticed yet, since a gap or in it."""
-        return max(self._detector.step, self._gap.step(self._known))
+    def unnoticed(self) -> Unnoticed:
+        """How the load may have changed without having been noticed yet, since a gap or in it."""
+        return Unnoticed(max(self._detector.step, self._gap.step(self._known)), self.load_drift)
 
     @property
     def contradicting(self) -> int | None:

@@ -24,9 +24,8 @@ import numpy as np
 from coheft.agents.efficient.before import Before
 from coheft.agents.efficient.judge import Outcome
 from coheft.agents.efficient.knowledge import Knowledge
-from coheft.agents.efficient.load_drift import LoadDrift
 from coheft.agents.efficient.settings import Guards
-from coheft.agents.efficient.small_steps import UnnoticedStep
+from coheft.agents.efficient.unnoticed import Unnoticed
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.chapter import EvidenceAt
 from coheft.estimation.moments.moments import RowMoments, evaluated_moments
@@ -114,8 +113,7 @@ class Suspicion:
         noticed: int,
         changes: int,
         is_load: bool,
-        unnoticed: UnnoticedStep,
-        drift: LoadDrift | None,
+        unnoticed: Unnoticed,
         later: int,
     ) -> Suspicion:
         """The suspicion when a change is noticed; the row at ``index`` is the first after it, as far as is known."""
@@ -124,15 +122,13 @@ class Suspicion:
         numbers = buffer.numbers[begin : buffer.count].tolist()
         rows = dict(zip(numbers, buffer.window(begin).copy(), strict=True))
         first = numbers[index - begin] if index < buffer.count else noticed
-        return Suspicion(Before.of(known, begin, unnoticed, drift, later), rows, first, noticed, changes, is_load)
+        return Suspicion(Before.of(known, begin, unnoticed, later), rows, first, noticed, changes, is_load)
 
     @staticmethod
-    def after_gap(
-        known: Knowledge, since: int, changes: int, unnoticed: UnnoticedStep, drift: LoadDrift | None, later: int
-    ) -> Suspicion:
+    def after_gap(known: Knowledge, since: int, changes: int, unnoticed: Unnoticed, later: int) -> Suspicion:
         """The suspicion when rows have been missing; ``since`` is the number of the first row that is not."""
         missing = max(0, since - known.buffer.number_at(known.buffer.count))
-        before = Before.of(known, known.buffer.count, unnoticed, drift, later, missing)
+        before = Before.of(known, known.buffer.count, unnoticed, later, missing)
         return Suspicion(before, {}, since, since, changes, is_expected=True)
 
     @property

@@ -14,9 +14,9 @@ from coheft.agents.efficient.load_drift import LoadChange, LoadDrift
 from coheft.agents.efficient.session import Session
 from coheft.agents.efficient.settings import Guards
 from coheft.agents.efficient.slips import Suspicion
-from coheft.agents.efficient.small_steps import UnnoticedStep
 from coheft.agents.efficient.stages import Stage
 from coheft.agents.efficient.undeclared_watch import UndeclaredWatch
+from coheft.agents.efficient.unnoticed import Unnoticed
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.moments.fit_settings import FitSettings
@@ -283,7 +283,7 @@ def test_what_is_published_stays_finite_if_rows_that_were_fitted_are_taken_back(
     known.fit()
     known.take_back(int(known.buffer.numbers[known.buffer.count - 1]) - 5)
     assert known.estimate is not None
-    assert np.isfinite(known.covering(known.estimate, drift).covariance).all()
+    assert np.isfinite(Unnoticed(drift=drift).cover(known, known.estimate).covariance).all()
 
 
 def test_a_load_that_is_to_be_confirmed_is_not_followed(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -323,12 +323,12 @@ def test_a_drift_is_noticed_after_a_slip_that_robots_have_started_over_for() -> 
 
 
 def test_a_leak_goes_on_while_rows_are_missing() -> None:
-    found, none = after(two_steps(20)), UnnoticedStep()
-    known, drift = found._known, found.load_drift
-    assert drift is not None
+    found = after(two_steps(20))
+    known, unnoticed = found._known, Unnoticed(drift=found.load_drift)
+    assert unnoticed.drift is not None
     covered = []
     for gap in (0, 50):
-        before = Suspicion.after_gap(known, known.buffer.number_at(known.buffer.count) + gap, 2, none, drift, 0)._before
+        before = Suspicion.after_gap(known, known.buffer.number_at(known.buffer.count) + gap, 2, unnoticed, 0)._before
         assert before.unseen is not None
         mass = before.estimate.body.unknowns.theta.start
         covered.append(before.unseen[mass, mass])

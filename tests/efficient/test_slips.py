@@ -11,7 +11,7 @@ from coheft.agents.efficient.before import Before
 from coheft.agents.efficient.innovations import Innovations
 from coheft.agents.efficient.session import Session
 from coheft.agents.efficient.settings import Guards
-from coheft.agents.efficient.small_steps import UnnoticedStep
+from coheft.agents.efficient.unnoticed import Unnoticed
 from coheft.estimation.geometry.spatial import Pose, rotation_exp
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.moments.chapter import Chapter
@@ -117,7 +117,7 @@ def test_a_slip_that_removed_rows_have_shown_is_forgotten() -> None:
 def test_what_was_known_stays_the_same_where_a_pose_is_filled_in() -> None:
     known = fed(made_up_rows(BEFORE))._known
     assert known.estimate is not None
-    before = Before.of(known, BEFORE, UnnoticedStep(), None, 0)
+    before = Before.of(known, BEFORE, Unnoticed(), 0)
     hidden, own = before.estimate.hidden.copy(), before.estimate.body.unknowns.poses[2]
     hidden[own, own] += 1.0
     poses = list(known.estimate.state.poses)

@@ -8,6 +8,7 @@ import pytest
 from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.settings import Guards
 from coheft.agents.efficient.small_steps import StepWatch, UnnoticedStep
+from coheft.agents.efficient.unnoticed import Unnoticed
 from coheft.estimation.moments.change import SmallStep
 from coheft.estimation.rigid_body.mass_properties import point_mass
 from tests.efficient.rows import LOAD, POSES, made_up_rows
@@ -38,7 +39,7 @@ def test_poses_are_less_certain_if_they_were_fitted_to_rows_before_and_after_a_s
 ) -> None:
     found = known()
     estimate = found.fit()
-    covered = found.covering(estimate, None, unnoticed=UnnoticedStep(0.5, first))
+    covered = Unnoticed(UnnoticedStep(0.5, first)).cover(found, estimate)
     unknowns = estimate.body.unknowns
     more = covered.covariance.diagonal() / np.maximum(estimate.covariance.diagonal(), 1e-30)
     assert more[unknowns.theta.start] > 10.0
