@@ -56,6 +56,7 @@ class Agreement:
         """Start anew with these poses of the neighbours; what was agreed on holds until it has come as far again."""
         self.consensus = DynamicConsensus(1, 1, _CHANNELS)
         self._transports = {name: _transport(pose) for name, pose in poses_j_in_i.items()}
+        self._left, self._before = self._own - self._mean, None
 
     def step(self, own: tuple[Array, Array, Array] | None, inbox: Mapping[str, Channels], *, is_reached: bool) -> None:
         """A round.
@@ -67,13 +68,15 @@ class Agreement:
             is_reached: Whether there have been rounds enough since the start.
         """
         former, self._own = self._own, self._own if own is None else _channels(*own)
-        before_round = self.consensus.pipeline.stages[0, 0]
         stages = self._network.stages("parameters", self._transports, inbox, rounds=1)
         mean = self.consensus.step(self._own[None], stages)
-        self._behind = self._behind + self._own - former
+        moved = self._own - former
+        self._behind = self._behind + moved
+        if mean is not None and self._before is not None:  # what all estimates move alike does not make them differ
+            moved = moved - (mean[0] - self._before)
+        self._left, self._before = self._network.rate * self._left + moved, None if mean is None else mean[0]
         if mean is not None and is_reached:
-            self._mean = mean[0]
-            self._behind = self._network.left_by_a_round * (mean[0] - before_round) + self._own - former
+            self._mean, self._behind = mean[0], self._left
 
     @property
     def centre(self) -> Array:
