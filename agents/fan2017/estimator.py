@@ -153,8 +153,8 @@ class Fan2017Estimator:
             return ("the team's sums have not begun",)
         if phase.newest < 0:
             return ("the team's sums have just begun",)
-        gap = phase.gap(self._index + 1)
-        return () if gap is None else (gap,)
+        doubt = phase.doubt(self._index + 1)
+        return () if doubt is None else (doubt,)
 
     def _update_pose(self, name: str, own: Array, other: Array) -> None:
         if self._config.name < name:

@@ -234,8 +234,10 @@ class InertialPhase:
         """Whether no robot's share in a block was made up: what is made up spreads just as the sums that it spoils."""
         return bool(average[:, 9].min() > 1.0 - 0.5 / self._network.members)
 
-    def gap(self, block: int) -> str | None:
-        """Why the load may have changed unnoticed by now, the start of a block; None if it cannot have."""
+    def doubt(self, block: int) -> str | None:
+        """Why the load may have changed without having been noticed by now, the start of a block; None if it cannot."""
+        if self._surprised:
+            return "wrenches fit the load no longer: it may have changed"
         if block - 1 - self._rounds - self.newest <= self._config.blocks(_PATIENCE):
             return None
         return f"no complete sum of the team since {self._config.start_of(self.newest + 1):.2f} s"

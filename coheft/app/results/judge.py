@@ -177,14 +177,15 @@ class Judge:
         """Return the neighbour's true pose in the robot's frame, ``pose_j_in_i``, in a block."""
         return self.pose_payload_in(robot, block) @ self.pose_payload_in(neighbour, block).inverse()
 
-    def pose_errors(self, estimate: Estimate) -> dict[str, Array]:
-        """Return the errors of the neighbours' poses that the robot has found, by name, see ``errors.pose_error``."""
+    def pose_errors(self, estimate: Estimate, block: int | None = None) -> dict[str, Array]:
+        """Return the errors of the neighbours' poses that the robot has found, by name, see ``errors.pose_error``; with
+        the truth of the block that the robot had processed, or of another one.
+        """
         if estimate.phase != "inertia":
             return {}
+        block = estimate.block if block is None else block
         return {
-            name: pose_error(
-                self.relative_pose(estimate.robot, name, estimate.block), Pose(pose.rotation, pose.translation)
-            )
+            name: pose_error(self.relative_pose(estimate.robot, name, block), Pose(pose.rotation, pose.translation))
             for name, pose in estimate.poses.items()
         }
 
@@ -208,12 +209,16 @@ class Judge:
         )
 
     def in_stds(self, estimate: Estimate) -> dict[str, Array]:
-        """Return the errors of each quantity in the estimate's own standard deviations, as in ``Contradiction``."""
+        """Return the errors of each quantity in the estimate's own standard deviations, as in ``Contradiction``.
+
+        They are of the block to which the estimate belongs.
+        """
         found: dict[str, Array] = {}
+        block = estimate.block if estimate.valid_block < 0 else estimate.valid_block
         if (payload := estimate.payload) is not None:
-            errors = in_stds(payload_error(self.payload(estimate.robot, estimate.block), payload), payload.covariance)
+            errors = in_stds(payload_error(self.payload(estimate.robot, block), payload), payload.covariance)
             found |= {name: errors[part] for name, part in PAYLOAD_PARTS.items()}
-        for name, error in self.pose_errors(estimate).items():
+        for name, error in self.pose_errors(estimate, block).items():
             found[f"pose of {name}"] = in_stds(error, estimate.poses[name].covariance)
         return found
 
