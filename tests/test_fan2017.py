@@ -9,11 +9,13 @@ from msgspec.structs import replace
 from coheft.agents.fan2017.claims import likeliest_body
 from coheft.app.faults.run import FaultyRun
 from coheft.app.faults.schedule import FaultSchedule, Pause, Release
+from coheft.app.results.judge import Judge
 from coheft.app.run.inprocess import TeamInProcess, measured, run_in_process
 from coheft.estimation.rigid_body.consistency import is_possible
 from coheft.estimation.rigid_body.mass_properties import Inertia, unpack_symmetric
 from coheft.estimation.tolerance import SensorTolerance
 from coheft.wire.messages.codec import encode
+from coheft.wire.messages.structs import Validity
 from coheft.wire.scenario.estimator_settings import Fan2017Settings
 from coheft.wire.scenario.file import CONFIG_FOLDER, load_scenario
 from coheft.wire.scenario.schema import Graph, Scenario
@@ -72,14 +74,25 @@ def test_other_graphs(name: str, graph: Graph) -> None:
 @pytest.mark.slow
 def test_what_sums_that_lag_behind_do_is_in_the_standard_deviation() -> None:
     """With 8 rounds, a ring of six keeps 4 % of what robots disagree on, and they push hard against each other."""
-    duration = 12.0
-    recording = run_with_faults(fan2017("ring6", duration=duration, load_changes=(), fan2017=Fan2017Settings(rounds=8)))
+    duration, settings = 12.0, Fan2017Settings(rounds=8, extrapolate=False)
+    recording = run_with_faults(fan2017("ring6", duration=duration, load_changes=(), fan2017=settings))
     for report in recording.judged(duration).values():
         mass = report.mass
         assert mass.estimate is not None
         assert mass.std is not None
         assert mass.std < 0.005 * mass.truth
         assert abs(mass.estimate - mass.truth) < 1.7 * mass.std
+
+
+def test_around_a_load_change_nothing_valid_is_wrong() -> None:
+    """From its first block on, another load is doubted; then old samples count, and pull robots' estimates apart."""
+    change = replace(load_scenario("line4").load_changes[0], at=8.0)
+    found = run_with_faults(fan2017("line4", seed=3, duration=12.0, load_changes=(change,)))
+    judge = Judge(found.scene, found.truths)
+    valid = [each for told in found.estimates.values() for each in told if each.status is Validity.VALID]
+    assert sum(each.time > 9.0 for each in valid) > 100
+    for estimate in valid:
+        assert all(stds.max(initial=0.0) < 5.0 for stds in judge.in_stds(estimate).values()), estimate.time
 
 
 def test_two_robots() -> None:

@@ -1,4 +1,4 @@
-"""Consensus over the robots' estimates (Fan et al., eqs 31, 32), and over what their places and the lag do to these."""
+"""Consensus over the robots' estimates (Fan et al., eqs 31, 32), and over what makes these wrong."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,7 +15,9 @@ _PARAMETERS = 11
 """1/m, the constant 1 that makes points linear, h, J."""
 _LAG = slice(_PARAMETERS, _PARAMETERS + 10)
 """Error of (J, h, 1/m) by the lag of the sums."""
-_PLACE = slice(_LAG.stop, _LAG.stop + 100)
+_OLD = slice(_LAG.stop, _LAG.stop + 10)
+"""Error by samples of another load, see ``JointRls.by_old``."""
+_PLACE = slice(_OLD.stop, _OLD.stop + 100)
 """Covariance that the error of the own place adds, see ``covariance_of_place``."""
 _CHANNELS = _PLACE.stop
 
@@ -28,12 +30,14 @@ class Agreed:
         theta: ``(J, h, 1/m)``, shape (10,).
         behind: What that may lag behind the mean of all robots' own ones, likewise.
         by_lag: Error of theta by the lag of the sums, shape (10,).
+        by_old: Error of theta by samples of another load, likewise.
         by_place: Mean over all robots of ``covariance_of_place``, shape (10, 10).
     """
 
     theta: Array
     behind: Array
     by_lag: Array
+    by_old: Array
     by_place: Array
 
 
@@ -48,7 +52,9 @@ class Agreement:
 
     def __init__(self, network: Network, mass: float) -> None:
         self._network = network
-        self._own = self._mean = _channels(np.array([0.0] * 9 + [1.0 / mass]), np.zeros(10), np.zeros((10, 10)))
+        self._own = self._mean = _channels(
+            np.array([0.0] * 9 + [1.0 / mass]), np.zeros(10), np.zeros(10), np.zeros((10, 10))
+        )
         self._behind = np.zeros(_CHANNELS)
         self.start({})
 
@@ -58,12 +64,14 @@ class Agreement:
         self._transports = {name: _transport(pose) for name, pose in poses_j_in_i.items()}
         self._left, self._before = self._own - self._mean, None
 
-    def step(self, own: tuple[Array, Array, Array] | None, inbox: Mapping[str, Channels], *, is_reached: bool) -> None:
+    def step(
+        self, own: tuple[Array, Array, Array, Array] | None, inbox: Mapping[str, Channels], *, is_reached: bool
+    ) -> None:
         """A round.
 
         Args:
-            own: The robot's theta, shape (10,), what it is off by the lag, likewise, and what its place adds to the
-                covariance, shape (10, 10); None before there are any.
+            own: The robot's theta, shape (10,), what it is off by the lag and by samples of another load, likewise, and
+                what its place adds to the covariance, shape (10, 10); None before there are any.
             inbox: What the neighbours sent.
             is_reached: Whether there have been rounds enough since the start.
         """
@@ -87,7 +95,7 @@ class Agreement:
     def agreed(self) -> Agreed:
         """What comes of it."""
         by_place = self._mean[_PLACE].reshape(10, 10)
-        return Agreed(_theta(self._mean), _theta(self._behind), self._mean[_LAG], by_place)
+        return Agreed(_theta(self._mean), _theta(self._behind), self._mean[_LAG], self._mean[_OLD], by_place)
 
 
 def turned(rotation: Array) -> Array:
@@ -97,8 +105,8 @@ def turned(rotation: Array) -> Array:
     return result
 
 
-def _channels(theta: Array, by_lag: Array, by_place: Array) -> Array:
-    return np.concatenate([theta[9:], [1.0], theta[6:9], theta[:6], by_lag, by_place.ravel()])
+def _channels(theta: Array, by_lag: Array, by_old: Array, by_place: Array) -> Array:
+    return np.concatenate([theta[9:], [1.0], theta[6:9], theta[:6], by_lag, by_old, by_place.ravel()])
 
 
 def _theta(channels: Array) -> Array:
@@ -111,6 +119,6 @@ def _transport(pose_j_in_i: Pose) -> Array:
     result = np.eye(_CHANNELS)
     result[2:5, 1] = pose_j_in_i.translation
     result[2:5, 2:5], result[5:_PARAMETERS, 5:_PARAMETERS] = turn[6:9, 6:9], turn[:6, :6]
-    result[_LAG, _LAG] = turn
+    result[_LAG, _LAG] = result[_OLD, _OLD] = turn
     result[_PLACE, _PLACE] = np.kron(turn, turn)
     return result

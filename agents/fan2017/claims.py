@@ -36,7 +36,8 @@ def claim(
         "noise": rls.covariance(share),
         "poses that are frozen as they were when the sums began": by_poses,
         "dynamic consensus, which lags behind": np.outer(agreed.by_lag, agreed.by_lag),
-        "samples of the load before it changed, which still count": rls.covariance_of_old,
+        "samples of the load before it changed, which still count": np.outer(agreed.by_old, agreed.by_old)
+        + rls.covariance_of_old,
         "robots that do not agree yet": np.outer(agreed.behind, agreed.behind),
     }
     covariances = {cause: _in_order(part, values[0]) for cause, part in parts.items()}

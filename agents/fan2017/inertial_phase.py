@@ -164,13 +164,13 @@ class InertialPhase:
         is_reached = self._filter is None or index >= self._agreed_at
         self._agreement.step(self._own_estimate(index), inbox, is_reached=is_reached)
 
-    def _own_estimate(self, index: int) -> tuple[Array, Array, Array] | None:
+    def _own_estimate(self, index: int) -> tuple[Array, Array, Array, Array] | None:
         if self._filter is None:
             return None
         if index % _EVERY == 0:  # it changes slowly
             place = place_covariance(list(self._poses.values()), self._filter.theta[6:9])
             self._by_place = covariance_of_place(self._filter.by_place, place)
-        return self._filter.theta, self._filter.by_lag, self._by_place
+        return self._filter.theta, self._filter.by_lag, self._filter.by_old, self._by_place
 
     @property
     def _consensuses(self) -> dict[str, DynamicConsensus]:
@@ -202,7 +202,7 @@ class InertialPhase:
         """What all robots agree on. What is known beforehand needs no agreement: frozen poses would make it wrong."""
         agreed = self._agreement.agreed
         if not self._settings.share_estimates:
-            return replace(agreed, theta=own.theta, behind=np.zeros(10), by_lag=own.by_lag)
+            return replace(agreed, theta=own.theta, behind=np.zeros(10), by_lag=own.by_lag, by_old=own.by_old)
         is_known = np.isin(np.arange(10), list(_known(self._config.known)))
         theta, behind = np.where(is_known, own.theta, agreed.theta), np.where(is_known, 0.0, agreed.behind)
         return replace(agreed, theta=theta, behind=behind)

@@ -134,6 +134,7 @@ def test_samples_of_another_load_pull_by_what_they_pull() -> None:
     for start in range(0, len(w), 10):
         block = slice(start, start + 10)
         if start == half:
+            np.testing.assert_array_equal(rls.by_old, np.zeros(10))
             np.testing.assert_array_equal(rls.covariance_of_old, np.zeros((10, 10)))
             rls.note_change()
         wrench = (team.inertia if start < half else heavier).wrench(w[block], a[block], alpha[block])
@@ -141,6 +142,5 @@ def test_samples_of_another_load_pull_by_what_they_pull() -> None:
         if start == half + 100:
             off = rls.theta - theta_of(heavier)
             assert np.abs(off).max() > 0.1
-            np.testing.assert_allclose(
-                np.sqrt(rls.covariance_of_old.diagonal()), np.abs(off), atol=0.02 * np.abs(off).max()
-            )
+            np.testing.assert_allclose(rls.by_old, off, atol=0.02 * np.abs(off).max())
+            assert (np.abs(rls.by_old - off) < 4.0 * np.sqrt(rls.covariance_of_old.diagonal())).all()

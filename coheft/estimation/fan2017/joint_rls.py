@@ -249,16 +249,19 @@ class JointRls:
         self._sums, self._count = np.zeros_like(self._sums), 0.0
 
     @property
-    def covariance_of_old(self) -> Array:
-        """What old samples of another load pull theta by, as a covariance, shape (10, 10): zeros where there are none.
+    def by_old(self) -> Array:
+        """Error of theta by samples of another load, shape (10,): without them it would be another one."""
+        result = np.zeros(10)
+        result[self._free] = self._all.theta - self._newest.theta
+        return result
 
-        Without them theta would be another one, which is not known better than the samples since then tell.
-        """
+    @property
+    def covariance_of_old(self) -> Array:
+        """Covariance of that error, shape (10, 10): it is not known better than the samples since then tell."""
         if not self._has_changed:
             return np.zeros((10, 10))
-        pull = self._all.theta - self._newest.theta
-        follow = self._all.inverse @ self._old[:, : len(pull)]
-        return self._of_all(np.outer(pull, pull) + follow @ self._newest.inverse @ follow.T)
+        follow = self._all.inverse @ self._old[:, : len(self._free)]
+        return self._of_all(follow @ self._newest.inverse @ follow.T)
 
     def _weights_of(self, samples: int) -> tuple[float, Array]:
         """What is left of the weight of older samples, and the weights of so many new ones, shape (samples,).

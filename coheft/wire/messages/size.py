@@ -50,7 +50,7 @@ def _consensus_arrays(scenario: Scenario) -> int:
     block does to the estimate for each round, and of the estimate [B].
     """
     rounds = scenario.fan2017.rounds
-    return _NUMBER * (scenario.sensors.block * (rounds * 10 + KINEMATICS_SIZE) + rounds * 11 + 121)
+    return _NUMBER * (scenario.sensors.block * (rounds * 10 + KINEMATICS_SIZE) + rounds * 11 + 131)
 
 
 ARRAYS: dict[str, Callable[[Scenario], int]] = {"efficient": _row_arrays, "fan2017": _consensus_arrays}
