@@ -18,7 +18,7 @@ def shown(total: int, *, terminal: bool = False, quiet: bool = False, width: int
     console = Console(file=out, force_terminal=terminal, width=width, quiet=quiet)
     with show_progress(console, "runs", total) as told:
         for done in range(1, total + 1):
-            told(done, "0 failed" if done == total else "")
+            told("0 failed" if done == total else "")
     return out.getvalue()
 
 

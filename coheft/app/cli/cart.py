@@ -92,7 +92,7 @@ def cart(
     with picture_folder(figures), show_progress(console, "runs", len(cases)) as progress:
         for outcome in run_cases(cases, 1 if processes else jobs or min(len(cases), usual_jobs()), run):
             found[outcome.case] = outcome
-            progress(len(found), "")
+            progress()
     outcomes = [found[case] for case in cases]
     reports = [outcome.report for outcome in outcomes]
     study = CartStudy(reports, missed(reports))

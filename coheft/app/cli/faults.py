@@ -109,7 +109,7 @@ def faults(
             for outcome in run_campaign(chosen, jobs=jobs, kept=kept, mutant=mutant, values=values):
                 insort(outcomes, outcome, key=lambda each: each.seed)
                 failures += bool(outcome.violations)
-                show(len(outcomes), f"{failures} failed")
+                show(f"{failures} failed")
                 if outcome.violations and not mutant:
                     _keep_failed(outcome.seed, values, failed or _FAILED)
     except KeyboardInterrupt:

@@ -1,6 +1,5 @@
 """The command that repeats the experiments of the paper on mocobots."""
 
-from itertools import count
 from typing import Annotated
 
 from cyclopts import Parameter
@@ -48,9 +47,8 @@ def mocobots(
     options.check_outputs(json=json, markdown=markdown)
     chosen = sorted(set(configurations))
     console = Console(stderr=json == "-", quiet=quiet)
-    done = count(1)
     with show_progress(console, "experiments", experiments_in(chosen, experiments)) as progress:
-        found = run_campaign(chosen, range(first, first + experiments), jobs, lambda: progress(next(done), ""))
+        found = run_campaign(chosen, range(first, first + experiments), jobs, progress)
     text = tables(found)
     console.print(text, markup=False, soft_wrap=True)
     worse = worse_than_paper(found, "calibration", "pose")

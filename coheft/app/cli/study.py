@@ -91,7 +91,6 @@ def study(
         report: Folder for a report with pictures.
     """
     from functools import partial
-    from itertools import count
 
     from msgspec import structs
     from rich.console import Console
@@ -134,9 +133,8 @@ def study(
     found: list[StudyReport] = []
     total = sum(plan.runs for plan in plans)
     with picture_folder(report), show_progress(console, "runs", total) as progress:
-        done = count(1)
         for plan in plans:
-            study_report, trials = run_study(plan, jobs=jobs, dask=dask, on_progress=lambda _: progress(next(done), ""))
+            study_report, trials = run_study(plan, jobs=jobs, dask=dask, on_progress=progress)
             found.append(study_report)
     if varied:
         variants = VariedReport([Variant(value, each) for value, each in zip(varied, found, strict=True)])

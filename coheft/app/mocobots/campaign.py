@@ -63,7 +63,7 @@ def run_campaign(
     configurations: Sequence[str],
     numbers: Sequence[int],
     jobs: int | None = None,
-    on_progress: Callable[[], None] | None = None,
+    on_progress: Callable[[], None] = lambda: None,
 ) -> Mocobots:
     """Run the experiments of these numbers for each noise and some of the configurations ``a`` to ``d``.
 
@@ -77,8 +77,7 @@ def run_campaign(
     with workers(jobs):
         for found in side_by_side(run_experiment, tasks):
             trials += found
-            if on_progress is not None:
-                on_progress()
+            on_progress()
     trials.sort(key=lambda trial: (trial.configuration, trial.noise, trial.method, trial.number))
     return Mocobots(trials, len(numbers))
 

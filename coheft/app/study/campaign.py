@@ -129,18 +129,18 @@ def run_study(
     *,
     jobs: int | None = None,
     dask: str | None = None,
-    on_progress: Callable[[int], None] = lambda done: None,
+    on_progress: Callable[[], None] = lambda: None,
 ) -> tuple[StudyReport, list[Trial]]:
     """Run a study; return the report, and the runs at the first noise scale in the order of their seeds.
 
-    See ``workers`` for ``jobs`` and ``dask``; ``on_progress`` is called with the number of finished runs.
+    See ``workers`` for ``jobs`` and ``dask``; ``on_progress`` is called after each run.
     """
     trials: dict[tuple[float, int], Trial] = {}
     with workers(jobs, dask):
         tasks = ((factor, scenario, plan.estimators, plan.moments) for factor, scenario in plan.scenarios())
-        for done, (key, trial) in enumerate(side_by_side(_keyed_trial, tasks), start=1):
+        for key, trial in side_by_side(_keyed_trial, tasks):
             trials[key] = trial
-            on_progress(done)
+            on_progress()
     by_factor = {factor: [trials[factor, seed] for seed in plan.seeds] for factor in plan.noise_scales}
     report = StudyReport(
         scenario=plan.name,

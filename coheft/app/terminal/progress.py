@@ -13,13 +13,13 @@ _WIDTH_OF_A_BAR = 50
 
 
 @contextmanager
-def show_progress(console: Console, what: str, total: int) -> Iterator[Callable[[int, str], None]]:
+def show_progress(console: Console, what: str, total: int) -> Iterator[Callable[..., None]]:
     """Show progress while the context lasts, unless the console is quiet; ``what`` names the items that are counted.
 
-    Yields a function to call with the number of finished items and a remark, which may be empty.
+    Yields a function to call after each item, if necessary with a remark.
     """
     if console.quiet:
-        yield lambda done, remark: None
+        yield lambda remark="": None
     elif console.is_terminal:
         columns: list[progress.ProgressColumn] = [
             progress.TextColumn("{task.description}"),
@@ -32,17 +32,18 @@ def show_progress(console: Console, what: str, total: int) -> Iterator[Callable[
             columns = [progress.TextColumn("{task.completed}/{task.total}, {task.description}", table_column=Column())]
         with progress.Progress(*columns, console=console) as shown:
             bar = shown.add_task(what, total=total)
-            yield lambda done, remark: shown.update(bar, completed=done, description=remark or what)
+            yield lambda remark="": shown.update(bar, advance=1, description=remark or what)
     else:
         yield _lines(console, what, total)
 
 
-def _lines(console: Console, what: str, total: int) -> Callable[[int, str], None]:
+def _lines(console: Console, what: str, total: int) -> Callable[..., None]:
     """Return a function that prints a line for each tenth that is done."""
-    written = 0
+    done = written = 0
 
-    def tell(done: int, remark: str) -> None:
-        nonlocal written
+    def tell(remark: str = "") -> None:
+        nonlocal done, written
+        done += 1
         if (tenths := done * _LINES // total) > written:
             written = tenths
             text = f"{done} of {total} {what}{', ' * bool(remark)}{remark}"
