@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib.util import find_spec
 from typing import NoReturn
 
 _QUOTED = 400
@@ -64,6 +65,13 @@ class MissingPackageError(CoheftError):
         super().__init__(
             f"this needs the package '{package}': install 'coheft[{extra}]'; in a clone 'make setup' installs all"
         )
+
+
+def require_packages(extra: str, *packages: str) -> None:
+    """Raise a ``MissingPackageError`` if one of these packages, which an extra installs, is missing."""
+    for package in packages:
+        if find_spec(package.lower()) is None:
+            raise MissingPackageError(package, extra)
 
 
 class PluginError(CoheftError):

@@ -3,11 +3,10 @@
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from typing import IO, Any
 
-from coheft.errors import CoheftError, MissingPackageError, file_errors
+from coheft.errors import CoheftError, file_errors, require_packages
 
 _DPI = 150
 _PACKAGES = {"study": ("matplotlib",), "report": ("matplotlib", "Jinja2")}
@@ -65,9 +64,7 @@ def picture_folder(folder: Path | None, extra: str = "study") -> Iterator[None]:
     if folder is None:
         yield
         return
-    for package in _PACKAGES[extra]:
-        if find_spec(package.lower()) is None:
-            raise MissingPackageError(package, extra)
+    require_packages(extra, *_PACKAGES[extra])
     new = [each for each in (folder, *folder.parents) if not each.exists()]
     with file_errors(CoheftError, f"cannot make the folder {folder}", "; name another"):
         folder.mkdir(parents=True, exist_ok=True)

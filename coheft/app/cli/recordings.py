@@ -44,9 +44,6 @@ def report(recording: options.GivenPath, folder: options.NewFolder) -> None:
         recording: A recording made by 'coheft run --record'.
         folder: Folder for the page, its pictures and their data.
     """
-    from importlib import import_module
-
-    import_module("coheft.app.recording")  # raises an error that names the missing package, if there is one
     from coheft.app.run_report.of_recording import report_recording
 
     print(f"Report: {report_recording(recording, folder)}")

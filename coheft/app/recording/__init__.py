@@ -3,10 +3,6 @@
 Needs the packages of the extra ``record``; without them this import raises ``MissingPackageError``.
 """
 
-from importlib.util import find_spec
+from coheft.errors import require_packages
 
-from coheft.errors import MissingPackageError
-
-for _package in ("mcap", "rosbags", "zstandard"):
-    if find_spec(_package) is None:
-        raise MissingPackageError(_package, "record")
+require_packages("record", "mcap", "rosbags", "zstandard")

@@ -3,10 +3,6 @@
 Needs the packages of the extra ``view``; without them this import raises ``MissingPackageError``.
 """
 
-from importlib.util import find_spec
+from coheft.errors import require_packages
 
-from coheft.errors import MissingPackageError
-
-for _package, _module in (("viser", "viser"), ("Jinja2", "jinja2")):
-    if find_spec(_module) is None:
-        raise MissingPackageError(_package, "view")
+require_packages("view", "viser", "Jinja2")
