@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from mcap.records import Attachment, Channel, McapRecord, Metadata
+from mcap.records import Attachment, Channel, McapRecord
 from mcap.records import Message as McapMessage
 
 from coheft.app.recording.mcap_records import DamagedError, is_finished, read_records
@@ -20,8 +20,6 @@ SCENARIO = "scenario.json"
 """Name of the attachment with the scenario."""
 BEGIN = "begin.msgpack"
 """Name of the attachment with a copy of the first status, which is essential for showing a run."""
-VERSIONS = "versions"
-"""Name of the metadata with versions of packages."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,13 +29,11 @@ class Recording:
     Attributes:
         begin: The server's status when the run had begun.
         scenario: The scenario as JSON of the struct ``Scenario``; empty if a damaged file has lost it.
-        versions: Versions of the packages that made the recording, by name; empty if a damaged file has lost them.
         news: Simulated time [s] and message, in order of arrival.
     """
 
     begin: Status
     scenario: str
-    versions: dict[str, str]
     news: list[tuple[float, News]]
 
 
@@ -58,7 +54,6 @@ def read_recording(path: Path) -> Recording:
 def _collect(records: Iterable[McapRecord]) -> Recording:
     topics: dict[int, str] = {}
     attached: dict[str, bytes] = {}
-    described: dict[str, dict[str, str]] = {}
     begin: Status | None = None
     news: list[tuple[float, News]] = []
     for record in records:
@@ -67,8 +62,6 @@ def _collect(records: Iterable[McapRecord]) -> Recording:
                 attached[record.name] = record.data
                 if begin is None and record.name == BEGIN:
                     begin = _begin(from_raw(STATUS, record.data))
-            case Metadata():
-                described[record.name] = record.metadata
             case Channel():
                 topics[record.id] = record.topic
             case McapMessage() if topics[record.channel_id] in KINDS:
@@ -83,7 +76,7 @@ def _collect(records: Iterable[McapRecord]) -> Recording:
         scenario = attached.get(SCENARIO, b"").decode()
     except UnicodeDecodeError as error:
         raise RecordingError(f"its scenario is damaged: {error}") from error
-    return Recording(begin, scenario, described.get(VERSIONS, {}), news)
+    return Recording(begin, scenario, news)
 
 
 def _begin(message: Message) -> Status:

@@ -8,7 +8,7 @@ from coheft.app.recording import ros
 from coheft.app.recording.log_book import LogBook
 from coheft.app.recording.mcap_file import McapFile
 from coheft.app.recording.raw import to_raw
-from coheft.app.recording.reader import BEGIN, SCENARIO, VERSIONS
+from coheft.app.recording.reader import BEGIN, SCENARIO
 from coheft.app.recording.ros import RosMessage
 from coheft.app.recording.topics import box_messages, error_messages, estimate_messages, scene_messages, truth_messages
 from coheft.app.results.record import load_ids
@@ -39,7 +39,7 @@ class RunWriter:
         self._log = LogBook()
         self._loads: list[int] | None = None
         self._newest = _nanoseconds(begin.time)
-        out.describe(VERSIONS, versions())
+        out.describe("versions", versions())
         out.attach(SCENARIO, "application/json", msgspec.json.format(msgspec.json.encode(scenario)))
         out.repeat(BEGIN, "application/msgpack", to_raw(begin)[1])
         self._write_raw(self._newest, begin)
