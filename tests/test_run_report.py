@@ -10,6 +10,7 @@ import json
 import re
 import shutil
 from html.parser import HTMLParser
+from itertools import pairwise
 from pathlib import Path
 
 import msgspec
@@ -27,7 +28,7 @@ from coheft.app.run_report.convergence import ALL_SHOWN, curves
 from coheft.app.run_report.drawings import draw_overview, pictures_of
 from coheft.app.run_report.folder import write_folder
 from coheft.app.run_report.page import SECTIONS, render_page
-from coheft.app.run_report.series import Series, SeriesFollower, Span, Spans, Thinned
+from coheft.app.run_report.series import Series, SeriesFollower, Span, Thinned, add_span
 from coheft.app.terminal.digits import error_and_std
 from coheft.consensus.graph import build_graph
 from coheft.errors import CoheftError
@@ -226,7 +227,7 @@ def test_the_change_is_shown_close_up_and_the_page_tells_who_was_stale(made: Mad
     assert {round(mass, 6) for _, mass in close_up.masses} == {6.0, 7.0}
     for points in close_up.points.values():
         assert points[0].time < 6.0 < points[-1].time
-    states = [span.state for span in made.series.robots["r1"].states.spans]
+    states = [span.state for span in made.series.robots["r1"].spans]
     assert states[0] == "finding neighbours"
     assert "stale" in states
     assert states[-1] in ("all known", "converged")
@@ -251,7 +252,7 @@ def test_a_recording_with_a_gap_where_the_load_changed_has_a_page(made: Made, tm
 
 def test_legends_fit_into_their_pictures(made: Made, monkeypatch: pytest.MonkeyPatch) -> None:
     every = [Span(float(k), k + 1.0, state, (), ()) for k, state in enumerate(State)]
-    monkeypatch.setattr(made.series.robots["r1"].states, "spans", every)
+    monkeypatch.setattr(made.series.robots["r1"], "spans", every)
     for picture in pictures_of(made.series, made.report):
         with figure_to(io.BytesIO(), 10.0, picture.height) as figure:
             picture.draw(figure, LIGHT, made.series, made.report)
@@ -342,12 +343,12 @@ def test_a_long_series_is_thinned_evenly_and_keeps_its_end() -> None:
 
 
 def test_a_robot_that_changes_its_mind_all_the_time_does_not_fill_the_memory() -> None:
-    spans = Spans()
+    spans: list[Span] = []
     for block in range(3000):
-        spans.add(estimate("r1", block, HEAVY if block % 2 else None, converged=block > 2000))
-    assert len(spans.spans) <= 401
-    assert all(one.end == pytest.approx(other.start) for one, other in zip(spans.spans, spans.spans[1:], strict=False))
-    assert spans.spans[-1].end == pytest.approx(60.0)
+        add_span(spans, estimate("r1", block, HEAVY if block % 2 else None, converged=block > 2000))
+    assert len(spans) <= 401
+    assert all(one.end == pytest.approx(other.start) for one, other in pairwise(spans))
+    assert spans[-1].end == pytest.approx(60.0)
 
 
 def test_a_folder_that_cannot_be_made_is_explained(tmp_path: Path) -> None:

@@ -110,7 +110,7 @@ def draw_convergence(figure: Any, theme: Theme, series: Series, report: Report, 
         drawn += [*own, *others.values()]
         use_logarithm(axes)
         axes.set_title(name, loc="left", fontweight="bold")
-        for span in series.robots[name].states.spans:
+        for span in series.robots[name].spans:
             if span.state is State.STALE:
                 axes.axvspan(span.start, span.end, color=theme.warning, alpha=0.18, linewidth=0)
         mark_changes(axes, theme, report)

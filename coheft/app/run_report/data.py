@@ -83,7 +83,7 @@ def _poses(robot: str, point: Point) -> Iterator[Row]:
 
 def _states(series: Series) -> Iterator[Row]:
     for name, robot in series.robots.items():
-        for span in robot.states.spans:
+        for span in robot.spans:
             yield {
                 "robot": name,
                 "from_s": span.start,

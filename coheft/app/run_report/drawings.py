@@ -212,7 +212,7 @@ def draw_observability(figure: Any, theme: Theme, series: Series, report: Report
     styles = state_styles(theme)
     used: dict[State, Any] = {}
     for row, name in enumerate(names):
-        for span in series.robots[name].states.spans:
+        for span in series.robots[name].spans:
             bar = axes.barh(row, span.end - span.start, 0.72, span.start, linewidth=0, **styles[span.state])
             used.setdefault(span.state, bar)
     axes.set_yticks(range(len(names)), names)

@@ -93,7 +93,7 @@ def unobservable_rows(series: Series) -> Iterable[tuple[str, str, str, str, str]
     """Yield what was not observable: what, why, robots, from, to; the same of several robots in one row."""
     when: dict[tuple[str, str], list[tuple[str, Span]]] = {}
     for name, robot in series.robots.items():
-        for span in robot.states.spans:
+        for span in robot.spans:
             for text in (*span.not_observable, *(span.reasons if span.state is State.STALE else ())):
                 when.setdefault(_kind(text), []).append((name, span))
     for (what, why), found in when.items():
@@ -132,7 +132,7 @@ def scene_json(series: Series) -> str:
         "quaternions": [_rounded(moment.quaternion) for moment in moments],
         "loads": _loads(moments),
         "states": {
-            name: [[round(span.start, 3), str(span.state)] for span in robot.states.spans]
+            name: [[round(span.start, 3), str(span.state)] for span in robot.spans]
             for name, robot in series.robots.items()
         },
     }

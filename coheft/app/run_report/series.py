@@ -72,24 +72,18 @@ class Span:
     reasons: tuple[str, ...]
 
 
-class Spans:
-    """The spans of one robot up to its newest estimate."""
-
-    def __init__(self) -> None:
-        self.spans: list[Span] = []
-
-    def add(self, estimate: Estimate) -> None:
-        """Add the next estimate, which is for the time since the one before."""
-        start = self.spans[-1].end if self.spans else 0.0
-        new = Span(start, estimate.time, State.of(estimate), tuple(estimate.not_observable), tuple(estimate.reasons))
-        if self.spans and new == replace(self.spans[-1], start=new.start, end=new.end):
-            self.spans[-1] = replace(self.spans[-1], end=new.end)
-            return
-        self.spans.append(new)
-        if len(self.spans) > _SPANS:
-            shortest = min(range(1, _SPANS), key=lambda k: self.spans[k].end - self.spans[k].start)
-            self.spans[shortest - 1] = replace(self.spans[shortest - 1], end=self.spans[shortest].end)
-            del self.spans[shortest]
+def add_span(spans: list[Span], estimate: Estimate) -> None:
+    """Add a robot's next estimate, which is for the time since the one before."""
+    start = spans[-1].end if spans else 0.0
+    new = Span(start, estimate.time, State.of(estimate), tuple(estimate.not_observable), tuple(estimate.reasons))
+    if spans and new == replace(spans[-1], start=new.start, end=new.end):
+        spans[-1] = replace(spans[-1], end=new.end)
+        return
+    spans.append(new)
+    if len(spans) > _SPANS:
+        shortest = min(range(1, _SPANS), key=lambda k: spans[k].end - spans[k].start)
+        spans[shortest - 1] = replace(spans[shortest - 1], end=spans[shortest].end)
+        del spans[shortest]
 
 
 @dataclass(eq=False)
@@ -102,11 +96,11 @@ class CloseUp:
 
 
 class RobotSeries:
-    """One robot's estimates over time: evenly spread ones, its states, and the newest estimates."""
+    """One robot's estimates over time: evenly spread ones, spans of time with its states, and the newest estimates."""
 
     def __init__(self, capacity: int) -> None:
         self.points: Thinned[Point] = Thinned(capacity)
-        self.states = Spans()
+        self.spans: list[Span] = []
         self.recent: deque[Point] = deque(maxlen=50)
 
 
@@ -204,7 +198,7 @@ class SeriesFollower(Follower):
         point = make_point(self._pairing.judge, estimate)
         robot.points.add(point)
         robot.recent.append(point)
-        robot.states.add(estimate)
+        add_span(robot.spans, estimate)
         for close_up in self.series.close_ups if estimator == self.series.estimator else ():
             if close_up.at - BEFORE <= point.time <= close_up.at + AFTER:
                 close_up.points[estimate.robot].append(point)
