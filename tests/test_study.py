@@ -186,18 +186,19 @@ def test_samples_are_those_that_the_agents_of_a_run_get() -> None:
         np.testing.assert_array_equal(ours.samples, record.truth.samples)
 
 
-def test_bound_is_integrated_well_enough_and_grows_with_the_noise() -> None:
+def test_bound_is_integrated_well_enough_and_grows_with_the_noise(monkeypatch: pytest.MonkeyPatch) -> None:
     run = msgspec.structs.replace(load_scenario("ring3"), load_changes=(), duration=2.0)
     exact = simulate(with_exact_sensors(run))
     edges = directed_edges(exact.scene.neighbours)
 
-    def bounds_of(run: Scenario, **keys: int) -> TeamArrays:
-        chosen = ExactRun(run, exact, edges, **keys)
+    def bounds_of(run: Scenario) -> TeamArrays:
+        chosen = ExactRun(run, exact, edges)
         return chosen.seen(chosen.information(0, run.blocks).full_bound())
 
-    bounds, every_sample = bounds_of(run), bounds_of(run, samples_per_second=run.sensors.rate)
     noisy = msgspec.structs.replace(run, sensors=msgspec.structs.replace(run.sensors, noise_scale=3.0))
-    louder = bounds_of(noisy)
+    bounds, louder = bounds_of(run), bounds_of(noisy)
+    monkeypatch.setattr("coheft.app.study.exact_run._BOUND_RATE", run.sensors.rate)
+    every_sample = bounds_of(run)
     for quantity in QUANTITIES:
         squares = quantity.expected_squares(bounds.of(quantity))
         np.testing.assert_allclose(squares, quantity.expected_squares(every_sample.of(quantity)), rtol=2e-2)

@@ -11,7 +11,7 @@ from coheft.app.figures import figure_to
 _SIZE = (7.0, 4.2)
 
 
-def draw(outcomes: Sequence[Outcome], folder: Path) -> list[Path]:
+def draw(outcomes: Sequence[Outcome], folder: Path) -> None:
     """Draw the figures into an existing folder, with the first run of each test."""
     learned: dict[int, Outcome] = {}
     fixed: dict[int, Outcome] = {}
@@ -19,15 +19,14 @@ def draw(outcomes: Sequence[Outcome], folder: Path) -> list[Path]:
         (learned if outcome.case.scenario.learns else fixed).setdefault(outcome.case.test, outcome)
     quiet = [learned[test] for test in QUIET_TESTS if test in learned]
     rest = [outcome for test, outcome in learned.items() if test not in QUIET_TESTS]
-    paths = [_draw_tracking(learned, fixed, folder / "fig4-tracking.png")]
+    _draw_tracking(learned, fixed, folder / "fig4-tracking.png")
     if quiet:
-        paths.append(_draw_masses(quiet, folder / "fig5-mass.png", (5.0, 32.0)))
+        _draw_masses(quiet, folder / "fig5-mass.png", (5.0, 32.0))
     if rest:
-        paths.append(_draw_masses(rest, folder / "fig6-mass-noise-and-changes.png", (5.0, 45.0)))
-    return paths
+        _draw_masses(rest, folder / "fig6-mass-noise-and-changes.png", (5.0, 45.0))
 
 
-def _draw_tracking(learned: dict[int, Outcome], fixed: dict[int, Outcome], path: Path) -> Path:
+def _draw_tracking(learned: dict[int, Outcome], fixed: dict[int, Outcome], path: Path) -> None:
     from matplotlib import colormaps
 
     with figure_to(path, *_SIZE) as figure:
@@ -43,10 +42,9 @@ def _draw_tracking(learned: dict[int, Outcome], fixed: dict[int, Outcome], path:
         axes.set_xlabel("time [s]")
         axes.set_ylabel("distance from the path [m]")
         axes.legend(ncols=3)
-    return path
 
 
-def _draw_masses(outcomes: Sequence[Outcome], path: Path, limits: tuple[float, float]) -> Path:
+def _draw_masses(outcomes: Sequence[Outcome], path: Path, limits: tuple[float, float]) -> None:
     with figure_to(path, *_SIZE) as figure:
         axes = figure.subplots()
         for outcome in outcomes:
@@ -59,4 +57,3 @@ def _draw_masses(outcomes: Sequence[Outcome], path: Path, limits: tuple[float, f
         axes.set_xlabel("time [s]")
         axes.set_ylabel("mass [kg]; shaded: ± 2 own std")
         axes.legend(ncols=2)
-    return path

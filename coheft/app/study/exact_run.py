@@ -19,9 +19,7 @@ _BOUND_RATE = 100
 class ExactRun:
     """A run with the samples of exact sensors, for computing bounds with the scenario's noise and errors."""
 
-    def __init__(
-        self, scenario: Scenario, exact: TeamSamples, edges: Edges, samples_per_second: int = _BOUND_RATE
-    ) -> None:
+    def __init__(self, scenario: Scenario, exact: TeamSamples, edges: Edges) -> None:
         self._scenario, self._edges = scenario, edges
         self._judge = Judge(exact.scene, exact.truths)
         self._wrenches = exact.samples[:, :, WRENCH]
@@ -36,7 +34,7 @@ class ExactRun:
         first_of_force = np.gradient(forces, 1.0 / rate, axis=0) + np.cross(w, forces)
         second = np.gradient(first_of_force, 1.0 / rate, axis=0) + np.cross(w, first_of_force)
         self._flexing = np.concatenate([first_of_force, second], axis=2)
-        self._step = max(1, scenario.sensors.rate // samples_per_second)
+        self._step = max(1, scenario.sensors.rate // _BOUND_RATE)
 
     def information(self, first: int, end: int) -> JointInformation:
         """Return the information of all sensors in the blocks from ``first`` up to ``end``, in which the load is
