@@ -19,6 +19,7 @@ from coheft.wire.messages.codec import decode, encode
 from coheft.wire.messages.requests import EstimatorRequest
 from coheft.wire.messages.structs import Measurements, Message
 from coheft.wire.scenario.file import CONFIG_FOLDER, load_scenario, parse_scenario
+from tests.faults.drawn import plain
 from tests.synthetic_run import LIGHT, estimate
 
 RING3 = CONFIG_FOLDER.joinpath("ring3.toml").read_text()
@@ -64,7 +65,7 @@ FORMER_EFFICIENT = {"start_rotation_deg": 1.0, "start_translation_mm": 20.0, "re
 
 def former_schedule(offsets: dict[str, float]) -> dict[str, Any]:
     """A schedule as 345a219 wrote it."""
-    table: dict[str, Any] = msgspec.to_builtins(draw_schedule(3, is_exact=True))
+    table: dict[str, Any] = msgspec.to_builtins(plain(3))
     sensors = table["scenario"]["sensors"]
     for key in ("errors", "tolerance", "drift", "noise_correlation", "of"):
         sensors.pop(key, None)
@@ -78,7 +79,7 @@ def former_schedule(offsets: dict[str, float]) -> dict[str, Any]:
 def test_a_schedule_of_345a219_is_read_and_is_judged(tmp_path: Path) -> None:
     path = tmp_path / "former.json"
     path.write_bytes(msgspec.json.encode(former_schedule(dict.fromkeys(FORMER_OFFSETS, 0.0))))
-    read, drawn = read_schedule(path), draw_schedule(3, is_exact=True)
+    read, drawn = read_schedule(path), plain(3)
     assert read.faults == drawn.faults
     assert read.scenario.estimator == "fan2017"
     assert read.scenario.sensors.errors == "none", "explicit errors would be undeclared, and not be judged"

@@ -32,6 +32,7 @@ from coheft.estimation.tolerance import INDUSTRIAL
 from coheft.wire.messages.codec import encode
 from coheft.wire.scenario.schema import LoadChange
 from tests.efficient import test_guards
+from tests.faults.drawn import drawn, plain
 
 OUTCOME = Outcome(
     seed=3,
@@ -82,9 +83,9 @@ ONCE_BROKEN_BY_UNSEEN_SLIPS = (
 ONCE_BROKEN_BY_DRIFTS = (1090000470, 1098942029)
 """As they are drawn: a leak makes poses wrong that are fitted along with it; drifting sensors look like a slip."""
 DRAWN = {
-    **{seed: draw_schedule(seed, delayed=False, is_exact=True) for seed in ONCE_BROKEN},
-    **{seed: draw_schedule(seed, delayed=True, is_exact=True) for seed in ONCE_BROKEN_LATE},
-    **{seed: draw_schedule(seed, unlike=False) for seed in ONCE_BROKEN_TOLD},
+    **{seed: plain(seed, delayed=False) for seed in ONCE_BROKEN},
+    **{seed: plain(seed, delayed=True) for seed in ONCE_BROKEN_LATE},
+    **{seed: drawn(seed, UNLIKE=0.0) for seed in ONCE_BROKEN_TOLD},
     **{seed: draw_schedule(seed) for seed in (*ONCE_BROKEN_AWAY, *ONCE_BROKEN_BY_UNSEEN_SLIPS, *ONCE_BROKEN_BY_DRIFTS)},
 }
 """All these schedules."""
@@ -96,8 +97,8 @@ ONCE_DRAWN = "1d986c0fdeb75620dbb5f4c8339d0a5478470edffb71579d954b91e665c62d31"
 """Digest of those of ``ONCE_BROKEN``, ``ONCE_BROKEN_LATE`` and ``ONCE_BROKEN_TOLD``."""
 
 
-_CALM = _replace(draw_schedule(14, is_exact=True), faults=())
-_OFF = draw_schedule(31, is_exact=False)
+_CALM = _replace(plain(14), faults=())
+_OFF = drawn(31, LASTING=0.0, UNLIKE=0.0)
 _LATE = _replace(
     _OFF,
     scenario=_replace(
@@ -116,17 +117,17 @@ SHOWN_BY = {
     "half-complete-row": _CALM,
     "wrong-row": _CALM,
     "no-lever-arm": _CALM,
-    "wrong-side": draw_schedule(1635, delayed=False, is_exact=True),
-    "no-rival": draw_schedule(2254, delayed=False, is_exact=True),
-    "no-confirmation": draw_schedule(883, is_exact=True),
+    "wrong-side": plain(1635, delayed=False),
+    "no-rival": plain(2254, delayed=False),
+    "no-confirmation": plain(883),
     "endless-confirmation": _AWAY_ONCE,
     "rare-fits": draw_schedule(1062000043),
-    "without-fresh-change": draw_schedule(4220, delayed=False, is_exact=True),
+    "without-fresh-change": plain(4220, delayed=False),
     "without-tolerance": _LATE,
     "without-restless": draw_schedule(1098942117),
     "without-outdated": draw_schedule(1012287755),
     "without-doubted": draw_schedule(1012287842),
-    "without-first-rows": draw_schedule(878, delayed=False, is_exact=True),
+    "without-first-rows": plain(878, delayed=False),
 }
 """A schedule for each mutant."""
 WITHIN = {"without-doubted": 3.5, "without-restless": 4.5, "rare-fits": 0.9}
@@ -153,7 +154,7 @@ EACH_KIND = one_of_each_kind()
 
 
 def test_equal_schedules_give_equal_runs_bit_for_bit():
-    schedule = draw_schedule(10, is_exact=True)
+    schedule = plain(10)
     runs = [iter(FaultyRun(schedule)) for _ in range(2)]
     for _ in range(40):
         said = [next(run).outboxes for run in runs]
@@ -163,7 +164,7 @@ def test_equal_schedules_give_equal_runs_bit_for_bit():
 
 @pytest.mark.slow
 def test_a_run_that_parts_from_another_goes_on_as_that_one_does():
-    schedule = draw_schedule(10, is_exact=True)
+    schedule = plain(10)
     change = LoadChange(at=1.5, mass=1.0)
     run = FaultyRun(_replace(schedule, scenario=_replace(schedule.scenario, load_changes=(change,)), faults=()))
     for _ in range(20):
@@ -289,7 +290,7 @@ def goes_wrong(schedule: FaultSchedule, within: float) -> bool:
 @pytest.mark.parametrize(("team", "start"), [(1, 1.8), (3, 1.0), (8, 1.0), (11, 1.0)])
 def test_a_sensor_that_was_off_while_poses_were_rough_spoils_no_estimate(team: int, start: float):
     """It does not show at the time: samples are summed again as soon as poses are good enough."""
-    schedule = draw_schedule(team, is_exact=True)
+    schedule = plain(team)
     scenario = _replace(schedule.scenario, duration=5.0, load_changes=())
     offset = SensorFault(start=start, end=start + 0.6, robot="r1", sensor="force", how="offset", size=5.0)
     outcome = try_schedule(_replace(schedule, scenario=scenario, faults=(offset,)))
@@ -301,7 +302,7 @@ def test_a_sensor_that_was_off_while_poses_were_rough_spoils_no_estimate(team: i
 @pytest.mark.parametrize(("size", "later"), [(4.0, 0.0), (10.0, 0.7), (4.0, 1.1)])
 def test_a_force_sensor_that_goes_a_little_off_is_not_taken_for_another_load(size: float, later: float):
     """One that pushes more or less upwards looks like weight, until the load has turned."""
-    schedule = draw_schedule(10195, is_exact=True)
+    schedule = plain(10195)
     (offset,) = (fault for fault in schedule.faults if isinstance(fault, SensorFault))
     offset = _replace(offset, start=offset.start + later, end=offset.end + later, size=size)
     outcome = try_schedule(_replace(schedule, faults=(offset,)))

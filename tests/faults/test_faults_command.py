@@ -24,6 +24,7 @@ from coheft.app.faults.recovery import latest_recovery
 from coheft.app.faults.schedule import Loss, read_schedule, write_schedule
 from coheft.app.faults.trial import Outcome
 from coheft.wire.scenario.schema import Graph
+from tests.faults.drawn import plain
 from tests.waiting import wait_until
 
 MUTANT = "no-lever-arm"
@@ -261,7 +262,7 @@ def test_a_schedule_that_was_simplified_breaks_the_promise_still(
 ) -> None:
     """The loss has nothing to do with it."""
     monkeypatch.chdir(tmp_path)
-    drawn = draw_schedule(0, is_exact=True)
+    drawn = plain(0)
     perimeter = drawn.scenario.robots.perimeter
     assert perimeter is not None
     three = _replace(drawn.scenario.robots, perimeter=_replace(perimeter, count=3))

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from coheft.agents.agent import Outbox
-from coheft.app.faults.draw import draw_schedule
 from coheft.app.faults.invariants import Violation, Watch
 from coheft.app.faults.recovery import BACK, BACK_FROM_SILENCE, Recovery
 from coheft.app.faults.run import FaultyBlock
@@ -20,13 +19,14 @@ from coheft.physics_server.simulation import Simulation
 from coheft.wire.messages.structs import Estimate, NeighbourMessage, PayloadEstimate, PoseEstimate, Reference, Validity
 from coheft.wire.messages.truth import Scene, Truth
 from coheft.wire.scenario.schema import LoadChange
+from tests.faults.drawn import plain
 
 DEVIATION = 0.001
 BLOCK = 0.1
 
 
 def schedule(*faults: AnyFault, changes: tuple[LoadChange, ...] = ()) -> FaultSchedule:
-    drawn = draw_schedule(1, is_exact=True)
+    drawn = plain(1)
     sensors = msgspec.structs.replace(drawn.scenario.sensors, rate=100, block=10)
     scenario = msgspec.structs.replace(drawn.scenario, load_changes=changes, duration=10.0, sensors=sensors)
     return msgspec.structs.replace(drawn, faults=faults, scenario=scenario)

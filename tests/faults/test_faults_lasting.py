@@ -16,11 +16,12 @@ from coheft.app.faults.trial import try_schedule
 from coheft.estimation.tolerance import INDUSTRIAL, SensorTolerance
 from coheft.physics_server.sensor_errors import SensorErrors
 from coheft.wire.scenario.schema import LoadChange
+from tests.faults.drawn import drawn, plain
 from tests.faults.test_faults_campaign import OUTCOME
 from tests.faults.test_faults_invariants import Team, one, schedule
 
 _replace = msgspec.structs.replace
-DRAWN = [draw_schedule(seed, lasting=True) for seed in range(300)]
+DRAWN = [drawn(seed, LASTING=1.0, UNLIKE=0.0) for seed in range(300)]
 UNDECLARED = [each for each in DRAWN if is_undeclared(each.scenario)]
 DECLARED = [each for each in DRAWN if not is_undeclared(each.scenario)]
 
@@ -38,14 +39,14 @@ def test_all_kinds_are_drawn_and_every_other_schedule_has_some() -> None:
     usual = [draw_schedule(seed) for seed in range(300)]
     assert 100 < sum(bool(lasting_kinds(each.scenario)) for each in usual) < 200
     for seed in range(50):
-        for is_exact in (True, False):
-            kinds = {*lasting_kinds(draw_schedule(seed, is_exact=is_exact).scenario)}
+        for each in (plain(seed), drawn(seed, LASTING=0.0, UNLIKE=0.0)):
+            kinds = {*lasting_kinds(each.scenario)}
             assert kinds <= {"small change of the load"}  # other changes may be small by chance
 
 
 def test_what_else_is_drawn_does_not_depend_on_it() -> None:
     for lasting in DRAWN[:50]:
-        plain = draw_schedule(lasting.seed, lasting=False)
+        plain = drawn(lasting.seed, LASTING=0.0, UNLIKE=0.0)
         assert lasting.faults == plain.faults
         assert lasting.scenario.robots == plain.scenario.robots
         count = len(plain.scenario.load_changes)
@@ -58,7 +59,7 @@ def test_sensors_are_off_by_some_of_their_noise_and_robots_are_told_that_or_noth
     assert len(DECLARED) > 100
     for each in DRAWN:
         sensors, noise = each.scenario.sensors, each.scenario.noise
-        before = draw_schedule(each.seed, lasting=False).scenario.sensors.tolerance
+        before = drawn(each.seed, LASTING=0.0, UNLIKE=0.0).scenario.sensors.tolerance
         assert before in (SensorTolerance(), INDUSTRIAL)
         if is_undeclared(each.scenario):
             assert sensors.tolerance == before
@@ -81,7 +82,7 @@ def test_sensors_are_really_off_whether_or_not_robots_are_told() -> None:
 
 
 def test_small_changes_come_last_and_runs_go_on_until_nothing_leaks_any_more() -> None:
-    plain = {seed: draw_schedule(seed, lasting=False).scenario.load_changes for seed in range(300)}
+    plain = {seed: drawn(seed, LASTING=0.0, UNLIKE=0.0).scenario.load_changes for seed in range(300)}
     small = [each for each in DRAWN if len(each.scenario.load_changes) > len(plain[each.seed])]
     assert len(small) > 50
     for each in small:
@@ -125,7 +126,7 @@ def test_it_is_counted_how_long_a_robot_calls_valid_what_is_off() -> None:
 
 
 def test_what_robots_are_not_told_of_breaks_no_promise_but_is_counted() -> None:
-    run = draw_schedule(14, is_exact=True)
+    run = plain(14)
     errors = SensorTolerance(force_offset=20.0)
     sensors = _replace(run.scenario.sensors, errors=errors)
     off: FaultSchedule = _replace(run, faults=(), scenario=_replace(run.scenario, duration=4.0, sensors=sensors))

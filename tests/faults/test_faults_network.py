@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from coheft.agents.inbox import NeighbourInbox
-from coheft.app.faults.draw import draw_schedule
 from coheft.app.faults.messages import flip_bits, malformed
 from coheft.app.faults.network import Network
 from coheft.app.faults.schedule import (
@@ -27,13 +26,14 @@ from coheft.app.faults.schedule import (
     Replay,
 )
 from coheft.wire.messages.structs import LinkState, NeighbourMessage
+from tests.faults.drawn import plain
 
 GRAPH = {"r1": ("r2", "r3"), "r2": ("r1", "r3"), "r3": ("r1", "r2")}
 END = 1000.0
 
 
 def schedule(*faults: AnyFault) -> FaultSchedule:
-    return msgspec.structs.replace(draw_schedule(0, is_exact=True), faults=faults)
+    return msgspec.structs.replace(plain(0), faults=faults)
 
 
 def said(block: int, sender: str = "r1", incarnation: int = 0) -> NeighbourMessage:

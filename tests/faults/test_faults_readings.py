@@ -6,14 +6,14 @@ import msgspec
 import numpy as np
 import pytest
 
-from coheft.app.faults.draw import draw_schedule
 from coheft.app.faults.readings import Readings
 from coheft.app.faults.schedule import ClockSkew, FaultSchedule, RobotFault, Sensor, SensorFailure, SensorFault
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import ACCELERATION, FORCE, GYRO
+from tests.faults.drawn import plain
 
 BLOCKS = 50
-SCHEDULE = draw_schedule(0, is_exact=True)
+SCHEDULE = plain(0)
 SIZE, PERIOD = SCHEDULE.scenario.sensors.block, SCHEDULE.scenario.block_duration
 TRUE = np.random.default_rng(4).normal(scale=30.0, size=(BLOCKS * SIZE, 15))
 FIRST, END = 10 * SIZE + 1, 30 * SIZE - 1

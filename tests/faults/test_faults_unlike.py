@@ -17,8 +17,9 @@ from coheft.app.faults.unlike import unlike_kinds
 from coheft.wire.scenario.checks import check_scenario
 from coheft.wire.scenario.file import load_scenario
 from coheft.wire.scenario.schema import Slip
+from tests.faults.drawn import drawn
 
-DRAWN = [draw_schedule(seed, unlike=True) for seed in range(200)]
+DRAWN = [drawn(seed, UNLIKE=1.0) for seed in range(200)]
 
 
 def test_all_kinds_are_drawn_and_every_schedule_has_one() -> None:
@@ -39,16 +40,13 @@ def test_they_are_scenarios_that_can_be() -> None:
         check_scenario(schedule.scenario, "drawn")
 
 
-def test_some_schedules_have_them_unless_others_are_asked_for() -> None:
+def test_some_schedules_have_them() -> None:
     assert 40 < sum(bool(unlike_kinds(draw_schedule(seed).scenario)) for seed in range(200)) < 80
-    for seed in range(50):
-        assert not unlike_kinds(draw_schedule(seed, is_exact=True).scenario)
-        assert not unlike_kinds(draw_schedule(seed, lasting=True).scenario)
 
 
 def test_everything_else_is_drawn_as_before() -> None:
     for unlike in DRAWN[:50]:
-        plain, scenario = draw_schedule(unlike.seed, unlike=False), unlike.scenario
+        plain, scenario = drawn(unlike.seed, UNLIKE=0.0), unlike.scenario
         sensors = msgspec.structs.replace(scenario.sensors, of=())
         same = msgspec.structs.replace(scenario, sensors=sensors, slips=(), duration=plain.scenario.duration)
         assert (same, unlike.faults) == (plain.scenario, plain.faults)

@@ -54,8 +54,8 @@ _SHORTEST = 7.0
 """Shortest run [s]."""
 _COUNTS = (0.4, 0.3, 0.2, 0.1)
 """Shares of teams of 3, 4, 5 and 6 robots: small ones are quick to simulate."""
-_UNLIKE = 0.3
-"""Share of schedules in which robots differ or slip."""
+LASTING, UNLIKE = 0.5, 0.3
+"""Shares of schedules with small lasting errors, and in which robots differ or slip."""
 _PERMANENT = 0.1
 """Share of crashed agents that never come back."""
 
@@ -74,47 +74,29 @@ T = TypeVar("T")
 _replace = msgspec.structs.replace
 
 
-def draw_schedule(
-    seed: int,
-    delayed: bool | None = None,
-    is_exact: bool | None = None,
-    lasting: bool | None = None,
-    unlike: bool | None = None,
-    values: Sequence[str] = (),
-) -> FaultSchedule:
-    """Draw the schedule of a seed.
+def draw_schedule(seed: int, values: Sequence[str] = ()) -> FaultSchedule:
+    """Draw the schedule of a seed, any number of at least 0.
 
-    Args:
-        seed: Any number of at least 0.
-        delayed: Whether everything happens ``DELAY`` later. None: for every other seed.
-        is_exact: Whether sensors have no errors except noise and faults, or those of an industrial arm, with known
-            tolerances. None: for two of four seeds.
-        lasting: Whether to add small lasting errors, see ``lasting``. None: in half of the schedules, unless
-            ``is_exact`` is given.
-        unlike: Whether robots differ or slip, see ``unlike``. None: in some schedules, unless ``is_exact`` or
-            ``lasting`` is given.
-        values: Keys of the scenario that are set instead of drawn, see ``coheft.wire.scenario.set_values``.
-
-    Raises:
-        ScenarioError: A value is invalid, or changes the robots or links that faults refer to.
+    Sensors of two of four seeds have the errors of an industrial arm, with known tolerances; the others' only have
+    noise and faults. ``values`` are keys of the scenario that are set instead of drawn, see
+    ``coheft.wire.scenario.set_values``; a ``ScenarioError`` says that one is invalid, or changes the robots or links
+    that faults refer to.
     """
-    schedule = _draw_early(seed)
-    if seed % 4 >= 2 if is_exact is None else not is_exact:
+    schedule = draw_early(seed)
+    if seed % 4 >= 2:
         sensors = _replace(schedule.scenario.sensors, tolerance=INDUSTRIAL)
         schedule = _replace(schedule, scenario=_replace(schedule.scenario, sensors=sensors))
-    is_late = bool(seed % 2 if delayed is None else delayed)
+    is_late = seed % 2 == 1
     if is_late:
-        schedule = _later(schedule)
+        schedule = later(schedule)
     rng = np.random.default_rng([seed, 1])  # a separate stream, so that all else is drawn as before
-    is_lasting = bool(rng.random() < 0.5)
-    if (is_lasting and is_exact is None) if lasting is None else lasting:
+    if rng.random() < LASTING:
         schedule = with_lasting_errors(schedule, rng)
     rng = np.random.default_rng([seed, 2])  # another one, for the same reason
-    is_unlike = bool(rng.random() < _UNLIKE)
-    if (is_unlike and is_exact is None and lasting is None) if unlike is None else unlike:
+    if rng.random() < UNLIKE:
         schedule = with_unlike_robots(schedule, rng, DELAY if is_late else 0.0)
-    schedule = _long_enough(schedule)
-    return _long_enough(_with_values(schedule, values)) if values else schedule
+    schedule = long_enough(schedule)
+    return long_enough(_with_values(schedule, values)) if values else schedule
 
 
 def _with_values(schedule: FaultSchedule, values: Sequence[str]) -> FaultSchedule:
@@ -125,7 +107,7 @@ def _with_values(schedule: FaultSchedule, values: Sequence[str]) -> FaultSchedul
     return _replace(schedule, scenario=chosen)
 
 
-def _later(schedule: FaultSchedule) -> FaultSchedule:
+def later(schedule: FaultSchedule) -> FaultSchedule:
     """Return the schedule with everything ``DELAY`` later."""
     scenario = schedule.scenario
     changes = tuple(_replace(change, at=_round(change.at + DELAY)) for change in scenario.load_changes)
@@ -136,7 +118,7 @@ def _later(schedule: FaultSchedule) -> FaultSchedule:
     return _replace(schedule, scenario=scenario, faults=faults)
 
 
-def _long_enough(schedule: FaultSchedule) -> FaultSchedule:
+def long_enough(schedule: FaultSchedule) -> FaultSchedule:
     """Extend the run until all robots have to be valid again; unless an agent never comes back, as they will not be."""
     scenario = schedule.scenario
     if schedule.last_fault_end >= scenario.duration:
@@ -145,7 +127,8 @@ def _long_enough(schedule: FaultSchedule) -> FaultSchedule:
     return _replace(schedule, scenario=_replace(scenario, duration=duration))
 
 
-def _draw_early(seed: int) -> FaultSchedule:
+def draw_early(seed: int) -> FaultSchedule:
+    """Draw faults and a team whose robots are alike, with sensors that only have noise and these faults."""
     rng = np.random.default_rng(seed)
     count = int(rng.choice([3, 4, 5, 6], p=_COUNTS))
     team = _Team(rng, count)
