@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
-import msgspec
-
 from coheft.agents.process.heartbeat import Heartbeat
 from coheft.app.names import few
 from coheft.app.results.record import Record
@@ -73,9 +71,9 @@ def launch(
         for name, agent in plan.agents.items():
             processes.start(name, "coheft.agents.process.main", agent)
         assert server.process.stdin is not None
-        with announced(folder, _run_file(plan, processes)), _beating(server.process.stdin):
+        with announced(folder, plan.run_file(processes.pids)), _beating(server.process.stdin):
             again = Restarts(
-                restarts, processes, observer, display, lambda: announce(folder, _run_file(plan, processes))
+                restarts, processes, observer, display, lambda: announce(folder, plan.run_file(processes.pids))
             )
             first = _wait_for_start(observer, again, display)
             display.begin(first)
@@ -176,10 +174,6 @@ def _beating(stdin: IO[bytes]) -> Heartbeat:
                 stdin.flush()
 
     return Heartbeat(beat, BEAT)
-
-
-def _run_file(plan: Plan, processes: Processes) -> RunFile:
-    return msgspec.structs.replace(plan.run_file(), pids=processes.pids)
 
 
 def _wait_for_start(observer: Observer, again: Restarts, display: Display) -> Status:

@@ -33,11 +33,12 @@ class Plan:
     keys: Path | None = None
     began: float = field(default_factory=time.time)
 
-    def run_file(self) -> RunFile:
-        """Return the addresses of the run."""
+    def run_file(self, pids: dict[str, int] | None = None) -> RunFile:
+        """Return the addresses of the run, and the ids of its processes that have been started, by name."""
         agents = {name: agent.observe for name, agent in self.agents.items()}
         keys = str(self.keys.resolve()) if self.keys is not None else None
-        return RunFile(run=self.server.run, server=self.server.observe, agents=agents, keys=keys, began=self.began)
+        server = self.server
+        return RunFile(server.run, server.observe, agents, pids or {}, keys, self.began)
 
     def write(self, folder: Path) -> list[Path]:
         """Write each configuration to a file of its own, so that the parts can be started by hand; return the paths.
