@@ -116,7 +116,5 @@ def _collect(inbox: Inbox, run: CartRun, on_problem: Callable[[str], object], se
                 on_problem(f"{problem.source}: {problem.text}")
             case Refused(source, error):
                 on_problem(f"{source}: {error}")
-            case _:
-                pass
         event = inbox.receive(0.0) if time.monotonic() < deadline else None
     return is_news

@@ -77,8 +77,6 @@ class Observer:
                         news.append(checked)
                 case Refused(source, reason):
                     news.append(_refusal(source, reason))
-                case _:
-                    pass
             event = self._inbox.receive(0.0) if time.monotonic() < deadline else None
         return news
 
