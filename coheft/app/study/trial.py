@@ -9,6 +9,7 @@ import numpy as np
 
 from coheft.app.results.errors import VALID_STDS
 from coheft.app.results.judge import Judge
+from coheft.app.results.points import make_point, sizes
 from coheft.app.results.quantities import (
     QUANTITIES,
     Edges,
@@ -133,7 +134,7 @@ def _outcome(scenario: Scenario, estimator: str, moments: Moments, judge: Judge,
         recovered=None if moments.change is None else published_errors(judge, edges, last),
         notices={name: list(estimate.load_changes) for name, estimate in last.items()},
         impossible_payloads=sum(not payload_exists(e.payload) for report in reports for e in report.values()),
-        curves=_curves(judge, edges, reports),
+        curves=_curves(judge, reports),
         converged=tuple(
             float(np.mean([e.is_converged for e in _latest(reports, moment).values()])) for moment in moments.at
         ),
@@ -150,17 +151,14 @@ def _latest(reports: Sequence[dict[str, Estimate]], time: float) -> dict[str, Es
     return latest
 
 
-def _curves(judge: Judge, edges: Edges, reports: Sequence[dict[str, Estimate]]) -> Curves:
+def _curves(judge: Judge, reports: Sequence[dict[str, Estimate]]) -> Curves:
     first = judge.scene.robots[0]
-    own_edges = [edge for edge in edges if edge[0] == first]
-    times, errors, deviations = [], [], []
-    for report in reports:
-        if first not in report:  # a report of other robots, when their doubts changed
-            continue
-        found = published_errors(judge, own_edges, {first: report[first]})
-        times.append(report[first].time)
-        # The first robot's rows are the first ones: all of its edges, and the payload in its frame.
-        rows = {quantity.name: slice(1 if quantity.of_payload else None) for quantity in QUANTITIES}
-        errors.append([q.squares(found.of(q))[rows[q.name]].mean() for q in QUANTITIES])
-        deviations.append([q.expected_squares(found.covariances.of(q))[rows[q.name]].mean() for q in QUANTITIES])
-    return Curves(np.array(times), np.sqrt(errors), np.sqrt(deviations))
+    # Some reports are of other robots only, when their doubts changed.
+    points = [make_point(judge, report[first]) for report in reports if first in report]
+    found = []
+    for quantity in QUANTITIES:
+        neighbours = [None] if quantity.of_payload else judge.scene.neighbours[first]
+        squares = [np.square(sizes(points, quantity, neighbour)) for neighbour in neighbours]
+        found.append(np.sqrt(np.mean(squares, axis=0)))
+    errors, deviations = np.stack(found, axis=2)
+    return Curves(np.array([point.time for point in points]), errors, deviations)
