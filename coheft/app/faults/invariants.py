@@ -20,7 +20,7 @@ from coheft.app.faults.schedule import FaultSchedule, Lie, Release
 from coheft.app.results.errors import payload_error, pose_error
 from coheft.app.results.judge import Judge
 from coheft.app.results.quantities import payload_exists
-from coheft.estimation.geometry.spatial import Array, Pose
+from coheft.estimation.geometry.spatial import Array
 from coheft.wire.messages.structs import Estimate, Validity
 from coheft.wire.messages.truth import Scene
 from coheft.wire.scenario.borders import first_border
@@ -117,8 +117,7 @@ class Watch:
             if any(release.robot in (other, estimate.robot) and release.is_active(time) for release in self._releases):
                 continue
             true = self._judge.relative_pose(estimate.robot, other, estimate.block)
-            error = pose_error(true, Pose(pose.rotation, pose.translation))
-            self._compare(estimate, f"pose of {other}", _POSE, error, pose.covariance)
+            self._compare(estimate, f"pose of {other}", _POSE, pose_error(true, pose), pose.covariance)
 
     def _compare(self, estimate: Estimate, what: str, names: tuple[str, ...], error: Array, covariance: Array) -> None:
         """Compare errors (n,) with their covariance (n, n)."""

@@ -4,7 +4,7 @@ import numpy as np
 
 from coheft.estimation.geometry.spatial import Array, Pose, rotation_log
 from coheft.estimation.rigid_body.mass_properties import Inertia, pack_symmetric
-from coheft.wire.messages.structs import PayloadEstimate
+from coheft.wire.messages.structs import PayloadEstimate, PoseEstimate
 
 MOST_STDS = 4.0
 """An error of more own standard deviations contradicts the estimate: by chance that happens to one in 16,000
@@ -18,7 +18,7 @@ PAYLOAD_PARTS = {"mass": slice(0, 1), "centre of mass": slice(1, 4), "inertia": 
 """Slices of ``(m, h, J packed)``."""
 
 
-def pose_error(truth: Pose, estimate: Pose) -> Array:
+def pose_error(truth: Pose, estimate: PoseEstimate) -> Array:
     """Return truth minus estimate of ``pose_j_in_i``: rotation vector in axes of ``F_i`` [rad], translation [m];
     (6,).
     """

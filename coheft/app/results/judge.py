@@ -185,7 +185,7 @@ class Judge:
             return {}
         block = estimate.block if block is None else block
         return {
-            name: pose_error(self.relative_pose(estimate.robot, name, block), Pose(pose.rotation, pose.translation))
+            name: pose_error(self.relative_pose(estimate.robot, name, block), pose)
             for name, pose in estimate.poses.items()
         }
 
