@@ -50,8 +50,8 @@ class FoundLoad:
         )
 
 
-def of_run(report: Report, robot: str | None, source: str, estimator: str | None = None) -> FoundLoad:
-    """Return the load that a robot (default: the first) found in a run with an estimator (default: its own).
+def of_run(report: Report, robot: str | None, source: str, estimator: str | None) -> FoundLoad:
+    """Return the load that a robot (None: the first) found in a run with an estimator (None: its own).
 
     It raises a ``CoheftError`` if there is no such robot or estimator, or if its estimate may not be used, with the
     reason.

@@ -15,7 +15,7 @@ _PATIENCE = 5.0
 """Time to wait for an estimate of a robot [s]."""
 
 
-def read_load(path: Path, robot: str | None, estimator: str | None = None) -> FoundLoad:
+def read_load(path: Path, robot: str | None, estimator: str | None) -> FoundLoad:
     """Return the load of a report of ``coheft run`` or ``coheft identify``; choices and errors as of ``of_run``."""
     try:
         text = path.read_bytes()
@@ -41,7 +41,7 @@ def refuse_estimator(estimator: str | None, source: str) -> None:
         )
 
 
-def load_of_run(folder: Path | None, robot: str | None, estimator: str | None = None) -> FoundLoad:
+def load_of_run(folder: Path | None, robot: str | None, estimator: str | None) -> FoundLoad:
     """Return the load that a robot of a run in progress, by default the newest, reports now.
 
     Choices and errors are as of ``of_run``; it is also an error if the robot sends no estimate.

@@ -21,11 +21,7 @@ _SHOWN = 10
 
 
 def print_campaign(
-    console: Console,
-    summary: CampaignSummary,
-    outcomes: Sequence[Outcome],
-    mutant: str = "",
-    values: Sequence[str] = (),
+    console: Console, summary: CampaignSummary, outcomes: Sequence[Outcome], mutant: str, values: Sequence[str]
 ) -> None:
     """Print the injected faults and their effects; the last line replays the first schedule that failed."""
     table = Table(box=SIMPLE_HEAD, pad_edge=False, show_edge=False, padding=(0, 1))

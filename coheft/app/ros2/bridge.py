@@ -65,7 +65,7 @@ class Bridge:
             self._node.publish(name, message, latched=topic == _LATCHED)
 
 
-def bridge_run(run_file: RunFile, endpoint: str, domain: int, tell: Callable[[str], None], namespace: str = "") -> None:
+def bridge_run(run_file: RunFile, endpoint: str, domain: int, tell: Callable[[str], None], namespace: str) -> None:
     """Publish the messages of a run in ROS 2, until the run has ended.
 
     ``endpoint`` is that of the router of ROS 2; ``tell`` is called with lines for the user.

@@ -24,7 +24,7 @@ _PATIENCE = 1.0
 class RosNode:
     """Publishes and receives standard messages, see ``open_node``; ``published`` counts those with a subscriber."""
 
-    def __init__(self, session: zenoh.Session, domain: int, name: str, namespace: str = "") -> None:
+    def __init__(self, session: zenoh.Session, domain: int, name: str, namespace: str) -> None:
         self.topics: dict[str, Publisher] = {}
         self.published = 0
         self.domain = domain

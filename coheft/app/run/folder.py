@@ -122,7 +122,7 @@ def find_run(folder: Path | None = None, *, acts: bool = False) -> RunFile:
     return locate_run(folder, acts=acts)[1]
 
 
-def locate_run(folder: Path | None = None, *, acts: bool = False) -> tuple[Path, RunFile]:
+def locate_run(folder: Path | None, *, acts: bool = False) -> tuple[Path, RunFile]:
     """Return a run in progress and its folder. If it is the newest of several, print that to stderr.
 
     A folder among this user's runs can be given by its bare name, unless a folder of that name exists here. For a

@@ -21,7 +21,7 @@ class Pairing:
     ``estimators`` are the names of those that run side by side, the robots' own first.
     """
 
-    def __init__(self, scene: Scene, estimators: Sequence[str] = ("",)) -> None:
+    def __init__(self, scene: Scene, estimators: Sequence[str]) -> None:
         self.judge = Judge(scene)
         self.truth: Truth | None = None
         self._own = estimators[0]

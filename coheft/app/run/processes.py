@@ -238,7 +238,7 @@ def _close_stdin(process: subprocess.Popen[bytes] | Forked) -> None:
             process.stdin.close()
 
 
-def _error(failed: Sequence[Child], limit: int | None = None) -> ProcessError:
+def _error(failed: Sequence[Child], limit: int | None) -> ProcessError:
     """Make an error that names the process that failed first and shows the end of its log.
 
     If several have failed, most of them failed because one was missing. The cause is the one that was killed by a

@@ -25,7 +25,7 @@ _LAST_NEWS = 1.0
 """Time after the end of the run in which last estimates may arrive [s]."""
 
 
-def view_run(folder: Path | None, place: Place, shown: Callable[[], None], *, read_only: bool = False) -> None:
+def view_run(folder: Path | None, place: Place, shown: Callable[[], None], *, read_only: bool) -> None:
     """Show a run, or without a folder the newest one in progress, at a place; otherwise as ``show_run``."""
     folder, _ = locate_run(folder)
     with open_server(place) as server:
@@ -37,7 +37,7 @@ def show_run(
     folder: Path,
     shown: Callable[[], None] = lambda: None,
     *,
-    read_only: bool = False,
+    read_only: bool,
     ask_again: Callable[[], None] | None = None,
 ) -> NoReturn:
     """Show the run in a folder until Ctrl-C; after its end, the last state stays visible.
