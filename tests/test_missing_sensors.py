@@ -14,7 +14,7 @@ from coheft.app.faults.invariants import Watch
 from coheft.app.faults.run import FaultyRun
 from coheft.app.faults.schedule import AnyFault, FaultSchedule, Release, SensorFault
 from coheft.app.run.inprocess import TeamInProcess
-from coheft.app.study.exact_run import ExactRun
+from coheft.app.study.bounds import ExactRun
 from coheft.app.study.samples import simulate, with_exact_sensors
 from coheft.errors import ScenarioError, UsageError
 from coheft.estimation.batch.recording import RobotRecord

@@ -24,7 +24,7 @@ from coheft.app.run_report.convergence import ALL_SHOWN, curves, draw_convergenc
 from coheft.app.run_report.data import write_data
 from coheft.app.run_report.drawings import draw_overview
 from coheft.app.run_report.series import SeriesFollower
-from coheft.app.study.run_bound import with_bound
+from coheft.app.study.bounds import with_bound
 from coheft.app.study.samples import simulate, with_exact_sensors
 from coheft.app.study.trial import Moments, run_trial
 from coheft.app.terminal.final_table import headings, print_report, table_rows

@@ -16,8 +16,8 @@ from coheft.app.cli.base import EXIT_USAGE
 from coheft.app.cli.main import run_command_line
 from coheft.app.results.quantities import QUANTITIES, TeamArrays, directed_edges
 from coheft.app.run.inprocess import run_in_process
+from coheft.app.study.bounds import ExactRun
 from coheft.app.study.campaign import Plan, make_plan, run_study
-from coheft.app.study.exact_run import ExactRun
 from coheft.app.study.output import print_study, write_folder
 from coheft.app.study.report import StudyReport, summarise
 from coheft.app.study.samples import simulate, with_exact_sensors
@@ -197,7 +197,7 @@ def test_bound_is_integrated_well_enough_and_grows_with_the_noise(monkeypatch: p
 
     noisy = msgspec.structs.replace(run, sensors=msgspec.structs.replace(run.sensors, noise_scale=3.0))
     bounds, louder = bounds_of(run), bounds_of(noisy)
-    monkeypatch.setattr("coheft.app.study.exact_run._BOUND_RATE", run.sensors.rate)
+    monkeypatch.setattr("coheft.app.study.bounds._BOUND_RATE", run.sensors.rate)
     every_sample = bounds_of(run)
     for quantity in QUANTITIES:
         squares = quantity.expected_squares(bounds.of(quantity))

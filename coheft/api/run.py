@@ -53,7 +53,7 @@ def run(
     result = simulation.result()
     if not result.beside or simulation.truth is None:
         return result
-    from coheft.app.study.run_bound import with_bound
+    from coheft.app.study.bounds import with_bound
 
     return replace(result, report=with_bound(result.report, chosen, simulation.truth))
 

@@ -90,7 +90,7 @@ def launch(
         raise LinkError(f"the run ended before every robot had sent an estimate; see the logs in {folder}")
     report = build_report(scenario, record, real_time_factor=status.real_time_factor, late_blocks=status.late_blocks)
     if report.beside:
-        from coheft.app.study.run_bound import with_bound  # which loads the physics
+        from coheft.app.study.bounds import with_bound  # which loads the physics
 
         report = with_bound(report, scenario, record.truth)
     return report

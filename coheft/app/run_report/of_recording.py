@@ -10,7 +10,7 @@ from coheft.app.results.record import Record
 from coheft.app.results.report import build_report
 from coheft.app.run_report.folder import write_folder
 from coheft.app.run_report.series import SeriesFollower
-from coheft.app.study.run_bound import with_bound
+from coheft.app.study.bounds import with_bound
 from coheft.errors import RecordingError
 from coheft.wire.former_names import as_present
 from coheft.wire.scenario.schema import Scenario

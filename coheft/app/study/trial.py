@@ -20,7 +20,7 @@ from coheft.app.results.quantities import (
     published_errors,
 )
 from coheft.app.run.inprocess import run_in_process
-from coheft.app.study.exact_run import ExactRun
+from coheft.app.study.bounds import ExactRun
 from coheft.app.study.samples import simulate, with_exact_sensors
 from coheft.estimation.geometry.spatial import Array
 from coheft.wire.messages.structs import Estimate, LoadChangeNotice, Validity
@@ -105,7 +105,7 @@ def run_trial(scenario: Scenario, estimators: Sequence[str], moments: Moments) -
     scenario = msgspec.structs.replace(scenario, duration=moments.end)
     exact = simulate(with_exact_sensors(scenario))
     edges = directed_edges(exact.scene.neighbours)
-    run, judge = ExactRun(scenario, exact, edges), Judge(exact.scene, exact.truths)
+    run = ExactRun(scenario, exact, edges)
     blocks = [0, *(round(moment / scenario.block_duration) for moment in moments.at)]
     known = list(accumulate(run.information(first, end) for first, end in pairwise(blocks)))
     recovery_bound = None
@@ -116,7 +116,7 @@ def run_trial(scenario: Scenario, estimators: Sequence[str], moments: Moments) -
         recovery_bound = run.seen((new + before.with_another_load()).full_bound())
     return Trial(
         seed=scenario.seed,
-        outcomes={name: _outcome(scenario, name, moments, judge, edges) for name in estimators},
+        outcomes={name: _outcome(scenario, name, moments, run.judge, edges) for name in estimators},
         full=tuple(run.seen(information.full_bound()) for information in known),
         two_step=tuple(run.seen(information.two_step_bound()) for information in known),
         recovery_bound=recovery_bound,
