@@ -3,9 +3,8 @@
 import csv
 from collections.abc import Iterator
 from importlib.util import find_spec
+from math import isfinite
 from pathlib import Path
-
-import numpy as np
 
 from coheft.app.results.points import Point
 from coheft.app.run_report.series import Series
@@ -96,10 +95,9 @@ def _states(series: Series) -> Iterator[Row]:
 
 def _columns(prefix: str, names: tuple[str, ...], values: Array) -> Row:
     """Return the columns of a vector; unknown numbers stay empty."""
-    known = np.isfinite(values)
     return {
-        f"{prefix}{name}": float(value) if is_known else None
-        for name, value, is_known in zip(names, values, known, strict=True)
+        f"{prefix}{name}": value if isfinite(value) else None
+        for name, value in zip(names, values.tolist(), strict=True)
     }
 
 

@@ -1,6 +1,7 @@
 """The state of a run that the view shows, live or in replay, independent of a browser."""
 
 from collections import deque
+from itertools import combinations
 from typing import Literal
 
 from coheft.app.results.judge import RobotReport
@@ -35,17 +36,12 @@ class ViewModel:
     def __init__(self, status: Status) -> None:
         self.status = status
         self.scene = status.scene
-        order = {name: index for index, name in enumerate(self.scene.robots)}
-        self.edges: list[Edge] = [
-            (name, other)
-            for name in order
-            for other in sorted(self.scene.neighbours[name], key=lambda neighbour: order[neighbour])
-            if order[name] < order[other]
-        ]
+        robots, neighbours = self.scene.robots, self.scene.neighbours
+        self.edges: list[Edge] = [(one, other) for one, other in combinations(robots, 2) if other in neighbours[one]]
         self.record = Record(self.scene, status.duration, status.estimator)
         own, *_ = estimator_names(status.estimator)
         self._records = {own: self.record, **self.record.beside}
-        self.traces = {name: {estimator: Trace() for estimator in self._records} for name in order}
+        self.traces = {name: {estimator: Trace() for estimator in self._records} for name in robots}
         self.problems: deque[tuple[float, Problem]] = deque(maxlen=_MOST_PROBLEMS)
         self.changes = 0
 
