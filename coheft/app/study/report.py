@@ -91,7 +91,8 @@ class Claimed(msgspec.Struct, frozen=True):
         contradicted: Number of them with an error above four of their own standard deviations.
         most_stds: The largest error of all, in its own standard deviations; None if there are no estimates.
         valid_numbers: Number of numbers in valid estimates, of all robots, runs and noises, ten times a second.
-        beyond_five: How many of them are off by more than five of their own standard deviations, which none should be.
+        beyond_five: How many of them are off by more than five of their own standard deviations, which none should be;
+            off the truth of the block to which the estimate belongs.
     """
 
     count: int
