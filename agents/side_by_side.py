@@ -34,7 +34,7 @@ class SideBySide:
         """See ``Estimator.step``."""
         sent: dict[str, npt.NDArray[Any]] = {}
         nothing: dict[str, npt.NDArray[Any]] = {}
-        parts = {sender: self._parts(channels) for sender, channels in inbox.items()}
+        parts = {sender: self._readable(_by_estimator(channels)) for sender, channels in inbox.items()}
         for name, estimator in self._estimators.items():
             heard = {sender: each[name] for sender, each in parts.items() if name in each}
             channels = self._try(name, lambda: estimator.step(index, own, heard), nothing)  # noqa: B023
@@ -43,9 +43,8 @@ class SideBySide:
 
     def fits(self, channels: Channels) -> bool:
         """See ``Estimator.fits``: whether the arrays are of these estimators, and any can read its own."""
-        return {array.partition("/")[0] for array in channels} <= self._estimators.keys() and bool(
-            self._parts(channels)
-        )
+        told = _by_estimator(channels)
+        return told.keys() <= self._estimators.keys() and (not told or bool(self._readable(told)))
 
     def belief(self) -> Belief:
         """Return the estimate of the robot's own estimator."""
@@ -67,9 +66,9 @@ class SideBySide:
 
     def receive_late(self, sender: str, channels: Channels) -> None:
         """See ``TakesLate``."""
-        for name, estimator in self._estimators.items():
-            part = self._parts(channels).get(name)
-            if part is not None and isinstance(estimator, TakesLate):
+        for name, part in self._readable(_by_estimator(channels)).items():
+            estimator = self._estimators[name]
+            if isinstance(estimator, TakesLate):
                 estimator.receive_late(sender, part)
 
     def sign_with(self, signer: RowSigner) -> None:
@@ -85,11 +84,13 @@ class SideBySide:
     def _signing(self) -> list[SignsRows]:
         return [estimator for estimator in self._estimators.values() if isinstance(estimator, SignsRows)]
 
-    def _parts(self, channels: Channels) -> dict[str, Channels]:
-        """Return the arrays of a message by estimator, of those that can read theirs."""
-        parts = {name: _part(name, channels) for name in self._estimators}
-        can_read = {name: partial(each.fits, parts[name]) for name, each in self._estimators.items()}
-        return {name: part for name, part in parts.items() if self._try(name, can_read[name], False)}
+    def _readable(self, told: Mapping[str, Channels]) -> dict[str, Channels]:
+        """Return the arrays of the estimators that can read theirs, by estimator."""
+        return {
+            name: part
+            for name, part in told.items()
+            if name in self._estimators and self._try(name, partial(self._estimators[name].fits, part), False)
+        }
 
     def _try(self, name: str, call: Callable[[], T], otherwise: T) -> T:
         """Call an estimator unless it has failed, and note if it fails now."""
@@ -102,7 +103,10 @@ class SideBySide:
             return otherwise
 
 
-def _part(name: str, channels: Channels) -> Channels:
-    """Return the arrays of one estimator under their own names."""
-    prefix = f"{name}/"
-    return {array.removeprefix(prefix): value for array, value in channels.items() if array.startswith(prefix)}
+def _by_estimator(channels: Channels) -> dict[str, dict[str, npt.NDArray[Any]]]:
+    """Return the arrays of a message by estimator, under their own names."""
+    result: dict[str, dict[str, npt.NDArray[Any]]] = {}
+    for array, value in channels.items():
+        name, _, own = array.partition("/")
+        result.setdefault(name, {})[own] = value
+    return result
