@@ -37,16 +37,13 @@ class Strength:
     """Loads that the springs of a team's arms can hold."""
 
     def __init__(self, grasps: Sequence[Pose], robots: Robots) -> None:
-        places = np.array([grasp.translation for grasp in grasps])
+        self._places = places = np.array([grasp.translation for grasp in grasps])
         self._count = len(places)
+        self._middle = places.mean(axis=0)
         self._robots = robots
-        self._sum = places.sum(axis=0)
-        self._products = places.T @ places
         self._springs = gains_at_payload(grasps, robots.stiffness)
         self._dampers = gains_at_payload(grasps, robots.damping)
-        at_middle = gains_at_payload(
-            [Pose(np.eye(3), place - places.mean(axis=0)) for place in places], robots.stiffness
-        )
+        at_middle = gains_at_payload([Pose(np.eye(3), place - self._middle) for place in places], robots.stiffness)
         self._least_turning = float(np.linalg.eigvalsh(at_middle[:3, :3])[0])
 
     @classmethod
@@ -88,24 +85,20 @@ class Strength:
     def _is_light(self, inertia: Inertia) -> bool:
         """Whether the springs hardly give way, so that no prediction is needed."""
         weight = _GRAVITY * inertia.mass
-        middle = self._sum / self._count
         sag = weight / (self._count * self._robots.stiffness[0])
         # An upper bound of the rotation, because the weight's lever becomes shorter.
-        tilt = weight * float(np.linalg.norm(inertia.com - middle)) / max(self._least_turning, 1e-300)
-        return tilt < 0.2 * MAX_ANGLE and sag + tilt * float(np.linalg.norm(middle)) < 0.2 * MAX_DISTANCE
+        tilt = weight * float(np.linalg.norm(inertia.com - self._middle)) / max(self._least_turning, 1e-300)
+        return tilt < 0.2 * MAX_ANGLE and sag + tilt * float(np.linalg.norm(self._middle)) < 0.2 * MAX_DISTANCE
 
     def _pull(self, inertia: Inertia, pose: Pose) -> Array:
         """Return the wrench ``(t, f)`` of springs and weight at the payload's origin in its own axes, shape (6,)."""
         k_t, k_r = self._robots.stiffness
         rotation = pose.rotation
         weight = -_GRAVITY * inertia.mass * rotation[2]
-        shift = rotation.T @ pose.translation
-        spread = self._products @ rotation
-        force = k_t * (rotation.T @ self._sum - self._sum - self._count * shift)
         # Each spring pulls its hand to its home position, given in the payload's present frame.
-        torque = k_t * (_axial(spread) - skew(self._sum) @ shift)
-        torque -= self._count * k_r * rotation_log(rotation)
-        return np.concatenate([torque + skew(inertia.com) @ weight, force + weight])
+        forces = k_t * ((self._places - pose.translation) @ rotation - self._places)
+        torque = np.cross(self._places, forces).sum(axis=0) - self._count * k_r * rotation_log(rotation)
+        return np.concatenate([torque + skew(inertia.com) @ weight, forces.sum(axis=0) + weight])
 
     def _falls(self, inertia: Inertia, pose: Pose, seconds: float, share: float) -> Pose | None:
         """Return the pose of the payload some time after it was at rest; None if it exceeded the share meanwhile.
@@ -141,11 +134,6 @@ def gains_at_payload(grasps: Sequence[Pose], gains: tuple[float, float]) -> Arra
 
 def _together(before: Inertia | None, load: Inertia) -> Inertia:
     return load if before is None else combined([before, load])
-
-
-def _axial(matrix: Array) -> Array:
-    """Return ``sum of a x b`` where the matrix is the sum of ``a b^T``, shape (3,)."""
-    return np.array([matrix[1, 2] - matrix[2, 1], matrix[2, 0] - matrix[0, 2], matrix[0, 1] - matrix[1, 0]])
 
 
 def _most(mass: float, is_held: Callable[[float], bool]) -> float:
