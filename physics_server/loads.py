@@ -8,11 +8,11 @@ import mujoco
 import numpy as np
 
 from coheft.errors import LoadError
-from coheft.estimation.geometry.spatial import Array, Pose, rotation_from_quaternion
+from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.rigid_body.mass_properties import Inertia, combined
 from coheft.wire.messages.truth import LoadState
-from coheft.wire.scenario.payload import MassProperties
-from coheft.wire.scenario.payload_extent import Extent, corners
+from coheft.wire.scenario.payload import Payload
+from coheft.wire.scenario.payload_extent import extent_of
 from coheft.wire.scenario.section import Vector
 from coheft.wire.scenario.strength import Strength
 
@@ -52,15 +52,14 @@ class Loads:
         inertia: Mass properties of the payload with its loads, in the payload's frame.
     """
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, payload_body: int, payload: Inertia, slots: int):
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, payload_body: int, payload: Payload) -> None:
         self._model = model
         self._data = data
         self._payload_body = payload_body
-        self._payload = payload
-        self._extent = _extent(model, payload_body, payload)
-        self._slots: list[LoadState | None] = [None] * slots
+        self._payload = self.inertia = payload.inertia()
+        self._extent = extent_of(payload)
+        self._slots: list[LoadState | None] = [None] * payload.load_slots
         self._next_id = 1
-        self.inertia = payload
 
     @property
     def states(self) -> list[LoadState]:
@@ -183,16 +182,6 @@ class Loads:
 def _inertia_of(load: LoadState) -> Inertia:
     """Return a load's mass properties in the payload's frame."""
     return Inertia.of_box(load.mass, load.size, Pose(np.eye(3), np.array(load.position)))
-
-
-def _extent(model: mujoco.MjModel, body: int, payload: Inertia) -> Extent:
-    """Return the extent of a payload's boxes, or of a box with its mass properties, as scenario checks do."""
-    geoms = np.flatnonzero(model.geom_bodyid == body)
-    if not geoms.size:
-        return Extent.like(MassProperties.of(payload))
-    poses = (Pose(rotation_from_quaternion(model.geom_quat[geom]), model.geom_pos[geom]) for geom in geoms)
-    boxes = zip(poses, 2.0 * model.geom_size[geoms], strict=True)
-    return Extent.around(np.concatenate([corners(pose, size) for pose, size in boxes]))
 
 
 def _check(mass: float, position: Vector, size: Vector, leak: float) -> None:

@@ -110,8 +110,7 @@ class Simulation:
         self._at_rest[:, ACCELERATION] = -self.model.opt.gravity @ self._home_rotations
         self._sensors, self._compliances = Sensors(scenario, errors), errors.compliances
         self._encoders = _encoders_of(scenario)
-        payload_body = self.model.body(PAYLOAD).id
-        self.loads = Loads(self.model, self.data, payload_body, scenario.payload.inertia(), scenario.payload.load_slots)
+        self.loads = Loads(self.model, self.data, self.model.body(PAYLOAD).id, scenario.payload)
         self._loads_since = 0.0
         self._changes = by_border(scenario.load_changes, scenario.block_duration)
         self._slips = by_border(scenario.slips, scenario.block_duration)

@@ -117,9 +117,9 @@ def corners(pose: Pose, edges: Iterable[float]) -> Array:
 def place_complaints(scenario: Scenario) -> list[Complaint]:
     """Complain about the size and the grasps of a payload that is given by boxes or mass properties."""
     payload = scenario.payload
-    extent = _extent_of(payload)
-    if extent is None:
+    if not payload.boxes and payload.properties is None:  # ``payload_file`` reads it, and checks it then
         return []
+    extent = extent_of(payload)
     key, what, advice = "payload.boxes", "the payload", "sizes and positions are in metres"
     if payload.properties is not None:
         key, what = "payload.properties", "a box with such mass properties"
@@ -142,19 +142,17 @@ def grasp_complaints(scenario: Scenario, extent: Extent) -> Iterator[Complaint]:
 
 def load_place_complaints(scenario: Scenario) -> Iterator[Complaint]:
     """Complain about loads far outside of the payload, or too large for it."""
-    extent = _extent_of(scenario.payload)
+    extent = extent_of(scenario.payload)
     for number, change in enumerate(scenario.load_changes):
-        if change.mass is not None and extent is not None:
+        if change.mass is not None:
             if complaint := extent.complaint(change.position):
                 yield f"load_changes[{number}].position", f"found {list(change.position)}, which {complaint}"
             if complaint := extent.size_complaint(change.size):
                 yield f"load_changes[{number}].size", f"found {list(change.size)}, which {complaint}"
 
 
-def _extent_of(payload: Payload) -> Extent | None:
-    """Return the extent of boxes or mass properties; None for a payload from a file."""
+def extent_of(payload: Payload) -> Extent:
+    """Return the extent of boxes, or else of mass properties; a payload from a file has been read."""
     if payload.properties is not None:
         return Extent.like(payload.properties)
-    if payload.boxes:
-        return Extent.around(np.concatenate([corners(box.pose(), box.size) for box in payload.boxes]))
-    return None
+    return Extent.around(np.concatenate([corners(box.pose(), box.size) for box in payload.boxes]))
