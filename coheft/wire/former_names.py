@@ -14,8 +14,12 @@ PRESENT = {"seed": "fan2017"}
 """Present names of estimators, by earlier name."""
 SECTIONS = {"seed_method": "fan2017"}
 """Present names of sections of a scenario, by earlier name."""
-_GONE = ("start_rotation_deg", "start_translation_mm", "refit_share")
-"""Settings of the former default estimator that have no successor."""
+GONE = {
+    "efficient.start_rotation_deg": "the estimator no longer uses sums with rough poses",
+    "efficient.start_translation_mm": "the estimator no longer uses sums with rough poses",
+    "efficient.refit_share": "the fit is repeated whenever there are 15 % more measurements",
+}
+"""Keys of a scenario that are no longer needed, with the reasons."""
 _DEVIATION = 3.0**-0.5
 """Standard deviation of an error that is uniform up to a largest one, relative to it."""
 
@@ -65,7 +69,8 @@ def as_present(scenario: dict[str, Any], origin: str) -> dict[str, Any]:
     efficient, sensors = result.get("efficient"), result.get("sensors")
     if not (isinstance(efficient, dict) and isinstance(sensors, dict)):
         return result
-    result["efficient"] = {key: value for key, value in efficient.items() if key not in (*_GONE, "offsets")}
+    kept = {key: value for key, value in efficient.items() if f"efficient.{key}" not in GONE and key != "offsets"}
+    result["efficient"] = kept
     result["sensors"] = {key: value for key, value in sensors.items() if key != "offset"}
     if efficient.get("offsets"):
         result["sensors"].setdefault("tolerance", {"force_offset": 1.2, "torque_offset": 0.06})

@@ -7,17 +7,12 @@ from collections.abc import Mapping
 import msgspec
 from msgspec import inspect as types
 
+from coheft.wire.former_names import GONE
 from coheft.wire.scenario.expected import expected_by_msgspec
 from coheft.wire.scenario.schema import Scenario
 from coheft.wire.scenario.section import NAME_IN_WORDS
 from coheft.wire.scenario.toml_value import as_toml
 
-_GONE = {
-    "efficient.start_rotation_deg": "the estimator no longer uses sums with rough poses",
-    "efficient.start_translation_mm": "the estimator no longer uses sums with rough poses",
-    "efficient.refit_share": "the fit is repeated whenever there are 15 % more measurements",
-}
-"""Keys of earlier releases that are no longer needed, with the reasons."""
 _RENAMED = {
     "efficient.offsets": "robots know the tolerances of their sensors; 'offsets = true' is the same as "
     "sensors.tolerance = { force_offset = 1.2, torque_offset = 0.06 }",
@@ -42,8 +37,8 @@ def explain(
         allowed = [field.encode_name for field in kind.fields] if isinstance(kind, types.StructType) else []
         hint = did_you_mean(unknown.group(1), allowed)
         key = _short(f"{place}.{unknown.group(1)}".lstrip("."))
-        if key in _GONE:
-            return f"key '{key}': it is of a former release and has no successor: {_GONE[key]}. Delete the line"
+        if key in GONE:
+            return f"key '{key}': it is of a former release and has no successor: {GONE[key]}. Delete the line"
         if key in _RENAMED:
             return f"key '{key}': it is of a former release; now {_RENAMED[key]}"
         return f"key '{key}': there is no such key.{hint} Allowed here: {', '.join(allowed)}"
