@@ -8,7 +8,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from benchmarks.drawn_recordings import Team, between, direction, draw_team, recorded, with_record
-from coheft.estimation.batch.pose_conventions import inverse_poses
+from coheft.estimation.batch.pose_conventions import inverse_poses, turned_poses
 from coheft.estimation.batch.recording import Recording, RobotRecord
 from coheft.estimation.batch.signals import without_jumps
 from coheft.estimation.geometry.spatial import Array
@@ -155,13 +155,6 @@ def _fault(team: Team, kind: str, names: Sequence[str], rng: np.random.Generator
     def to_wrench(change: Callable[[Array], Array]) -> Change:
         return lambda robot: {"wrench": change(wrench_of(robot))}
 
-    def turned_home(turn: Rotation) -> Change:
-        return lambda robot: {
-            "pose": np.hstack(
-                [turn.apply(pose_of(robot)[:, :3]), (turn * Rotation.from_quat(pose_of(robot)[:, 3:])).as_quat()]
-            )
-        }
-
     match kind:
         case "offset":
             size = between(rng, 0.01, 6.0)
@@ -218,7 +211,8 @@ def _fault(team: Team, kind: str, names: Sequence[str], rng: np.random.Generator
             changed = team
             for name in names:
                 yaw = team.yaws[list(team.records).index(name)]
-                changed = with_record(changed, name, **turned_home(yaw * turn * yaw.inv())(team.records[name]))
+                pose = turned_poses(pose_of(team.records[name]), yaw * turn * yaw.inv())
+                changed = with_record(changed, name, pose=pose)
             return changed
         case "load change":
             return team

@@ -36,6 +36,11 @@ def inverse_poses(poses: Array) -> Array:
     return np.hstack([-back.apply(poses[:, :3]), back.as_quat()])
 
 
+def turned_poses(poses: Array, turn: Rotation) -> Array:
+    """Poses ``x y z qx qy qz qw``, shape (n, 7), in a home frame that is rotated."""
+    return np.hstack([turn.apply(poses[:, :3]), (turn * Rotation.from_quat(poses[:, 3:])).as_quat()])
+
+
 _CONVENTIONS: tuple[tuple[Callable[[Array], Array], str, str], ...] = (
     (
         lambda p: p[:, [0, 1, 2, 4, 5, 6, 3]],

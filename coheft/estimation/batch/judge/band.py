@@ -47,8 +47,7 @@ def white_level(samples: Array, rate: float, cutoff: float) -> Array | None:
 def periodogram(samples: Array) -> Array:
     """Squared spectrum of samples (n, c) without their mean, shape (n // 2 + 1, c); of white noise, its variance."""
     window = np.hanning(len(samples))[:, None]
-    result: Array = np.abs(np.fft.rfft((samples - samples.mean(axis=0)) * window, axis=0)) ** 2 / np.sum(window**2)
-    return result
+    return np.abs(np.fft.rfft((samples - samples.mean(axis=0)) * window, axis=0)) ** 2 / np.sum(window**2)
 
 
 def cutoff_for(recording: Recording) -> float:

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from coheft.errors import RecordingError
 from coheft.estimation.batch.judge.verdict import Cause, Verdict
-from coheft.estimation.batch.pose_conventions import inverse_poses
+from coheft.estimation.batch.pose_conventions import inverse_poses, turned_poses
 from coheft.estimation.batch.recording import CHANNELS, Recording
 from coheft.estimation.batch.signals import without_jumps
 from coheft.estimation.geometry.spatial import Array, Pose
@@ -74,7 +74,7 @@ def mend(recording: Recording, verdict: Verdict, poses: Sequence[Pose]) -> Recor
             assert verdict.gravity is not None
             for own_name, down in zip(recording.names, verdict.gravity, strict=True):
                 turn, _ = Rotation.align_vectors(recording.gravity[None], down[None])
-                recording = recording.changed("pose", partial(_in_home, turn=turn), own_name)
+                recording = recording.changed("pose", partial(turned_poses, turn=turn), own_name)
             return recording
         case Cause.INVERSE:
             return recording.changed("pose", inverse_poses)
@@ -97,8 +97,3 @@ def _earlier(samples: Array, time: Array, delay: float) -> Array:
     if is_pose:
         moved[:, 3:] /= np.linalg.norm(moved[:, 3:], axis=1, keepdims=True)
     return moved
-
-
-def _in_home(pose: Array, turn: Rotation) -> Array:
-    """Poses (n, 7) in a home frame that is rotated."""
-    return np.hstack([turn.apply(pose[:, :3]), (turn * Rotation.from_quat(pose[:, 3:])).as_quat()])

@@ -113,8 +113,7 @@ class WrenchMisfit:
     def _by_motion(self, theta: Array) -> Array:
         """Covariance of a body's wrench due to noise of its motion, shape (K, 6, 6)."""
         inertia = spatial_inertia(theta)[:, [3, 4, 5, 0, 1, 2]]  # times (alpha, a)
-        result: Array = inertia @ self._motion_noise @ inertia.T
-        return result
+        return inertia @ self._motion_noise @ inertia.T
 
     def _white(self, signals: Array) -> Array:
         """Whitened coefficients (6 K, ...) of wrenches (n, 6) or of columns (n, 6, u)."""
