@@ -16,7 +16,7 @@ from coheft.estimation.batch.statistics import sandwich_information
 from coheft.estimation.batch.team_poses import TeamPoses
 from coheft.estimation.geometry.body_motion import perturbation_between, perturbed, relative_pose_derivative
 from coheft.estimation.geometry.observability import PoseEstimate, SeenInformation
-from coheft.estimation.geometry.spatial import Array, Pose, skew
+from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.geometry.uncertain_pose import UncertainPose
 
 _SINGULAR = 1e-12
@@ -54,7 +54,7 @@ def position_between(rotation: Array, w_i: Array, v_i: Array, v_j: Array, instru
 
 
 def _levers(instrument: Array, w_i: Array) -> Array:
-    """Sum of ``[z]x^T [w]x`` (3, 3) over vectors (n, 3): ``p x w = -[w]x p``, and ``[z]x^T = -[z]x``."""
+    """Sum of ``[z]x^T [w]x = -[z]x [w]x`` (3, 3) over vectors (n, 3); ``p x w = -[w]x p``."""
     products = instrument.T @ w_i
     result: Array = np.trace(products) * np.eye(3) - products.T
     return result
@@ -73,13 +73,10 @@ def pair_pose(twist_i: Array, twist_j: Array, rate: float, instrument: Array | N
     residual = v_i - turned_v - np.cross(position, w_i)
     scores = np.hstack([np.cross(turned_w, w_i), np.cross(z, residual)])
     derivative = np.zeros((6, 6))
-    derivative[:3, :3] = np.einsum("kab,kbc->ac", skew(w_i), skew(turned_w))
-    derivative[3:, :3] = np.einsum("kab,kbc->ac", skew(z), skew(turned_v))
-    derivative[3:, 3:] = np.einsum("kab,kbc->ac", skew(z), skew(w_i))
+    derivative[:3, :3] = -_levers(w_i, turned_w)
+    derivative[3:, :3], derivative[3:, 3:] = -_levers(z, turned_v), -_levers(z, w_i)
     least = np.zeros((6, 6))
-    for rows, turning in ((slice(0, 3), turned_w), (slice(3, 6), z)):
-        across = skew(turning)
-        least[rows, rows] = _FINEST**2 * np.einsum("kab,kcb->ac", across, across)
+    least[:3, :3], least[3:, 3:] = _FINEST**2 * _levers(turned_w, turned_w), _FINEST**2 * _levers(z, z)
     seen = SeenInformation.of(sandwich_information(derivative, scores, rate, least))
     return PoseEstimate(Pose(rotation, position), seen.inverse(), seen.unobservable())
 
