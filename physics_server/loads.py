@@ -91,11 +91,9 @@ class Loads:
             LoadError: The load is invalid, no slot is free, or the arms cannot hold it.
         """
         _check(mass, position, size, leak)
-        complaint = self._extent.complaint(position)
-        if complaint:
+        if complaint := self._extent.complaint(position):
             raise LoadError(f"position of a load is {tuple(position)} m, which {complaint}")
-        complaint = self._extent.size_complaint(size)
-        if complaint:
+        if complaint := self._extent.size_complaint(size):
             raise LoadError(f"size of a load is {tuple(size)} m, which {complaint}")
         if not self.slots_free:
             raise LoadError(
@@ -107,8 +105,7 @@ class Loads:
             together = combined([self.inertia, _inertia_of(load)]).spatial()
         if not np.isfinite(together).all():
             raise LoadError(f"inertia of a load of {mass} kg at {tuple(position)} m overflows: use smaller numbers")
-        complaint = strength.complaint(_inertia_of(load), self.inertia) if strength is not None else ""
-        if complaint:
+        if strength is not None and (complaint := strength.complaint(_inertia_of(load), self.inertia)):
             raise LoadError(f"mass of a load is {mass:g} kg at {tuple(position)} m, which is {complaint}")
         momentum = self._momentum()
         self._next_id += 1

@@ -86,11 +86,9 @@ class TorqueArms(Arms):
 
     def set_holding(self, robot: str, holding: bool) -> None:
         """Raise ``SimulationError``, as welds cannot be released."""
-        raise SimulationError(f"the hand of {robot} is welded to the payload, it cannot {_VERBS[holding]} it")
+        verb = "grasp" if holding else "release"
+        raise SimulationError(f"the hand of {robot} is welded to the payload, it cannot {verb} it")
 
     def wrenches(self, read: Array, rotations: Array, home_rotations: Array) -> Array:
         """Return the wrenches on the payload, shape (B, N, 6): the readings at massless hands."""
         return read.reshape(*rotations.shape[:2], 6)
-
-
-_VERBS = {True: "grasp", False: "release"}
