@@ -96,15 +96,6 @@ def mass_matrix(phi: Array, theta: float) -> Array:
     return np.array([[m, 0.0, x], [0.0, m, y], [x, y, j]])
 
 
-def coriolis(phi: Array, theta: float, theta_rate: float) -> Array:
-    """``C(q, qd)``, shape (3, 3) (Aguilera et al., below eq. 4)."""
-    c, s = cos(theta), sin(theta)
-    _, a, b, _ = phi.tolist()
-    matrix = np.zeros((3, 3))
-    matrix[0, 2], matrix[1, 2] = theta_rate * (b * s - a * c), -theta_rate * (b * c + a * s)
-    return matrix
-
-
 def regressor(theta: float, rates: Array, accelerations: Array) -> Array:
     """``Y``, shape (3, 4), with ``Y phi == M qdd + C qd``, from ``qd`` (3,) and ``qdd`` (3,)."""
     c, s = cos(theta), sin(theta)
@@ -156,8 +147,7 @@ def forward_dynamics(
     system[:3, :3] = mass_matrix(phi, theta)
     system[:3, 3] = system[3, :3] = wheel_row(theta)
     right = np.empty(4)
-    right[:3] = axes(theta) @ wrench_b - resistance(friction, rates)
-    right[:3] -= coriolis(phi, theta, turn_rate)[:, 2] * turn_rate
+    right[:3] = axes(theta) @ wrench_b - inverse_dynamics(phi, friction, theta, rates, np.zeros(3))
     right[3] = -turn_rate * wheel_row_derivative(theta) @ rates
     solution = np.asarray(np.linalg.solve(system, right), dtype=np.float64)
     return Accelerations(solution[:3], float(solution[3]), system)
