@@ -18,7 +18,7 @@ these are guarded.
 import statistics
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -27,7 +27,7 @@ import mujoco
 
 from benchmarks.command import run_command
 from benchmarks.figures import Effort, Figure, Section, against, ratio, section_lines
-from benchmarks.paced_team import SIZES, TURN, Turn, paced_team
+from benchmarks.paced_team import SIZES, TURN, Turn, compared, paced_team
 from benchmarks.raw_team import Sizes, raw_team
 from benchmarks.replay import record, sizes
 from benchmarks.scenarios import BLOCK, RATE, SETTLED, team_scenario
@@ -53,18 +53,6 @@ class Turns:
     bare: list[Turn]
     zenoh: list[Turn]
     steps: list[float]
-
-
-def _wall(turns: Sequence[Turn]) -> list[float]:
-    return [turn.block_time for turn in turns]
-
-
-def _cpu(turns: Sequence[Turn]) -> list[float]:
-    return [turn.team_time for turn in turns]
-
-
-def _server(turns: Sequence[Turn]) -> list[float]:
-    return [turn.server_time for turn in turns]
 
 
 def measure(effort: Effort) -> Section:
@@ -125,25 +113,23 @@ def figures_of(robots: int, found: Turns) -> dict[str, Figure]:
         ("bare", "the bare floor", found.bare, BARE_BAR[robots]),
     ):
         what = f"per block of {name}, against Zenoh alone, {team}"
-        figures[f"{key}_over_zenoh"] = against(f"time {what}", _wall(turns), _wall(found.zenoh), bar=bar)
-        figures[f"{key}_over_zenoh_cpu"] = against(
-            f"CPU time {what}", _cpu(turns), _cpu(found.zenoh), is_guarded=True, of=", all processes"
-        )
+        wall, cpu = compared("block_time", turns, found.zenoh), compared("team_time", turns, found.zenoh)
+        figures[f"{key}_over_zenoh"] = against(f"time {what}", *wall, bar=bar)
+        figures[f"{key}_over_zenoh_cpu"] = against(f"CPU time {what}", *cpu, is_guarded=True, of=", all processes")
     figures["server_over_bare_server"] = against(
         f"CPU time of the server per block, against the floor's, {team}",
-        *(_server(found.whole), _server(found.bare)),
+        *compared("server_time", found.whole, found.bare),
         bar=SERVER_BAR if is_small else None,
         is_guarded=True,
     )
     figures["server_over_steps"] = Figure(
         name=f"CPU time of the server per block, against MuJoCo's steps, {team}",
-        value=ratio(_server(found.whole), found.steps),
+        value=ratio([turn.server_time for turn in found.whole], found.steps),
         bar=STEPS_BAR if is_small else None,
         note=f"of which a block takes {1e3 * statistics.median(found.steps):.3f} ms",
     )
     figures["agent_over_bare_agent"] = against(
-        f"CPU time per agent and block, against the floor's, {team}",
-        *([turn.agent_time for turn in turns] for turns in (found.whole, found.bare)),
+        f"CPU time per agent and block, against the floor's, {team}", *compared("agent_time", found.whole, found.bare)
     )
     return figures
 

@@ -1,7 +1,7 @@
 """Teams of real processes that can be paused, so that several of them can take turns."""
 
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -58,6 +58,11 @@ class Turn:
     def server_time(self) -> float:
         """CPU time of the server per block [s]."""
         return self.cpu["server"] / self.blocks
+
+
+def compared(quantity: str, *teams: Sequence[Turn]) -> list[list[float]]:
+    """Return a quantity of ``Turn``, by name, in all turns of each team."""
+    return [[getattr(turn, quantity) for turn in turns] for turns in teams]
 
 
 class PacedTeam:

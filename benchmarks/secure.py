@@ -4,11 +4,10 @@ Two teams take turns of a second or two, while the other stands still.
 """
 
 import tempfile
-from collections.abc import Callable
 from pathlib import Path
 
 from benchmarks.figures import Effort, Figure, Section, against
-from benchmarks.paced_team import SIZES, TURN, Turn, paced_team
+from benchmarks.paced_team import SIZES, TURN, Turn, compared, paced_team
 from benchmarks.scenarios import SETTLED, team_scenario
 from coheft.app.run.keys import make_keys
 
@@ -37,11 +36,11 @@ def _of_size(robots: int, turns: int) -> list[Figure]:
                     secure.append(locked.turn(TURN[robots]))
                     plain.append(free.turn(TURN[robots]))
 
-    def figure(title: str, quantity: Callable[[Turn], float], bar: float | None = None) -> Figure:
-        return against(f"{title}, N = {robots}", list(map(quantity, secure)), list(map(quantity, plain)), bar=bar)
-
     return [
-        figure("time per block", lambda turn: turn.block_time, BAR),
-        figure("CPU time per agent and block", lambda turn: turn.agent_time),
-        figure("CPU time of the server per block", lambda turn: turn.server_time),
+        against(f"{title}, N = {robots}", *compared(quantity, secure, plain), bar=bar)
+        for title, quantity, bar in (
+            ("time per block", "block_time", BAR),
+            ("CPU time per agent and block", "agent_time", None),
+            ("CPU time of the server per block", "server_time", None),
+        )
     ]
