@@ -121,11 +121,7 @@ def recorded(team: Team, kind: Kind, *, by_twists: bool) -> Recording:
     of_motion = np.repeat([5e-3, 1e-2], 3), np.full(3, 0.05)
     robots = {}
     for name, robot in team.records.items():
-        pose, twist, acceleration, wrench = robot.pose, robot.twist, robot.acceleration, robot.wrench
-        assert pose is not None
-        assert twist is not None
-        assert acceleration is not None
-        assert wrench is not None
+        pose, twist, acceleration, wrench = robot.channels.values()  # there is no dtwist
         count, time = len(pose), robot.time
         wrench = wrench + np.repeat([force, moment], 3) * rng.normal(size=(count, 6))
         turned = Rotation.from_quat(pose[:, 3:])

@@ -96,17 +96,15 @@ class _Link:
     """Sends bytes under one key of a session, and receives those under another."""
 
     def __init__(self, session: zenoh.Session, sends: str, receives: str) -> None:
-        self._publisher = session.declare_publisher(
+        self._publisher: Any = session.declare_publisher(
             sends, congestion_control=zenoh.CongestionControl.BLOCK, express=True
         )
         self._received = session.declare_subscriber(receives, zenoh.handlers.FifoChannel(64))
 
     def wait(self) -> None:
         """Wait until the other end listens."""
-        status: Any = self._publisher.matching_status
-        while not status.matching:
+        while not self._publisher.matching_status.matching:
             time.sleep(_POLL)
-            status = self._publisher.matching_status
 
     def send(self, data: bytes) -> None:
         """Send bytes."""
