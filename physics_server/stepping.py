@@ -21,7 +21,7 @@ class Readings:
         positions: Position and quaternion of the payload, shape (B, 7).
         rotations: Rotation of the payload, shape (B, 3, 3).
         kinematics: ``(w, v, a)`` of each grasp frame, shape (B, N, 9).
-        forces: Forces that the arms exert, see ``Arms.readings``, shape (B, read_size).
+        forces: Forces that the arms exert, see ``Arms.readings``, shape (B, 6 N).
     """
 
     positions: Array
@@ -45,10 +45,10 @@ def step(model: mujoco.MjModel, data: mujoco.MjData, arms: Arms, controls: Array
     positions = np.empty((samples, _FREE_JOINT))
     rotations = np.empty((samples, 9))
     kinematics = np.empty((samples, count * READINGS))
-    forces = np.empty((samples, arms.read_size))
     # Views, made once: the engine makes a new one at every access.
     position, quaternion = data.qpos[:_FREE_JOINT], data.qpos[3:_FREE_JOINT]
     readings, exerted = data.sensordata[: count * READINGS], arms.readings()
+    forces = np.empty((samples, len(exerted)))
     drive, advance = arms.drive, mujoco.mj_step
     for sample, (first, *others) in enumerate(controls.reshape(samples, -1, controls.shape[-1])):
         drive(first)

@@ -43,7 +43,6 @@ class Arms:
 
     Attributes:
         pushed: Feed-forward wrench ``(f, t)`` of each robot in its own ``F_i`` during the newest block, shape (N, 6).
-        read_size: Length of ``readings``.
     """
 
     def __init__(self, scenario: Scenario, grasps: Sequence[Pose], model: mujoco.MjModel, data: mujoco.MjData) -> None:
@@ -54,7 +53,6 @@ class Arms:
         self._make_views()
         self.pushed = np.zeros((len(self._robots), 6))
         self._push_on_payload: Array | None = None
-        self.read_size = model.nu
         self._gains = model.actuator_gainprm.copy(), model.actuator_biasprm.copy()
         count, samples = len(self._robots), scenario.sensors.block
         self._steps_per_sample = PHYSICS_RATE // scenario.sensors.rate

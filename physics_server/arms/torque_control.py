@@ -32,7 +32,6 @@ class TorqueArms(Arms):
     def __init__(self, scenario: Scenario, grasps: Sequence[Pose], model: mujoco.MjModel, data: mujoco.MjData) -> None:
         super().__init__(scenario, grasps, model, data)
         robots = scenario.robot_names
-        self.read_size = 6 * len(robots)
         (k_t, k_r), (d_t, d_r) = scenario.robots.stiffness, scenario.robots.damping
         self._stiffness = np.repeat([k_t, k_r], 3)
         self._damping = np.repeat([d_t, d_r], 3)
@@ -81,7 +80,7 @@ class TorqueArms(Arms):
 
     def readings(self) -> Array:
         """Return a view of the wrists' force-torque readings, shape (6 N,): they are the last sensors."""
-        readings: Array = self._data.sensordata[-self.read_size :]
+        readings: Array = self._data.sensordata[-6 * len(self._hands) :]
         return readings
 
     def set_holding(self, robot: str, holding: bool) -> None:
