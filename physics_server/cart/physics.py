@@ -14,7 +14,7 @@ import numpy as np
 from coheft.errors import SimulationError
 from coheft.estimation.cart.contact import MOVING, grasp_map
 from coheft.estimation.cart.load import change_of_phi
-from coheft.estimation.cart.model import CartBody, axes, mass_matrix, wheel_row
+from coheft.estimation.cart.model import CartBody, axes, mass_matrix, resistance, wheel_row
 from coheft.estimation.geometry.spatial import Array
 from coheft.wire.cart.messages import CartMeasurement, CartPush, CartTruth
 from coheft.wire.cart.scenario import PHYSICS_RATE, CartLoad, CartScenario
@@ -141,24 +141,16 @@ class CartSimulation:
     def _rolling(self, wrench_b: Array) -> Array:
         """Return the acceleration (3,) at the engine's present state, with all forces."""
         data, model = self.data, self.model
-        theta = float(data.qpos[2])
-        x_rate, y_rate, turn_rate = data.qvel.tolist()
-        c, s = math.cos(theta), math.sin(theta)
-        speed = c * x_rate + s * y_rate
-        ahead, aside, torque = wrench_b.tolist()
+        theta, rates = float(data.qpos[2]), data.qvel
+        to_floor = axes(theta)
+        speed = float(to_floor[:, 0] @ rates)
         if self._casters is not None:
-            ahead += self._casters.drag(speed, model.opt.timestep)
-        moving, turning = self._cart.friction
-        data.qfrc_applied[:] = (
-            c * ahead - s * aside - moving * x_rate,
-            s * ahead + c * aside - moving * y_rate,
-            torque - turning * turn_rate,
-        )
+            wrench_b = wrench_b + [self._casters.drag(speed, model.opt.timestep), 0.0, 0.0]
+        data.qfrc_applied[:] = to_floor @ wrench_b - resistance(self._cart.friction, rates)
         mujoco.mj_forward(model, data)
-        row = np.array([-s, c, 0.0])  # ``wheel_row``
-        by_row = np.empty((1, 3))
-        mujoco.mj_solveM(model, data, by_row, row[None])
-        slipping = float(row @ data.qacc) - turn_rate * speed + _STABILISING * float(row @ data.qvel)
+        row, by_row = wheel_row(theta), np.empty((1, 3))
+        mujoco.mj_solveM(model, data, by_row, np.array([row]))
+        slipping = float(row @ data.qacc) - float(rates[2]) * speed + _STABILISING * float(row @ rates)
         result: Array = data.qacc - slipping / float(row @ by_row[0]) * by_row[0]
         return result
 
