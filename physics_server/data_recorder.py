@@ -28,7 +28,7 @@ class DataRecorder:
     def add(self, result: BlockResult) -> None:
         """Add the next block of the run."""
         if result.wrists is not None:
-            self._samples.append(result.wrists.numbers())
+            self._samples.append(result.wrists)
         else:
             own = [result.measurements[name].samples for name in self._scene.robots]
             self._samples.append(np.stack(own, axis=1))

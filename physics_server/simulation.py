@@ -36,7 +36,7 @@ from coheft.wire.scenario.section import Vector
 from coheft.wire.scenario.strength import SETTLING_TIME, Strength
 
 if TYPE_CHECKING:
-    from coheft.physics_server.arms.encoders import Encoders, WristSamples
+    from coheft.physics_server.arms.encoders import Encoders
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,13 +47,14 @@ class BlockResult:
         measurements: Measurements of each robot, by name.
         truth: The true state, which no robot knows.
         problems: Load changes of the scenario that could not be made at the start of this block, with reasons.
-        wrists: Readings of encoders and drives, for recordings only; None if the scenario has no encoders.
+        wrists: Readings of encoders and drives, see ``Encoders.measure``, for recordings only; None if the scenario has
+            no encoders.
     """
 
     measurements: dict[str, Measurements]
     truth: Truth
     problems: tuple[str, ...] = ()
-    wrists: WristSamples | None = None
+    wrists: Array | None = None
 
 
 class Simulation:
@@ -212,7 +213,7 @@ class Simulation:
         self.block += 1
         return BlockResult(measurements, truth, problems, self._measure_wrists(readings.positions, rotations, wrenches))
 
-    def _measure_wrists(self, payload: Array, rotations: Array, wrenches: Array) -> WristSamples | None:
+    def _measure_wrists(self, payload: Array, rotations: Array, wrenches: Array) -> Array | None:
         if self._encoders is None:
             return None
         from_body = np.array([-pose.inverse().translation for pose in self._grasps.poses])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import msgspec
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from coheft.agents.motion.via_points import ViaPointMotion
 from coheft.app.mocobots.record import SPHERE_TIME, circumcentre, sphere_references
@@ -79,10 +80,10 @@ def test_perfect_encoders_tell_the_pose_in_the_home_frame() -> None:
     payload = Pose(rotation_from_quaternion(truth.quaternion), truth.position)
     for k, grasp in enumerate(exact.robots.poses()):
         expected = (PAYLOAD_HOME @ grasp).inverse() @ payload @ grasp
-        np.testing.assert_allclose(told.positions[-1, k], expected.translation, atol=1e-9)
-        np.testing.assert_allclose(told.rotations[-1, k], expected.rotation, atol=1e-8)
+        np.testing.assert_allclose(told[-1, k, :3], expected.translation, atol=1e-9)
+        np.testing.assert_allclose(Rotation.from_quat(told[-1, k, 3:7]).as_matrix(), expected.rotation, atol=1e-8)
     forces = samples(results)[:, -exact.sensors.block :, WRENCH][..., :3]
-    np.testing.assert_allclose(told.numbers()[..., 7:10].swapaxes(0, 1), forces, atol=1e-6)
+    np.testing.assert_allclose(told[..., 7:10].swapaxes(0, 1), forces, atol=1e-6)
     assert simulation.block == 200
 
 
@@ -121,15 +122,22 @@ def still(count: int, robots: int = 3) -> tuple[Array, Array, Array]:
     )
 
 
+def told_at_rest(encoders: Encoders, count: int) -> tuple[Array, Array, Array]:
+    """Positions, rotations and forces that encoders tell, as of ``still``."""
+    told = encoders.measure(*still(count))
+    rotations = Rotation.from_quat(told[..., 3:7].reshape(-1, 4)).as_matrix().reshape(*told.shape[:2], 3, 3)
+    return told[..., :3], rotations, (rotations @ told[..., 7:10, None])[..., 0]
+
+
 def test_encoder_noise_is_of_the_size_that_was_asked_for() -> None:
     base = load_scenario("mocobot_a")
-    told = Encoders(EncoderErrors(angle_bits=13), base).measure(*still(20000))
-    angles = np.degrees(gimbal_angles(told.rotations))
+    positions, rotations, forces = told_at_rest(Encoders(EncoderErrors(angle_bits=13), base), 20000)
+    angles = np.degrees(gimbal_angles(rotations))
     step = 360.0 / 2**13
     np.testing.assert_allclose(angles / step, np.round(angles / step), atol=1e-6)
     assert angles.std() == pytest.approx(np.hypot(0.035, step / np.sqrt(12.0)), rel=0.02)
-    assert told.positions.std() == pytest.approx(np.hypot(0.5e-3, 1e-4 / np.sqrt(12.0)), rel=0.02)
-    assert told.forces.std() == pytest.approx(0.6, rel=0.02)
+    assert positions.std() == pytest.approx(np.hypot(0.5e-3, 1e-4 / np.sqrt(12.0)), rel=0.02)
+    assert forces.std() == pytest.approx(0.6, rel=0.02)
 
 
 def test_calibration_errors_are_the_robots_own_and_stay() -> None:
@@ -151,10 +159,10 @@ def test_calibration_errors_are_the_robots_own_and_stay() -> None:
         assert len(np.unique(values)) == values.size
     assert np.degrees(np.linalg.norm(first.zero, axis=1)).max() <= 1.0
     assert np.abs(first.position_scale - 1.0).max() <= 0.03
-    told = first.measure(*still(2000))
-    np.testing.assert_allclose(told.positions[0, :, 0], 0.1 * first.position_scale[:, 0], atol=6e-5)
+    positions, _, forces = told_at_rest(first, 2000)
+    np.testing.assert_allclose(positions[0, :, 0], 0.1 * first.position_scale[:, 0], atol=6e-5)
     np.testing.assert_allclose(
-        told.forces.mean(axis=0), first.force_scale * 20.0 + first.force_offset, atol=5.0 * 0.6 / np.sqrt(2000.0)
+        forces.mean(axis=0), first.force_scale * 20.0 + first.force_offset, atol=5.0 * 0.6 / np.sqrt(2000.0)
     )
 
 

@@ -1,9 +1,5 @@
 """Readings of the robots' encoders and drives: grasp poses and forces, with errors."""
 
-from __future__ import annotations
-
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -14,34 +10,6 @@ from coheft.wire.scenario.schema import Scenario
 
 _STREAM = 1
 """Separates these random streams from those of ``Sensors``, whose readings do not depend on encoders."""
-
-
-@dataclass(frozen=True, eq=False)
-class WristSamples:
-    """Readings of all wrists at consecutive samples.
-
-    Attributes:
-        positions: Positions of the grasp frames in their home frames, shape (B, N, 3) [m].
-        rotations: Rotations of the grasp frames in their home frames, shape (B, N, 3, 3).
-        forces: Forces on the payload, in the axes of the home frames, shape (B, N, 3) [N].
-    """
-
-    positions: Array
-    rotations: Array
-    forces: Array
-
-    def numbers(self) -> Array:
-        """Return ``x y z qx qy qz qw`` of the grasp frame, then force and torque in its own axes, shape (B, N, 13).
-
-        The torque is zero: a gimbal transmits none.
-        """
-        samples, count = self.positions.shape[:2]
-        quaternions = Rotation.from_matrix(self.rotations.reshape(-1, 3, 3)).as_quat(canonical=True)
-        result = np.zeros((samples, count, 13))
-        result[..., :3] = self.positions
-        result[..., 3:7] = quaternions.reshape(samples, count, 4)
-        result[..., 7:10] = (self.forces[..., None, :] @ self.rotations)[..., 0, :]
-        return result
 
 
 class Encoders:
@@ -68,23 +36,32 @@ class Encoders:
         self.force_scale = np.array([1.0 + errors.force_scale * rng.uniform(-1, 1, 1) for rng in own])
         self.force_offset = np.array([errors.force_offset * rng.uniform(-1, 1, 3) for rng in own])
 
-    def measure(self, positions: Array, rotations: Array, forces: Array) -> WristSamples:
-        """Return the readings of a block of exact ones; both as in ``WristSamples``.
+    def measure(self, positions: Array, rotations: Array, forces: Array) -> Array:
+        """Return the readings of a block, and draw the noise of the robots' next B samples.
 
-        Draws the noise of the robots' next B samples.
+        Args:
+            positions: Exact positions of the grasp frames in their home frames, shape (B, N, 3) [m].
+            rotations: Exact rotations of the grasp frames in their home frames, shape (B, N, 3, 3).
+            forces: Exact forces on the payload, in the axes of the home frames, shape (B, N, 3) [N].
+
+        Returns:
+            ``x y z qx qy qz qw`` of the grasp frame in its home frame, then force and torque in its own axes, shape
+            (B, N, 13). The torque is zero: a gimbal transmits none.
         """
-        samples = len(positions)
+        samples, count = positions.shape[:2]
         noise = np.stack([stream.standard_normal((samples, 9)) for stream in self._streams], axis=1)
         errors = self._errors
         angles = gimbal_angles(rotations) + np.radians(errors.vibration_deg) * noise[..., :3]
         step = 2.0 * np.pi / 2**errors.angle_bits
-        told = step * np.round((self.angle_scale * angles + self.zero) / step)
+        told = gimbal_rotations(step * np.round((self.angle_scale * angles + self.zero) / step))
         scaled = self.position_scale * (positions + 1e-3 * errors.vibration_mm * noise[..., 3:6])
-        return WristSamples(
-            positions=errors.position_step * np.round(scaled / errors.position_step),
-            rotations=gimbal_rotations(told),
-            forces=self.force_scale * forces + self.force_offset + self._force_noise * noise[..., 6:],
-        )
+        felt = self.force_scale * forces + self.force_offset + self._force_noise * noise[..., 6:]
+        result = np.zeros((samples, count, 13))
+        result[..., :3] = errors.position_step * np.round(scaled / errors.position_step)
+        quaternions = Rotation.from_matrix(told.reshape(-1, 3, 3)).as_quat(canonical=True)
+        result[..., 3:7] = quaternions.reshape(samples, count, 4)
+        result[..., 7:10] = (felt[..., None, :] @ told)[..., 0, :]
+        return result
 
 
 def _direction(rng: np.random.Generator) -> Array:
