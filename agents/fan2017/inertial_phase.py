@@ -237,7 +237,7 @@ class InertialPhase:
     def doubt(self, block: int) -> str | None:
         """Why the load may have changed without having been noticed by now, the start of a block; None if it cannot."""
         if self._surprised:
-            return "wrenches fit the load no longer: it may have changed"
+            return "wrenches no longer fit the load: it may have changed"
         if block - 1 - self._rounds - self.newest <= self._config.blocks(_PATIENCE):
             return None
         return f"no complete sum of the team since {self._config.start_of(self.newest + 1):.2f} s"
