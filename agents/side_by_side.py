@@ -44,7 +44,7 @@ class SideBySide:
     def fits(self, channels: Channels) -> bool:
         """See ``Estimator.fits``: whether the arrays are of these estimators, and any can read its own."""
         told = _by_estimator(channels)
-        return told.keys() <= self._estimators.keys() and (not told or bool(self._readable(told)))
+        return told.keys() <= self._estimators.keys() and bool(self._readable(told))
 
     def belief(self) -> Belief:
         """Return the estimate of the robot's own estimator."""
@@ -85,12 +85,10 @@ class SideBySide:
         return [estimator for estimator in self._estimators.values() if isinstance(estimator, SignsRows)]
 
     def _readable(self, told: Mapping[str, Channels]) -> dict[str, Channels]:
-        """Return the arrays of the estimators that can read theirs, by estimator."""
-        return {
-            name: part
-            for name, part in told.items()
-            if name in self._estimators and self._try(name, partial(self._estimators[name].fits, part), False)
-        }
+        """Return the arrays of the estimators that can read theirs, by estimator; a message may hold none of them."""
+        parts = {name: told.get(name, {}) for name in self._estimators}
+        can_read = {name: partial(each.fits, parts[name]) for name, each in self._estimators.items()}
+        return {name: part for name, part in parts.items() if self._try(name, can_read[name], False)}
 
     def _try(self, name: str, call: Callable[[], T], otherwise: T) -> T:
         """Call an estimator unless it has failed, and note if it fails now."""

@@ -5,7 +5,7 @@ robots nor a network, see docs/consensus.md. With ``coheft.consensus.gossip``, a
 learn the graph.
 """
 
-from coheft.consensus.dynamic import DynamicConsensus, lag_bound, settled
+from coheft.consensus.dynamic import DynamicConsensus, Extrapolation, lag_bound
 from coheft.consensus.graph import (
     Neighbours,
     convergence_rate,
@@ -21,6 +21,7 @@ from coheft.consensus.schedule import Schedule, chebyshev, choose_schedule, fini
 
 __all__ = [
     "DynamicConsensus",
+    "Extrapolation",
     "NeighbourStages",
     "Neighbours",
     "Pipeline",
@@ -36,7 +37,6 @@ __all__ = [
     "metropolis_matrix",
     "metropolis_weight",
     "place_variances",
-    "settled",
     "tree",
     "weight_matrix",
 ]

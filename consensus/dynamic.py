@@ -11,8 +11,11 @@ If a value is lost, the sum is no longer conserved. Results that depend on it ar
 all at the same block.
 """
 
+from __future__ import annotations
+
 from collections import deque
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -38,18 +41,36 @@ def lag_bound(rate: float, rounds: int, moved: float) -> float:
     return left / (1.0 - left) * moved
 
 
-def settled(after: Array, before: Array, rate: float) -> Array:
-    """Extrapolate values to what more rounds without end would leave of them.
+class Extrapolation(NamedTuple):
+    """What the last of some rounds shows of the disagreement that is left after it.
 
-    What agents disagree on shrinks to its slowest part first, of which each round leaves ``r``: what is left after the
-    last round is ``r / (1 - r)`` times what that round changed. With ``r = 0`` nothing is left.
+    A part with eigenvalue ``l`` of a round's matrix is ``l^K c`` after K rounds, and ``(l^K - l^(K-1)) c`` is what the
+    last one has changed. The factor is that of least squares if all parts begin alike. With rounds enough, only the
+    slowest part is left, of which nearly all is removed; with few of them, the factor is small.
 
-    Args:
-        after: Values after some rounds, any shape.
-        before: The same one round earlier.
-        rate: ``r``, see ``coheft.consensus.graph.convergence_rate``.
+    Attributes:
+        factor: Times the last change, it is added to the values.
+        left: Root mean square of what disagreement is left then, for that of the last change.
     """
-    return after + rate / (1.0 - rate) * (after - before)
+
+    factor: float
+    left: float
+
+    @staticmethod
+    def of(matrix: Array, rounds: int) -> Extrapolation:
+        """Return it for values that go through so many rounds; ``matrix`` as for ``convergence_rate``."""
+        eigenvalues = np.linalg.eigvalsh(matrix)[:-1]  # all but that of the mean
+        before = eigenvalues ** (rounds - 1)
+        after, change = before * eigenvalues, before * (1.0 - eigenvalues)
+        size = float(change @ change)
+        if size == 0.0:
+            return Extrapolation(0.0, 0.0)
+        factor = float(after @ change) / size
+        return Extrapolation(factor, float(np.linalg.norm(after - factor * change)) / size**0.5)
+
+    def settled(self, after: Array, before: Array) -> Array:
+        """Return what more rounds would make of values, from those after the last round and before it, of any shape."""
+        return after + self.factor * (after - before)
 
 
 class DynamicConsensus:

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from coheft.consensus import (
     DynamicConsensus,
+    Extrapolation,
     Neighbours,
     NeighbourStages,
     Schedule,
@@ -19,7 +20,6 @@ from coheft.consensus import (
     lag_bound,
     make_rounds,
     metropolis_matrix,
-    settled,
     tree,
 )
 from coheft.estimation.geometry.spatial import Array
@@ -125,14 +125,24 @@ def test_the_bound_is_reached_by_a_ramp_along_the_slowest_part(graph: Neighbours
     assert rate == pytest.approx(abs(eigenvalues[slowest]))
     ramp = vectors[:, slowest, None, None] * np.ones((SAMPLES, CHANNELS))
     for block in range(40 * rounds + int(30.0 / -np.log(max(rate, 1e-3)))):
-        before = {name: agent.pipeline.stages[-1] for name, agent in network.dynamic.items()}
         found = network.step(inputs_seen(network, block * ramp))
     off = np.linalg.norm(in_common(network, found), axis=0).max()
     assert off == pytest.approx(lag_bound(rate, rounds, float(rounds)), rel=1e-6, abs=1e-9)
-    after = in_common(network, found)
-    left = settled(after, network.in_common(lambda name: before[name]), rate)
-    if eigenvalues[slowest] > 0.0:
-        np.testing.assert_allclose(left, 0.0, atol=1e-8 * off + 1e-9)
+
+
+@every_graph
+@pytest.mark.parametrize("rounds", [1, 2, 4, 12, 24])
+def test_extrapolation_leaves_as_much_as_it_says_and_never_more_than_there_was(graph: Neighbours, rounds: int) -> None:
+    matrix, rng = metropolis_matrix(graph), np.random.default_rng(rounds)
+    started = rng.normal(size=(len(graph), 2000))
+    started -= started.mean(axis=0)
+    before, after = (np.linalg.matrix_power(matrix, k) @ started for k in (rounds - 1, rounds))
+    extrapolation = Extrapolation.of(matrix, rounds)
+    left, change = np.linalg.norm(extrapolation.settled(after, before)), np.linalg.norm(after - before)
+    assert left <= 1.02 * np.linalg.norm(after) + 1e-12
+    assert left == pytest.approx(extrapolation.left * change, rel=0.1, abs=1e-12)
+    factors = extrapolation.factor * np.array([0.9, 1.1])
+    assert all(left <= 1.01 * np.linalg.norm(after + each * (after - before)) + 1e-12 for each in factors)
 
 
 @pytest.mark.parametrize("kind", GRAPHS)

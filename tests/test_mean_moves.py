@@ -9,6 +9,7 @@ import numpy as np
 from coheft.agents.estimator import Channels
 from coheft.agents.fan2017.mean_moves import CHANNEL, MeanMoves
 from coheft.agents.fan2017.network import Network
+from coheft.consensus.dynamic import Extrapolation
 from coheft.estimation.fan2017.mean_noise import MeanNoise
 from coheft.estimation.geometry.spatial import Array, Pose
 
@@ -31,7 +32,10 @@ class _Estimate:
 def test_a_move_of_the_mean_is_judged_by_the_gain_of_its_time() -> None:
     """Two robots. Consensus takes eight blocks, in which gains change by much; what it tells is of their start."""
     rng, others = np.random.default_rng(1), {"r1": "r2", "r2": "r1"}
-    robots = {name: MeanMoves(Network(2, {other: 0.5}, 1e-9), ROUNDS, MEMORY) for name, other in others.items()}
+    robots = {
+        name: MeanMoves(Network(2, {other: 0.5}, 1e-9, Extrapolation(0.0, 0.0)), ROUNDS, MEMORY)
+        for name, other in others.items()
+    }
     for name, other in others.items():
         robots[name].start({other: Pose.identity()})
     expected, sent = MeanNoise(MEMORY), dict[str, Channels]()

@@ -28,7 +28,7 @@ class Agreed:
 
     Attributes:
         theta: ``(J, h, 1/m)``, shape (10,).
-        behind: What that may lag behind the mean of all robots' own ones, likewise.
+        behind: How far that may be from the mean of all robots' own ones before the last block, likewise.
         by_lag: Error of theta by the lag of the sums, shape (10,).
         by_old: Error of theta by samples of another load, likewise.
         by_place: Mean over all robots of ``covariance_of_place``, shape (10, 10).

@@ -16,7 +16,7 @@ from coheft.agents.fan2017.agreement import Agreed, Agreement
 from coheft.agents.fan2017.claims import claim
 from coheft.agents.fan2017.mean_moves import CHANNEL, MeanMoves
 from coheft.agents.fan2017.network import Network
-from coheft.consensus.dynamic import DynamicConsensus, settled
+from coheft.consensus.dynamic import DynamicConsensus
 from coheft.consensus.graph import Neighbours
 from coheft.estimation.fan2017.angular_acceleration import AngularAcceleration, gyro_derivative
 from coheft.estimation.fan2017.joint_rls import JointRls
@@ -84,7 +84,6 @@ class InertialPhase:
         self._by_place = np.zeros((10, 10))
         self._filter: JointRls | None = None
         self._grasp_centre = np.zeros(3)
-        self._surprised = 0
         self._quiet_until = np.inf
         self._first_agreed = 0
         """No sooner than this block have all robots agreed on any payload."""
@@ -105,7 +104,7 @@ class InertialPhase:
         self._sums = DynamicConsensus(self._rounds, self._config.block, _SAMPLE_CHANNELS)
         for each in (self._agreement, self._moves):
             each.start({name: pose.pose for name, pose in self._poses.items()})
-        self._before_that = np.zeros_like(self._inputs)
+        self._surprised = 0
         self._next: int | None = None
         self._converged_at: int | None = None
         self._agreed_at = 0
@@ -147,19 +146,16 @@ class InertialPhase:
                 self._inputs[:, 6:9],
                 self._acceleration_by_place(blocks[index - 1], heard),
             )
-        stages = self._sums.pipeline.stages
-        before, before_that = stages[-1], self._before_that if self._rounds > 1 else stages[-1]
-        self._before_that = stages[-2:][0]
+        before = self._sums.pipeline.stages[-1]
         finished = self._sums.step(self._inputs, self._network.stages("sums", self._transports, inbox, self._rounds))
         leaving = index - 1 - self._rounds
         is_converged = index >= self._converged_at
         is_new = finished is not None and is_converged and leaving in self._own_acceleration
-        if finished is not None and is_new and (is_new := self._is_measured(finished)):
-            if self._settings.extrapolate:
-                rate = self._network.rate
-                finished, before = settled(finished, before, rate), settled(before, before_that, rate)
-            behind = self._network.left_by_a_round * (finished - before)
-            self._take_in(leaving, index, blocks[leaving], finished, behind)
+        if finished is not None and is_new:
+            extrapolation = self._network.extrapolation
+            average = extrapolation.settled(finished, before)
+            if is_new := self._is_measured(average):
+                self._take_in(leaving, index, blocks[leaving], average, extrapolation.left * (finished - before))
         self._moves.step(self._filter, is_new, inbox)
         is_reached = self._filter is None or index >= self._agreed_at
         self._agreement.step(self._own_estimate(index), inbox, is_reached=is_reached)
@@ -232,15 +228,13 @@ class InertialPhase:
 
     def _is_measured(self, average: Array) -> bool:
         """Whether no robot's share in a block was made up: what is made up spreads just as the sums that it spoils."""
-        return bool(average[:, 9].min() > 1.0 - 0.5 / self._network.members)
+        return bool(np.abs(1.0 - average[:, 9]).max() < 0.5 / self._network.members)
 
     def doubt(self, block: int) -> str | None:
         """Why the load may have changed without having been noticed by now, the start of a block; None if it cannot."""
-        if self._surprised:
-            return "wrenches no longer fit the load: it may have changed"
-        if block - 1 - self._rounds - self.newest <= self._config.blocks(_PATIENCE):
-            return None
-        return f"no complete sum of the team since {self._config.start_of(self.newest + 1):.2f} s"
+        if block - 1 - self._rounds - self.newest > self._config.blocks(_PATIENCE):
+            return f"no complete sum of the team since {self._config.start_of(self.newest + 1):.2f} s"
+        return "wrenches no longer fit the load: it may have changed" if self._surprised else None
 
     def _take_in(self, leaving: int, index: int, samples: Array, average: Array, behind: Array) -> None:
         total = self._network.members * average[:, :6]

@@ -9,6 +9,7 @@ from functools import cache, lru_cache
 import numpy as np
 
 from coheft.agents.estimator import Channels
+from coheft.consensus.dynamic import Extrapolation
 from coheft.consensus.graph import Neighbours, convergence_rate, metropolis_weight, uniform_weight, weight_matrix
 from coheft.consensus.pipeline import NeighbourStages
 from coheft.estimation.geometry.spatial import Array
@@ -23,24 +24,25 @@ class Network:
         members: How many there are.
         gains: Weights of its edges, by neighbour.
         rate: What a round leaves of the disagreement, see ``convergence_rate``.
+        extrapolation: Of sums that have gone through all rounds.
     """
 
     members: int
     gains: Mapping[str, float]
     rate: float
+    extrapolation: Extrapolation
 
     @staticmethod
     def of(config: AgentConfig, graph: Neighbours) -> Network:
         """As the robot of these settings sees it."""
-        gain = _gain(graph, config.fan2017.consensus_weights)
+        settings = config.fan2017
+        gain = _gain(graph, settings.consensus_weights)
         gains = {name: gain(config.name, name) for name in graph[config.name]}
         edges = tuple(sorted((name, *others) for name, others in graph.items()))
-        return Network(len(graph), gains, _rate(edges, config.fan2017.consensus_weights))
-
-    @property
-    def left_by_a_round(self) -> float:
-        """So much disagreement is left at most, for what the last round did of it."""
-        return self.rate / (1.0 - self.rate)
+        rate, extrapolation = _convergence(edges, settings.consensus_weights, settings.rounds)
+        if not settings.extrapolate:  # the slowest part leaves most
+            extrapolation = Extrapolation(0.0, rate / (1.0 - rate))
+        return Network(len(graph), gains, rate, extrapolation)
 
     def stages(
         self, channel: str, transports: Mapping[str, Array], inbox: Mapping[str, Channels], rounds: int
@@ -77,10 +79,11 @@ def _gain(graph: Neighbours, weights: str) -> Callable[[str, str], float]:
 
 
 @lru_cache(maxsize=16)
-def _rate(edges: tuple[tuple[str, ...], ...], weights: str) -> float:
-    """``convergence_rate``, once for all robots of a large team that share a process."""
+def _convergence(edges: tuple[tuple[str, ...], ...], weights: str, rounds: int) -> tuple[float, Extrapolation]:
+    """Rate and extrapolation, once for all robots of a large team that share a process."""
     graph = {each[0]: each[1:] for each in edges}
-    return convergence_rate(weight_matrix(graph, _gain(graph, weights)))
+    matrix = weight_matrix(graph, _gain(graph, weights))
+    return convergence_rate(matrix), Extrapolation.of(matrix, rounds)
 
 
 @cache

@@ -70,7 +70,7 @@ def test_what_a_load_change_does_is_no_noise(late: int) -> None:
         measure(noise, move @ rng.normal(size=10), _Own(root))
     before = noise.share.copy()
     noise.pause(late)
-    for _ in range(late):
+    for _ in range(late + 1):  # of the blocks before, and of the surprising one
         measure(noise, 1e3 * move @ rng.normal(size=10), _Own(root))
     for _ in range(200):
         measure(noise, move @ rng.normal(size=10), _Own(root))

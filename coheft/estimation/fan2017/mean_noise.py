@@ -38,9 +38,9 @@ class MeanNoise:
         return self._sum / self._count
 
     def pause(self, late: int) -> None:
-        """Leave out blocks that are surprising, and the ``late`` blocks before them, whose mean arrives only now."""
+        """Leave out a block that is surprising, and the ``late`` blocks before it, whose means arrive only now."""
         self._squares[:] = 0.0
-        self._wait = self._memory + late
+        self._wait = self._memory + late + 1.0
 
     def measure(self, pull: Array, own: JointRls) -> None:
         """Process a block.

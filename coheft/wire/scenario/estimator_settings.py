@@ -16,7 +16,7 @@ class Fan2017Settings(Section, frozen=True):
             ``1 - 1 / (memory * rate)``.
         rounds: Rounds of dynamic consensus that each sample goes through.
         extrapolate: Whether a robot adds to a sum what more rounds would still change, see
-            ``coheft.consensus.settled``; false is as in the paper.
+            ``coheft.consensus.Extrapolation``; false is as in the paper.
         pose_rotation_deg: Largest standard deviation of a pose's rotation for it to have converged [degrees].
         pose_translation_mm: The same for its translation [mm].
         acceleration: Angular acceleration from the ``gyro`` alone, eq. (16), or from ``accelerometers``, eq. (17), with
