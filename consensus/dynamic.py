@@ -51,10 +51,12 @@ class Extrapolation(NamedTuple):
     Attributes:
         factor: Times the last change, it is added to the values.
         left: Root mean square of what disagreement is left then, for that of the last change.
+        share: The same for that of the disagreement that is left without it.
     """
 
     factor: float
     left: float
+    share: float
 
     @staticmethod
     def of(matrix: Array, rounds: int) -> Extrapolation:
@@ -64,9 +66,10 @@ class Extrapolation(NamedTuple):
         after, change = before * eigenvalues, before * (1.0 - eigenvalues)
         size = float(change @ change)
         if size == 0.0:
-            return Extrapolation(0.0, 0.0)
+            return Extrapolation(0.0, 0.0, 0.0)
         factor = float(after @ change) / size
-        return Extrapolation(factor, float(np.linalg.norm(after - factor * change)) / size**0.5)
+        left, plain = float(np.linalg.norm(after - factor * change)), float(np.linalg.norm(after))
+        return Extrapolation(factor, left / size**0.5, left / plain if plain > 0.0 else 0.0)
 
     def settled(self, after: Array, before: Array) -> Array:
         """Return what more rounds would make of values, from those after the last round and before it, of any shape."""

@@ -141,6 +141,7 @@ def test_extrapolation_leaves_as_much_as_it_says_and_never_more_than_there_was(g
     left, change = np.linalg.norm(extrapolation.settled(after, before)), np.linalg.norm(after - before)
     assert left <= 1.02 * np.linalg.norm(after) + 1e-12
     assert left == pytest.approx(extrapolation.left * change, rel=0.1, abs=1e-12)
+    assert left == pytest.approx(extrapolation.share * np.linalg.norm(after), rel=0.1, abs=1e-12)
     factors = extrapolation.factor * np.array([0.9, 1.1])
     assert all(left <= 1.01 * np.linalg.norm(after + each * (after - before)) + 1e-12 for each in factors)
 

@@ -28,3 +28,13 @@ def test_both_ends_of_an_edge_give_it_the_same_weight(weights: str) -> None:
         assert set(network.gains) == set(graph[name])
         assert all(gain == networks[other].gains[name] for other, gain in network.gains.items())
     assert len({network.rate for network in networks.values()}) == 1
+
+
+@pytest.mark.parametrize(("rounds", "extrapolate", "is_worth"), [(4, True, False), (8, True, True), (8, False, False)])
+def test_sums_are_extrapolated_where_little_is_left_then(rounds: int, extrapolate: bool, is_worth: bool) -> None:
+    team = names(6)
+    graph = build_graph(Graph(kind="ring"), team)
+    settings = Fan2017Settings(rounds=rounds, extrapolate=extrapolate)
+    found = Network.of(replace(config_of(team[0], graph), fan2017=settings), graph)
+    assert (found.extrapolation.factor > 0.0) == is_worth
+    assert (found.extrapolation.left < 0.1) == is_worth

@@ -15,6 +15,9 @@ from coheft.consensus.pipeline import NeighbourStages
 from coheft.estimation.geometry.spatial import Array
 from coheft.wire.config import AgentConfig
 
+_WORTH = 0.15
+"""Sums are extrapolated if that leaves less of what they lag behind, which makes the load seem heavier anyway."""
+
 
 @dataclass(frozen=True)
 class Network:
@@ -40,8 +43,8 @@ class Network:
         gains = {name: gain(config.name, name) for name in graph[config.name]}
         edges = tuple(sorted((name, *others) for name, others in graph.items()))
         rate, extrapolation = _convergence(edges, settings.consensus_weights, settings.rounds)
-        if not settings.extrapolate:  # the slowest part leaves most
-            extrapolation = Extrapolation(0.0, rate / (1.0 - rate))
+        if not settings.extrapolate or extrapolation.share > _WORTH:
+            extrapolation = Extrapolation(0.0, rate / (1.0 - rate), 1.0)  # if only the slowest part is left
         return Network(len(graph), gains, rate, extrapolation)
 
     def stages(
