@@ -16,7 +16,7 @@ from coheft.estimation.geometry.spatial import Array
 from coheft.wire.config import AgentConfig
 
 _WORTH = 0.15
-"""Sums are extrapolated if that leaves less of what they lag behind, which makes the load seem heavier anyway."""
+"""Sums are extrapolated if no larger share of their lag is left then: its size is known, but not its sign."""
 
 
 @dataclass(frozen=True)
