@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 
 import numpy as np
@@ -33,8 +34,8 @@ from coheft.estimation.cart.prior import CartPrior, nearest_possible
 from coheft.estimation.geometry.spatial import Array
 from coheft.physics_server.cart.physics import CartSimulation
 from coheft.wire.cart.config import agent_config
-from coheft.wire.cart.messages import CartPush
-from coheft.wire.cart.scenario import CartLoad
+from coheft.wire.cart.messages import CartMeasurement, CartPush
+from coheft.wire.cart.scenario import CartLoad, CartScenario
 
 PERIOD = 0.01
 
@@ -217,17 +218,44 @@ def test_noise_that_it_is_not_told_of_is_noticed_and_counts() -> None:
     assert not run(5, 1, 13.0).estimates["p1"][-1].doubts
 
 
-def test_forces_that_it_does_not_measure_are_noticed() -> None:
-    """3 N of noise on the wrench, of which it is told nothing."""
-    scenario = structs.replace(table_one(5, turning_friction=0.7), duration=8.0, force_noise=3.0)
-    simulation, agent = CartSimulation(scenario), CartAgent(agent_config(table_one(5), "p1", ()))
+def run_alone(
+    scenario: CartScenario, told: CartScenario, change: Callable[[CartMeasurement], CartMeasurement]
+) -> CartRun:
+    """Run with one pusher that is configured as in another scenario, and that gets changed measurements."""
+    simulation, agent = CartSimulation(scenario), CartAgent(agent_config(told, "p1", ()))
+    found = CartRun(scenario, [], {"p1": []})
     pushes: dict[int, CartPush] = {}
     for block in range(scenario.blocks):
         due = pushes.pop(block, None)
-        outbox = agent.step(simulation.advance({} if due is None else {"p1": due}).measurements["p1"], [])
+        sample = simulation.advance({} if due is None else {"p1": due})
+        found.truths.append(sample.truth)
+        outbox = agent.step(change(sample.measurements["p1"]), [])
         pushes[outbox.push.block] = outbox.push
         if outbox.estimate is not None:
-            last = outbox.estimate
+            found.estimates["p1"].append(outbox.estimate)
+    return found
+
+
+@pytest.mark.parametrize("factor", [4.0, 10.0])
+def test_noise_that_rises_suddenly_is_not_taken_for_many_changes(factor: float) -> None:
+    """The first noisy samples look like another cart; with an alarm at each of them, the filter diverged."""
+    scenario, rng = structs.replace(table_one(5, seed=2), duration=11.0), np.random.default_rng(2)
+
+    def noisier(measurement: CartMeasurement) -> CartMeasurement:
+        more = np.sqrt(factor**2 - 1.0) * scenario.noise if measurement.block >= 7.0 * scenario.rate else 0.0
+        return structs.replace(measurement, motion=measurement.motion + more * rng.standard_normal(6))
+
+    found = run_alone(scenario, scenario, noisier)
+    last = found.estimates["p1"][-1]
+    assert last.jumps <= 3
+    assert len(last.doubts) == 4
+    assert claims_within(found, 5.0)
+
+
+def test_forces_that_it_does_not_measure_are_noticed() -> None:
+    """3 N of noise on the wrench, of which it is told nothing."""
+    scenario = structs.replace(table_one(5, turning_friction=0.7), duration=8.0, force_noise=3.0)
+    last = run_alone(scenario, table_one(5), lambda measurement: measurement).estimates["p1"][-1]
     assert "N acts on the cart" in last.doubts[-1]
     assert last.cart.mass == pytest.approx(20.0, abs=5.0 * float(np.sqrt(last.covariance[0, 0])))
 

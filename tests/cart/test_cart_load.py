@@ -40,7 +40,7 @@ def look(load: UnknownLoad, phi: Array, noise: Array) -> tuple[Array, Array]:
 @pytest.mark.parametrize("com", [(0.3, 0.15), (0.0, 0.0)])
 def test_loads_spread_phi_as_it_is_said(com: tuple[float, float]) -> None:
     phi = CartBody(20.0, com, 2.0, (5.0, 5.0)).phi
-    mean, spread = UnknownLoad(phi, KNOWN, PRIOR, 1.0).start()
+    mean, spread = UnknownLoad(phi, KNOWN, PRIOR).start()
     changes = change_of_phi(loads(com, 200_000, 1))
     scale = np.sqrt(np.outer(np.diag(spread), np.diag(spread)))
     np.testing.assert_allclose(mean, phi, atol=1e-12)
@@ -59,7 +59,7 @@ def test_where_a_load_lies_says_what_it_does_to_the_moment_of_inertia() -> None:
     """Straight on, all but the moment of inertia shows; the cart's is then as sure as the load's own."""
     com, placed = (0.3, 0.0), np.array([5.0, 0.35, 0.02, 0.0])
     body = CartBody(20.0, com, 2.0, (5.0, 5.0))
-    load = UnknownLoad(body.phi, KNOWN, PRIOR, 1.0)
+    load = UnknownLoad(body.phi, KNOWN, PRIOR)
     truth = body.phi + change_of_phi(placed)
     _, unsure = load.start()
     found, after = look(load, truth, np.diag([1e-3, 1e-4, 1e-4, 1e3]))
@@ -78,7 +78,7 @@ def test_what_is_said_of_the_cart_after_a_load_is_true() -> None:
         before = rng.multivariate_normal(body.phi, KNOWN)
         truth = body.phi + change_of_phi(each)
         measured = rng.multivariate_normal(truth, noise)
-        load = UnknownLoad(before, KNOWN, PRIOR, 1.0)
+        load = UnknownLoad(before, KNOWN, PRIOR)
         found, after = look(load, measured, noise)
         total += float((found - truth) @ np.linalg.solve(after, found - truth))
     assert chi2.ppf(1e-3, 4 * len(placed)) < total < chi2.isf(1e-3, 4 * len(placed))

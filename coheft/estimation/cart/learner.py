@@ -32,12 +32,10 @@ from coheft.estimation.cart.jump import USUAL_OF, WINDOWS, JumpTest
 from coheft.estimation.cart.linearisation import FRICTION, PHI, POSE, RATES, STATE_SIZE
 from coheft.estimation.cart.load import UnknownLoad
 from coheft.estimation.cart.model import CartBody, axes
-from coheft.estimation.cart.noise import WhiteNoise, doubts, misfit
+from coheft.estimation.cart.noise import LEAST, WhiteNoise, doubts, misfit
 from coheft.estimation.cart.prior import CartPrior, nearest_possible
 from coheft.estimation.geometry.spatial import Array
 
-_MASS = 6
-"""Index of the mass in the filter's state."""
 _KEPT = 600
 """Number of newest steps that are kept."""
 _MOVED = 0.01
@@ -138,6 +136,7 @@ class CartLearner:
         self._linearised_at = self._parameters
         self._news = 0
         self._corrections = 0
+        self._unchanged = LEAST  # steps since the last change, or that many
         self._change: _Change | None = None
         self._white_noise = WhiteNoise()
         self._jump_test = JumpTest(INNOVATION_SIZE)
@@ -195,13 +194,15 @@ class CartLearner:
             self._judge()
         since = self._changed_since()
         is_louder = is_louder or (since > 0 and self._white_noise.is_new())
+        self._unchanged += 1
+        may_have_changed = self._unchanged >= LEAST  # right after a change, noise looks like another one
         if is_louder:
             for recent in islice(reversed(self._steps), self._white_noise.seen):
                 recent.levels = np.maximum(recent.levels, self._white_noise.levels)
-        if since or is_louder or self._is_due():
+        if (since and may_have_changed) or is_louder or self._is_due():
             self._do_again()
             since = self._changed_since()
-        if since:
+        if since and may_have_changed:
             self._expect_another_cart(since)
 
     @property
@@ -302,23 +303,19 @@ class CartLearner:
         """Widen the belief before a change of the load ``since`` steps ago, and repeat the steps from there."""
         steps = list(self._steps)[-since:]
         self._steps.clear()
-        before = steps[0].before
-        self._change = self._change_after(before)
-        self.belief = before if self._change is None else self._change.start()
+        self._change = self._change_after(steps[0].before)
+        self.belief = self._change.start()
         self._linearised_at = self._parameters
-        self._corrections = 0
+        self._corrections = self._unchanged = 0
         self.jumps += 1
         for step in steps:
             self._steps.append(step)
             self._do(step)
 
-    def _change_after(self, before: Belief) -> _Change | None:
-        """A change by an unknown load; None if the covariance allows for it already, after a previous alarm."""
-        missing = 1.0 - float(before.covariance[_MASS, _MASS]) / self._prior.load**2
-        if missing <= 0.0:
-            return None
+    def _change_after(self, before: Belief) -> _Change:
+        """A change by an unknown load."""
         free = axes(float(before.mean[2]))[:, MOVING]
         covariance = before.covariance.copy()
-        covariance[RATES, RATES] += missing * self._prior.jolt**2 * free @ free.T
-        load = UnknownLoad(before.mean[PHI], covariance[PHI, PHI], self._prior, missing)
+        covariance[RATES, RATES] += self._prior.jolt**2 * free @ free.T
+        load = UnknownLoad(before.mean[PHI], covariance[PHI, PHI], self._prior)
         return _Change(Belief(before.mean, covariance), load)

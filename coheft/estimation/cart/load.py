@@ -59,14 +59,14 @@ class UnknownLoad:
 
     Args:
         phi: Mean of the cart's ``phi`` before, shape (4,), with its covariance (4, 4).
-        share: Share of the prior's variance of the mass to use, above 0.
+        prior: What is known of loads.
     """
 
-    def __init__(self, phi: Array, covariance: Array, prior: CartPrior, share: float) -> None:
+    def __init__(self, phi: Array, covariance: Array, prior: CartPrior) -> None:
         self._phi, self._phi_covariance = phi, covariance
         own = 0.5 * prior.size**2
         self._prior_mean = np.array([0.0, phi[1] / phi[0], phi[2] / phi[0], own])
-        variances = share * prior.load**2, prior.place**2, prior.place**2, own**2
+        variances = prior.load**2, prior.place**2, prior.place**2, own**2
         self._prior_covariance = np.diag(variances)
         self._mean, self._law = self._prior_mean, linearised(self._prior_mean, self._prior_covariance)
 

@@ -8,7 +8,6 @@ that are too large.
 from collections import deque
 
 import numpy as np
-from numpy.typing import NDArray
 
 from coheft.estimation.cart.filter import MOTION_SIZE, Sighting
 from coheft.estimation.chi_square import chi_square_threshold
@@ -23,7 +22,7 @@ KINDS = {
 """Components of a motion, by sensor."""
 RECENT = 200
 """Number of newest samples in which white noise is estimated,"""
-_LEAST = 24
+LEAST = 24
 """and the least number, which is used after an alarm."""
 _CLEARLY_NEW = 1.5
 """Ratio of the newest noise to the previous level from which on it is new."""
@@ -31,8 +30,6 @@ _EVERY = 8
 """Number of samples between two estimates."""
 _CLEAR = 8.0
 """The noise of ``n`` numbers is larger than stated if its estimate is, relatively, by more than this / ``sqrt(n)``."""
-_GONE = 1.15
-"""Noise below this multiple of the stated one counts as normal again."""
 _RISEN = 1.2
 """Ratio of the newest noise to the lowest level since the last rise from which on it has risen: less may be chance."""
 _MEDIAN = 0.6745
@@ -63,38 +60,35 @@ class WhiteNoise:
         """Add a measurement; return whether any level has risen clearly."""
         self._motions.append(sighting.motion / np.sqrt(np.diag(sighting.covariance)))
         self._since += 1
-        if len(self._motions) < _LEAST or self._since < _EVERY:
+        if len(self._motions) < LEAST or self._since < _EVERY:
             return False
         self._since = 0
-        self.levels = _white_levels(np.array(self._motions), self.levels > 1.0)
+        self.levels = _white_levels(np.array(self._motions))
         has_risen = bool((self.levels > _RISEN * self._lowest).any())
         self._lowest = self.levels if has_risen else np.minimum(self._lowest, self.levels)
         return has_risen
 
     def is_new(self) -> bool:
         """Whether the newest few measurements are noisier than before; levels then rise."""
-        if len(self._motions) < _LEAST:
+        if len(self._motions) < LEAST:
             return False
-        newest = _white_levels(np.array(self._motions)[-_LEAST:], np.zeros(MOTION_SIZE, dtype=bool))
+        newest = _white_levels(np.array(self._motions)[-LEAST:])
         is_new = bool((newest > _CLEARLY_NEW * self.levels).any())
         if is_new:
             self.levels = np.maximum(self.levels, newest)
-            kept = list(self._motions)[-_LEAST:]
+            kept = list(self._motions)[-LEAST:]
             self._motions.clear()
             self._motions.extend(kept)
         return is_new
 
 
-def _white_levels(motions: Array, is_noticed: NDArray[np.bool_]) -> Array:
-    """Levels from motions in units of their noise, shape (samples, 6), by medians: jolts and outliers are no noise.
-
-    Components (6,) that are noticed already stay so until their noise is nearly normal.
-    """
+def _white_levels(motions: Array) -> Array:
+    """Levels from motions in units of their noise, shape (samples, 6), by medians: jolts and outliers are no noise."""
     differences = np.abs(np.diff(motions, 3, axis=0))
     result = np.ones(MOTION_SIZE)
     for components in KINDS.values():
         level = float(np.median(differences[:, components])) / (_MEDIAN * _THIRD)
-        if level > (_GONE if is_noticed[components[0]] else 1.0 + _CLEAR / np.sqrt(len(motions) * len(components))):
+        if level > 1.0 + _CLEAR / np.sqrt(len(motions) * len(components)):
             result[components] = level
     return result
 
