@@ -94,12 +94,8 @@ class Agent:
         self.config = config
         self._incarnation = incarnation
         self._gossip = Gossip(config.name, config.neighbours, incarnation)
-        self._estimator = make_estimator(config, self._gossip, largest_arrays)
-        self._receives_late = self._estimator if isinstance(self._estimator, TakesLate) else None
-        self._signing: SignsRows | None = None
-        if signer is not None and isinstance(self._estimator, SignsRows):
-            self._signing = self._estimator
-            self._signing.sign_with(signer)
+        self._largest_arrays, self._signer = largest_arrays, signer
+        self._start_estimator()
         self._motion = make_motion(config)
         self._carrier = None if config.carry is None else Carrier(config, config.carry, self._motion)
         self._network = SimulatedNetwork(config)
@@ -109,6 +105,15 @@ class Agent:
         first, *others = estimator_names(config.estimator)
         self._status = StatusKeeper(replace(config, estimator=first))
         self._beside = {name: StatusKeeper(replace(config, estimator=name)) for name in others}
+
+    def _start_estimator(self) -> None:
+        """Make an estimator that knows nothing yet."""
+        self._estimator = make_estimator(self.config, self._gossip, self._largest_arrays)
+        self._receives_late = self._estimator if isinstance(self._estimator, TakesLate) else None
+        self._signing: SignsRows | None = None
+        if self._signer is not None and isinstance(self._estimator, SignsRows):
+            self._signing = self._estimator
+            self._signing.sign_with(self._signer)
 
     def set_holding(self, holding: bool, from_block: int) -> None:
         """Record that the robot grasps or releases the load, from a block that has not been processed yet."""
@@ -145,11 +150,17 @@ class Agent:
             block = MeasurementBlock(index, np.where(self._is_missing, 0.0, block.samples))
         if block is not None and not self._sensors.is_usable(block.samples):
             block = None
-        channels = self._estimator.step(index, block, {name: message.channels for name, message in heard.items()})
-        if self._signing is not None:
-            problems += self._signing.refused()
-        self._status.problems += len(problems)
-        estimate = self._estimate(index)
+        channels = dict[str, Array]()
+        estimate, beside = None, tuple[EstimateBeside, ...]()
+        try:
+            channels = self._estimator.step(index, block, {name: message.channels for name, message in heard.items()})
+            if self._signing is not None:
+                problems += self._signing.refused()
+            self._status.problems += len(problems)
+            estimate, beside = self._estimate(index), tuple(self._estimates_beside(index))
+        except np.linalg.LinAlgError as error:  # what neighbours send may be possible, but not fit together
+            problems.append(f"the estimates so far cannot be computed with ({error}), so the estimator starts again")
+            self._start_estimator()
         motion, wrench = self._reference(index, block)
         return Outbox(
             message=NeighbourMessage(
@@ -168,7 +179,7 @@ class Agent:
             ),
             estimate=estimate,
             problems=tuple(problems),
-            beside=tuple(self._estimates_beside(index)),
+            beside=beside,
         )
 
     def _reference(self, index: int, block: MeasurementBlock | None) -> tuple[Array, Array]:

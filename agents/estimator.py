@@ -27,6 +27,10 @@ Channels = Mapping[str, npt.NDArray[Any]]
 selects."""
 
 
+MOST_NOTICES = 32
+"""So many of the newest load changes, and of the newest slips, are reported: messages must not grow without limit."""
+
+
 @dataclass(frozen=True, eq=False)
 class Belief:
     """An estimate. Fields as in ``coheft.wire.messages.structs.Estimate``, and:

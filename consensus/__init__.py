@@ -8,6 +8,7 @@ learn the graph.
 from coheft.consensus.dynamic import DynamicConsensus, Extrapolation, lag_bound
 from coheft.consensus.graph import (
     Neighbours,
+    check_graph,
     convergence_rate,
     laplacian,
     metropolis_matrix,
@@ -28,6 +29,7 @@ __all__ = [
     "Rounds",
     "Schedule",
     "chebyshev",
+    "check_graph",
     "choose_schedule",
     "convergence_rate",
     "finite_time",

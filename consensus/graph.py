@@ -71,6 +71,26 @@ def _random_connected(n: int, probability: float, rng: np.random.Generator) -> s
     return edges
 
 
+def check_graph(neighbours: Neighbours) -> None:
+    """Check that agents can reach a consensus over this graph.
+
+    Raises:
+        GraphError: There is no agent, an agent is its own neighbour, an edge has one direction only, or not all agents
+            are connected.
+    """
+    if not neighbours:
+        raise GraphError("the graph is empty: give each agent's name with those of its neighbours")
+    for name, others in neighbours.items():
+        for other in others:
+            if other == name:
+                raise GraphError(f"{name} is its own neighbour")
+            if name not in neighbours.get(other, ()):
+                raise GraphError(f"{other} is a neighbour of {name}, so {name} has to be one of {other}, too")
+    hops = distances(neighbours, first := next(iter(neighbours)))
+    if missing := ", ".join(sorted(set(neighbours) - set(hops))):
+        raise GraphError(f"the graph is not connected: {first} does not reach {missing}")
+
+
 def distances(neighbours: Neighbours, source: str) -> dict[str, int]:
     """Return the number of hops from ``source`` to every name that it reaches."""
     hops = {source: 0}
@@ -160,6 +180,9 @@ def uniform_weight(neighbours: Neighbours) -> float:
 def metropolis_matrix(neighbours: Neighbours) -> Array:
     """Return the matrix of one round of consensus with Metropolis weights, shape (N, N), in the order of the
     mapping.
+
+    Raises:
+        GraphError: See ``check_graph``.
     """
     return weight_matrix(neighbours, lambda i, j: metropolis_weight(len(neighbours[i]), len(neighbours[j])))
 
@@ -167,8 +190,12 @@ def metropolis_matrix(neighbours: Neighbours) -> Array:
 def weight_matrix(neighbours: Neighbours, weight: Callable[[str, str], float]) -> Array:
     """Return the matrix of one round of consensus with given edge weights, shape (N, N), in the order of the
     mapping.
+
+    Raises:
+        GraphError: See ``check_graph``.
     """
     index = {name: i for i, name in enumerate(neighbours)}
+    check_graph(neighbours)
     matrix = np.eye(len(index))
     for name, others in neighbours.items():
         for other in others:

@@ -44,6 +44,8 @@ class Pipeline:
     """
 
     def __init__(self, rounds: int, samples: int, channels: int) -> None:
+        if min(rounds, samples, channels) < 1:
+            raise ValueError(f"{rounds} rounds of {samples} x {channels} numbers, but each has to be at least 1")
         self.stages = np.zeros((rounds, samples, channels))
         self.valid = np.zeros(rounds, dtype=np.bool_)
 

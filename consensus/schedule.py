@@ -18,7 +18,7 @@ from typing import Literal
 
 import numpy as np
 
-from coheft.consensus.graph import Neighbours, centre, distances, laplacian
+from coheft.consensus.graph import Neighbours, centre, check_graph, distances, laplacian
 from coheft.estimation.geometry.spatial import Array
 from coheft.wire.messages.size import MANY
 
@@ -107,9 +107,13 @@ Schedule = LaplacianSchedule | TreeSchedule
 
 
 def choose_schedule(neighbours: Neighbours, tolerance: float = TOLERANCE) -> Schedule:
-    """Return the schedule with the fewest rounds that is exact to the tolerance; for large teams the tree."""
+    """Return the schedule with the fewest rounds that is exact to the tolerance; for large teams the tree.
+
+    Raises:
+        GraphError: See ``check_graph``.
+    """
     by_tree = tree(neighbours)
-    if len(neighbours) > MANY:
+    if len(neighbours) == 1 or len(neighbours) > MANY:
         return by_tree
     candidates = sorted(
         (finite_time(neighbours), by_tree, chebyshev(neighbours, tolerance)), key=lambda schedule: schedule.rounds
@@ -118,16 +122,25 @@ def choose_schedule(neighbours: Neighbours, tolerance: float = TOLERANCE) -> Sch
 
 
 def finite_time(neighbours: Neighbours) -> Schedule:
-    """Return the schedule whose roots are the Laplacian's distinct non-zero eigenvalues."""
+    """Return the schedule whose roots are the Laplacian's distinct non-zero eigenvalues, for two agents or more.
+
+    Raises:
+        GraphError: See ``check_graph``.
+    """
+    check_graph(neighbours)
     eigenvalues = np.linalg.eigvalsh(laplacian(neighbours))[1:]
     distinct = eigenvalues[np.append(True, np.diff(eigenvalues) > _SAME_EIGENVALUE * eigenvalues[-1])]
     return LaplacianSchedule("finite time", neighbours, _in_leja_order(distinct))
 
 
 def chebyshev(neighbours: Neighbours, tolerance: float) -> Schedule:
-    """Return the schedule whose roots are those of the Chebyshev polynomial that is within tolerance on the
-    spectrum.
+    """Return the schedule whose roots are those of the Chebyshev polynomial that is within tolerance on the spectrum,
+    for two agents or more.
+
+    Raises:
+        GraphError: See ``check_graph``.
     """
+    check_graph(neighbours)
     eigenvalues = np.linalg.eigvalsh(laplacian(neighbours))
     low, high = eigenvalues[1], eigenvalues[-1]
     middle, half = 0.5 * (high + low), 0.5 * (high - low)
@@ -140,7 +153,12 @@ def chebyshev(neighbours: Neighbours, tolerance: float) -> Schedule:
 
 
 def tree(neighbours: Neighbours) -> TreeSchedule:
-    """Return the schedule of a breadth-first tree whose root is the graph's centre."""
+    """Return the schedule of a breadth-first tree whose root is the graph's centre.
+
+    Raises:
+        GraphError: See ``check_graph``.
+    """
+    check_graph(neighbours)
     root = centre(neighbours)
     depth = distances(neighbours, root)
     parent = {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Literal, get_type_hints
 
 import numpy as np
@@ -23,6 +24,7 @@ from coheft.consensus.graph import (
     place_variances,
     uniform_weight,
 )
+from coheft.consensus.schedule import chebyshev, choose_schedule, finite_time, tree
 from coheft.wire.messages.size import PER_MESSAGE
 from coheft.wire.scenario.schema import Graph, GraphKind
 
@@ -126,6 +128,31 @@ def test_one_robot_is_no_network(count: int) -> None:
 def test_graphs_that_are_not_connected_are_told() -> None:
     with pytest.raises(GraphError, match="a does not reach c, d"):
         diameter({"a": ("b",), "b": ("a",), "c": ("d",), "d": ("c",)})
+
+
+@pytest.mark.parametrize(
+    "reach", [choose_schedule, finite_time, tree, metropolis_matrix, lambda graph: chebyshev(graph, 1e-9)]
+)
+@pytest.mark.parametrize(
+    ("graph", "what"),
+    [
+        ({}, "the graph is empty"),
+        ({"a": ("a", "b"), "b": ("a",)}, "a is its own neighbour"),
+        ({"a": ("b",), "b": ()}, "b is a neighbour of a, so a has to be one of b, too"),
+        ({"a": ("z",)}, "z is a neighbour of a"),
+        ({"a": ("b",), "b": ("a",), "c": ("d",), "d": ("c",)}, "not connected: a does not reach c, d"),
+    ],
+)
+def test_a_graph_without_consensus_is_refused(
+    reach: Callable[[Neighbours], object], graph: Neighbours, what: str
+) -> None:
+    with pytest.raises(GraphError, match=what):
+        reach(graph)
+
+
+def test_an_agent_alone_has_its_sum_at_once() -> None:
+    schedule = choose_schedule({"a": ()})
+    assert (schedule.rounds, schedule.scale) == (0, 1.0)
 
 
 @pytest.mark.parametrize("kind", ["ring", "line", "star", "grid", "tree"])

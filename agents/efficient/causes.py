@@ -16,6 +16,9 @@ from coheft.agents.efficient.stages import Event
 from coheft.agents.efficient.unnoticed import Unnoticed
 from coheft.estimation.geometry.spatial import Array
 
+_RECENT = 32
+"""Number of newest changes in which a drift is looked for."""
+
 
 class Causes:
     """The changes of one team.
@@ -66,7 +69,7 @@ class Causes:
             known: Everything that is known.
             newest: Number of the newest row.
         """
-        changes, theta = self.changes[self._forgotten :], known.theta
+        changes, theta = self.changes[self._forgotten :][-_RECENT:], known.theta
         return None if theta is None else LoadDrift.of(changes, theta[0], newest, self._rows.drifting)
 
     def start_over(self) -> None:

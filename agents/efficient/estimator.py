@@ -17,7 +17,7 @@ from coheft.agents.efficient.settings import Guards
 from coheft.agents.efficient.small_steps import UnnoticedStep
 from coheft.agents.efficient.stages import Stage
 from coheft.agents.efficient.team import Team
-from coheft.agents.estimator import Belief, Channels, RowSigner, is_converged
+from coheft.agents.estimator import MOST_NOTICES, Belief, Channels, RowSigner, is_converged
 from coheft.consensus.gossip import Gossip
 from coheft.estimation.geometry.body_motion import relative_pose_derivative
 from coheft.estimation.geometry.spatial import Pose
@@ -183,21 +183,23 @@ class EfficientEstimator:
 
     def _notices(self, team: Team) -> tuple[LoadChangeNotice, ...]:
         start, times = self._config.start_of, team.times
+        found = list(zip(team.noticed, team.session.causes.certain_changes, strict=False))
         new = (
             LoadChangeNotice(start(noticed + 1), start(times.first_block(change.first)))
-            for noticed, change in zip(team.noticed, team.session.causes.certain_changes, strict=False)
+            for noticed, change in found[-MOST_NOTICES:]
         )
-        return (*self._former_changes, *new)
+        return (*self._former_changes, *new)[-MOST_NOTICES:]
 
     def _slips(self, team: Team) -> tuple[SlipNotice, ...]:
         start, times = self._config.start_of, team.times
+        found = list(zip(team.noticed_slips, team.session.causes.slips, strict=True))
         new = (
             SlipNotice(
                 team.names[slip.robot], start(noticed + 1), start(named + 1), start(times.first_block(slip.first))
             )
-            for (noticed, named), slip in zip(team.noticed_slips, team.session.causes.slips, strict=True)
+            for (noticed, named), slip in found[-MOST_NOTICES:]
         )
-        return (*self._former_slips, *new)
+        return (*self._former_slips, *new)[-MOST_NOTICES:]
 
     def _belief_of(self, team: Team, estimate: Estimate) -> Belief:
         """Return what this robot publishes of an estimate."""

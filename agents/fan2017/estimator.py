@@ -10,7 +10,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from coheft.agents.estimator import Belief, Channels
+from coheft.agents.estimator import MOST_NOTICES, Belief, Channels
 from coheft.agents.fan2017.inertial_phase import InertialPhase
 from coheft.consensus.gossip import Gossip
 from coheft.consensus.graph import Neighbours
@@ -24,8 +24,6 @@ from coheft.wire.messages.structs import LoadChangeNotice
 
 _CHANNEL = "kinematics"
 """Channel of the twists and accelerations of a block's samples, columns ``KINEMATICS``, shape (B, 9)."""
-_NOTICES = 32
-"""Number of newest load changes that are reported."""
 _SOLVE_EVERY = 5
 """Blocks per solution of a pose filter: poses do not change, and solving costs more than taking in."""
 
@@ -45,7 +43,7 @@ class Fan2017Estimator:
         self._config = config
         self._settings = config.fan2017
         self._gossip = gossip
-        self._load_changes: deque[LoadChangeNotice] = deque(maxlen=_NOTICES)
+        self._load_changes: deque[LoadChangeNotice] = deque(maxlen=MOST_NOTICES)
         self._may_sensors_be_off = (
             config.tolerance != SensorTolerance()
             or config.drift != SensorDrift()
@@ -56,7 +54,7 @@ class Fan2017Estimator:
         # are lost, and take each other's inverse: so the transports of an edge are exactly inverse to each other, as
         # Proposition 3 demands.
         self._filters: dict[str, PoseRls] = {}
-        self._holds: dict[str, tuple[int, int]] = {}
+        self._holds: dict[str, tuple[int, int, int]] = {}  # incarnation, and since when it and this robot hold
         self._blocks: dict[int, Array] = {}
         self._inertial_phase: InertialPhase | None = None
         self._started: int | None = None
@@ -71,7 +69,7 @@ class Fan2017Estimator:
         self._follow_holds()
         if previous is not None:
             for name in heard.keys() & self._filters.keys():
-                if index - 1 >= max(self._holds[name]):  # else one of them was still elsewhere
+                if index - 1 >= max(self._holds[name][1:]):  # else one of them was still elsewhere
                     self._update_pose(name, previous[:, :6], heard[name][:, :6])
         if own is not None:
             self._blocks[index] = own.samples
@@ -104,14 +102,14 @@ class Fan2017Estimator:
         return sent | phase.channels()
 
     def _follow_holds(self) -> None:
-        """Whoever takes hold again may do so elsewhere: its pose is found anew."""
+        """Restart the filter of a neighbour that has restarted, or has grasped the load again, maybe elsewhere."""
         own = self._gossip.own
         for name in self._config.neighbours:
             record = self._gossip.records.get(name)
             if record is None or not (record.holding and own.holding):
                 self._filters.pop(name, None)
                 self._holds.pop(name, None)
-            elif self._holds.get(name) != (hold := (record.since, own.since)):
+            elif self._holds.get(name) != (hold := (record.incarnation, record.since, own.since)):
                 self._holds[name], self._filters[name] = hold, PoseRls(self._config.noise, solve_every=_SOLVE_EVERY)
 
     def fits(self, channels: Channels) -> bool:

@@ -20,7 +20,16 @@ from coheft.estimation.measurement import SAMPLE_SIZE, MeasurementBlock
 from coheft.wire.config import AgentProcessConfig
 from coheft.wire.messages.codec import check_field
 from coheft.wire.messages.requests import DisturbRequest
-from coheft.wire.messages.structs import Estimate, Hello, Measurements, Message, NeighbourMessage, Ready, Validity
+from coheft.wire.messages.structs import (
+    Estimate,
+    EstimateBeside,
+    Hello,
+    Measurements,
+    Message,
+    NeighbourMessage,
+    Ready,
+    Validity,
+)
 from coheft.wire.process.log import LOG
 from coheft.wire.process.supervised import COMMENT_AFTER, supervised_main
 from coheft.wire.scenario.network import LinkQuality
@@ -171,20 +180,24 @@ class AgentProcess:
             said = outbox.estimate.status, tuple(outbox.estimate.reasons)
             if self._last_estimate is None or said != (self._last_estimate.status, tuple(self._last_estimate.reasons)):
                 LOG.debug("block %d: %s", self._block, "; ".join([outbox.estimate.status, *outbox.estimate.reasons]))
-            self._last_estimate = structs.replace(
-                outbox.estimate,
-                problems=self._network.problems.count,
-                disturbed={other: quality for other, quality in self._qualities.items() if not quality.is_ideal},
-            )
+            self._last_estimate = self._completed(outbox.estimate)
             self._network.estimate.send(self._last_estimate)
         for beside in outbox.beside:
-            self._network.estimate.send(beside)
+            self._network.estimate.send(EstimateBeside(self._completed(beside.estimate)))
         self._network.reference.send(outbox.reference)
         for problem in outbox.problems:
             self._network.problems.tell(problem)
         if is_first:  # neighbours that are connected start with the same block
             for link in self._links.values():
                 link.keeps_pace = link.is_heard
+
+    def _completed(self, estimate: Estimate) -> Estimate:
+        """Add what only the process knows: problems so far, and disturbed links."""
+        return structs.replace(
+            estimate,
+            problems=self._network.problems.count,
+            disturbed={other: quality for other, quality in self._qualities.items() if not quality.is_ideal},
+        )
 
     def _estimator_for(self, measurements: Measurements) -> str:
         return measurements.estimator or self._config.agent.estimator
@@ -259,6 +272,7 @@ class AgentProcess:
             if self._world is not None:
                 self._network.problems.tell("the server has restarted, so this agent restarts, too")
                 self._block = -1
+                self._measurements.clear()
                 self._start_agent(self._estimator)
             self._world = message.world
         newest = self._measurements[-1][1].block if self._measurements else self._block
