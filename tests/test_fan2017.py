@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from coheft.agents.agent import Agent
 from coheft.agents.fan2017.claims import likeliest_body
 from coheft.app.faults.run import FaultyRun
 from coheft.app.faults.schedule import FaultSchedule, Pause, Release
@@ -122,6 +123,18 @@ def test_a_robot_that_lets_go_leaves_the_team_and_comes_back_with_its_pose_unkno
     assert after.status == "stale"
     assert_good(recording.judged(24.0))
     assert all(estimate.status == "valid" for estimate in recording.last().values())
+
+
+def test_both_ends_of_an_edge_find_one_pose_also_after_a_restart() -> None:
+    """Else transports around the graph do not cancel, as Proposition 3 demands."""
+    team = TeamInProcess(fan2017("ring3", load_changes=()))
+    for block in range(160):
+        if block == 60:
+            agent = team.agents["r2"]
+            team.agents["r2"] = Agent(agent.config, incarnation=1)
+        team.answer(measured(team.measure()), team.heard())
+    one, other = (team.agents[i].belief().poses[j].pose for i, j in (("r1", "r2"), ("r2", "r1")))
+    np.testing.assert_allclose((one @ other).translation, 0.0, atol=1e-9)
 
 
 @pytest.fixture(scope="module")

@@ -72,3 +72,16 @@ def test_the_drop_is_noticed_first_and_the_leak_again_and_again(followed: Follow
 
 def test_robots_know_how_far_off_they_are(followed: Followed) -> None:
     assert np.mean(followed.off > 5.0) < 0.01
+
+
+def test_only_the_newest_changes_are_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A load that leaks for hours changes thousands of times, and messages would become too large."""
+    monkeypatch.setattr("coheft.agents.efficient.estimator.MOST_NOTICES", 1)
+    sensors = msgspec.structs.replace(changed("ring3").sensors, rate=250)
+    leaking = msgspec.structs.replace(LEAKING, at=3.0)
+    notices: list[LoadChangeNotice] = []
+    for _, outboxes in steps(changed("ring3", seed=1, duration=8.0, sensors=sensors, load_changes=(leaking,))):
+        if (estimate := outboxes["r1"].estimate) is not None:
+            assert len(estimate.load_changes) <= 1
+            notices = estimate.load_changes
+    assert notices[0].changed_at > 3.5
