@@ -8,6 +8,8 @@ import msgspec
 import numpy as np
 import pytest
 
+from coheft.agents.efficient.estimator import NO_LOAD_AT_POSES
+from coheft.agents.efficient.judge import Outcome
 from coheft.app.results.errors import payload_error
 from coheft.app.results.quantities import payload_exists
 from coheft.estimation.geometry.body_motion import perturbation_between
@@ -188,6 +190,16 @@ def test_where_only_gravity_shows_the_load_its_mass_is_known_and_nothing_else(wh
             assert f"pose of {other}: turn the load about other axes as well" in estimate.not_observable
         assert any("centre of mass" in sentence for sentence in estimate.not_observable)
         assert any("inertia" in sentence for sentence in estimate.not_observable)
+
+
+def test_no_sensor_is_blamed_for_wrenches_that_poses_do_not_add_up_rightly() -> None:
+    """The directions of internal forces are hardly known if the load does not turn."""
+    recording = run_with_faults(scenario("quiet", duration=2.2, seed=2))
+    reasons = {
+        each for estimates in recording.estimates.values() for estimate in estimates for each in estimate.reasons
+    }
+    assert NO_LOAD_AT_POSES in reasons
+    assert Outcome.NO_LOAD.value not in reasons
 
 
 def test_constant_offsets_of_force_and_torque_sensors_are_estimated_along() -> None:

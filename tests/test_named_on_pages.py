@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from coheft.agents.efficient.estimator import NO_LOAD_AT_POSES
 from coheft.agents.efficient.judge import Outcome
 from coheft.app.cli.main import app
 from tests.docs_blocks import blocks, commands
@@ -57,6 +58,10 @@ def test_a_page_names_modules_that_exist(page: Path) -> None:
     for text in _named(page):
         for name in MODULE.findall(text):
             assert name in OURS or any(each.endswith(f"/{name}") for each in OURS), f"`{name}` on {page.name}"
+
+
+def test_troubleshooting_names_wrenches_that_fit_no_load_at_unknown_poses() -> None:
+    assert NO_LOAD_AT_POSES.partition(": ")[0] in (ROOT / "docs" / "troubleshooting.md").read_text()
 
 
 @pytest.mark.parametrize("outcome", [Outcome.NO_BODY, Outcome.BEYOND_TOLERANCE, Outcome.NO_LOAD])

@@ -32,6 +32,12 @@ from coheft.wire.config import AgentConfig
 from coheft.wire.messages.structs import LoadChangeNotice, PayloadEstimate, SensorErrorEstimate, SlipNotice
 from coheft.wire.scenario.robot_sensors import TEAM_NEEDS
 
+NO_LOAD_AT_POSES = (
+    "wrenches fit no load at the poses found so far: turn the load about other axes as well; if that does not help, "
+    "a force or torque sensor is off"
+)
+"""Reason why nothing is valid if not all poses are known: residuals of wrenches may be due to wrong poses."""
+
 
 class EfficientEstimator:
     """The default estimator. See ``coheft.agents.estimator.Estimator``."""
@@ -103,6 +109,9 @@ class EfficientEstimator:
             where, what = _undeclared_in_words(session.undeclared, team.names)
             return (f"{where} seems to {what}, but is declared to be exact",)
         if session.stage is not Stage.ESTIMATING and session.verdict.outcome is not Outcome.FITS:
+            is_pose_unknown = session.estimate is not None and session.estimate.misses_poses
+            if session.verdict.outcome is Outcome.NO_LOAD and is_pose_unknown:
+                return (NO_LOAD_AT_POSES,)
             return (_in_words(session.verdict, team.names),)
         if session.estimate is None:
             return ("the team's measurements have just begun",)
