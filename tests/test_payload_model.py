@@ -68,6 +68,8 @@ def test_bodies_without_names_can_be_named(tmp_path: Path) -> None:
     with pytest.raises(ScenarioError, match=r"the model has several: body 1, other, body 3$"):
         load(tmp_path, model)
     assert load(tmp_path, model, more='payload.body = "body 1"').payload.inertia().mass == pytest.approx(PLATE_MASS)
+    clash = model.replace('"other"', '"body 1"')
+    assert load(tmp_path, clash, more='payload.body = "body 1_"').payload.inertia().mass == pytest.approx(PLATE_MASS)
 
 
 @pytest.mark.parametrize(
@@ -150,6 +152,23 @@ def test_a_body_that_collides_with_nothing_is_not_remarked(tmp_path: Path, caplo
     assert caplog.text == ""
 
 
+@pytest.mark.parametrize(
+    "other",
+    [
+        '<geom type="sphere" size="0.1"/>',
+        '<geom type="sphere" size="0.1" contype="0" conaffinity="0"/>',
+        '<inertial mass="1" pos="0 0 0" diaginertia="1 1 5"/>',
+    ],
+    ids=["default density", "looks", "impossible inertia"],
+)
+def test_another_body_that_moves_is_not_remarked(other: str, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    model = world(f'<body name="o" pos="3 0 0"><freejoint/>{other}</body><body name="b"><freejoint/>{PLATE}</body>')
+    model = model.replace("<mujoco>", '<mujoco><compiler balanceinertia="true"/>')
+    scenario = load(tmp_path, model, more='payload.body = "b"')
+    assert scenario.payload.inertia().mass == pytest.approx(PLATE_MASS)
+    assert caplog.text == ""
+
+
 @pytest.mark.parametrize("inertia", ["", ' inertia="exact"'])
 def test_meshes_that_are_not_filled_exactly_are_remarked(
     inertia: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
@@ -161,9 +180,16 @@ def test_meshes_that_are_not_filled_exactly_are_remarked(
         ]
     )
     ell.export(tmp_path / "ell.obj")
-    body = world('<body name="b"><freejoint/><geom type="mesh" mesh="ell" density="1200"/></body>')
-    model = body.replace("<mujoco>", f'<mujoco><asset><mesh name="ell" file="ell.obj"{inertia}/></asset>')
-    mass = load(tmp_path, model).payload.inertia().mass
+    open_box = trimesh.creation.box(extents=[0.2, 0.2, 0.2])
+    open_box.update_faces(np.arange(12) > 1)
+    open_box.export(tmp_path / "open.obj")  # of another body, which MuJoCo could not fill exactly
+    body = world(
+        '<body name="b"><freejoint/><geom type="mesh" mesh="ell" density="1200"/></body>'
+        '<body name="o" pos="3 0 0"><freejoint/><geom type="mesh" mesh="open" density="300"/></body>'
+    )
+    meshes = f'<mesh name="ell" file="ell.obj"{inertia}/><mesh name="open" file="open.obj"/>'
+    model = body.replace("<mujoco>", f"<mujoco><asset>{meshes}</asset>")
+    mass = load(tmp_path, model, more='payload.body = "b"').payload.inertia().mass
     if inertia:
         assert mass == pytest.approx(8.4, rel=1e-6)
         assert caplog.text == ""

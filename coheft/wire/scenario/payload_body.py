@@ -86,7 +86,11 @@ class HeldBody:
         with np.errstate(all="ignore"):
             whole = self._inertia_of(self.model.compiled)
             if whole is None:
-                refuse_scenario(place, f"body {self._name!r} has no mass: give its geoms a density or a mass")
+                refuse_scenario(
+                    place,
+                    f"body {self._name!r} has no mass: give its shapes a density or a mass; in a URDF file, give its "
+                    f"links an <inertial> with a mass above 0, or a <collision>",
+                )
             is_solid = np.all(np.isfinite(whole.tensor)) and np.all(np.linalg.eigvalsh(whole.pseudo_inertia()) > 0.0)
         if not is_solid:
             refuse_scenario(
@@ -143,20 +147,20 @@ class HeldBody:
 
     def remark_doubts(self, place: str, whole: Inertia) -> None:
         """Log what may not be meant: mass that MuJoCo chooses or changes, shapes with mass, fillings of meshes."""
-        given = self._inertia_of(self.model.variant(leave_out_defaults))
+        given = self._inertia_of(self.model.variant(self.inside, leave_out_defaults))
         chosen = whole.mass - (given.mass if given is not None else 0.0)
         if chosen > _SMALL_SHARE * whole.mass:
             LOG.warning(
                 f"coheft: {place}: {chosen:.4g} kg of {whole.mass:.4g} kg are of shapes that MuJoCo fills with "
                 f"{DEFAULT_DENSITY:g} kg/m³, as it does if a file gives neither mass nor density: give one"
             )
-        written = self._inertia_of(self.model.variant(keep_what_is_written))
+        written = self._inertia_of(self.model.variant(self.inside, keep_what_is_written))
         if written is None or not _alike(whole, written):
             LOG.warning(
                 f"coheft: {place}: boundmass, boundinertia, balanceinertia or settotalmass of its compiler change its "
                 f"mass properties: they are not those in the file"
             )
-        solid = self._inertia_of(self.model.variant(leave_out_looks))
+        solid = self._inertia_of(self.model.variant(self.inside, leave_out_looks))
         looks = whole.mass - solid.mass if solid is not None else 0.0
         if looks > _SMALL_SHARE * whole.mass:
             LOG.warning(
@@ -164,7 +168,7 @@ class HeldBody:
                 f"collide with nothing (contype and conaffinity 0); if they are there for their looks only, give them "
                 f"mass = 0"
             )
-        exact = self._inertia_of(self.model.variant(fill_meshes_exactly))
+        exact = self._inertia_of(self.model.variant(self.inside, fill_meshes_exactly))
         if exact is not None and not _alike(whole, exact):
             LOG.warning(
                 f"coheft: {place}: MuJoCo fills meshes by a rule that is exact for convex ones only, which makes "

@@ -67,7 +67,7 @@ def read_files(scenario: Scenario, origin: str, folder: Path) -> Scenario:
         except ValueError as error:
             refuse_scenario(place, f"{path}: {' '.join(str(error).split())}")
         extent = Extent.around(triangles.reshape(-1, 3))
-        if_long = f"if it is drawn in millimetres, set 'payload.scale' = {1e-3 * payload.scale:g}"
+        if_long = "if it is drawn in millimetres, set 'payload.scale' = 0.001"
         if_short = f"set 'payload.scale' to the length of its unit in metres, now {payload.scale:g}"
         if complaint := extent.file_complaint("the mesh", if_long, if_short):
             refuse_scenario(place, complaint)

@@ -7,10 +7,11 @@ missing. What MuJoCo warns of is written to the log.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from math import isnan
+from itertools import count
+from math import isnan, nan
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -39,11 +40,21 @@ class PayloadModel:
     weighing: tuple[int, ...]
     spec: mujoco.MjSpec
 
-    def variant(self, change: Callable[[mujoco.MjSpec], None]) -> mujoco.MjModel | None:
-        """Return the model after a change to its file; None if MuJoCo cannot compile it."""
+    def variant(
+        self, held: Sequence[int], change: Callable[[mujoco.MjSpec, list[mujoco.MjsBody]], None]
+    ) -> mujoco.MjModel | None:
+        """Return the model after a change to some bodies of its file; None if MuJoCo cannot compile it.
+
+        Args:
+            held: Numbers of these bodies. All others get made-up mass properties, so that they never matter.
+            change: Changes the file, of which it gets these bodies.
+        """
         with warnings.catch_warnings(action="ignore"), _without_log_file():
             changed = self.spec.copy()
-            change(changed)
+            bodies = dict(enumerate(list(changed.bodies)[1:], start=1))
+            for number in bodies.keys() - set(held):
+                _make_up_inertia(bodies[number])
+            change(changed, [bodies[number] for number in held])
             try:
                 return changed.compile()
             except ValueError:
@@ -53,9 +64,9 @@ class PayloadModel:
 def read_model(path: Path) -> PayloadModel:
     """Read the model of an MJCF or URDF file.
 
-    A body without a name is called ``body N``, counted from 1 in the order of the file. Bodies that are fixed to others
-    stay bodies of their own, so a free joint below a link that is fixed to the world, as URDF files have it, is taken
-    off: MuJoCo allows it only where such links are made parts of the world.
+    A body without a name is called ``body N``, counted from 1 in the order of the file (``body N_`` if another body is
+    called so). Bodies that are fixed to others stay bodies of their own, so a free joint below a link that is fixed to
+    the world, as URDF files have it, is taken off: MuJoCo allows it only where such links are made parts of the world.
 
     Raises:
         ValueError: MuJoCo cannot use it.
@@ -68,8 +79,10 @@ def read_model(path: Path) -> PayloadModel:
         bodies = list(spec.bodies)[1:]
         floating = [number for number, body in enumerate(bodies, start=1) if _take_off_free_joint(spec, body)]
         spec.compiler.fusestatic = False  # bodies keep their names
+        taken = {body.name for body in bodies}
         for number, body in enumerate(bodies, start=1):
-            body.name = body.name or f"body {number}"
+            numbered = (f"body {number}" + "_" * more for more in count())
+            body.name = body.name or next(name for name in numbered if name not in taken)
         compiled = spec.compile()
     lowest, highest = spec.compiler.inertiagrouprange
     shapes = [geom for body in bodies if _weighs_by_shapes(spec, body) for geom in body.geoms]
@@ -116,38 +129,44 @@ def _take_off_free_joint(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> bool:
     return bool(free)
 
 
-def leave_out_looks(spec: mujoco.MjSpec) -> None:
+def _make_up_inertia(body: mujoco.MjsBody) -> None:
+    body.explicitinertial, body.mass = True, 1.0
+    body.inertia, body.fullinertia = [1.0] * 3, [nan] * 6
+
+
+def leave_out_looks(_: mujoco.MjSpec, held: list[mujoco.MjsBody]) -> None:
     """Make visual shapes, which collide with nothing, massless, except in moving bodies that have no others."""
-    for body in spec.bodies:
+    for body in held:
         looks = [geom for geom in body.geoms if not (geom.contype or geom.conaffinity)]
         if len(looks) < len(body.geoms) or not body.joints:
             for geom in looks:
                 geom.mass = 0.0
 
 
-def leave_out_defaults(spec: mujoco.MjSpec) -> None:
+def leave_out_defaults(spec: mujoco.MjSpec, held: list[mujoco.MjsBody]) -> None:
     """Make shapes massless that have neither a mass nor a density of their own: MuJoCo takes ``DEFAULT_DENSITY``."""
-    for body in spec.bodies:
+    for body in held:
         if _weighs_by_shapes(spec, body):
             for geom in body.geoms:
                 if isnan(geom.mass) and geom.density == DEFAULT_DENSITY:
                     geom.mass = 0.0
 
 
-def keep_what_is_written(spec: mujoco.MjSpec) -> None:
+def keep_what_is_written(spec: mujoco.MjSpec, _: list[mujoco.MjsBody]) -> None:
     """Let the compiler change no masses and no moments of inertia."""
     compiler = spec.compiler
     compiler.boundmass, compiler.boundinertia, compiler.balanceinertia = 0.0, 0.0, False
     compiler.settotalmass = -1.0
 
 
-def fill_meshes_exactly(spec: mujoco.MjSpec) -> None:
+def fill_meshes_exactly(spec: mujoco.MjSpec, held: list[mujoco.MjsBody]) -> None:
     """Fill meshes up to their surfaces, which MuJoCo does by default for convex ones only."""
     import mujoco
 
     rough = (mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX, mujoco.mjtMeshInertia.mjMESH_INERTIA_LEGACY)
+    used = {geom.meshname for body in held for geom in body.geoms}
     for mesh in spec.meshes:
-        if mesh.inertia in rough:
+        if mesh.name in used and mesh.inertia in rough:
             mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_EXACT
 
 
