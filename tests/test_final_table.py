@@ -164,4 +164,4 @@ def test_the_final_table_says_what_those_who_have_not_converged_lack() -> None:
     unobservable = msgspec.structs.replace(unknown, not_observable=["mass: move"])
     text = final_sentence(*done, unobservable)
     assert "mass, kg 13.000 not observable" in text
-    assert "Not converged: r3 (not everything is observable with the motion so far). 0.2 s simulated" in text
+    assert "Not converged: r3 (not everything is observable). 0.2 s simulated" in text

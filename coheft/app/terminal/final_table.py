@@ -252,7 +252,7 @@ def _contradictions(robots: Mapping[str, RobotReport]) -> Iterator[str]:
 def _lack(robot: RobotReport) -> str:
     """Describe what a robot lacks; a pose that it has not found yet may still become observable."""
     if robot.not_observable and robot.state not in (State.STALE, State.FINDING_NEIGHBOURS):
-        return "not everything is observable with the motion so far"
+        return "not everything is observable"
     return LACKS.get(robot.state, robot.state)
 
 

@@ -49,7 +49,8 @@ def notes(scenario: Scenario) -> Iterator[str]:
         kinds = " and ".join(kind for kind, is_there in not_modelled.items() if is_there)
         yield (
             f"'estimator' = 'fan2017' models only white noise, but 'sensors' has {kinds}: robots will not report the "
-            f"payload, because they cannot know their errors. 'efficient' models all of this"
+            f"payload, because they cannot know their errors. 'efficient' models all of this; with --set "
+            f"'sensors.tolerance={{}}' sensors are exact"
         )
     if late := [f"'{key}' at {at:g} s" for key, at in late_changes(scenario)]:
         yield (
