@@ -108,6 +108,29 @@ def test_a_folder_of_the_users_own_choice_removes_none(tmp_path: Path) -> None:
     assert all(folder.is_dir() for folder in old)
 
 
+def test_a_run_in_a_folder_of_the_users_own_choice_is_found_while_it_goes_on(endpoint: str, tmp_path: Path) -> None:
+    """Else ``coheft inject`` would change another run without asking."""
+    folder = make_run_folder("coheft-new", tmp_path / "logs")
+    with announced(folder, RunFile(run="coheft-new", server=endpoint, agents={})):
+        assert find_run().run == "coheft-new"
+        make_run_folder("coheft-newer")
+        assert find_run(acts=True).run == "coheft-new"
+    with pytest.raises(CoheftError, match="no run is in progress"):
+        find_run()
+    assert folder.is_dir()
+
+
+def test_links_to_runs_that_were_killed_are_removed(tmp_path: Path) -> None:
+    (tmp_path / "logs").mkdir()
+    runs_folder().mkdir(parents=True)
+    links = [runs_folder() / f"20200101-0000{number:02}-coheft-{number}" for number in range(30)]
+    for link in links:
+        link.symlink_to(tmp_path / "logs")
+    make_run_folder("coheft-new")
+    assert len(list(runs_folder().iterdir())) == 20
+    assert (tmp_path / "logs").is_dir()
+
+
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no disk here that is always full")
 def test_a_full_disk_names_the_file_and_what_to_do(endpoint: str, tmp_path: Path) -> None:
     (tmp_path / f"{RUN_FILE}.new").symlink_to("/dev/full")

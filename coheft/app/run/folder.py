@@ -61,7 +61,10 @@ def make_run_folder(run: str, logs: Path | None = None) -> Path:
     """
     if logs is None:
         for old in sorted(runs_folder().glob(_FOLDERS), reverse=True)[_KEPT - 1 :]:
-            if _running(old) is None:
+            if old.is_symlink():
+                if _running(old) is None:
+                    old.unlink(missing_ok=True)
+            elif _running(old) is None:
                 shutil.rmtree(old, ignore_errors=True)
     elif _running(logs) is not None:
         raise CoheftError(
@@ -71,21 +74,32 @@ def make_run_folder(run: str, logs: Path | None = None) -> Path:
         raise CoheftError(
             f"{found[0]} exists already: the files of a run are never overwritten; name another folder: --logs DIR"
         )
-    folder = logs if logs is not None else runs_folder() / f"{time.strftime('%Y%m%d-%H%M%S')}-{run}"
+    folder = logs if logs is not None else runs_folder() / _folder_name(run)
     with file_errors(CoheftError, f"cannot make the folder of the run, {folder}", "; name another: --logs DIR"):
         folder.mkdir(parents=True, exist_ok=True)
     return folder.resolve()
 
 
+def _folder_name(run: str) -> str:
+    return f"{time.strftime('%Y%m%d-%H%M%S')}-{run}"
+
+
 @contextlib.contextmanager
 def announced(folder: Path, run_file: RunFile) -> Iterator[None]:
-    """Let other commands find the run while the context lasts."""
+    """Let other commands find the run while the context lasts; to a folder elsewhere, there is a link meanwhile."""
     (folder / END_FILE).unlink(missing_ok=True)
     announce(folder, run_file)
+    link: Path | None = None
+    with contextlib.suppress(OSError, CoheftError):  # no place for links: --run still finds the run
+        if folder.parent.resolve() != (runs := runs_folder()).resolve():
+            runs.mkdir(parents=True, exist_ok=True)
+            (link := runs / _folder_name(run_file.run)).symlink_to(folder, target_is_directory=True)
     try:
         yield
     finally:
         (folder / RUN_FILE).unlink(missing_ok=True)
+        if link is not None:
+            link.unlink(missing_ok=True)
 
 
 def announce(folder: Path, run_file: RunFile) -> None:
