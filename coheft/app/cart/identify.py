@@ -34,6 +34,8 @@ _OTHER_PACE, _BETTER = 0.02, 2.0
 _LITTLE = 0.03
 """Motions below this are not compared [m, rad]."""
 
+_CHECK = "check units (N, N·m, m, rad), axes and signs of pushes and poses, and --hand"
+
 
 class Quantity(msgspec.Struct, frozen=True):
     """An identified quantity with its standard deviation; ``not_known`` is what would show it, empty if it is known."""
@@ -100,8 +102,8 @@ def identify_cart(
     is_contradicted = bool(found.changes_s) or any("unknown force" in doubt for doubt in found.doubts)
     if found.is_known or not is_contradicted:
         return found
-    other = explanation(recording, hand, is_known)
-    return msgspec.structs.replace(found, doubts=[*found.doubts, *([other] if other else [])])
+    other = explanation(recording, hand, is_known) or f"no other meaning that was tried fits: {_CHECK}"
+    return msgspec.structs.replace(found, doubts=[*found.doubts, other])
 
 
 def _identified(
@@ -125,8 +127,7 @@ def _identified(
                 learner.step(Sighting(motions[index], covariance), push)
         except (ArithmeticError, ValueError) as error:
             raise RecordingError(
-                f"from {time:g} s on, no cart with one axle moves as this one does when it is pushed as given: check "
-                f"units (N, N·m, m, rad), axes and signs of pushes and poses, and --hand"
+                f"from {time:g} s on, no cart with one axle moves as this one does when it is pushed as given: {_CHECK}"
             ) from error
         changes += [time] * (learner.jumps - known)
     deviations = np.sqrt(np.diag(learner.body_covariance()))
