@@ -119,37 +119,64 @@ def wrench_evidence(
         load: Wrench offset and theta there, shape (16,).
         noise: Contribution of the regressors' noise to the information (u, u), if known from a state nearby.
     """
-    unknowns, count, own, number = body.unknowns, body.count, body.unknowns.own, moments.number
+    number, of_robots = moments.number, body.count * body.unknowns.own
     root: Array = np.asarray(np.linalg.cholesky(inverse_of(residual_covariance(body, load)))).T.astype(np.float64)
     derivatives = WrenchDerivatives.at(body, motion, load, root)
-    local, common = derivatives.local, derivatives.common
-    of_robots, size = count * own, local.shape[-1]
-    of_noise, robots = number * body.motion_noise, range(count)
-    of_wrenches, of_motion = moments.of_wrenches.copy(), moments.of_motion - of_noise
-    of_wrenches.reshape(count, size, count, size)[robots, :, robots] -= number * _wrench_covariance(body, size)
-
-    with_wrenches = derivatives.of_wrenches @ of_wrenches + derivatives.of_motion @ moments.with_motion.T
-    with_motion = derivatives.of_wrenches @ moments.with_motion + derivatives.of_motion @ of_motion
-    score = -(common.reshape(unknowns.size, -1) @ with_motion.ravel())
-    by_robot = with_wrenches.reshape(6, count, size).transpose(1, 0, 2).reshape(count, -1, 1)
-    score[:of_robots] -= (local.reshape(count, own, -1) @ by_robot).ravel()
-
-    half = local.reshape(count, own * 6, size) @ of_wrenches.reshape(count, size, -1)
-    half = half.reshape(of_robots, 6, count, size).transpose(2, 0, 1, 3).reshape(count, of_robots, 6 * size)
-    pairs = half @ local.reshape(count, own, 6 * size).swapaxes(1, 2)
-    pairs = pairs.transpose(1, 0, 2).reshape(of_robots, of_robots)
-    used = body.forcing
-    flat = common[..., used].reshape(unknowns.size, -1)
-    across = np.zeros((unknowns.size, 6, len(used)))
-    own_with_motion = local.reshape(count, own * 6, size) @ moments.with_motion[:, used].reshape(count, size, -1)
-    across[:of_robots] = own_with_motion.reshape(of_robots, 6, -1)
-    across += 0.5 * (common[..., used] @ of_motion[used[:, None], used])
-    information = across.reshape(unknowns.size, -1) @ flat.T
-    information = information + information.T
-    information[:of_robots, :of_robots] += 0.5 * (pairs + pairs.T)
+    clean = _without_noise(body, moments)
+    information = _common_information(derivatives, clean, body.forcing)
+    information[:of_robots, :of_robots] += _local_information(derivatives.local, clean.of_wrenches)
     if noise is None:
         noise = _wrench_noise(body, derivatives, number)
-    return Evidence.of_rows(score, information, noise, number)
+    return Evidence.of_rows(_wrench_score(derivatives, clean), information, noise, number)
+
+
+def _without_noise(body: BodyModel, moments: WrenchMoments) -> WrenchMoments:
+    """Return the moments less the contribution of the noise of wrenches and of ``psi``."""
+    count, number, of_wrenches = body.count, moments.number, moments.of_wrenches.copy()
+    size = len(of_wrenches) // count
+    of_wrenches.reshape(count, size, count, size)[range(count), :, range(count)] -= number * _wrench_covariance(
+        body, size
+    )
+    return WrenchMoments(of_wrenches, moments.with_motion, moments.of_motion - number * body.motion_noise)
+
+
+def _wrench_score(derivatives: WrenchDerivatives, moments: WrenchMoments) -> Array:
+    """Score ``-sum rho . (d rho / d k)``, shape (u,)."""
+    local, (count, own, _, size) = derivatives.local, derivatives.local.shape
+    by_wrenches, by_motion = derivatives.of_wrenches, derivatives.of_motion
+    with_wrenches = by_wrenches @ moments.of_wrenches + by_motion @ moments.with_motion.T  # sum rho u^T
+    with_motion = by_wrenches @ moments.with_motion + by_motion @ moments.of_motion  # sum rho psi^T
+    score: Array = -(derivatives.common.reshape(len(derivatives.common), -1) @ with_motion.ravel())
+    by_robot = with_wrenches.reshape(6, count, size).transpose(1, 0, 2).reshape(count, -1, 1)
+    score[: count * own] -= (local.reshape(count, own, -1) @ by_robot).ravel()
+    return score
+
+
+def _local_information(local: Array, of_wrenches: Array) -> Array:
+    """``tr(local_k G_ij local_l^T)`` with ``G_ij = sum u_i u_j^T``, k of robot i and l of robot j: (own N, own N)."""
+    count, own, _, size = local.shape
+    by_gram = local.reshape(count, own * 6, size) @ of_wrenches.reshape(count, size, -1)
+    by_other = by_gram.reshape(count * own, 6, count, size).transpose(2, 0, 1, 3)  # robot j, unknown k, 6, w
+    blocks = by_other.reshape(count, -1, 6 * size) @ local.reshape(count, own, 6 * size).swapaxes(1, 2)
+    result = blocks.transpose(1, 0, 2).reshape(count * own, -1)
+    symmetric: Array = 0.5 * (result + result.T)
+    return symmetric
+
+
+def _common_information(derivatives: WrenchDerivatives, moments: WrenchMoments, used: Indices) -> Array:
+    """``C + C^T``, ``C_kl = tr((local_k sum u psi^T + 1/2 common_k sum psi psi^T) common_l^T)``, shape (u, u).
+
+    Args:
+        derivatives: Derivatives of the residual.
+        moments: Moments without noise.
+        used: Entries of ``psi`` that the wrench depends on.
+    """
+    local, common, (count, own, _, size) = derivatives.local, derivatives.common[..., used], derivatives.local.shape
+    by_gram = 0.5 * (common @ moments.of_motion[used[:, None], used])
+    by_own = local.reshape(count, own * 6, size) @ moments.with_motion[:, used].reshape(count, size, -1)
+    by_gram[: count * own] += by_own.reshape(count * own, 6, -1)
+    result: Array = by_gram.reshape(len(common), -1) @ common.reshape(len(common), -1).T
+    return result + result.T
 
 
 def _wrench_covariance(body: BodyModel, size: int) -> Array:
