@@ -1,13 +1,16 @@
 """A first state in closed form, from moments alone.
 
-R_ij = argmax tr(R_ij^T K),    K = sum w_i w_j^T / sigma_w^2 + ... + mean a_i (mean a_j)^T         (Davenport 1968)
+R_ij = argmax tr(R_ij^T K),    K = sum w_i w_j^T / sigma_w^2 + ... + mean a_i (mean a_j)^T    (Wahba 1965)
 p_ij from  v_j = R_ij^T (v_i + w_i x p_ij)
+
+``K`` is the attitude profile matrix (Markley 1988), and Davenport's q-method (1968) gives its rotation.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -57,6 +60,20 @@ def first_poses(moments: RowMoments, known: State, settings: FitSettings, is_unk
     return known
 
 
+class _Sensor(NamedTuple):
+    """A motion sensor of one robot.
+
+    Attributes:
+        entries: Its entries in the rows of all robots.
+        variance: Mean of the variances of its noise and of that of the motion; the latter alone if it is missing.
+        is_there: Whether the robot has it.
+    """
+
+    entries: slice
+    variance: float
+    is_there: bool
+
+
 class _Motion:
     """Moments of the motion that robots with known poses measure, and of all rows.
 
@@ -78,7 +95,7 @@ class _Motion:
         self._of_motion = fused @ self._of_rows
         self._number = number = float(moments.matrix[one, one])
         self._mean_row, self._mean = moments.matrix[one] / number, self._of_rows[one] / number
-        self._noise, self._variances = number * noise_of_motion, np.square(of_all)
+        self._noise, self._deviations = number * noise_of_motion, of_all
         accelerations = np.arange(one).reshape(count, ROW_SIZE)[:, rows.A].ravel()
         spread = moments.matrix[accelerations, accelerations] - number * np.square(self._mean_row[accelerations])
         self._swaying = float(spread.sum()) / count  # sum of squared deviations of accelerations from their mean
@@ -94,49 +111,72 @@ class _Motion:
         result: Array = self._of_rows[entries, part].T - self._number * means
         return result
 
+    def _unexplained(self, part: slice, entries: slice, by: slice, weak: float) -> Array:
+        """Moments of a part of the motion with a part of the row, less what another part explains.
+
+        ``M_pe - M_pb (M_bb + weak I)^-1 M_be``: the lever arm, an unknown factor of that part, has no effect on them.
+        """
+        square = self._varied(by, by)
+        explained = np.linalg.solve(square + weak * np.eye(len(square)), self._varied_with(by, entries))
+        result: Array = self._varied_with(part, entries) - self._varied(part, by) @ explained
+        return result
+
     def first_pose(self, robot: int) -> Pose:
-        """Compute a robot's pose."""
-        first, own = ROW_SIZE * robot, np.sqrt(self._variances[robot])
-        slices = {part.start: slice(first + part.start, first + part.stop) for part in (rows.W, rows.V, rows.A)}
-        w, v, a = (slices[part.start] for part in (rows.W, rows.V, rows.A))
-        of_motion = self._noise.diagonal() / self._number
+        """Compute a robot's pose: its rotation, then its position from velocities or, without these, accelerations."""
+        gyro, velocity = self._sensor(robot, W, rows.W), self._sensor(robot, V, rows.V)
+        accelerometer = self._sensor(robot, A, rows.A)
+        has_velocity = velocity.is_there and self._noise[V.start, V.start] / self._number < _UNKNOWN
+        profile = self._attitude_profile(gyro, velocity, accelerometer)
+        if not (gyro.is_there and has_velocity):
+            profile += self._profile_by_varied_acceleration(accelerometer)
+        rotation = _likeliest_rotation(profile)
+        if has_velocity:
+            return Pose(rotation, self._position_by_velocity(rotation, gyro, velocity))
+        return Pose(rotation, self._position_by_acceleration(rotation, accelerometer))
 
-        def variance(part: slice, sensor: slice) -> float:
-            """Of the noise of a sensor, mean of the robot's and that of the motion; the latter alone if it has none."""
-            both = of_motion[part.start], own[sensor.start] ** 2
-            return float(0.5 * (both[0] + both[1]) if np.isfinite(both[1]) else both[0])
+    def _sensor(self, robot: int, part: slice, sensor: slice) -> _Sensor:
+        first, of_motion = ROW_SIZE * robot, self._noise[part.start, part.start] / self._number
+        own = self._deviations[robot, sensor.start] ** 2
+        is_there = bool(np.isfinite(own))
+        variance = float(0.5 * (of_motion + own) if is_there else of_motion)
+        return _Sensor(slice(first + sensor.start, first + sensor.stop), variance, is_there)
 
-        gyro, velocity, acceleration = variance(W, rows.W), variance(V, rows.V), variance(A, rows.A)
-        turning = self._varied(W, W)
-        by_turning = np.linalg.solve(turning + _WEAK * gyro * np.eye(3), self._varied_with(W, v))
-        likeness = 0.5 * self._varied_with(W, w) / gyro
-        likeness += 0.5 * (self._varied_with(V, v) - self._varied(V, W) @ by_turning) / velocity
-        # On average every accelerometer measures gravity alone.
-        gravity = np.outer(self._mean[A], self._mean_row[a])
-        likeness += self._number**2 / (self._swaying + acceleration) * gravity
-        has_twist = np.isfinite(own[rows.TWIST]).all() and of_motion[V.start] < _UNKNOWN
-        if not has_twist:
-            turned = self._varied(_TURNING, _TURNING)
-            weak = _WEAK * np.trace(turned) + _WEAK * self._number * acceleration
-            by_lever = np.linalg.solve(turned + weak * np.eye(len(turned)), self._varied_with(_TURNING, a))
-            likeness += 0.5 * (self._varied_with(A, a) - self._varied(A, _TURNING) @ by_lever) / acceleration
-        rotation = _likeliest_rotation(likeness)
-        if np.isinf(own[rows.V.start]) or of_motion[V.start] >= _UNKNOWN:
-            return Pose(rotation, self._position_by_acceleration(rotation, a, acceleration))
-        # A weak pull to zero holds the position where the motion does not show it.
-        pull = 2.0 * self._number * gyro + 2.0 * velocity / POSE_LIMITS[3] ** 2
-        moment = self._varied(W, V) - self._varied_with(W, v) @ rotation.T
-        turned = (moment.T - moment)[[2, 0, 1], [1, 2, 0]]
-        spread = (np.trace(turning) + pull) * np.eye(3) - turning
-        return Pose(rotation, np.linalg.solve(spread, turned))
+    def _attitude_profile(self, gyro: _Sensor, velocity: _Sensor, accelerometer: _Sensor) -> Array:
+        """Attitude profile matrix ``K`` by gyros, velocities and gravity, which is the mean acceleration: (3, 3)."""
+        profile = 0.5 * self._varied_with(W, gyro.entries) / gyro.variance
+        by_velocity = self._unexplained(V, velocity.entries, W, _WEAK * gyro.variance)
+        profile += 0.5 * by_velocity / velocity.variance
+        gravity = np.outer(self._mean[A], self._mean_row[accelerometer.entries])
+        profile += self._number**2 / (self._swaying + accelerometer.variance) * gravity
+        return profile
 
-    def _position_by_acceleration(self, rotation: Array, entries: slice, variance: float) -> Array:
-        """Compute where an accelerometer is from ``R a_i = a + alpha x p + w x (w x p)``, shape (3,)."""
+    def _profile_by_varied_acceleration(self, accelerometer: _Sensor) -> Array:
+        """Attitude profile matrix by deviations of accelerations from their mean, shape (3, 3)."""
+        variance = accelerometer.variance
+        weak = _WEAK * self._varied(_TURNING, _TURNING).trace() + _WEAK * self._number * variance
+        result: Array = 0.5 * self._unexplained(A, accelerometer.entries, _TURNING, weak) / variance
+        return result
+
+    def _position_by_velocity(self, rotation: Array, gyro: _Sensor, velocity: _Sensor) -> Array:
+        """Compute the position from ``R v_i = v + w x p``, shape (3,).
+
+        ``sum (|w|^2 I - w w^T) p = sum w x (v - R v_i)``, with a weak pull to zero where the motion does not show it.
+        """
+        square = self._varied(W, W)
+        pull = 2.0 * self._number * gyro.variance + 2.0 * velocity.variance / POSE_LIMITS[3] ** 2
+        moment = self._varied(W, V) - self._varied_with(W, velocity.entries) @ rotation.T
+        crossed = (moment.T - moment)[[2, 0, 1], [1, 2, 0]]
+        return np.linalg.solve((np.trace(square) + pull) * np.eye(3) - square, crossed)
+
+    def _position_by_acceleration(self, rotation: Array, accelerometer: _Sensor) -> Array:
+        """Compute the position from ``R a_i = a + alpha x p + w x (w x p)``, shape (3,)."""
         square = (self._of_motion - self._noise)[_TURNING, _TURNING]
         spread = np.einsum("kab,kl,lac->bc", _LEVER_TERMS, square, _LEVER_TERMS)
-        more = self._of_rows[entries, _TURNING].T @ rotation.T - (self._of_motion - self._noise)[_TURNING, A]
+        more = (
+            self._of_rows[accelerometer.entries, _TURNING].T @ rotation.T - (self._of_motion - self._noise)[_TURNING, A]
+        )
         values, vectors = np.linalg.eigh(spread)
-        values = np.maximum(values, 0.0) + variance / POSE_LIMITS[3] ** 2
+        values = np.maximum(values, 0.0) + accelerometer.variance / POSE_LIMITS[3] ** 2
         result: Array = vectors @ (vectors.T @ np.einsum("kab,ka->b", _LEVER_TERMS, more) / values)
         return result
 
@@ -166,13 +206,13 @@ def poses_by_motion(
     return fit_state(state, evaluate, prior, guess, settings, anchor).state
 
 
-def _likeliest_rotation(likeness: Array) -> Array:
-    """Return the rotation ``R`` that maximizes ``tr(R^T K)`` for a matrix ``K`` (3, 3) (Davenport's q-method)."""
-    trace, skewed = np.trace(likeness), likeness - likeness.T
+def _likeliest_rotation(profile: Array) -> Array:
+    """Return the rotation ``R`` that maximizes ``tr(R^T K)`` for a profile ``K`` (3, 3) (Davenport's q-method)."""
+    trace, skewed = np.trace(profile), profile - profile.T
     davenport = np.zeros((4, 4))
     davenport[0, 0] = trace + _FAINT
     davenport[0, 1:] = davenport[1:, 0] = skewed[2, 1], skewed[0, 2], skewed[1, 0]
-    davenport[1:, 1:] = likeness + likeness.T - trace * np.eye(3)
+    davenport[1:, 1:] = profile + profile.T - trace * np.eye(3)
     return rotation_from_quaternion(np.linalg.eigh(davenport)[1][:, -1])
 
 
