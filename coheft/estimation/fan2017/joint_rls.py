@@ -283,28 +283,31 @@ class JointRls:
         return max(self._squares / max(self._count + self._old_count, 1.0), 1.0)
 
     def _solution(self, sums: Array, count: float) -> _Solution:
-        """Theta by moments of so many samples and the prior, without what noise adds.
+        """Theta by bias-compensated least squares (Stoica, Söderström 1982) with a prior, from moments of samples.
 
-        As much information is left in each direction as may be noise beside its average.
+            theta = argmin  sum |A theta - y|_W^2 + |theta - guess|_P^2 - (theta^T N theta - 2 n^T theta)
+
+        ``N`` and ``n`` are what noise of the regressor adds to ``A^T W A`` and ``A^T W y``. In a basis in which
+        ``A^T W A + P`` is 1 and N diagonal, no more of N and n is subtracted than leaves as much information in each
+        direction as may be noise beside its average.
         """
         n = len(self._free)
         information, vector, noise, noise_vector = np.split(sums, [n, n + 1, 2 * n + 1], axis=1)
-        # In this basis all information is 1, and noise a share of it in each direction: what is left is positive.
         root: Array = np.asarray(np.linalg.cholesky(information + self._prior))
         white = inverse(root)
-        shares, turn = np.linalg.eigh(white @ noise @ white.T)
-        basis = white.T @ turn
-        shares = np.maximum(shares, _ROUNDING)
-        left = np.maximum(1.0 - shares, np.minimum(doubt_of(shares, count), 1.0))
-        taken = (1.0 - left) / shares
-        gain = (basis / left) @ basis.T
-        right = basis.T @ (vector[:, 0] + self._prior @ self._guess) - taken * (basis.T @ noise_vector[:, 0])
-        theta = basis @ (right / left)
-        not_taken = basis @ ((1.0 - taken) / left * basis).T
+        noise_in_basis, eigenvectors = np.linalg.eigh(white @ noise @ white.T)
+        basis = white.T @ eigenvectors
+        noise_in_basis = np.maximum(noise_in_basis, _ROUNDING)
+        remaining = np.maximum(1.0 - noise_in_basis, np.minimum(doubt_of(noise_in_basis, count), 1.0))
+        compensated = (1.0 - remaining) / noise_in_basis  # share of N and n that is subtracted
+        uncompensated = basis @ ((1.0 - compensated) / remaining * basis).T
+        gain = (basis / remaining) @ basis.T
+        vector_in_basis = basis.T @ (vector[:, 0] + self._prior @ self._guess)
+        vector_in_basis = vector_in_basis - compensated * (basis.T @ noise_vector[:, 0])
         return _Solution(
-            theta=theta,
+            theta=basis @ (vector_in_basis / remaining),
             inverse=gain,
-            by_guess=gain @ self._prior + not_taken @ noise,
+            by_guess=gain @ self._prior + uncompensated @ noise,
         )
 
     def _of_all(self, of_free: Array) -> Array:
