@@ -17,9 +17,9 @@ _LAG = slice(_PARAMETERS, _PARAMETERS + 10)
 """Error of (J, h, 1/m) by the lag of the sums."""
 _OLD = slice(_LAG.stop, _LAG.stop + 10)
 """Error by samples of another load, see ``JointRls.by_old``."""
-_PLACE = slice(_OLD.stop, _OLD.stop + 100)
-"""Covariance that the error of the own place adds, see ``covariance_of_place``."""
-_CHANNELS = _PLACE.stop
+_POSE_ERROR = slice(_OLD.stop, _OLD.stop + 100)
+"""Covariance of theta due to the own pose error, see ``covariance_by_own_pose``."""
+_CHANNELS = _POSE_ERROR.stop
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,14 +31,14 @@ class Agreed:
         behind: How far that may be from the mean of all robots' own ones before the last block, likewise.
         by_lag: Error of theta by the lag of the sums, shape (10,).
         by_old: Error of theta by samples of another load, likewise.
-        by_place: Mean over all robots of ``covariance_of_place``, shape (10, 10).
+        by_pose_error: Mean over all robots of ``covariance_by_own_pose``, shape (10, 10).
     """
 
     theta: Array
     behind: Array
     by_lag: Array
     by_old: Array
-    by_place: Array
+    by_pose_error: Array
 
 
 class Agreement:
@@ -70,8 +70,8 @@ class Agreement:
         """A round.
 
         Args:
-            own: The robot's theta, shape (10,), what it is off by the lag and by samples of another load, likewise, and
-                what its place adds to the covariance, shape (10, 10); None before there are any.
+            own: The robot's theta, shape (10,), its errors by the lag and by samples of another load, likewise, and its
+                covariance due to the own pose error, shape (10, 10); None before there are any.
             inbox: What the neighbours sent.
             is_reached: Whether there have been rounds enough since the start.
         """
@@ -94,8 +94,8 @@ class Agreement:
     @property
     def agreed(self) -> Agreed:
         """What comes of it."""
-        by_place = self._mean[_PLACE].reshape(10, 10)
-        return Agreed(_theta(self._mean), _theta(self._behind), self._mean[_LAG], self._mean[_OLD], by_place)
+        by_pose_error = self._mean[_POSE_ERROR].reshape(10, 10)
+        return Agreed(_theta(self._mean), _theta(self._behind), self._mean[_LAG], self._mean[_OLD], by_pose_error)
 
 
 def turned(rotation: Array) -> Array:
@@ -105,8 +105,8 @@ def turned(rotation: Array) -> Array:
     return result
 
 
-def _channels(theta: Array, by_lag: Array, by_old: Array, by_place: Array) -> Array:
-    return np.concatenate([theta[9:], [1.0], theta[6:9], theta[:6], by_lag, by_old, by_place.ravel()])
+def _channels(theta: Array, by_lag: Array, by_old: Array, by_pose_error: Array) -> Array:
+    return np.concatenate([theta[9:], [1.0], theta[6:9], theta[:6], by_lag, by_old, by_pose_error.ravel()])
 
 
 def _theta(channels: Array) -> Array:
@@ -114,11 +114,11 @@ def _theta(channels: Array) -> Array:
 
 
 def _transport(pose_j_in_i: Pose) -> Array:
-    """``X_ij`` of all channels. Where theta is a point that moves, what it is off only turns."""
+    """``X_ij`` of all channels. Where theta is a point that moves, its errors only turn."""
     turn = turned(pose_j_in_i.rotation)
     result = np.eye(_CHANNELS)
     result[2:5, 1] = pose_j_in_i.translation
     result[2:5, 2:5], result[5:_PARAMETERS, 5:_PARAMETERS] = turn[6:9, 6:9], turn[:6, :6]
     result[_LAG, _LAG] = result[_OLD, _OLD] = turn
-    result[_PLACE, _PLACE] = np.kron(turn, turn)
+    result[_POSE_ERROR, _POSE_ERROR] = np.kron(turn, turn)
     return result

@@ -21,10 +21,10 @@ from coheft.consensus.graph import Neighbours
 from coheft.estimation.fan2017.angular_acceleration import AngularAcceleration, gyro_derivative
 from coheft.estimation.fan2017.joint_rls import JointRls
 from coheft.estimation.fan2017.systematic import (
-    covariance_of_place,
-    covariance_of_poses,
-    inputs_by_place,
-    place_covariance,
+    covariance_by_own_pose,
+    covariance_by_poses,
+    inputs_by_pose_error,
+    pose_error_covariance,
 )
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.geometry.uncertain_pose import UncertainPose
@@ -81,7 +81,7 @@ class InertialPhase:
         self._moves = MeanMoves(self._network, self._rounds, config.blocks(self._settings.memory))
         self._own_acceleration: dict[int, tuple[Array, Array]] = {}
         self._inputs = np.zeros((config.block, _SAMPLE_CHANNELS))
-        self._by_place = np.zeros((10, 10))
+        self._by_pose_error = np.zeros((10, 10))
         self._filter: JointRls | None = None
         self._grasp_centre = np.zeros(3)
         self._quiet_until = np.inf
@@ -144,7 +144,7 @@ class InertialPhase:
         if self._inputs[0, 9]:
             self._own_acceleration[index - 1] = (
                 self._inputs[:, 6:9],
-                self._acceleration_by_place(blocks[index - 1], heard),
+                self._acceleration_by_pose_error(blocks[index - 1], heard),
             )
         before = self._sums.pipeline.stages[-1]
         finished = self._sums.step(self._inputs, self._network.stages("sums", self._transports, inbox, self._rounds))
@@ -164,9 +164,9 @@ class InertialPhase:
         if self._filter is None:
             return None
         if index % _EVERY == 0:  # it changes slowly
-            place = place_covariance(list(self._poses.values()), self._filter.theta[6:9])
-            self._by_place = covariance_of_place(self._filter.by_place, place)
-        return self._filter.theta, self._filter.by_lag, self._filter.by_old, self._by_place
+            place = pose_error_covariance(list(self._poses.values()), self._filter.theta[6:9])
+            self._by_pose_error = covariance_by_own_pose(self._filter.by_pose_error, place)
+        return self._filter.theta, self._filter.by_lag, self._filter.by_old, self._by_pose_error
 
     @property
     def _consensuses(self) -> dict[str, DynamicConsensus]:
@@ -187,9 +187,9 @@ class InertialPhase:
         agreed = self._agreed(self._filter)
         if agreed.theta[9] <= 0.0 or self._filter.theta[9] <= 0.0:
             return None
-        place = place_covariance(list(self._poses.values()), self._filter.theta[6:9])
-        by_poses = covariance_of_poses(
-            self._filter.theta, self._filter.by_place, place, agreed.by_place, self._network.members
+        place = pose_error_covariance(list(self._poses.values()), self._filter.theta[6:9])
+        by_poses = covariance_by_poses(
+            self._filter.theta, self._filter.by_pose_error, place, agreed.by_pose_error, self._network.members
         )
         share = self._moves.noise.share if self._settings.share_estimates else None
         return claim(self._filter, agreed, share, by_poses, self._length, self._config.converged)
@@ -216,7 +216,7 @@ class InertialPhase:
         alpha = self._acceleration.estimate(derivative, block[:, :3], block[:, 6:9], others)
         return np.hstack([block[:, 9:15], alpha, np.ones((len(block), 1))])
 
-    def _acceleration_by_place(self, samples: Array, heard: Mapping[str, Array]) -> Array:
+    def _acceleration_by_pose_error(self, samples: Array, heard: Mapping[str, Array]) -> Array:
         """What the angular acceleration that the filter is fed is off by the own place, of some samples: (b, 3, 6).
 
         A neighbour sees this robot as it sees the neighbour, the other way round: where all take the mean, what this
@@ -224,7 +224,7 @@ class InertialPhase:
         """
         others = [heard[name][::_EVERY, 6:9] for name in self._poses]
         share = 2.0 / self._network.members if self._settings.share_acceleration else np.sqrt(2.0)
-        return share * self._acceleration.by_place(samples[::_EVERY, :3], self._inputs[::_EVERY, 6:9], others)
+        return share * self._acceleration.by_pose_error(samples[::_EVERY, :3], self._inputs[::_EVERY, 6:9], others)
 
     def _is_measured(self, average: Array) -> bool:
         """Whether no robot's share in a block was made up: what is made up spreads just as the sums that it spoils."""
@@ -246,16 +246,18 @@ class InertialPhase:
             self._filter = self._new_filter(centre)
             self._quiet_until = self._config.start_of(index) + _SETTLED
             self._first_agreed = index + self._mixing_rounds
-        own_alpha, by_place = self._own_acceleration[leaving]
+        own_alpha, by_pose_error = self._own_acceleration[leaving]
         alpha = average[:, 6:9] if self._settings.share_acceleration else own_alpha
         lag = np.zeros((len(samples[::_EVERY]), 12))
         lag[:, :6] = self._network.members * behind[::_EVERY, :6]
         if self._settings.share_acceleration:
             lag[:, 9:] = behind[::_EVERY, 6:9]
-        by_place = inputs_by_place((samples[:, 9:15] - average[:, :6])[::_EVERY], by_place)
+        by_pose_error = inputs_by_pose_error((samples[:, 9:15] - average[:, :6])[::_EVERY], by_pose_error)
         is_shared = self._settings.share_acceleration and self._settings.share_estimates
         mean_com = self._filter.theta[6:9] - self._grasp_centre if is_shared else None
-        self._filter.update(samples[:, :3], samples[:, 6:9], alpha, total[:, :3], total[:, 3:], by_place, lag, mean_com)
+        self._filter.update(
+            samples[:, :3], samples[:, 6:9], alpha, total[:, :3], total[:, 3:], by_pose_error, lag, mean_com
+        )
         self._watch_for_change(leaving, index, self._filter.surprise)
 
     def _watch_for_change(self, leaving: int, index: int, surprise: float) -> None:

@@ -91,7 +91,7 @@ def test_covariance_is_that_of_the_errors(count: int) -> None:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_place_that_is_off_moves_it_as_the_derivative_says(seed: int) -> None:
+def test_a_pose_error_changes_it_as_the_derivative_says(seed: int) -> None:
     team, rng, tiny = make_team(seed, count=3, duration=0.2), np.random.default_rng(seed), 1e-6
     others = [team.exact[:, i, ACCELERATION] for i in (1, 2)]
     gyro, own, alpha = team.exact[:, 0, GYRO], team.exact[:, 0, ACCELERATION], team.motion[:, 9:]
@@ -99,6 +99,6 @@ def test_a_place_that_is_off_moves_it_as_the_derivative_says(seed: int) -> None:
     moved = Pose(rotation_exp(tiny * error[:3]), tiny * error[3:])
     off = [moved.inverse() @ pose for pose in team.poses[1:]]
     found = AngularAcceleration(off, NOISE, RATE).estimate(alpha, gyro, own, others)
-    derivative = AngularAcceleration(team.poses[1:], NOISE, RATE).by_place(gyro, alpha, others)
+    derivative = AngularAcceleration(team.poses[1:], NOISE, RATE).by_pose_error(gyro, alpha, others)
     # The gyro's share, some thousandths, is not of the derivative.
     np.testing.assert_allclose((found - alpha) / tiny, derivative @ error, rtol=0.02, atol=0.02)

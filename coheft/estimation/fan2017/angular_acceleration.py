@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from coheft.estimation.fan2017.systematic import place_carried
+from coheft.estimation.fan2017.systematic import pose_error_transport
 from coheft.estimation.geometry.spatial import Array, Pose, skew
 from coheft.estimation.measurement import SensorNoise
 
@@ -32,9 +32,9 @@ class AngularAcceleration:
     """``alpha_i`` by least squares over the own and the neighbours' accelerometers and the differentiated gyro.
 
     A neighbour at ``p_ij`` sees ``R_ij a_j = a_i + alpha_i x p_ij + w_i x (w_i x p_ij)`` (eq. 17). All these equations
-    share the noise of the own accelerometer; with ``a_i`` as one more unknown, only the places relative to the centre
-    of the sensors count. Sensors on a line say nothing about alpha along it; the gyro's derivative, with its own large
-    variance, fills what is missing.
+    share the noise of the own accelerometer; with ``a_i`` as one more unknown, only the positions relative to the
+    centre of the sensors count. Sensors on a line do not show alpha along it; the gyro's derivative does, with a large
+    variance.
 
     Attributes:
         poses_j_in_i: The neighbours' poses.
@@ -72,8 +72,8 @@ class AngularAcceleration:
             moment += (seen - centripetal @ arm) @ lever.T
         return moment @ self.covariance
 
-    def by_place(self, gyro: Array, alpha: Array, others: Sequence[Array]) -> Array:
-        """How ``alpha_i`` follows when the own place is perturbed by ``(theta, p)``: to it, neighbours move instead.
+    def by_pose_error(self, gyro: Array, alpha: Array, others: Sequence[Array]) -> Array:
+        """Return the error of ``alpha_i`` per unit of the own pose error ``(theta, p)``: the neighbours seem to move.
 
         Args:
             gyro: Own ``w_i``, shape (B, 3) [rad/s].
@@ -81,7 +81,7 @@ class AngularAcceleration:
             others: The neighbours' ``a_j`` in their own frames, shape (B, 3) each.
 
         Returns:
-            Shape (B, 3, 6): by turn and by distance.
+            Shape (B, 3, 6): by the rotation and the translation.
         """
         result = np.zeros((len(gyro), 3, 6))
         crosses = skew(gyro)
@@ -100,17 +100,18 @@ class AngularAcceleration:
 
     @cached_property
     def _by_acceleration(self) -> list[tuple[Array, Array]]:
-        """Of each neighbour, the derivative of alpha by its acceleration, (3, 3), and its ``place_carried``, (6, 6)."""
+        """Of each neighbour, the derivative of alpha by its acceleration (3, 3), and ``pose_error_transport`` to it."""
         gains = self.covariance @ self._levers[1:]
-        return [(gain, place_carried(pose.translation)) for gain, pose in zip(gains, self.poses_j_in_i, strict=True)]
+        transports = [pose_error_transport(pose.translation) for pose in self.poses_j_in_i]
+        return list(zip(gains, transports, strict=True))
 
     @cached_property
     def _arms(self) -> Array:
-        """Places of all accelerometers, the own one first, relative to their centre, shape (1 + neighbours, 3) [m]."""
+        """Positions of all accelerometers, the own first, relative to their centre, shape (1 + neighbours, 3) [m]."""
         if not self.with_accelerometers:
-            return np.zeros((1 + len(self.poses_j_in_i), 3))  # sensors in one place say nothing
-        places = np.array([np.zeros(3), *(pose.translation for pose in self.poses_j_in_i)])
-        result: Array = places - places.mean(axis=0)
+            return np.zeros((1 + len(self.poses_j_in_i), 3))  # without lever arms accelerometers have no effect
+        positions = np.array([np.zeros(3), *(pose.translation for pose in self.poses_j_in_i)])
+        result: Array = positions - positions.mean(axis=0)
         return result
 
     @property

@@ -1,8 +1,8 @@
-"""How noisy total wrench and accelerations are that joint least squares is fed with.
+"""Covariance of the noise in total wrench and accelerations.
 
-How large the noise of a sum over the team is follows from no robot's own data sheet. The load moves smoothly, so it is
-measured: differences of high order leave nothing but noise. One of their seven steps spans two samples, which makes
-them as large for the derivative of a noisy gyro (eq. 16) as for white noise of the same variance.
+No robot's own data sheet gives the noise of a sum over the team, so it is measured: the load moves smoothly, and
+differences of high order contain nothing but noise. One of their seven steps spans two samples, so that the derivative
+of a noisy gyro (eq. 16) and white noise of the same variance have differences of the same variance.
 """
 
 from functools import cache, reduce
@@ -12,19 +12,19 @@ import numpy as np
 from coheft.estimation.geometry.spatial import Array
 
 _GUESSED = 10.0
-"""So many differences count as having been as large as is guessed, before any is seen."""
+"""Weight of the guess, as a number of differences."""
 _LEARNT = 50.0
-"""Of noise that has been measured over so many differences, none is ever again so much larger: the load has changed."""
+"""Once the noise is measured over so many differences, blocks with a much larger variance are not used: the load has
+changed in them."""
 _JUMP = 25.0
-"""So much larger its variance would have to be."""
+"""Factor by which that variance is larger."""
 
 
 class InputNoise:
-    """Covariance of white noise of ``(F, T, a, alpha)``, with its correlations: ``alpha`` comes of the same ``a``.
+    """Covariance of white noise of ``(F, T, a, alpha)``, with its correlations: ``alpha`` is computed from ``a``.
 
     Args:
         guess: Covariance before it is measured, shape (12, 12), positive definite.
-
     """
 
     def __init__(self, guess: Array) -> None:
@@ -32,11 +32,11 @@ class InputNoise:
 
     @property
     def covariance(self) -> Array:
-        """What it is by now, shape (12, 12)."""
+        """The covariance as measured so far, shape (12, 12)."""
         return self._sum / self._count
 
     def measure(self, inputs: Array) -> None:
-        """Learn from a block ``(F, T, a, alpha)``, shape (B, 12); nothing from fewer than nine samples."""
+        """Measure with a block ``(F, T, a, alpha)``, shape (B, 12); fewer than nine samples have no effect."""
         differences = _differences(len(inputs))
         if not len(differences):
             return

@@ -126,7 +126,7 @@ class JointRls:
         self._count, self._old_count = 0.0, 0.0
         self._has_changed = False
         self._scatter = np.zeros((n, n))
-        self._pull_of_place, self._pull_of_lag = np.zeros((n, 6)), np.zeros(n)
+        self._pull_of_pose_error, self._pull_of_lag = np.zeros((n, 6)), np.zeros(n)
         self._taken = 0
         self._squares = 0.0
         self._all = self._newest = self._solution(self._sums, self._count)
@@ -138,7 +138,7 @@ class JointRls:
         alpha: Array,
         force: Array,
         torque: Array,
-        by_place: Array | None = None,
+        by_pose_error: Array | None = None,
         lag: Array | None = None,
         mean_com: Array | None = None,
     ) -> None:
@@ -150,9 +150,9 @@ class JointRls:
             alpha: Angular acceleration, shape (B, 3) [rad/s²].
             force: Total force in ``F_i``, shape (B, 3) [N].
             torque: Total torque about the origin of ``F_i``, shape (B, 3) [N·m].
-            by_place: Errors of ``(F, T, a, alpha)`` per unit of error of the robot's frozen place, shape (b, 12, 6): of
+            by_pose_error: Errors of ``(F, T, a, alpha)`` per unit of the robot's own pose error, shape (b, 12, 6): of
                 every sample or, as they change as slowly as the motion, of every second, third, ..., from the first on.
-            lag: What is missing in ``(F, T, a, alpha)`` because sums lag behind, of the same samples, shape (b, 12).
+            lag: Errors of ``(F, T, a, alpha)`` by the lag of the sums, of the same samples, shape (b, 12).
             mean_com: Centre of mass in the robots' frames, their mean in the axes of ``F_i``, shape (3,) [m]: if all
                 share alpha, its error ``e`` adds ``e x h_j`` to the force equation of robot j, and on average this.
                 None where the robot's own estimate counts.
@@ -185,13 +185,13 @@ class JointRls:
             every = -(-len(w) // len(lag))
             late = every * _over_samples(weighted[::every], (lag @ by_inputs.T)[:, :, None])[:, 0]
         self._pull_of_lag = decay * self._pull_of_lag + late
-        self._pull_of_place *= decay
-        if by_place is not None:
-            every = -(-len(w) // len(by_place))
+        self._pull_of_pose_error *= decay
+        if by_pose_error is not None:
+            every = -(-len(w) // len(by_pose_error))
             mean_by_inputs = by_inputs.copy()
             if mean_com is not None:
                 mean_by_inputs[3:, 9:] = skew(mean_com)
-            self._pull_of_place += every * _over_samples(weighted[::every], mean_by_inputs @ by_place)
+            self._pull_of_pose_error += every * _over_samples(weighted[::every], mean_by_inputs @ by_pose_error)
         self._all = self._solution(self._sums + self._old, self._count + self._old_count)
         self._newest = self._solution(self._sums, self._count) if self._has_changed else self._all
         self.theta[self._free] = self._all.theta
@@ -226,10 +226,10 @@ class JointRls:
         return np.asarray(np.linalg.cholesky(noise + np.diag(_SINGULAR * noise.diagonal() + _KNOWN_STD**2)))
 
     @property
-    def by_place(self) -> Array:
-        """Error of theta per unit of error of the robot's place, shape (10, 6)."""
+    def by_pose_error(self) -> Array:
+        """Error of theta per unit of the robot's own pose error, shape (10, 6)."""
         result = np.zeros((10, 6))
-        result[self._free] = self._all.inverse @ self._pull_of_place
+        result[self._free] = self._all.inverse @ self._pull_of_pose_error
         return result
 
     @property
@@ -240,8 +240,8 @@ class JointRls:
         return result
 
     def note_better(self, factor: float) -> None:
-        """From now on the place is more accurate by this factor than it was for the samples so far."""
-        self._pull_of_place /= factor
+        """From now on the pose errors are smaller by this factor than they were for the samples so far."""
+        self._pull_of_pose_error /= factor
 
     def note_change(self) -> None:
         """The load has changed: what has been taken in so far is of another one."""
