@@ -34,9 +34,8 @@ def test_what_is_behind_is_as_large_as_is_said(noise: float, drift: float) -> No
         inbox, sent = sent, {}
         for name, others in LINE.items():
             own = thetas[name], np.zeros(10), np.zeros(10), np.zeros((10, 10))
-            robots[name].step(own, {other: inbox[other] for other in others if inbox}, is_reached=True)
-            stages, valid = robots[name].consensus.pipeline.sent()
-            sent[name] = {"parameters": stages, "parameters_valid": valid.astype(np.float64)}
+            robots[name].step(own, {other: inbox[other] for other in others if inbox}, has_mixed=True)
+            sent[name] = robots[name].average.channels()
             if block > 100:
                 off.append(robots[name].agreed.theta - mean)  # of the block before
                 said.append(robots[name].agreed.behind)

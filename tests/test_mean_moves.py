@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from coheft.agents.estimator import Channels
-from coheft.agents.fan2017.mean_moves import CHANNEL, MeanMoves
+from coheft.agents.fan2017.mean_moves import MeanMoves
 from coheft.agents.fan2017.network import Network
 from coheft.consensus.dynamic import Extrapolation
 from coheft.estimation.fan2017.mean_noise import MeanNoise
@@ -45,8 +45,7 @@ def test_a_move_of_the_mean_is_judged_by_the_gain_of_its_time() -> None:
         for (name, other), own in zip(others.items(), pull, strict=True):
             heard = {other: inbox[other]} if inbox else {}
             robots[name].step(_Estimate(gain @ own, gain), True, heard)  # type: ignore[arg-type]
-            stages, valid = robots[name].consensus.pipeline.sent()
-            sent[name] = {CHANNEL: stages, f"{CHANNEL}_valid": valid.astype(np.float64)}
+            sent[name] = robots[name].average.channels()
     for pull in pulls[:-ROUNDS]:
         expected.measure(pull.mean(axis=0), _Estimate(np.zeros(10), np.eye(10)))  # type: ignore[arg-type]
     for robot in robots.values():

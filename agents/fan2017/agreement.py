@@ -7,7 +7,7 @@ import numpy as np
 
 from coheft.agents.estimator import Channels
 from coheft.agents.fan2017.network import Network
-from coheft.consensus.dynamic import DynamicConsensus
+from coheft.agents.fan2017.team_average import TeamAverage
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.rigid_body.mass_properties import packed_rotation
 
@@ -56,16 +56,16 @@ class Agreement:
             np.array([0.0] * 9 + [1.0 / mass]), np.zeros(10), np.zeros(10), np.zeros((10, 10))
         )
         self._behind = np.zeros(_CHANNELS)
+        self.average = TeamAverage(network, "parameters", (1, 1, _CHANNELS), _transport)
         self.start({})
 
     def start(self, poses_j_in_i: Mapping[str, Pose]) -> None:
         """Start anew with these poses of the neighbours; what was agreed on holds until it has come as far again."""
-        self.consensus = DynamicConsensus(1, 1, _CHANNELS)
-        self._transports = {name: _transport(pose) for name, pose in poses_j_in_i.items()}
+        self.average.start(poses_j_in_i)
         self._left, self._before = self._own - self._mean, None
 
     def step(
-        self, own: tuple[Array, Array, Array, Array] | None, inbox: Mapping[str, Channels], *, is_reached: bool
+        self, own: tuple[Array, Array, Array, Array] | None, inbox: Mapping[str, Channels], *, has_mixed: bool
     ) -> None:
         """A round.
 
@@ -73,17 +73,16 @@ class Agreement:
             own: The robot's theta, shape (10,), its errors by the lag and by samples of another load, likewise, and its
                 covariance due to the own pose error, shape (10, 10); None before there are any.
             inbox: What the neighbours sent.
-            is_reached: Whether there have been rounds enough since the start.
+            has_mixed: Whether there have been rounds enough since the start.
         """
         former, self._own = self._own, self._own if own is None else _channels(*own)
-        stages = self._network.stages("parameters", self._transports, inbox, rounds=1)
-        mean = self.consensus.step(self._own[None], stages)
+        mean = self.average.step(self._own[None], inbox)
         moved = self._own - former
         self._behind = self._behind + moved
         if mean is not None and self._before is not None:  # what all estimates move alike does not make them differ
             moved = moved - (mean[0] - self._before)
         self._left, self._before = self._network.rate * self._left + moved, None if mean is None else mean[0]
-        if mean is not None and is_reached:
+        if mean is not None and has_mixed:
             self._mean, self._behind = mean[0], self._left
 
     @property

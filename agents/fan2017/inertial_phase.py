@@ -7,32 +7,23 @@ on which robots agree.
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import replace
-from math import ceil, log
 
 import numpy as np
 
 from coheft.agents.estimator import Channels
 from coheft.agents.fan2017.agreement import Agreed, Agreement
 from coheft.agents.fan2017.claims import claim
-from coheft.agents.fan2017.mean_moves import CHANNEL, MeanMoves
+from coheft.agents.fan2017.mean_moves import MeanMoves
 from coheft.agents.fan2017.network import Network
-from coheft.consensus.dynamic import DynamicConsensus
+from coheft.agents.fan2017.sample_averages import SampleAverages, TeamBlock
 from coheft.consensus.graph import Neighbours
-from coheft.estimation.fan2017.angular_acceleration import AngularAcceleration, gyro_derivative
 from coheft.estimation.fan2017.joint_rls import JointRls
-from coheft.estimation.fan2017.systematic import (
-    covariance_by_own_pose,
-    covariance_by_poses,
-    inputs_by_pose_error,
-    pose_error_covariance,
-)
-from coheft.estimation.geometry.spatial import Array, Pose
+from coheft.estimation.fan2017.systematic import covariance_by_own_pose, covariance_by_poses, pose_error_covariance
+from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.geometry.uncertain_pose import UncertainPose
 from coheft.wire.config import AgentConfig, KnownPayload
 from coheft.wire.messages.structs import LoadChangeNotice, PayloadEstimate
 
-_SAMPLE_CHANNELS = 10
-"""Per sample: total force and torque, angular acceleration, and 1 where these were measured or 0 where made up."""
 _SURPRISE = 9.0
 """A block is surprising when the mean square of its normalised residuals is so many times the usual one."""
 _SURPRISED_BLOCKS = 2
@@ -41,10 +32,8 @@ _SETTLED = 1.0
 """None is noticed so soon after the filter has started or noticed one [s]."""
 _MUCH_BETTER = 0.7
 """Poses are taken over when their standard deviations have fallen to this share: to start anew costs some blocks."""
-_LEFT = 2e-3
-"""Sums are looked at once so much is left of what robots disagreed on at the start."""
 _EVERY = 5
-"""Of so many samples one tells what poses and lag do to the estimate, and of so many blocks one what it is off."""
+"""One block in this many is used for the covariance of pose errors, which changes slowly."""
 _PATIENCE = 0.25
 """After so long without a complete sum, the load may have changed unnoticed [s]."""
 
@@ -74,13 +63,10 @@ class InertialPhase:
         self._settings = config.fan2017
         self._rounds = self._settings.rounds
         self._network = Network.of(config, graph)
-        # Blocks that have gone through this many times all rounds are what is looked at.
-        self._mixing_rounds = ceil(log(_LEFT) / log(max(self._network.rate, 1e-9)))
-        self._passes = ceil(self._mixing_rounds / self._rounds) - 1
+        self._samples = SampleAverages(config, self._network)
         self._agreement = Agreement(self._network, self._settings.initial_mass)
         self._moves = MeanMoves(self._network, self._rounds, config.blocks(self._settings.memory))
-        self._own_acceleration: dict[int, tuple[Array, Array]] = {}
-        self._inputs = np.zeros((config.block, _SAMPLE_CHANNELS))
+        self._averages = (self._samples.average, self._agreement.average, self._moves.average)
         self._by_pose_error = np.zeros((10, 10))
         self._filter: JointRls | None = None
         self._grasp_centre = np.zeros(3)
@@ -95,19 +81,13 @@ class InertialPhase:
     def _start_with(self, poses_j_in_i: Mapping[str, UncertainPose]) -> None:
         """Freeze the neighbours' poses as they are, and start all sums."""
         self._poses = dict(sorted(poses_j_in_i.items()))
-        poses = [each.pose for each in self._poses.values()]
-        self._transports = {name: _transport(each.pose) for name, each in self._poses.items()}
-        self._acceleration = AngularAcceleration(
-            poses, self._config.noise, self._config.rate, self._settings.acceleration == "accelerometers"
-        )
-        self._length = float(np.sqrt(np.mean([pose.translation @ pose.translation for pose in poses])))
-        self._sums = DynamicConsensus(self._rounds, self._config.block, _SAMPLE_CHANNELS)
-        for each in (self._agreement, self._moves):
-            each.start({name: pose.pose for name, pose in self._poses.items()})
+        poses = {name: each.pose for name, each in self._poses.items()}
+        self._length = float(np.sqrt(np.mean([pose.translation @ pose.translation for pose in poses.values()])))
+        for each in (self._samples, self._agreement, self._moves):
+            each.start(poses)
         self._surprised = 0
         self._next: int | None = None
-        self._converged_at: int | None = None
-        self._agreed_at = 0
+        self._agreed_at: int | None = None
 
     def is_worth_taking_over(self, poses_j_in_i: Mapping[str, UncertainPose]) -> bool:
         """Whether the neighbours' poses are known so much better by now that all sums should restart."""
@@ -126,59 +106,36 @@ class InertialPhase:
     @property
     def is_broken(self) -> bool:
         """Whether a neighbour's message was lost, so that every robot has to start the sums anew."""
-        return any(each.is_broken for each in self._consensuses.values())
+        return any(each.is_broken for each in self._averages)
 
     def step(
         self, index: int, blocks: Mapping[int, Array], heard: Mapping[str, Array], inbox: Mapping[str, Channels]
     ) -> None:
         """Let block ``index - 1`` enter the sums, and take in the one that leaves them."""
         if self._next not in (None, index):
-            for each in self._consensuses.values():
-                each.pipeline.clear()
+            for each in self._averages:
+                each.miss_block()
         self._next = index + 1
-        if self._converged_at is None:
-            self._converged_at = index + self._rounds * (1 + self._passes)
-            self._agreed_at = index + self._mixing_rounds
-        self._inputs = self._inputs_of(index - 1, blocks, heard)
-        self._own_acceleration = {k: each for k, each in self._own_acceleration.items() if k in blocks}
-        if self._inputs[0, 9]:
-            self._own_acceleration[index - 1] = (
-                self._inputs[:, 6:9],
-                self._acceleration_by_pose_error(blocks[index - 1], heard),
-            )
-        before = self._sums.pipeline.stages[-1]
-        finished = self._sums.step(self._inputs, self._network.stages("sums", self._transports, inbox, self._rounds))
-        leaving = index - 1 - self._rounds
-        is_converged = index >= self._converged_at
-        is_new = finished is not None and is_converged and leaving in self._own_acceleration
-        if finished is not None and is_new:
-            extrapolation = self._network.extrapolation
-            average = extrapolation.settled(finished, before)
-            if is_new := self._is_measured(average):
-                self._take_in(leaving, index, blocks[leaving], average, extrapolation.left * (finished - before))
-        self._moves.step(self._filter, is_new, inbox)
-        is_reached = self._filter is None or index >= self._agreed_at
-        self._agreement.step(self._own_estimate(index), inbox, is_reached=is_reached)
+        if self._agreed_at is None:
+            self._agreed_at = index + self._network.mixing_rounds
+        block = self._samples.step(index, blocks, heard, inbox)
+        if block is not None:
+            self._take_in(block, index)
+        self._moves.step(self._filter, block is not None, inbox)
+        has_mixed = self._filter is None or index >= self._agreed_at
+        self._agreement.step(self._own_estimate(index), inbox, has_mixed=has_mixed)
 
     def _own_estimate(self, index: int) -> tuple[Array, Array, Array, Array] | None:
         if self._filter is None:
             return None
-        if index % _EVERY == 0:  # it changes slowly
-            place = pose_error_covariance(list(self._poses.values()), self._filter.theta[6:9])
-            self._by_pose_error = covariance_by_own_pose(self._filter.by_pose_error, place)
+        if index % _EVERY == 0:
+            pose_error = pose_error_covariance(list(self._poses.values()), self._filter.theta[6:9])
+            self._by_pose_error = covariance_by_own_pose(self._filter.by_pose_error, pose_error)
         return self._filter.theta, self._filter.by_lag, self._filter.by_old, self._by_pose_error
-
-    @property
-    def _consensuses(self) -> dict[str, DynamicConsensus]:
-        return {"sums": self._sums, "parameters": self._agreement.consensus, CHANNEL: self._moves.consensus}
 
     def channels(self) -> dict[str, Array]:
         """What to send to the neighbours."""
-        channels: dict[str, Array] = {}
-        for name, consensus in self._consensuses.items():
-            stages, valid = consensus.pipeline.sent()
-            channels |= {name: stages, f"{name}_valid": valid.astype(np.float64)}
-        return channels
+        return {name: values for each in self._averages for name, values in each.channels().items()}
 
     def payload(self) -> tuple[PayloadEstimate, tuple[str, ...]] | None:
         """The robots' agreed estimate with its covariance, and why it has not converged, if it has not."""
@@ -187,9 +144,9 @@ class InertialPhase:
         agreed = self._agreed(self._filter)
         if agreed.theta[9] <= 0.0 or self._filter.theta[9] <= 0.0:
             return None
-        place = pose_error_covariance(list(self._poses.values()), self._filter.theta[6:9])
+        pose_error = pose_error_covariance(list(self._poses.values()), self._filter.theta[6:9])
         by_poses = covariance_by_poses(
-            self._filter.theta, self._filter.by_pose_error, place, agreed.by_pose_error, self._network.members
+            self._filter.theta, self._filter.by_pose_error, pose_error, agreed.by_pose_error, self._network.members
         )
         share = self._moves.noise.share if self._settings.share_estimates else None
         return claim(self._filter, agreed, share, by_poses, self._length, self._config.converged)
@@ -203,62 +160,26 @@ class InertialPhase:
         theta, behind = np.where(is_known, own.theta, agreed.theta), np.where(is_known, 0.0, agreed.behind)
         return replace(agreed, theta=theta, behind=behind)
 
-    def _inputs_of(self, index: int, blocks: Mapping[int, Array], heard: Mapping[str, Array]) -> Array:
-        """This robot's wrench and angular acceleration of a block; the last ones if a measurement is missing."""
-        near = [blocks.get(index + offset) for offset in (-1, 0, 1)]
-        if any(block is None for block in near) or not heard.keys() >= self._poses.keys():
-            made_up = self._inputs.copy()
-            made_up[:, 9] = 0.0
-            return made_up
-        before, block, after = (block for block in near if block is not None)
-        derivative = gyro_derivative(before[-1, :3], block[:, :3], after[0, :3], self._config.rate)
-        others = [heard[name][:, 6:9] for name in self._poses]
-        alpha = self._acceleration.estimate(derivative, block[:, :3], block[:, 6:9], others)
-        return np.hstack([block[:, 9:15], alpha, np.ones((len(block), 1))])
-
-    def _acceleration_by_pose_error(self, samples: Array, heard: Mapping[str, Array]) -> Array:
-        """What the angular acceleration that the filter is fed is off by the own place, of some samples: (b, 3, 6).
-
-        A neighbour sees this robot as it sees the neighbour, the other way round: where all take the mean, what this
-        place does to the neighbour's estimate and to its own adds up. Else the neighbours' places are off as much.
-        """
-        others = [heard[name][::_EVERY, 6:9] for name in self._poses]
-        share = 2.0 / self._network.members if self._settings.share_acceleration else np.sqrt(2.0)
-        return share * self._acceleration.by_pose_error(samples[::_EVERY, :3], self._inputs[::_EVERY, 6:9], others)
-
-    def _is_measured(self, average: Array) -> bool:
-        """Whether no robot's share in a block was made up: what is made up spreads just as the sums that it spoils."""
-        return bool(np.abs(1.0 - average[:, 9]).max() < 0.5 / self._network.members)
-
     def doubt(self, block: int) -> str | None:
         """Why the load may have changed without having been noticed by now, the start of a block; None if it cannot."""
         if block - 1 - self._rounds - self.newest > self._config.blocks(_PATIENCE):
             return f"no complete sum of the team since {self._config.start_of(self.newest + 1):.2f} s"
         return "wrenches no longer fit the load: it may have changed" if self._surprised else None
 
-    def _take_in(self, leaving: int, index: int, samples: Array, average: Array, behind: Array) -> None:
-        total = self._network.members * average[:, :6]
-        self.newest = leaving
-        self.total_wrench = total[-1]
+    def _take_in(self, block: TeamBlock, index: int) -> None:
+        self.newest, self.total_wrench = block.number, block.wrench[-1]
         if self._filter is None:
             self._grasp_centre = self._agreement.centre
             centre = self._grasp_centre if self._settings.initial_com == "centre" else np.zeros(3)
             self._filter = self._new_filter(centre)
             self._quiet_until = self._config.start_of(index) + _SETTLED
-            self._first_agreed = index + self._mixing_rounds
-        own_alpha, by_pose_error = self._own_acceleration[leaving]
-        alpha = average[:, 6:9] if self._settings.share_acceleration else own_alpha
-        lag = np.zeros((len(samples[::_EVERY]), 12))
-        lag[:, :6] = self._network.members * behind[::_EVERY, :6]
-        if self._settings.share_acceleration:
-            lag[:, 9:] = behind[::_EVERY, 6:9]
-        by_pose_error = inputs_by_pose_error((samples[:, 9:15] - average[:, :6])[::_EVERY], by_pose_error)
-        is_shared = self._settings.share_acceleration and self._settings.share_estimates
-        mean_com = self._filter.theta[6:9] - self._grasp_centre if is_shared else None
-        self._filter.update(
-            samples[:, :3], samples[:, 6:9], alpha, total[:, :3], total[:, 3:], by_pose_error, lag, mean_com
-        )
-        self._watch_for_change(leaving, index, self._filter.surprise)
+            self._first_agreed = index + self._network.mixing_rounds
+        mean_com = None
+        if self._settings.share_acceleration and self._settings.share_estimates:
+            mean_com = self._filter.theta[6:9] - self._grasp_centre
+        force, torque = block.wrench[:, :3], block.wrench[:, 3:]
+        self._filter.update(block.w, block.a, block.alpha, force, torque, block.by_pose_error, block.lag, mean_com)
+        self._watch_for_change(block.number, index, self._filter.surprise)
 
     def _watch_for_change(self, leaving: int, index: int, surprise: float) -> None:
         self._surprised = self._surprised + 1 if surprise > _SURPRISE else 0
@@ -278,8 +199,7 @@ class InertialPhase:
         wrench_covariance = np.diag(np.repeat([n * noise.force**2, n * torque_variance], 3))
         motion_covariance = np.zeros((6, 6))
         motion_covariance[:3, :3] = noise.acceleration**2 * np.eye(3)
-        sharing = n if self._settings.share_acceleration else 1
-        motion_covariance[3:, 3:] = self._acceleration.covariance / sharing
+        motion_covariance[3:, 3:] = self._samples.alpha_covariance
         return JointRls(
             centre,
             wrench_covariance,
@@ -293,14 +213,6 @@ class InertialPhase:
 
 def _share(pose: UncertainPose, used: UncertainPose) -> float:
     return pose.translation_std / used.translation_std
-
-
-def _transport(pose_j_in_i: Pose) -> Array:
-    """``X_ij`` of samples (wrench, angular acceleration, 1)."""
-    result = np.eye(_SAMPLE_CHANNELS)
-    result[:6, :6] = pose_j_in_i.adjoint()
-    result[6:9, 6:9] = pose_j_in_i.rotation
-    return result
 
 
 def _known(told: KnownPayload) -> dict[int, float]:

@@ -8,13 +8,12 @@ import numpy as np
 from coheft.agents.estimator import Channels
 from coheft.agents.fan2017.agreement import turned
 from coheft.agents.fan2017.network import Network
-from coheft.consensus.dynamic import DynamicConsensus
+from coheft.agents.fan2017.team_average import TeamAverage
 from coheft.estimation.fan2017.joint_rls import JointRls
 from coheft.estimation.fan2017.mean_noise import MeanNoise
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.linear_algebra import inverse
 
-CHANNEL = "moves"
 _CHANNELS = 11
 """The move of theta by a block, and 1 if the block was used."""
 
@@ -32,13 +31,13 @@ class MeanMoves:
         self._network = network
         self._rounds = rounds
         self.noise = MeanNoise(memory)
+        self.average = TeamAverage(network, "moves", (rounds, 1, _CHANNELS), _transport)
         self.start({})
 
     def start(self, poses_j_in_i: Mapping[str, Pose]) -> None:
         """Start anew, with the poses of the neighbours."""
-        self.consensus = DynamicConsensus(self._rounds, 1, _CHANNELS)
+        self.average.start(poses_j_in_i)
         self._gains: deque[Array | None] = deque(maxlen=self._rounds)
-        self._transports = {name: _transport(pose) for name, pose in poses_j_in_i.items()}
 
     def step(self, estimate: JointRls | None, is_new: bool, inbox: Mapping[str, Channels]) -> None:
         """Process a block.
@@ -51,7 +50,7 @@ class MeanMoves:
         entering = np.zeros((1, _CHANNELS))
         if estimate is not None and is_new:
             entering[0] = np.append(estimate.moved, 1.0)
-        mean = self.consensus.step(entering, self._network.stages(CHANNEL, self._transports, inbox, self._rounds))
+        mean = self.average.step(entering, inbox)
         gain_then = self._gains[0] if self._gains else None
         self._gains.append(None if estimate is None else estimate.gain)
         is_complete = mean is not None and mean[0, -1] > 1.0 - 0.5 / self._network.members

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache, lru_cache
+from math import ceil, log
 
 import numpy as np
 
@@ -15,6 +16,8 @@ from coheft.consensus.pipeline import NeighbourStages
 from coheft.estimation.geometry.spatial import Array
 from coheft.wire.config import AgentConfig
 
+_LEFT = 2e-3
+"""Sums are used once the initial disagreement has shrunk to this share."""
 _WORTH = 0.15
 """Sums are extrapolated if no larger share of their lag is left then: its size is known, but not its sign."""
 
@@ -46,6 +49,11 @@ class Network:
         if not settings.extrapolate or extrapolation.share > _WORTH:
             extrapolation = Extrapolation(0.0, rate / (1.0 - rate), 1.0)  # if only the slowest part is left
         return Network(len(graph), gains, rate, extrapolation)
+
+    @property
+    def mixing_rounds(self) -> int:
+        """After how many rounds the initial disagreement has shrunk so far that sums are used."""
+        return ceil(log(_LEFT) / log(max(self.rate, 1e-9)))
 
     def stages(
         self, channel: str, transports: Mapping[str, Array], inbox: Mapping[str, Channels], rounds: int
