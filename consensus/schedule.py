@@ -12,7 +12,7 @@ Every robot computes the same schedule from the graph that it learned by gossip.
 edge then carries only two values per block, however many rounds there are, and no robot computes eigenvalues.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -171,18 +171,11 @@ def tree(neighbours: Neighbours) -> TreeSchedule:
 
 def _in_leja_order(points: Array) -> Array:
     """Return points in Leja's order: each next one maximizes the product of distances to those before it."""
-    return np.array(list(_leja(points)))
-
-
-def _leja(points: Array) -> Iterator[float]:
-    remaining = np.array(points)
-    chosen: list[float] = []
-    largest = int(np.argmax(np.abs(remaining)))
-    while True:
-        chosen.append(float(remaining[largest]))
-        yield chosen[-1]
-        remaining = np.delete(remaining, largest)
-        if not len(remaining):
-            return
-        distance = np.log(np.abs(np.subtract.outer(remaining, chosen)) + 1e-300).sum(axis=1)
-        largest = int(np.argmax(distance))
+    chosen = [float(points[np.argmax(np.abs(points))])]
+    remaining = np.delete(points, np.argmax(np.abs(points)))
+    while len(remaining):
+        log_product = np.log(np.abs(np.subtract.outer(remaining, chosen)) + 1e-300).sum(axis=1)
+        farthest = int(np.argmax(log_product))
+        chosen.append(float(remaining[farthest]))
+        remaining = np.delete(remaining, farthest)
+    return np.array(chosen)
