@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_left
 from collections.abc import Callable
+from enum import Enum
 from functools import partial
 from typing import NamedTuple
 
@@ -69,6 +70,17 @@ class Cause(NamedTuple):
     is_load: bool = False
 
 
+class State(Enum):
+    """What is known of a change whose cause is not."""
+
+    CONTRADICTION = "motions contradict each other: a grasp has slipped, or a sensor is faulty"
+    LOAD_OR_SLIP = "wrenches differ: the load has changed, or a grasp has slipped"
+    AFTER_GAP = "rows were missing: the load may have changed, a grasp may have slipped, or both"
+    EXPECTED_LOAD = "a change was expected, and wrenches differ"
+    EXPLAINED = "what was noticed is explained, but more may have occurred"
+    LOAD_CHANGED = "the load has changed for certain; a grasp may have slipped as well"
+
+
 class Suspicion:
     """A change whose cause is not known yet: what was known before, and all rows since.
 
@@ -78,13 +90,10 @@ class Suspicion:
         first: Number of the first row after the change, as far as is known.
         noticed: Number of the row at which it was noticed.
         changes: Number of load changes before.
-        is_load: Whether it looks like a load change; if not, motions contradict each other.
-        is_expected: Whether all that has been noticed is explained, but more may have occurred: rows were missing, or
-            the load has changed.
+        state: What is known of the change.
 
     Attributes:
-        noticed, changes, is_load, is_expected: As given.
-        is_load_certain: Whether the load has changed for certain, even if a grasp has slipped as well.
+        noticed, changes: As given.
         favours_change: Whether rows are likelier with a change that is only expected, of a grasp or of the load.
     """
 
@@ -95,16 +104,14 @@ class Suspicion:
         first: int,
         noticed: int,
         changes: int,
-        is_load: bool = False,
-        is_expected: bool = False,
+        state: State,
     ) -> None:
         self._before, self._rows, self._first = before, rows, first
         self._next, self._tried = _LEAST, dict[int, LogRatios]()
-        self.noticed, self.changes, self.is_load = noticed, changes, is_load
+        self.noticed, self.changes, self._state = noticed, changes, state
+        self._began_after_gap, self.favours_change = state is State.AFTER_GAP, False
         self._oldest = -1  # rows before this number are of another load
         self._contradicts = self._rests = False  # if it rests, nothing is compared until motions contradict each other
-        self.is_load_certain, self._was_noticed = False, not is_expected
-        self.is_expected, self.favours_change, self._is_load_known = is_expected, False, is_load
 
     @staticmethod
     def of_change(
@@ -122,14 +129,30 @@ class Suspicion:
         numbers = buffer.numbers[begin : buffer.count].tolist()
         rows = dict(zip(numbers, buffer.window(begin).copy(), strict=True))
         first = numbers[index - begin] if index < buffer.count else noticed
-        return Suspicion(Before.of(known, begin, unnoticed, later), rows, first, noticed, changes, is_load)
+        state = State.LOAD_OR_SLIP if is_load else State.CONTRADICTION
+        return Suspicion(Before.of(known, begin, unnoticed, later), rows, first, noticed, changes, state)
 
     @staticmethod
     def after_gap(known: Knowledge, since: int, changes: int, unnoticed: Unnoticed, later: int) -> Suspicion:
         """The suspicion when rows have been missing; ``since`` is the number of the first row that is not."""
         missing = max(0, since - known.buffer.number_at(known.buffer.count))
         before = Before.of(known, known.buffer.count, unnoticed, later, missing)
-        return Suspicion(before, {}, since, since, changes, is_expected=True)
+        return Suspicion(before, {}, since, since, changes, State.AFTER_GAP)
+
+    @property
+    def is_load(self) -> bool:
+        """Whether it looks like a load change."""
+        return self._state in (State.LOAD_OR_SLIP, State.EXPECTED_LOAD)
+
+    @property
+    def is_expected(self) -> bool:
+        """Whether a change was expected before any was noticed: rows were missing, or the load has changed."""
+        return self._state not in (State.CONTRADICTION, State.LOAD_OR_SLIP)
+
+    @property
+    def is_load_certain(self) -> bool:
+        """Whether the load has changed for certain, even if a grasp has slipped as well."""
+        return self._state is State.LOAD_CHANGED
 
     @property
     def is_open(self) -> bool:
@@ -137,9 +160,8 @@ class Suspicion:
         return not self.is_expected or self.is_load or self.favours_change
 
     def notice_load(self) -> None:
-        """Process that it looks like a load change now."""
-        self.is_load = self._is_load_known = True
-        self.is_load_certain = self._rests = False
+        """Process that it looks like a load change now, as was expected."""
+        self._state, self._rests = State.EXPECTED_LOAD, False
 
     def notice_contradiction(self) -> None:
         """Process that motions contradict each other: a load that has changed does not explain that."""
@@ -158,8 +180,8 @@ class Suspicion:
             is_certain: Whether that is another load, not a faulty sensor.
         """
         self._leave_out_before(number)
-        self.is_load, self.is_expected, self.is_load_certain = False, True, is_certain
-        self._rests = self._was_noticed and not self._contradicts
+        self._state = State.LOAD_CHANGED if is_certain else State.EXPLAINED
+        self._rests = not (self._began_after_gap or self._contradicts)
 
     def begin_at(self, number: int, changes: int) -> None:
         """Leave out the rows before this one: after a gap, the load has changed once more, possibly to what it was.
@@ -170,7 +192,8 @@ class Suspicion:
         """
         self.changes = changes
         self._leave_out_before(number)
-        self.is_load = self.is_load_certain = False
+        if self._state is not State.AFTER_GAP:
+            self._state = State.EXPLAINED
 
     def _leave_out_before(self, number: int) -> None:
         self._rows = {each: row for each, row in self._rows.items() if each >= number}
@@ -212,7 +235,7 @@ class Suspicion:
         both, first_of_both = _likeliest(len(numbers), index, lambda start: float(ratios(start).slips_with_load.max()))
         is_load, others = both > slip + guards.lead or self.is_load_certain, max(load, sensor, 0.0)
         lead, doubtful = (both if is_load else slip) - others, max(slip, both) - others
-        if not self._is_load_known:
+        if self._state is State.AFTER_GAP:  # a change of the load has not been noticed yet
             doubtful = max(doubtful, load)
         self.favours_change = self.is_expected and doubtful > guards.doubt
         if lead <= guards.lead:
