@@ -7,7 +7,9 @@ a look is due -> no window of rows is unlike the others      the load is confirm
                  -> not, but the load is still to be confirmed   leave new wrenches out; after a while, it fits no more
                  -> not                                          look again when more of them have come, or in a while
 
-The detector changes fits, but neither the load nor what is known of it: the session does that with what is detected.
+Each fit becomes the estimate at which rows are evaluated: a comparison evaluates them at a fit to the rows before, and
+is followed by a fit to all rows if nothing is detected. The detector changes neither the load nor what is known of it:
+the session does that with what is detected.
 """
 
 from __future__ import annotations
@@ -176,17 +178,17 @@ class ChangeDetector:
         now = known.estimate
         assert now is not None
         since, statistic, step = known.innovations.look_for_change(buffer, small=self._steps.sought(now))
-        is_likely, self._is_likely = self._is_likely, False
-        if statistic <= 1.0 and not is_likely:
-            confirmation.count()
-            self._take(step, buffer)
-            return None
-        index = buffer.start + since
-        if not is_likely and known.surprise(index, now) < self._guards.worth_a_fit:  # uncertain poses may explain it
-            if confirmation.is_open:
+        index, was_likely, self._is_likely = buffer.start + since, self._is_likely, False
+        if not was_likely:
+            if statistic <= 1.0:
                 confirmation.count()
-                self._refine(known, number)
-            return None
+                self._take(step, buffer)
+                return None
+            if known.surprise(index, now) < self._guards.worth_a_fit:  # uncertain poses may explain it
+                if confirmation.is_open:
+                    confirmation.count()
+                    self._refine(known, number)
+                return None
         if confirmation.is_open:
             return self._compare_unconfirmed(known, index, number)
         found = self._compare(known, index, number)
@@ -198,18 +200,12 @@ class ChangeDetector:
         self._steps.take(step, 0 if step is None else buffer.number_at(buffer.start + step.first))
 
     def _compare(self, known: Knowledge, index: int, number: int) -> Detected | None:
-        """Compare the rows from this index on with a fit to the rows before only.
-
-        In the first load of a small team, poses and sensor errors are known from the rows of this load alone. If these
-        are of two loads, they hide where it has changed, so the change is located with all uncertainty.
-        """
-        is_located = known.is_small and known.is_first_load and not known.misses_poses
-        found, least = self._detected(known, index), self._guards.worth_a_fit
+        """Compare the rows from this index on with a fit to the rows before only."""
+        may_hide = known.is_small and known.is_first_load and not known.misses_poses
+        found, least = self._change_at(known, index), self._guards.worth_a_fit
         rows = known.buffer.count - found.at
-        if is_located:
-            located = self._detected(known, known.one_load(known.fit()).likeliest_change())
-            if located.surprise > least and not located.before.misses_poses:
-                found = located._replace(surprise=max(found.surprise, located.surprise))
+        if may_hide:
+            found = self._change_in_first_load(known, found)
         if found.surprise > 1.0:
             return found
         self._is_likely = found.surprise > least
@@ -218,14 +214,24 @@ class ChangeDetector:
         known.fit()
         return None
 
-    def _detected(self, known: Knowledge, index: int) -> Detected:
-        """What a comparison with the rows before this index detects."""
+    def _change_at(self, known: Knowledge, index: int) -> Detected:
+        """Return the change at this index or before, with a fit to the rows before it."""
         buffer, before = known.buffer, known.fit(end=index)
         first = buffer.start + known.innovations.look_for_change(buffer).first
         if first < index:  # rows of the other load were among those that were fitted
             before = known.fit(end=first)
-        surprise = known.surprise(first, before)
-        return Detected(Event.LOAD_CHANGED, first, before, surprise)
+        return Detected(Event.LOAD_CHANGED, first, before, known.surprise(first, before))
+
+    def _change_in_first_load(self, known: Knowledge, found: Detected) -> Detected:
+        """Return the change that a fit to all rows locates with all uncertainty; if it is no change, the one found.
+
+        In the first load of a small team, poses and sensor errors are known from the rows of this load alone. If these
+        are of two loads, they hide where it has changed.
+        """
+        located = self._change_at(known, known.one_load(known.fit()).likeliest_change())
+        if located.surprise > self._guards.worth_a_fit and not located.before.misses_poses:
+            return located._replace(surprise=max(found.surprise, located.surprise))
+        return found
 
     def _compare_unconfirmed(self, known: Knowledge, index: int, number: int) -> Detected | None:
         """Compare the rows from this index on with a fit to the wrenches that are confirmed.

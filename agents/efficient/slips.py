@@ -146,7 +146,7 @@ class Suspicion:
 
     @property
     def is_expected(self) -> bool:
-        """Whether a change was expected before any was noticed: rows were missing, or the load has changed."""
+        """Whether more may have changed than was noticed: rows were missing, or what was noticed is explained."""
         return self._state not in (State.CONTRADICTION, State.LOAD_OR_SLIP)
 
     @property
