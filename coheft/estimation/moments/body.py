@@ -18,6 +18,7 @@ import numpy as np
 from coheft.estimation.geometry.spatial import CROSS_OF_AXES, Array, skew
 from coheft.estimation.linear_algebra import inverse as inverse_of
 from coheft.estimation.moments import rows
+from coheft.estimation.moments.corrections import Corrections
 from coheft.estimation.moments.flexing import FLEXING_SIZE
 from coheft.estimation.moments.rows import KINEMATICS_SIZE, ROW_SIZE, RowNoise
 from coheft.estimation.moments.sensor_errors import MORE, ONE, RATES
@@ -128,143 +129,116 @@ class BodyModel:
     """
 
     def __init__(self, state: State, noise: RowNoise, unknowns: Unknowns) -> None:
+        # Each attribute is a function of the arguments and of the attributes above it.
         self.state, self.noise, self.unknowns = state, noise, unknowns
-        self.count, self.has_rates = len(state.poses), unknowns.errors.has_rates
+        errors, self.count, self.has_rates = unknowns.errors, len(state.poses), unknowns.errors.has_rates
         self.one = ROW_SIZE * self.count
-        moving, flexing = MOTION_SIZE * (1 + self.has_rates), FLEXING_SIZE * unknowns.errors.is_flexing
+        moving, flexing = MOTION_SIZE * (1 + self.has_rates), FLEXING_SIZE * errors.is_flexing
         self.features = moving + flexing * self.count
         self.flexing: Indices = np.arange(moving, self.features).reshape(self.count, flexing)
         of_motion = np.r_[0:4, 7:MOTION_SIZE]
         of_rates = MOTION_SIZE + of_motion[1:] if self.has_rates else []
         self.forcing: Indices = np.r_[of_motion, of_rates, self.flexing[:, FLEXING_SIZE // 2 :].ravel()].astype(np.intp)
+
         self.rotations = np.array([pose.rotation for pose in state.poses])
         self.positions = np.array([pose.translation for pose in state.poses])
-        self.weight = 1.0 / self._corrected(noise.kinematics, rows.KINEMATICS)
+        self.predict = _prediction(self.rotations, self.positions)
+        self.predict_products = _turned_products(self.rotations.swapaxes(1, 2))
+        self.adjoints = _adjoints(self.rotations, self.positions)
+
+        corrections = Corrections(noise, errors, state.calibration, self.count)
+        self.weight = 1.0 / corrections.variance(rows.KINEMATICS)
         self.shares = self.weight[:, 0] / max(self.weight[:, 0].sum(), _FAINT)
-        self.residual_noise: Array | None = None
-        self._set_motion()
-        self._set_wrench()
+        self.twist = Fusion.of(TWIST, rows.TWIST, self.weight, self.predict)
+        self.accelerations = Fusion.of(ACCELERATIONS, rows.ACCELERATIONS, self.weight, self.predict)
+        self.motion_noise, self.residual_noise = self._noise_of_features(corrections)
+        self.fusion_map = self._fusion_map()
+        self.motion_map = self._motion_map()
 
-    def _set_motion(self) -> None:
-        count, rotations, to_own = self.count, self.rotations, self.rotations.swapaxes(1, 2)
-        lever = skew(self.positions)
-        self.predict = predict = np.zeros((count, KINEMATICS_SIZE, MOTION_SIZE))
-        predict[:, rows.W, W] = predict[:, rows.V, V] = predict[:, rows.A, A] = predict[:, rows.SLOPE, ALPHA] = to_own
-        predict[:, rows.V, W] = predict[:, rows.A, ALPHA] = -to_own @ lever
-        predict[:, rows.A, PRODUCTS] = to_own @ _centripetal(self.positions)
-        self.predict_products = pack_symmetric(to_own[:, None] @ _PACKED @ rotations[:, None]).swapaxes(1, 2)
-        self.twist = Fusion.of(TWIST, rows.TWIST, self.weight, predict)
-        self.accelerations = Fusion.of(ACCELERATIONS, rows.ACCELERATIONS, self.weight, predict)
+        wrench_map = np.zeros((6, self.one + 1))
+        wrench_map[:, :-1].reshape(6, self.count, ROW_SIZE)[:, :, rows.WRENCH] = self.adjoints.transpose(1, 0, 2)
+        self.wrench_map = self._of_extended(wrench_map)
+        self.rate_variance = corrections.variance_of_rates(rows.WRENCH) / noise.slowness
+        variance = corrections.variance(rows.WRENCH)
+        is_there = np.isfinite(variance)
+        self.wrench_variance = np.where(is_there, variance, 0.0) / noise.slowness
+        in_total = np.where(is_there, variance, _NO_SENSOR**2)
+        self.wrench_noise: Array = (self.adjoints * in_total[:, None] @ self.adjoints.swapaxes(1, 2)).sum(axis=0)
 
-        self.fusion_map = fusion_map = np.zeros((MOTION_SIZE, self.one + 1))
-        self.motion_noise = np.zeros((self.features, self.features))
-        fusion_map[0, -1] = 1.0
-        of_rows = fusion_map[:, :-1].reshape(MOTION_SIZE, count, ROW_SIZE)
-        to_body = pack_symmetric(rotations[:, None] @ _PACKED @ to_own[:, None])
-        of_rows[PRODUCTS, :, rows.PRODUCTS] = (self.shares[:, None, None] * to_body).transpose(2, 0, 1)
+    def _noise_of_features(self, corrections: Corrections) -> tuple[Array, Array | None]:
+        """Return ``motion_noise`` and ``residual_noise``."""
+        motion, errors = np.zeros((self.features, self.features)), self.unknowns.errors
         for fusion in (self.twist, self.accelerations):
-            of_rows[fusion.part, :, fusion.sensors] = fusion.gain.transpose(1, 0, 2)
-            self.motion_noise[fusion.part, fusion.part] = fusion.covariance / self.noise.slowness
-        self._take_out_gyro_offset(fusion_map)
-        centripetal = (self.accelerations.gain @ predict[:, rows.ACCELERATIONS, PRODUCTS]).sum(axis=0)
-        fusion_map[ACCELERATIONS] -= centripetal @ fusion_map[PRODUCTS]
-        self.motion_map = self._of_extended(fusion_map)
-        if self.unknowns.errors.more and self.state.calibration is not None:
-            self.residual_noise = np.zeros((self.count, KINEMATICS_SIZE, self.features))
-            more = np.zeros((self.features - MOTION_SIZE, self.motion_map.shape[1]))
-            by_robot = more[:, fusion_map.shape[1] :].reshape(len(more), self.count, self.unknowns.errors.more)
-            if self.has_rates:
-                self._set_noise_of_rates()
-                rates = of_rows.swapaxes(0, 1) @ self.state.calibration[:, _OWN_RATES, _OWN_RATES]
-                by_robot[:MOTION_SIZE, :, :ROW_SIZE] = rates.swapaxes(0, 1)
-            if self.unknowns.errors.is_flexing:
-                self._set_noise_of_flexing()
-                for robot, entries in enumerate(self.flexing - MOTION_SIZE):
-                    by_robot[entries, robot, -FLEXING_SIZE:] = np.eye(FLEXING_SIZE)
-            self.motion_map = np.vstack([self.motion_map, more])
-
-    def _variance_of_rates(self, deviations: Array, part: slice) -> Array:
-        """Variance of the rates of a part of all rows (N, k), from the deviations (N or 1, k) of its numbers."""
-        variance = np.where(np.isfinite(deviations), deviations, 0.0) ** 2.0 * self.noise.rates[:, part] ** 2.0
-        return np.broadcast_to(variance, (self.count, variance.shape[1]))
-
-    def _late(self, part: slice) -> Array:
-        """Correction of a part of each row by its rates, shape (N, k, k); there must be rates."""
-        assert self.state.calibration is not None
-        return self.state.calibration[:, part, RATES + part.start : RATES + part.stop]
-
-    def _corrected(self, deviations: Array, part: slice) -> Array:
-        """Variance of a part of all rows, corrected by its rates where there are any, shape (N, k)."""
-        variance: Array = np.broadcast_to(deviations**2.0, (self.count, deviations.shape[1]))
+            motion[fusion.part, fusion.part] = fusion.covariance / self.noise.slowness
+        if not errors.more or self.state.calibration is None:
+            return motion, None
+        residual = np.zeros((self.count, KINEMATICS_SIZE, self.features))
         if self.has_rates:
-            by_rates = np.square(self._late(part)) @ self._variance_of_rates(deviations, part)[..., None]
-            variance = variance + by_rates[..., 0]
-        if self.unknowns.errors.is_flexing and self.state.calibration is not None:
-            by_flexing = np.square(self._compliance()[:, part]) @ self._variance_of_flexing()[..., None]
-            variance = variance + by_flexing[..., 0]
-        return variance
+            self._add_noise_of_rates(motion, residual, corrections)
+        if errors.is_flexing:
+            self._add_noise_of_flexing(motion, residual, corrections)
+        return motion, residual
 
-    def _compliance(self) -> Array:
-        """Correction of each row by the robot's flexing, shape (N, width, 6)."""
-        assert self.state.calibration is not None
-        return self.state.calibration[:, :, self.unknowns.errors.flexing]
-
-    def _variance_of_flexing(self) -> Array:
-        """Effective noise variance of each robot's flexing, shape (N, 6)."""
-        force = np.where(np.isfinite(self.noise.wrench), self.noise.wrench, 0.0)[:, [0, 1, 2, 0, 1, 2]]
-        return np.broadcast_to(force**2.0 * self.noise.flexing**2.0, (self.count, FLEXING_SIZE))
-
-    def _set_noise_of_rates(self) -> None:
-        """Noise covariances with rates: these correct late readings, and also give the rates of ``psi``."""
-        late, noise = self._late(rows.KINEMATICS), self.motion_noise
-        variance = self._variance_of_rates(self.noise.kinematics, rows.KINEMATICS) / self.noise.slowness
-        assert self.residual_noise is not None
+    def _add_noise_of_rates(self, motion: Array, residual: Array, corrections: Corrections) -> None:
+        """Rates correct late readings, and also give the rates of ``psi``."""
+        late = corrections.by_rates(rows.KINEMATICS)
+        variance = corrections.variance_of_rates(rows.KINEMATICS) / self.noise.slowness
         for fusion in (self.twist, self.accelerations):
             gain, of_rates = fusion.gain, variance[:, None, fusion.sensors]
             own = (late[:, fusion.sensors, fusion.sensors] * of_rates) @ gain.swapaxes(1, 2)
             both, rates = (
                 (gain @ own).sum(axis=0),
-                slice(*(MOTION_SIZE + np.array([fusion.part.start, fusion.part.stop]))),
+                slice(MOTION_SIZE + fusion.part.start, MOTION_SIZE + fusion.part.stop),
             )
-            noise[rates, rates] = (gain * of_rates @ gain.swapaxes(1, 2)).sum(axis=0)
-            noise[fusion.part, rates], noise[rates, fusion.part] = both, both.T
-            self.residual_noise[:, fusion.sensors, rates] = own - self.predict[:, fusion.sensors, fusion.part] @ both
+            motion[rates, rates] = (gain * of_rates @ gain.swapaxes(1, 2)).sum(axis=0)
+            motion[fusion.part, rates], motion[rates, fusion.part] = both, both.T
+            residual[:, fusion.sensors, rates] = own - self.predict[:, fusion.sensors, fusion.part] @ both
 
-    def _set_noise_of_flexing(self) -> None:
+    def _add_noise_of_flexing(self, motion: Array, residual: Array, corrections: Corrections) -> None:
         """Compliant robots' numbers are corrected by flexing, which is a regressor as well."""
-        variance, noise = self._variance_of_flexing() / self.noise.slowness, self.motion_noise
-        assert self.residual_noise is not None
+        variance = corrections.variance_of_flexing() / self.noise.slowness
+        by_flexing = corrections.by_flexing(rows.KINEMATICS)
         for robot, entries in enumerate(self.flexing):
-            noise[entries, entries] = variance[robot]
-            own = self._compliance()[robot, rows.KINEMATICS] * variance[robot]
+            motion[entries, entries] = variance[robot]
+            own = by_flexing[robot] * variance[robot]
             for fusion in (self.twist, self.accelerations):
                 fused = fusion.gain[robot] @ own[fusion.sensors]
-                noise[fusion.part, entries] += fused
-                noise[entries, fusion.part] += fused.T
-                self.residual_noise[:, fusion.sensors, entries] -= self.predict[:, fusion.sensors, fusion.part] @ fused
-            self.residual_noise[robot, :, entries] += own.T
+                motion[fusion.part, entries] += fused
+                motion[entries, fusion.part] += fused.T
+                residual[:, fusion.sensors, entries] -= self.predict[:, fusion.sensors, fusion.part] @ fused
+            residual[robot, :, entries] += own.T
 
-    def _take_out_gyro_offset(self, fusion_map: Array) -> None:
-        """Subtract the gyro offset from the angular velocity and from its products."""
-        gyros = self.state.gyros
-        fusion_map[W, -1] -= gyros
-        fusion_map[PRODUCTS] -= np.tensordot(gyros, PRODUCTS_BY_RATE, axes=1) @ fusion_map[W]
-        fusion_map[PRODUCTS, -1] -= pack_symmetric(np.outer(gyros, gyros))
+    def _fusion_map(self) -> Array:
+        """Return ``fusion_map``: gyros less their offset, and products less those of the offset."""
+        gyros, result = self.state.gyros, np.zeros((MOTION_SIZE, self.one + 1))
+        result[0, -1] = 1.0
+        of_rows = result[:, :-1].reshape(MOTION_SIZE, self.count, ROW_SIZE)
+        to_body = self.shares[:, None, None] * _turned_products(self.rotations)
+        of_rows[PRODUCTS, :, rows.PRODUCTS] = to_body.transpose(1, 0, 2)
+        for fusion in (self.twist, self.accelerations):
+            of_rows[fusion.part, :, fusion.sensors] = fusion.gain.transpose(1, 0, 2)
+        result[W, -1] -= gyros
+        result[PRODUCTS] -= np.tensordot(gyros, PRODUCTS_BY_RATE, axes=1) @ result[W]
+        result[PRODUCTS, -1] -= pack_symmetric(np.outer(gyros, gyros))
+        by_products = self.predict[:, rows.ACCELERATIONS, PRODUCTS]
+        result[ACCELERATIONS] -= (self.accelerations.gain @ by_products).sum(axis=0) @ result[PRODUCTS]
+        return result
 
-    def _set_wrench(self) -> None:
-        count, rotations = self.count, self.rotations
-        self.adjoints = np.zeros((count, 6, 6))
-        self.adjoints[:, :3, :3] = self.adjoints[:, 3:, 3:] = rotations
-        self.adjoints[:, 3:, :3] = skew(self.positions) @ rotations
-        wrench = np.zeros((6, self.one + 1))
-        wrench[:, :-1].reshape(6, count, ROW_SIZE)[:, :, rows.WRENCH] = self.adjoints.transpose(1, 0, 2)
-        self.wrench_map = self._of_extended(wrench)
-        self.rate_variance = self._variance_of_rates(self.noise.wrench, rows.WRENCH) / self.noise.slowness
-        variance = self._corrected(self.noise.wrench, rows.WRENCH)
-        is_there = np.isfinite(variance)
-        self.wrench_variance = np.where(is_there, variance, 0.0) / self.noise.slowness
-        in_total = np.where(is_there, variance, _NO_SENSOR**2)
-        self.wrench_noise: Array = (self.adjoints * in_total[:, None] @ self.adjoints.swapaxes(1, 2)).sum(axis=0)
+    def _motion_map(self) -> Array:
+        """Return ``motion_map``: the fusion of calibrated rows, then that of their rates, then flexing as it is."""
+        of_motion, errors = self._of_extended(self.fusion_map), self.unknowns.errors
+        if not errors.more or self.state.calibration is None:
+            return of_motion
+        more = np.zeros((self.features - MOTION_SIZE, of_motion.shape[1]))
+        by_robot = more[:, self.one + 1 :].reshape(len(more), self.count, errors.more)
+        if self.has_rates:
+            of_rows = self.fusion_map[:, :-1].reshape(MOTION_SIZE, self.count, ROW_SIZE)
+            rates = of_rows.swapaxes(0, 1) @ self.state.calibration[:, _OWN_RATES, _OWN_RATES]
+            by_robot[:MOTION_SIZE, :, :ROW_SIZE] = rates.swapaxes(0, 1)
+        if errors.is_flexing:
+            for robot, entries in enumerate(self.flexing - MOTION_SIZE):
+                by_robot[entries, robot, -FLEXING_SIZE:] = np.eye(FLEXING_SIZE)
+        return np.vstack([of_motion, more])
 
     def _of_extended(self, matrix: Array) -> Array:
         """Convert a matrix for calibrated rows (k, 24 N + 1) into one for extended rows as measured (k, X)."""
@@ -336,6 +310,30 @@ class BodyModel:
             more = extended_rows[:, self.one + 1 :].reshape(len(extended_rows), count, -1)
             result += (own[:, :, MORE:] @ more.transpose(1, 2, 0)).transpose(2, 0, 1)
         return result
+
+
+def _prediction(rotations: Array, positions: Array) -> Array:
+    """Return ``predict`` of robots with these poses, shapes (N, 3, 3) and (N, 3)."""
+    to_own, lever = rotations.swapaxes(1, 2), skew(positions)
+    result = np.zeros((len(positions), KINEMATICS_SIZE, MOTION_SIZE))
+    result[:, rows.W, W] = result[:, rows.V, V] = result[:, rows.A, A] = result[:, rows.SLOPE, ALPHA] = to_own
+    result[:, rows.V, W] = result[:, rows.A, ALPHA] = -to_own @ lever
+    result[:, rows.A, PRODUCTS] = to_own @ _centripetal(positions)
+    return result
+
+
+def _turned_products(rotations: Array) -> Array:
+    """``products(R w) == result @ products(w)``, shape (N, 3, 3) to (N, 6, 6)."""
+    turned: Array = pack_symmetric(rotations[:, None] @ _PACKED @ rotations.swapaxes(1, 2)[:, None]).swapaxes(1, 2)
+    return turned
+
+
+def _adjoints(rotations: Array, positions: Array) -> Array:
+    """Return ``Ad(g_i)`` of robots with these poses."""
+    result = np.zeros((len(positions), 6, 6))
+    result[:, :3, :3] = result[:, 3:, 3:] = rotations
+    result[:, 3:, :3] = skew(positions) @ rotations
+    return result
 
 
 def load_operator(load: Array) -> Array:
