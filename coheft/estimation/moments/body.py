@@ -180,22 +180,28 @@ class BodyModel:
         return motion, residual
 
     def _add_noise_of_rates(self, motion: Array, residual: Array, corrections: Corrections) -> None:
-        """Rates correct late readings, and also give the rates of ``psi``."""
+        """Rates correct late readings, and also give the rates of ``psi``.
+
+        ``cov(psi, psi') = sum G_i L_i S_i G_i^T`` and ``cov(psi') = sum G_i S_i G_i^T`` with the gains ``G_i`` of a
+        fusion, the variances ``S_i`` of rates and the correction ``L_i`` by these.
+        """
         late = corrections.by_rates(rows.KINEMATICS)
         variance = corrections.variance_of_rates(rows.KINEMATICS) / self.noise.slowness
         for fusion in (self.twist, self.accelerations):
             gain, of_rates = fusion.gain, variance[:, None, fusion.sensors]
             own = (late[:, fusion.sensors, fusion.sensors] * of_rates) @ gain.swapaxes(1, 2)
-            both, rates = (
-                (gain @ own).sum(axis=0),
-                slice(MOTION_SIZE + fusion.part.start, MOTION_SIZE + fusion.part.stop),
-            )
+            both = (gain @ own).sum(axis=0)
+            rates = slice(MOTION_SIZE + fusion.part.start, MOTION_SIZE + fusion.part.stop)
             motion[rates, rates] = (gain * of_rates @ gain.swapaxes(1, 2)).sum(axis=0)
             motion[fusion.part, rates], motion[rates, fusion.part] = both, both.T
             residual[:, fusion.sensors, rates] = own - self.predict[:, fusion.sensors, fusion.part] @ both
 
     def _add_noise_of_flexing(self, motion: Array, residual: Array, corrections: Corrections) -> None:
-        """Compliant robots' numbers are corrected by flexing, which is a regressor as well."""
+        """Flexing corrects compliant robots' readings, and is a part of ``psi`` as well.
+
+        ``cov(psi, u_i) = G_i K_i F_i`` and ``cov(u_i) = F_i`` with the variances ``F_i`` of robot i's flexing ``u_i``
+        and the correction ``K_i`` by it.
+        """
         variance = corrections.variance_of_flexing() / self.noise.slowness
         by_flexing = corrections.by_flexing(rows.KINEMATICS)
         for robot, entries in enumerate(self.flexing):
@@ -209,7 +215,7 @@ class BodyModel:
             residual[robot, :, entries] += own.T
 
     def _fusion_map(self) -> Array:
-        """Return ``fusion_map``: gyros less their offset, and products less those of the offset."""
+        """Return ``fusion_map``, less the gyros' offset ``b``: it gives ``w - b``, and the products of that."""
         gyros, result = self.state.gyros, np.zeros((MOTION_SIZE, self.one + 1))
         result[0, -1] = 1.0
         of_rows = result[:, :-1].reshape(MOTION_SIZE, self.count, ROW_SIZE)
