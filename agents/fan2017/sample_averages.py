@@ -63,7 +63,7 @@ class SampleAverages:
 
     @property
     def alpha_covariance(self) -> Array:
-        """Covariance of the noise of alpha, shape (3, 3), as the neighbours' poses and sensors let expect."""
+        """Covariance of the noise of alpha, shape (3, 3), by the data sheet of the sensors."""
         return self._acceleration.covariance / (self._network.members if self._is_alpha_shared else 1)
 
     def step(
@@ -82,7 +82,7 @@ class SampleAverages:
             return None
         extrapolation, before = self._network.extrapolation, self.average.before_last_round
         average = extrapolation.settled(after, before)
-        # What is made up spreads just as the sums that it spoils.
+        # The mean of the last channel is 1 if all robots have measured the block, and 1 - 1/N if one has not.
         if np.abs(1.0 - average[:, 9]).max() >= 0.5 / self._network.members:
             return None
         return self._with_totals(leaving, blocks[leaving], average, extrapolation.left * (after - before))
