@@ -11,7 +11,7 @@ from coheft.physics_server.arms.model import add_seven_joint_arm, add_wrist_sens
 from coheft.physics_server.loads import add_slots
 from coheft.physics_server.sensor_errors import SensorErrors
 from coheft.physics_server.sensors import add_sensors
-from coheft.wire.scenario.payload import Payload
+from coheft.wire.scenario.payload import MassProperties, Payload
 from coheft.wire.scenario.schema import PHYSICS_RATE, Scenario
 
 PAYLOAD_HOME = Pose(np.eye(3), np.array([0.0, 0.0, 1.0]))
@@ -66,7 +66,7 @@ def _add_payload(spec: mujoco.MjSpec, payload: Payload) -> mujoco.MjsBody:
         body.explicitinertial = True
         body.mass = payload.properties.mass
         body.ipos = payload.properties.com
-        body.inertia = payload.properties.principal
+        body.inertia = _moments(payload.properties)
         body.iquat = quaternion_from_rotation(rotation_exp(np.radians(payload.properties.axes_deg)))
     for box in payload.boxes:
         body.add_geom(
@@ -79,6 +79,14 @@ def _add_payload(spec: mujoco.MjSpec, payload: Payload) -> mujoco.MjsBody:
             conaffinity=0,
         )
     return body
+
+
+def _moments(properties: MassProperties) -> list[float]:
+    """Return principal moments that the engine accepts: the largest at most the sum of the others, without rounding."""
+    small, middle, large = np.argsort(properties.principal)
+    moments = list(properties.principal)
+    moments[large] = min(moments[large], moments[small] + moments[middle])
+    return moments
 
 
 def _add_site(body: mujoco.MjsBody, name: str, pose: Pose) -> None:

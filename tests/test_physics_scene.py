@@ -12,7 +12,7 @@ import pytest
 from coheft.estimation.geometry.spatial import Pose
 from coheft.physics_server.scene import PAYLOAD_HOME, home_name
 from coheft.physics_server.simulation import Simulation
-from coheft.wire.scenario.file import available_scenarios, load_scenario
+from coheft.wire.scenario.file import available_scenarios, load_scenario, parse_scenario
 from coheft.wire.scenario.schema import Perimeter
 from tests.physics_run import scenario
 
@@ -97,3 +97,22 @@ def test_what_mujoco_warns_of_leaves_no_file(
     mujoco.mj_step(simulation.model, simulation.data)
     assert "MuJoCo warns: " in caplog.text
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("moments", [(0.02, 0.04, 0.06), (0.1, 0.1, 0.2), (0.01, 0.07, 0.08)], ids=str)
+@pytest.mark.parametrize("mass", [0.1, 6.5, 50.0, 500.0, 1000.0])
+def test_a_plane_payload_of_any_mass_is_simulated(mass: float, moments: tuple[float, float, float]) -> None:
+    """Its largest moment of inertia equals the sum of the others, but for rounding."""
+    plane = parse_scenario(
+        f"""
+        name = "plane"
+        payload.properties = {{ mass = {mass}, com = [0.1, 0, 0], principal = {[mass * each for each in moments]} }}
+        robots.stiffness = {[100.0 * mass, 4.0 * mass]}
+        robots.damping = {[4.0 * mass, 0.16 * mass]}
+        robots.grasps = [{{ position = [0, 0, 0] }}, {{ position = [0.3, 0, 0] }}]
+        """,
+        "plane.toml",
+    )
+    simulation = Simulation(plane)
+    simulation.advance({})
+    np.testing.assert_allclose(simulation.model.body("payload").inertia, np.multiply(mass, moments))

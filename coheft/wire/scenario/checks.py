@@ -77,7 +77,7 @@ def choice_complaints(scenario: Scenario) -> Iterator[Complaint]:
 
 def _body_complaints(scenario: Scenario) -> Iterator[Complaint]:
     payload, robots, motion = scenario.payload, scenario.robots, scenario.motion
-    if payload.properties is not None and not np.all(np.linalg.eigvalsh(payload.inertia().pseudo_inertia()) > 0.0):
+    if payload.properties is not None and not payload.properties.can_exist():
         yield (
             "payload.properties.principal",
             f"found {list(payload.properties.principal)}, but no body has a moment of inertia larger than the sum of "

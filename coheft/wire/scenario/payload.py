@@ -11,6 +11,8 @@ from coheft.estimation.measurement import Positive
 from coheft.estimation.rigid_body.mass_properties import Inertia, combined
 from coheft.wire.scenario.section import Lengths, Section, Vector, pose_of
 
+_ROUNDING = 1e-9
+
 
 class Box(Section, frozen=True):
     """A homogeneous box of the payload.
@@ -61,6 +63,11 @@ class MassProperties(Section, frozen=True):
             principal=vector_of(principal),
             axes_deg=vector_of(np.degrees(rotation_log(axes))),
         )
+
+    def can_exist(self) -> bool:
+        """Return whether no moment exceeds the sum of the two others, which a plane body's largest equals."""
+        *others, largest = sorted(self.principal)
+        return largest <= sum(others) * (1.0 + _ROUNDING)
 
     def inertia(self) -> Inertia:
         """Return the inertia in the payload's frame."""
