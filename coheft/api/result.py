@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import pandas
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Result:
     """The result of a run.
 
@@ -34,6 +34,11 @@ class Result:
     robots: Mapping[str, RobotResult]
     report: Report
     beside: Mapping[str, Result] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        report, converged = self.report, "converged" if self.converged else "not converged"
+        run = f"{report.scenario}, {report.duration_s:g} s, {len(self.robots)} robots, {converged}"
+        return f"Result({run}; attributes: scenario, robots, report, beside)"
 
     @property
     def converged(self) -> bool:

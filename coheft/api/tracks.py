@@ -14,7 +14,7 @@ from coheft.estimation.rigid_body.mass_properties import Inertia, unpack_symmetr
 from coheft.wire.messages.structs import Estimate, PayloadEstimate, Validity
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Track:
     """A quantity at n times. All arrays have the same shape; NaN where the robot had no estimate.
 
@@ -28,13 +28,17 @@ class Track:
     estimate: Array
     std: Array
 
+    def __repr__(self) -> str:
+        last = f", last {_numbers(self.estimate[-1])} ± {_numbers(self.std[-1])}" if len(self.estimate) else ""
+        return f"Track({' × '.join(map(str, self.estimate.shape))}{last})"
+
     @property
     def error(self) -> Array:
         """Estimate minus truth."""
         return self.estimate - self.truth
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PoseTrack:
     """Pose of a neighbour's grasp frame ``F_j`` in the robot's own ``F_i`` at n times; NaN while it is unknown.
 
@@ -50,8 +54,12 @@ class PoseTrack:
     error: Array
     std: Array
 
+    def __repr__(self) -> str:
+        last = f", last at {_numbers(self.estimate[-1, :3, 3])} m" if len(self.estimate) else ""
+        return f"PoseTrack({len(self.estimate)} poses{last})"
 
-@dataclass(frozen=True, eq=False)
+
+@dataclass(frozen=True, eq=False, repr=False)
 class RobotResult:
     """All estimates of one robot, in its own grasp frame ``F_i``, at n times, about ten per second.
 
@@ -76,6 +84,12 @@ class RobotResult:
     inertia: Track
     poses: dict[str, PoseTrack]
     noticed: Array
+
+    def __repr__(self) -> str:
+        if not len(self.time):
+            return "RobotResult(no estimates)"
+        end = f"{self.time[-1]:g} s, {self.state[-1]}"
+        return f"RobotResult({len(self.time)} estimates until {end}; mass {_numbers(self.mass.estimate[-1])} kg)"
 
 
 def robot_result(judge: Judge, robot: str, kept: Sequence[tuple[Estimate, Inertia]]) -> RobotResult:
@@ -131,3 +145,9 @@ def _matrix(pose: Pose) -> Array:
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = pose.rotation, pose.translation
     return matrix
+
+
+def _numbers(values: npt.ArrayLike) -> str:
+    """Return numbers to four significant digits, in one line."""
+    text = np.array2string(np.asarray(values), separator=", ", formatter={"float_kind": "{:.4g}".format})
+    return text.replace("\n", "")

@@ -61,6 +61,21 @@ def test_the_report_is_that_of_the_command(result):
     assert result.report.processes == 1
 
 
+def test_it_is_shown_in_a_line(result: coheft.Result) -> None:
+    robot = result.robots["r1"]
+    shown = {
+        repr(result): "Result(ring3, 2 s, 3 robots, not converged; attributes: scenario, robots, report, beside)",
+        repr(robot): f"RobotResult({len(robot.time)} estimates until 2 s, ",
+        repr(robot.mass): f"Track({len(robot.time)}, last ",
+        repr(robot.inertia): f"Track({len(robot.time)} × 3 × 3, last [[",
+        repr(robot.poses["r2"]): f"PoseTrack({len(robot.time)} poses, last at [",
+    }
+    for text, start in shown.items():
+        assert text.startswith(start)
+        assert len(text) < 300
+        assert "\n" not in text
+
+
 def test_it_is_read_as_it_was_saved(result, tmp_path):
     again = coheft.load(result.save(tmp_path / "run.npz"))
     assert again.report == result.report
