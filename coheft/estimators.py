@@ -1,6 +1,7 @@
 """Estimators for your own measurements, without simulation, network or other processes."""
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -13,6 +14,7 @@ from coheft.errors import UsageError
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import SAMPLE_SIZE, MeasurementBlock
 from coheft.wire.config import AgentConfig
+from coheft.wire.data.file import read_recording, recording_of
 from coheft.wire.messages.structs import Estimate
 from coheft.wire.scenario.errors import explain
 from coheft.wire.scenario.estimator_settings import Converged, EfficientSettings, Fan2017Settings
@@ -20,7 +22,7 @@ from coheft.wire.scenario.motion import Motion, draw_waves
 from coheft.wire.scenario.robot_sensors import other_sensors_complaints
 from coheft.wire.scenario.schema import Graph, GraphKind, Sensors
 
-__all__ = ["Estimate", "Sensors", "Team"]
+__all__ = ["Estimate", "Sensors", "Team", "samples_of"]
 
 
 class Team:
@@ -28,7 +30,8 @@ class Team:
 
     Samples are numbers in the robot's own grasp frame, 15 each: angular velocity [rad/s], velocity of the frame's
     origin [m/s], proper acceleration of it, as accelerometers read it [m/s²], force [N] and torque about the origin
-    [N·m] on the payload. Forces have to include the payload's weight, because gravity is part of a proper acceleration.
+    [N·m] on the payload. Recordings have the moment before the force: ``samples_of`` converts them. Forces have to
+    include the payload's weight, because gravity is part of a proper acceleration.
 
     Args:
         robots: Names of the robots, at least two.
@@ -128,6 +131,24 @@ class Team:
             if outbox.estimate is not None:
                 self.estimates[name] = outbox.estimate
         self._index += 1
+
+
+def samples_of(recording: str | Path | Mapping[str, npt.ArrayLike]) -> dict[str, Array]:
+    """Convert a recording, whose wrenches have the moment first, to samples, which have the force first.
+
+    Args:
+        recording: Path of an ``.npz`` file or of a folder of CSV files, or arrays named as in an ``.npz`` file, with
+            twists, accelerations and wrenches of all robots (docs/data-format.md).
+
+    Returns:
+        Samples by robot, shape (n, 15) each, as ``Team.add`` takes them.
+
+    Raises:
+        RecordingError: The recording cannot be read, or lacks one of these signals.
+    """
+    found = recording_of(recording) if isinstance(recording, Mapping) else read_recording(Path(recording))
+    channels = [found.stacked(channel) for channel in ("twist", "acceleration", "wrench")]
+    return dict(zip(found.names, np.concatenate(channels, axis=2), strict=True))
 
 
 def _checked(sensors: Sensors | Mapping[str, Any] | None, names: Sequence[str]) -> Sensors:

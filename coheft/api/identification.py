@@ -28,6 +28,7 @@ def identify(
     Args:
         recording: Path of a recording that ``coheft identify`` reads, or arrays named as in an ``.npz`` file:
             ``left/t``, ``left/wrench``, ``left/pose``, … for each robot; docs/data-format.md has shapes and units.
+            Wrenches have the moment first, unlike the samples of ``coheft.estimators``.
         method: ``batch``, ``instruments``, ``pose``, ``likelihood`` or ``static``; by default the best one that the
             recording allows.
         calibrate: Estimate calibration errors of the robots as well (method ``pose``).

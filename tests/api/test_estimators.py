@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -13,7 +14,7 @@ import coheft
 from coheft.app.run.inprocess import run_in_process
 from coheft.app.study.samples import simulate
 from coheft.errors import UsageError
-from coheft.estimators import Team
+from coheft.estimators import Team, samples_of
 
 DURATION = 2.0
 
@@ -40,6 +41,24 @@ def test_it_says_what_the_agents_of_a_run_say(scenario, samples):
     for name, estimate in last.items():
         assert team.estimates[name].payload.mass == estimate.payload.mass
         np.testing.assert_array_equal(team.estimates[name].payload.covariance, estimate.payload.covariance)
+
+
+def test_recordings_become_samples(scenario: coheft.Scenario, samples: dict[str, np.ndarray], tmp_path: Path) -> None:
+    arrays = {}
+    for name, rows in samples.items():
+        w, v, a, force, torque = np.split(rows, 5, axis=1)
+        arrays |= {
+            f"{name}/t": np.arange(len(rows)) / scenario.sensors.rate,
+            f"{name}/twist": np.hstack([w, v]),
+            f"{name}/acceleration": a,
+            f"{name}/wrench": np.hstack([torque, force]),
+        }
+    np.savez(tmp_path / "run.npz", **arrays)
+    for recording in (arrays, tmp_path / "run.npz"):
+        found = samples_of(recording)
+        assert list(found) == list(samples)
+        for name, rows in samples.items():
+            np.testing.assert_array_equal(found[name], rows)
 
 
 def test_samples_may_come_one_by_one(scenario, samples):

@@ -78,6 +78,7 @@ class Driver:
     def send(self, block: int, samples: Array) -> None:
         """Send the agent its measurements of a block: samples (B, 15), columns as in ``MeasurementBlock``.
 
+        Force comes before torque; recordings have the moment first, which ``coheft.estimators.samples_of`` converts.
         Block k, the same for all robots, holds the samples from ``k B / rate`` seconds on. Samples of another shape, or
         that are not finite, are a ``MessageError``.
         """
