@@ -68,7 +68,8 @@ class Robots:
         if not is_linked and self._is_running:
             if name not in self._given_up:
                 self._waited_for.setdefault(name, time.monotonic() + self._return_limit)
-            self._problems.tell(f"lost the link with {name}, which had answered block {answered}")
+            so_far = "before its first answer" if answered < 0 else f"which had answered block {answered}"
+            self._problems.tell(f"lost the link with {name}, {so_far}")
 
     # --- one block ---
 

@@ -30,7 +30,9 @@ def inject(
     from coheft.wire.messages.requests import InjectRequest
 
     status = ask_run(InjectRequest(mass=mass, position=at, size=size), run)
-    print(f"load {status.loads[-1].id} of {mass:g} kg is on the payload; {status.slots_free} more fit")
+    slots = len(status.loads) + status.slots_free
+    free = f"{status.slots_free} of {slots} load slots are free"
+    print(f"load {status.loads[-1].id} ({mass:g} kg) is on the payload; {free}")
 
 
 @app.command(group=CONTROL)
