@@ -200,12 +200,12 @@ def test_where_things_were_written_is_said_at_the_end(
     data, recording = "Data: new.npz", "Recording: new.mcap"
     assert run_command_line([*arguments, "--json", "file"]) == EXIT_CONVERGED
     said = capfd.readouterr()
-    assert said.out.splitlines()[-3:] == ["Report for programs: file", data, recording]
+    assert said.out.splitlines()[-3:] == ["JSON report: file", data, recording]
     assert run_command_line([*arguments, "--json", "-"]) == EXIT_CONVERGED
     said = capfd.readouterr()
     assert said.err.splitlines()[-2:] == [data, recording]
     assert data not in said.out
-    assert "Report for programs" not in said.err
+    assert "JSON report" not in said.err
     assert run_command_line([*arguments, "--json", "file", "--quiet"]) == EXIT_CONVERGED
     assert capfd.readouterr() == ("", "")
 

@@ -72,7 +72,7 @@ def test_the_bias_of_plain_least_squares_is_counted_in(vibrating: Recording, lea
     assert vibrating.truth is not None
     error = found.payload.inertia.central() - vibrating.truth.loads[0][1].central()
     assert np.max(np.abs(error) / found.payload.std) < 5.0
-    assert any("standard deviations of noise: they include it" in remark for remark in found.remarks)
+    assert any("times the errors by noise; the standard deviations include it" in remark for remark in found.remarks)
     first = vibrating.truth.poses[0].inverse()
     for k in range(1, len(found.names)):
         relative = found.team.relative(0, k)

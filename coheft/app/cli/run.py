@@ -213,7 +213,7 @@ def run(
 
             def write_json(target: str) -> None:
                 write_report(found, target)
-                _tell(console, "Report for programs", target)
+                _tell(console, "JSON report", target)
 
             def write_page(folder: Path) -> None:
                 from coheft.app.run_report.folder import write_folder

@@ -63,7 +63,7 @@ def identify_batch(
         bias[4:] += of_noise
         ratio = float(np.max(np.abs(bias) / np.sqrt(np.diag(covariance))))
         if ratio >= _BIASED:
-            remarks = (f"Its bias is up to {ratio:.1f} standard deviations of noise: they include it.",)
+            remarks = (f"Its bias is up to {ratio:.1f} times the errors by noise; the standard deviations include it.",)
         covariance += np.outer(bias, bias)
         team = replace(team, covariance=team.covariance + np.outer(by_grasps, by_grasps))
     return Identification(
