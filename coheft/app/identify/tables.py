@@ -5,8 +5,11 @@ from rich.markup import escape
 from rich.table import Table
 
 from coheft.app.identify.report import IdentifyReport
-from coheft.app.terminal.wide_table import print_table
+from coheft.app.terminal.digits import decimals_for
+from coheft.app.terminal.wide_table import bare_table, print_table
 
+_MOST_DECIMALS = 6
+_TEXTS = ("robot", "what", "quantity", "observable")
 _UNOBSERVABLE = "not observable"
 
 
@@ -24,11 +27,11 @@ def print_identification(console: Console, report: IdentifyReport) -> None:
     if report.loops:
         worst = max(report.loops, key=lambda loop: loop.position_mm)
         console.print(
-            f"Before pairs were fitted together, their loops failed to close by up to {worst.rotation_deg:.3f}° and "
-            f"{worst.position_mm:.2f} mm."
+            f"Found pair by pair, before the common fit, poses disagree by up to {worst.rotation_deg:.3f}° and "
+            f"{worst.position_mm:.2f} mm around a loop of robots."
         )
-    if report.errors is not None:
-        console.print("Errors are against the truth, which this recording names: it was simulated.")
+    simulated = "" if report.errors is None else " Errors: differences from the truth, which the simulation recorded."
+    console.print(f"Inertia: principal moments at the centre of mass.{simulated}")
     if report.holds_s:
         console.print(f"Held still {len(report.holds_s)} times, in {report.hold_orientations} orientations.")
     if report.calibration:
@@ -48,22 +51,18 @@ def print_identification(console: Console, report: IdentifyReport) -> None:
 
 
 def _poses(report: IdentifyReport) -> Table:
-    table = Table(
-        "robot", "rotation vector, deg", "std", "position, m", "std, mm", title="Grasps", title_justify="left"
-    )
+    headings = ["robot", "rotation, °", "std, °", "position, mm", "std, mm"]
     errors = report.errors
-    if errors is not None:
-        table.add_column("error, deg")
-        table.add_column("error, mm")
+    table = _table("Grasps", *headings, *([] if errors is None else ["error, °", "error, mm"]))
     for name, pose in report.poses.items():
         if pose is None:
             table.add_row(escape(name), _UNOBSERVABLE)
             continue
         row = [
             escape(name),
-            " ".join(f"{x:.3f}" for x in pose.rotation_vector_deg),
+            _numbers(pose.rotation_vector_deg, 2),
             f"{pose.rotation_std_deg:.3f}",
-            " ".join(f"{x:.4f}" for x in pose.position_m),
+            _numbers([1e3 * x for x in pose.position_m], 1),
             f"{pose.position_std_mm:.2f}",
         ]
         if errors is not None:
@@ -75,38 +74,50 @@ def _poses(report: IdentifyReport) -> Table:
 
 def _payload(report: IdentifyReport) -> Table:
     payload, errors = report.payload, report.errors
-    table = Table("quantity", "estimate", "std", title="Load", title_justify="left")
-    if errors is not None:
-        table.add_column("error")
+    table = _table("Load", "quantity", "estimate", "std", *([] if errors is None else ["error"]))
+
+    def add(label: str, values: list[float] | None, stds: list[float] | None, error: str) -> None:
+        if values is None or stds is None:
+            table.add_row(label, _UNOBSERVABLE)
+        else:
+            decimals = min(_MOST_DECIMALS, decimals_for(max(stds), 2))
+            table.add_row(label, _numbers(values, decimals), _numbers(stds, decimals), *([error] if errors else []))
+
     mass_error, com_error, moments = (
         (None, None, None) if errors is None else (errors.mass_kg, errors.com_mm, errors.principal_pct)
     )
-
-    def add(label: str, value: str, std: str = "", error: str = "") -> None:
-        table.add_row(label, *((value, std, error) if value else (_UNOBSERVABLE,))[: len(table.columns) - 1])
-
-    add("mass, kg", _numbers(payload.mass_kg), _numbers(payload.mass_std_kg), _numbers(mass_error, 4, " kg"))
-    add("centre of mass, m", _numbers(payload.com_m), _numbers(payload.com_std_m), _numbers(com_error, 2, " mm"))
-    for k in range(3):
-        value, std, error = (
-            None if numbers is None else numbers[k] for numbers in (payload.principal, payload.principal_std, moments)
-        )
-        add(f"principal inertia {k + 1}, kg·m²", _numbers(value), _numbers(std), _numbers(error, 2, " %"))
-    add("principal axes, deg", _numbers(payload.axes_deg, 2))
+    add("mass, kg", _each(payload.mass_kg), _each(payload.mass_std_kg), _error(_each(mass_error), 4, "kg"))
+    add("centre of mass, mm", _mm(payload.com_m), _mm(payload.com_std_m), _error(_each(com_error), 2, "mm"))
+    add("inertia, kg·m²", payload.principal, payload.principal_std, _error(moments, 1, "%"))
+    table.add_row("principal axes, °", _UNOBSERVABLE if payload.axes_deg is None else _numbers(payload.axes_deg, 2))
     return table
 
 
-def _numbers(values: float | list[float] | None, digits: int = 4, unit: str = "") -> str:
-    """Text of a cell with numbers; empty for None."""
-    if values is None:
-        return ""
-    return " ".join(f"{value:.{digits}f}" for value in (values if isinstance(values, list) else [values])) + unit
+def _table(title: str, *headings: str) -> Table:
+    table = bare_table(title, gap=1)
+    for heading in headings:
+        table.add_column(heading, justify="left" if heading in _TEXTS else "right")
+    return table
+
+
+def _each(value: float | None) -> list[float] | None:
+    return None if value is None else [value]
+
+
+def _mm(metres: list[float] | None) -> list[float] | None:
+    return None if metres is None else [1e3 * x for x in metres]
+
+
+def _error(values: list[float] | None, decimals: int, unit: str) -> str:
+    return "" if values is None else f"{_numbers(values, decimals)} {unit}"
+
+
+def _numbers(values: list[float], decimals: int) -> str:
+    return " ".join(f"{value:z.{decimals}f}" for value in values)
 
 
 def _calibration(report: IdentifyReport) -> Table:
-    table = Table(
-        "robot", "what", "found", "std", "std before", "observable", title="Calibration", title_justify="left"
-    )
+    table = _table("Calibration", "robot", "what", "found", "std", "std before", "observable")
     for row in report.calibration:
         table.add_row(
             escape(row.robot),
