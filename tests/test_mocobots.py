@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import io
 import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from coheft.app.cli.base import EXIT_CONVERGED, EXIT_USAGE
 from coheft.app.cli.main import run_command_line
 from coheft.app.mocobots.campaign import Mocobots, Trial, scenario_of
 from coheft.app.mocobots.paper import PAPER, ROWS
-from coheft.app.mocobots.tables import markdown, typical, worse_than_paper
+from coheft.app.mocobots.tables import markdown, print_tables, typical, worse_than_paper
 
 
 def trials(factor: float, configuration: str = "a") -> list[Trial]:
@@ -45,6 +47,15 @@ def test_tables_hold_every_row_of_every_configuration() -> None:
     row = next(line for line in text.splitlines() if line.startswith("| a, position 31"))
     assert row.split("|")[2].strip() == "51"
     assert "25.50 (25.50)" in row
+
+
+def test_tables_of_the_terminal_fit_into_80_columns() -> None:
+    console = Console(record=True, width=80, force_terminal=True, file=io.StringIO())
+    print_tables(console, Mocobots([*trials(0.5), *trials(0.5, "d")], 2))
+    text = console.export_text()
+    assert "|" not in text
+    row = next(line for line in text.splitlines() if line.startswith("a, position 31"))
+    assert row.split()[3:] == ["51", *["26"] * 5]
 
 
 def test_experiments_differ_and_robots_stay_the_same() -> None:

@@ -31,7 +31,7 @@ def mocobots(
             alternate between via points and a sphere.
         first: Number of the first experiment; each number has its own motions, noise and robots.
         configurations: Which of the paper's configurations to run.
-        markdown: Write the tables to this file.
+        markdown: Write the tables to this file, with the worst errors in brackets.
     """
     from functools import partial
 
@@ -39,7 +39,7 @@ def mocobots(
 
     from coheft.app.mocobots.campaign import experiments_in, run_campaign
     from coheft.app.mocobots.tables import markdown as tables
-    from coheft.app.mocobots.tables import worse_than_paper
+    from coheft.app.mocobots.tables import print_tables, worse_than_paper
     from coheft.app.outputs import write_outputs, write_text
     from coheft.app.results.report import write_report
     from coheft.app.terminal.progress import show_progress
@@ -49,9 +49,8 @@ def mocobots(
     console = Console(stderr=json == "-", quiet=quiet)
     with show_progress(console, "experiments", experiments_in(chosen, experiments)) as progress:
         found = run_campaign(chosen, range(first, first + experiments), jobs, progress)
-    text = tables(found)
-    console.print(text, markup=False, soft_wrap=True)
+    print_tables(console, found)
     worse = worse_than_paper(found, "calibration", "pose")
     console.print(f"With calibration errors, worse than the paper: {'; '.join(worse) or 'no row'}.")
-    write_outputs((json, partial(write_report, found)), (markdown, lambda path: write_text(path, text)))
+    write_outputs((json, partial(write_report, found)), (markdown, lambda path: write_text(path, tables(found))))
     return EXIT_CONVERGED

@@ -1,13 +1,15 @@
-"""Our errors beside the paper's tables, as Markdown."""
+"""Our errors beside the paper's tables, in the terminal and as Markdown."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator
 
 import numpy as np
+from rich.console import Console
 
 from coheft.app.identify.choices import Method
 from coheft.app.mocobots.campaign import Mocobots, Noise
 from coheft.app.mocobots.paper import PAPER, ROWS
 from coheft.app.study.tables import markdown_table
+from coheft.app.terminal.wide_table import bare_table, print_table
 from coheft.estimation.geometry.spatial import Array
 
 _TABLES = (
@@ -35,37 +37,79 @@ _KINDS = (
 """Kinds of rows."""
 
 
+def print_tables(console: Console, found: Mocobots) -> None:
+    """Print a summary, mean (worst), then our errors beside the paper's on hardware."""
+    table = bare_table("Absolute errors of all payloads: mean, and in brackets the worst", gap=1)
+    for heading in ("", "rotations, °", "positions, mm", "mass, kg", "centre, mm", "inertias, %"):
+        table.add_column(heading, justify="right" if heading else "left", no_wrap=bool(heading))
+    for name, errors in _together(found):
+        table.add_row(_heading(name), *(f"{_short(each.mean())} ({_short(each.max())})" for each in errors))
+    print_table(console, table)
+    for title, rows in _TABLES:
+        table = bare_table(title, gap=1)
+        for heading in ("", "paper", *(_heading(name) for name, _, _ in _COLUMNS)):
+            table.add_column(heading, justify="right" if heading else "left", no_wrap=not heading)
+        for configuration, row, each in _compared(found, rows):
+            ours = (_short(typical(errors, row)) for errors in each)
+            table.add_row(_label(configuration, row), _short(PAPER[configuration][row]), *ours)
+        console.print()
+        print_table(console, table)
+    console.print(
+        "*: with calibration errors; others: vibration alone. a to d: payloads. Paper: on hardware. Tables II to V: "
+        "means of absolute errors; of inertias, root mean squares.",
+        style="dim",
+        highlight=False,
+    )
+
+
 def markdown(found: Mocobots) -> str:
     """All tables: a summary, then the paper's errors on hardware beside ours, mean (worst) over the experiments."""
-    configurations = sorted({trial.configuration for trial in found.trials})
-    parts = [_in_short(found, configurations)]
+    digits = [_DIGITS[rows.start] for _, rows in _KINDS]
+    lines = [
+        (name, *(f"{each.mean():.{n}f} ({each.max():.{n}f})" for each, n in zip(errors, digits, strict=True)))
+        for name, errors in _together(found)
+    ]
+    parts = [f"### All configurations together\n\n{markdown_table(('', *(kind for kind, _ in _KINDS)), lines)}"]
+    header = ("", "paper, hardware", *(name for name, _, _ in _COLUMNS))
     for title, rows in _TABLES:
-        header = ("", "paper, hardware", *(name for name, _, _ in _COLUMNS))
         lines = []
-        for configuration in configurations:
-            for row in range(*rows.indices(len(ROWS))):
-                label = ROWS[row].rpartition(",")[0]
-                cells = [f"{configuration}, {label}", f"{PAPER[configuration][row]:.{_DIGITS[row]}g}"]
-                for _, noise, method in _COLUMNS:
-                    errors = found.rows(configuration, noise, method)[:, row]
-                    cells.append(f"{typical(errors, row):.{_DIGITS[row]}f} ({np.abs(errors).max():.{_DIGITS[row]}f})")
-                lines.append(tuple(cells))
+        for configuration, row, each in _compared(found, rows):
+            n = _DIGITS[row]
+            ours = (f"{typical(errors, row):.{n}f} ({np.abs(errors).max():.{n}f})" for errors in each)
+            lines.append((_label(configuration, row), f"{PAPER[configuration][row]:.{n}g}", *ours))
         parts.append(f"### {title}\n\n{markdown_table(header, lines)}")
     return "\n\n".join(parts) + "\n"
 
 
-def _in_short(found: Mocobots, configurations: Sequence[str]) -> str:
-    """Mean (worst) absolute errors of all configurations together."""
-    lines = []
+def _short(value: float) -> str:
+    return f"{value:.0f}" if value >= 99.5 else f"{value:#.2g}".rstrip(".")
+
+
+def _heading(name: str) -> str:
+    return name.removesuffix(", vibration").replace(", calibration errors", "*")
+
+
+def _label(configuration: str, row: int) -> str:
+    return f"{configuration}, {ROWS[row].rpartition(',')[0]}"
+
+
+def _configurations(found: Mocobots) -> list[str]:
+    return sorted({trial.configuration for trial in found.trials})
+
+
+def _together(found: Mocobots) -> Iterator[tuple[str, list[Array]]]:
+    """Yield each method's name, and the absolute errors of each kind of rows in all configurations."""
     for name, noise, method in _COLUMNS:
-        errors = np.abs(np.concatenate([found.rows(configuration, noise, method) for configuration in configurations]))
-        cells = [name]
-        for _, rows in _KINDS:
-            own, digits = errors[:, rows], _DIGITS[rows.start]
-            cells.append(f"{own.mean():.{digits}f} ({own.max():.{digits}f})")
-        lines.append(tuple(cells))
-    table = markdown_table(("", *(kind for kind, _ in _KINDS)), lines)
-    return f"### All configurations together\n\n{table}"
+        each = [found.rows(configuration, noise, method) for configuration in _configurations(found)]
+        yield name, [np.abs(np.concatenate(each)[:, rows]) for _, rows in _KINDS]
+
+
+def _compared(found: Mocobots, rows: slice) -> Iterator[tuple[str, int, list[Array]]]:
+    """Yield each configuration's rows with the errors of each method."""
+    for configuration in _configurations(found):
+        each = [found.rows(configuration, noise, method) for _, noise, method in _COLUMNS]
+        for row in range(*rows.indices(len(ROWS))):
+            yield configuration, row, [errors[:, row] for errors in each]
 
 
 def typical(errors: Array, row: int) -> float:
@@ -76,7 +120,7 @@ def typical(errors: Array, row: int) -> float:
 def worse_than_paper(found: Mocobots, noise: Noise, method: Method) -> list[str]:
     """Rows in which a method is worse than the paper, as sentences."""
     worse = []
-    for configuration in sorted({trial.configuration for trial in found.trials}):
+    for configuration in _configurations(found):
         errors = found.rows(configuration, noise, method)
         for row, (name, limit) in enumerate(zip(ROWS, PAPER[configuration], strict=True)):
             value = typical(errors[:, row], row)
