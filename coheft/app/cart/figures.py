@@ -11,19 +11,21 @@ from coheft.app.figures import figure_to
 _SIZE = (7.0, 4.2)
 
 
-def draw(outcomes: Sequence[Outcome], folder: Path) -> None:
-    """Draw the figures into an existing folder, with the first run of each test."""
+def draw(outcomes: Sequence[Outcome], folder: Path) -> list[Path]:
+    """Draw the figures into an existing folder, with the first run of each test; return the files."""
     learned: dict[int, Outcome] = {}
     fixed: dict[int, Outcome] = {}
     for outcome in outcomes:
         (learned if outcome.case.scenario.learns else fixed).setdefault(outcome.case.test, outcome)
     quiet = [learned[test] for test in QUIET_TESTS if test in learned]
     rest = [outcome for test, outcome in learned.items() if test not in QUIET_TESTS]
-    _draw_tracking(learned, fixed, folder / "fig4-tracking.png")
-    if quiet:
-        _draw_masses(quiet, folder / "fig5-mass.png", (5.0, 32.0))
-    if rest:
-        _draw_masses(rest, folder / "fig6-mass-noise-and-changes.png", (5.0, 45.0))
+    paths = [folder / "fig4-tracking.png"]
+    _draw_tracking(learned, fixed, paths[0])
+    for shown, name, limits in ((quiet, "fig5-mass", (5.0, 32.0)), (rest, "fig6-mass-noise-and-changes", (5.0, 45.0))):
+        if shown:
+            paths.append(folder / f"{name}.png")
+            _draw_masses(shown, paths[-1], limits)
+    return paths
 
 
 def _draw_tracking(learned: dict[int, Outcome], fixed: dict[int, Outcome], path: Path) -> None:

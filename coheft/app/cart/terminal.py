@@ -6,6 +6,7 @@ from rich.table import Table
 
 from coheft.app.cart.identify import CartIdentification
 from coheft.app.cart.table import CLAIMS, HEADER, CartStudy, rows, sentences
+from coheft.app.terminal.digits import error_and_std
 from coheft.app.terminal.wide_table import print_table
 
 _SHOWN = 8
@@ -37,7 +38,7 @@ def print_identification(console: Console, found: CartIdentification) -> None:
         if quantity.not_known:
             table.add_row(name, "not known", "")
         else:
-            table.add_row(name, f"{quantity.value:.4g} {quantity.unit}", f"{quantity.std:.2g} {quantity.unit}")
+            table.add_row(name, *error_and_std(quantity.value, quantity.std, quantity.unit))
     print_table(console, table)
     for advice in dict.fromkeys(quantity.not_known for quantity in found.quantities.values() if quantity.not_known):
         console.print(f"{advice}.", highlight=False)

@@ -55,7 +55,7 @@ def cart(
         noise_factor: Factor by which the noise of the motion is larger than the pushers assume.
         processes: One process per pusher and one for the cart, linked by Zenoh, instead of all in this one.
         jobs: Number of parallel runs; by default one per core. More than one needs coheft[study]. Not with --processes.
-        figures: Folder for the paper's figures 4 to 6, redrawn; needs coheft[study].
+        figures: Folder for those of the paper's figures 4 to 6 that show the chosen tests; needs coheft[study].
     """
     from rich.console import Console
 
@@ -97,7 +97,12 @@ def cart(
     reports = [outcome.report for outcome in outcomes]
     study = CartStudy(reports, missed(reports))
     print_study(console, study)
-    write_outputs((json, partial(write_report, study)), (figures, partial(draw, outcomes)))
+
+    def draw_into(folder: Path) -> None:
+        for path in draw(outcomes, folder):
+            console.print(f"Figure: {path}", markup=False, highlight=False, soft_wrap=True)
+
+    write_outputs((json, partial(write_report, study)), (figures, draw_into))
     return EXIT_NOT_CONVERGED if study.missed else EXIT_CONVERGED
 
 
