@@ -245,6 +245,9 @@ def test_help_tells_the_exit_status(capfd: pytest.CaptureFixture[str]) -> None:
     assert run_command_line(["--help"]) == EXIT_CONVERGED
     text = " ".join(capfd.readouterr().out.split())
     assert "3 not every robot converged, or an estimate is further off than it claims (or: incomplete or " in text
+    for command in ("run", "watch", "cart identify"):
+        assert run_command_line(["help", *command.split()]) == EXIT_CONVERGED
+        assert ("Exit status: " in capfd.readouterr().out) == (command == "run")
 
 
 def test_help_tells_how_changes_and_places_are_written(capfd: pytest.CaptureFixture[str]) -> None:

@@ -124,7 +124,7 @@ def stop(*, run: options.RunFolder = None) -> None:
 
 
 @app.command(group=CONTROL)
-def watch(*, run: options.RunFolder = None) -> None:
+def watch(*, run: options.ShownRun = None) -> None:
     """Watch a run in progress until it ends."""
     from rich.console import Console
 

@@ -24,7 +24,7 @@ def export(
     max_offset: options.Positive | None = None,
     max_inertia: options.Positive | None = None,
     to: options.FileTarget = None,
-    run: options.RunFolder = None,
+    run: options.ShownRun = None,
 ) -> int:
     """Export an identified load to a robot model, an arm controller, or a check of whether it may be lifted.
 

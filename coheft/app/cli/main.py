@@ -26,6 +26,10 @@ from coheft.app.cli.errors import complain, explain_usage
 from coheft.app.terminal.standard_output import lost_output
 from coheft.errors import CoheftError, ScenarioError, UsageError
 
+for _command in app.subapps:
+    if _command.name != ("run",):  # where all exit statuses occur
+        _command.help_epilogue = ""
+
 
 def run_command_line(arguments: Sequence[str]) -> int:
     """Run one command and return its exit status; errors are printed in one line, without a traceback."""

@@ -154,6 +154,10 @@ RunFolder = Annotated[
         name="--run", converter=_path, help="Folder of the run, or its name; needed to change one of several runs."
     ),
 ]
+ShownRun = Annotated[
+    Path | None,
+    Parameter(name="--run", converter=_path, help="Folder of the run, or its name; by default the newest run."),
+]
 ReportTarget = Annotated[
     str | None,
     Parameter(

@@ -69,7 +69,7 @@ def _start_by_hand(module: str, config: Path) -> int:
 
 @app.command(group=PARTS)
 def ros2_bridge(
-    run: options.RunFolder = None, *, domain: Domain = 0, endpoint: Endpoint = ROUTER, namespace: str = ""
+    run: options.ShownRun = None, *, domain: Domain = 0, endpoint: Endpoint = ROUTER, namespace: str = ""
 ) -> None:
     """Publish a run in progress as standard ROS 2 messages, for nodes on rmw_zenoh; see docs/ros2.md.
 

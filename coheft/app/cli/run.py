@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from cyclopts import Parameter
+from cyclopts import Group, Parameter
 
 from coheft.app.cli import options
 from coheft.app.cli.base import EXIT_CONVERGED, EXIT_NOT_CONVERGED, RUN, app
@@ -25,35 +25,39 @@ if TYPE_CHECKING:  # loaded only by runs that need them
     from coheft.wire.config import ClockKind
     from coheft.wire.scenario.schema import Scenario
 
+_SCENARIO, _OUTPUT, _VIEW, _PROCESSES = (
+    Parameter(group=Group.create_ordered(name)) for name in ("Scenario", "Output", "View", "Processes")
+)
+
 
 @app.command(group=RUN)
 def run(
-    scenario: options.ScenarioName = "ring6",
+    scenario: Annotated[options.ScenarioName, _SCENARIO] = "ring6",
     *,
-    change: Annotated[list[str] | None, Parameter(negative=())] = None,
-    set: Annotated[list[str] | None, Parameter(negative=())] = None,
-    duration: float | None = None,
-    seed: options.Whole | None = None,
-    estimator: str | None = None,
-    sensor_rate: options.Whole | None = None,
-    realtime: options.Flag = False,
-    restarts: options.NotNegative = 3,
-    json: options.ReportTarget = None,
-    history: options.Flag = False,
-    report: options.FolderTarget = None,
-    quiet: options.Flag = False,
-    save_data: options.DataTarget = None,
-    record: options.RecordingTarget = None,
-    view: options.Flag = False,
-    view_read_only: options.Flag = False,
-    no_wait: options.Flag = False,
-    logs: options.FolderTarget = None,
-    log_level: LogLevel = "info",
-    secure: options.Flag = False,
-    keys: options.GivenPath | None = None,
-    hosts: options.GivenPath | None = None,
-    write_configs: options.FolderTarget = None,
-    feedforward: bool | None = None,
+    change: Annotated[list[str] | None, Parameter(negative=()), _SCENARIO] = None,
+    set: Annotated[list[str] | None, Parameter(negative=()), _SCENARIO] = None,
+    duration: Annotated[float | None, _SCENARIO] = None,
+    seed: Annotated[options.Whole | None, _SCENARIO] = None,
+    estimator: Annotated[str | None, _SCENARIO] = None,
+    sensor_rate: Annotated[options.Whole | None, _SCENARIO] = None,
+    realtime: Annotated[options.Flag, _PROCESSES] = False,
+    restarts: Annotated[options.NotNegative, _PROCESSES] = 3,
+    json: Annotated[options.ReportTarget, _OUTPUT] = None,
+    history: Annotated[options.Flag, _OUTPUT] = False,
+    report: Annotated[options.FolderTarget, _OUTPUT] = None,
+    quiet: Annotated[options.Flag, _OUTPUT] = False,
+    save_data: Annotated[options.DataTarget, _OUTPUT] = None,
+    record: Annotated[options.RecordingTarget, _OUTPUT] = None,
+    view: Annotated[options.Flag, _VIEW] = False,
+    view_read_only: Annotated[options.Flag, _VIEW] = False,
+    no_wait: Annotated[options.Flag, _VIEW] = False,
+    logs: Annotated[options.FolderTarget, _PROCESSES] = None,
+    log_level: Annotated[LogLevel, _PROCESSES] = "info",
+    secure: Annotated[options.Flag, _PROCESSES] = False,
+    keys: Annotated[options.GivenPath | None, _PROCESSES] = None,
+    hosts: Annotated[options.GivenPath | None, _PROCESSES] = None,
+    write_configs: Annotated[options.FolderTarget, _PROCESSES] = None,
+    feedforward: Annotated[bool | None, _SCENARIO] = None,
 ) -> int:
     """Start the physics server and one process per robot, and follow their estimates of the load.
 
