@@ -1,16 +1,16 @@
 """Draws the pictures of fan2017.md: figures 2, 3 and 4 of Fan et al. (CDC 2017), and the robots' disagreement.
 
-One run of ``configs/fan2017.toml`` in this process, a minute or two. Arguments change its values, as ``--set`` does.
-Needs coheft[study].
+One run of ``configs/fan2017.toml`` in this process, a minute or two. Needs coheft[study].
 """
 
-import sys
+from argparse import ArgumentParser
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
+from pathlib import Path
 
 import numpy as np
-from drawing import AXES, INK, ROBOTS, SOFT, save
+from drawing import AXES, INK, PICTURES, ROBOTS, SOFT, save
 from matplotlib.figure import Figure
 
 from coheft.agents.estimator import Belief
@@ -58,7 +58,7 @@ class Run:
         return float(self.times[begun.index(True)])
 
     @cached_property
-    def taken_over(self) -> list[int]:
+    def adopted(self) -> list[int]:
         """Blocks at which all robots started their sums, with their poses of that time."""
         newest = np.array([belief["r1"].total_block for belief in self.beliefs])
         waits = np.diff(newest, prepend=newest[0]) == 0
@@ -67,7 +67,7 @@ class Run:
 
     def pose_in_use(self, robot: str, neighbour: str, block: int) -> Pose:
         """Return the pose of a neighbour that is used for the sums."""
-        before = max((each for each in self.taken_over if each <= block), default=self.taken_over[0])
+        before = max((each for each in self.adopted if each <= block), default=self.adopted[0])
         return self.beliefs[before][robot].poses[neighbour].pose
 
     def true_pose(self, robot: str, neighbour: str, block: int) -> Pose:
@@ -109,12 +109,18 @@ def run(scenario: Scenario) -> Run:
 
 def main() -> None:
     """Draw all pictures."""
-    found = run(load_scenario("fan2017", sys.argv[1:]))
-    _draw_poses(found)
-    _draw_payload(found, found.start - 1.0, found.start + 10.0, "fan2017-payload.svg")
-    _draw_payload(found, found.change - 1.0, found.scenario.duration, "fan2017-change.svg")
-    _draw_consensus(found)
-    print(f"poses were taken over at {', '.join(f'{found.times[block]:.1f}' for block in found.taken_over)} s")
+    parser = ArgumentParser(description="Draw the pictures of fan2017.md.")
+    parser.add_argument("set", nargs="*", metavar="KEY=VALUE", help="change the scenario, as --set of coheft run does")
+    parser.add_argument("--to", type=Path, default=PICTURES, metavar="DIR", help="folder for the pictures")
+    given = parser.parse_args()
+    given.to.mkdir(parents=True, exist_ok=True)
+    found = run(load_scenario("fan2017", given.set))
+    save_as = partial(save, folder=given.to)
+    save_as(_draw_poses(found), "fan2017-poses.svg")
+    save_as(_draw_payload(found, found.start - 1.0, found.start + 10.0), "fan2017-payload.svg")
+    save_as(_draw_payload(found, found.change - 1.0, found.scenario.duration), "fan2017-change.svg")
+    save_as(_draw_consensus(found), "fan2017-consensus.svg")
+    print(f"poses were adopted at {', '.join(f'{found.times[block]:.1f}' for block in found.adopted)} s")
     print(f"all robots knew the body {_settled(found, found.start, found.change):.1f} s after that")
     print(f"and {_settled(found, found.change, found.scenario.duration):.1f} s after it had changed")
 
@@ -122,7 +128,7 @@ def main() -> None:
 # --- figure 2 ---------------------------------------------------------------------------------------------------------
 
 
-def _draw_poses(found: Run) -> None:
+def _draw_poses(found: Run) -> Figure:
     edges = [(name, other) for name, others in found.graph.items() for other in others if name < other]
     shown = slice(0, int(np.searchsorted(found.times, found.start + 4.0)), _EVERY)
     times = found.times[shown]
@@ -156,9 +162,9 @@ def _draw_poses(found: Run) -> None:
         axes.set_xlim(0.0, times[-1])
         axes.axvline(found.start, color=SOFT, linewidth=0.9)
     turned.legend(frameon=False, ncols=3, fontsize=8.5)
-    moved.text(found.start + 0.1, moved.get_ylim()[1], "poses are taken over", color=SOFT, va="top", fontsize=9)
+    moved.text(found.start + 0.1, moved.get_ylim()[1], "poses are adopted", color=SOFT, va="top", fontsize=9)
     components.suptitle("Relative poses of all edges; dashed: the truth", x=0.01, ha="left", fontsize=11)
-    save(figure, "fan2017-poses.svg")
+    return figure
 
 
 def _numbers(pose: Pose) -> Array:
@@ -173,7 +179,7 @@ def _off(truth: Pose, estimate: Pose) -> Pose:
 # --- figures 3 and 4 --------------------------------------------------------------------------------------------------
 
 
-def _draw_payload(found: Run, start: float, end: float, name: str) -> None:
+def _draw_payload(found: Run, start: float, end: float) -> Figure:
     """Draw all robots' mass, centre of mass and inertia, transformed to the payload's frame."""
     every = _EVERY if end - start > 12.0 else 1
     inside = slice(int(np.searchsorted(found.times, start)), int(np.searchsorted(found.times, end)), every)
@@ -193,7 +199,7 @@ def _draw_payload(found: Run, start: float, end: float, name: str) -> None:
             axes.set_xlabel("time, s")
     lines, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(lines, labels, frameon=False, ncols=7, loc="outside upper left", handlelength=1.4, columnspacing=1.2)
-    save(figure, name)
+    return figure
 
 
 def _of_body(inertia: Inertia) -> Array:
@@ -221,7 +227,7 @@ def _norm(packed: Array) -> Array:
 # --- consensus --------------------------------------------------------------------------------------------------------
 
 
-def _draw_consensus(found: Run) -> None:
+def _draw_consensus(found: Run) -> Figure:
     """Draw the disagreement of neighbours on the total wrench, and of robots on the body."""
     figure = Figure(figsize=(11.0, 3.7), layout="constrained")
     sums, bodies = figure.subplots(1, 2)
@@ -252,7 +258,7 @@ def _draw_consensus(found: Run) -> None:
         axes.legend(
             frameon=True, edgecolor="none", framealpha=1.0, loc="upper left", labelcolor=INK, fontsize=9, ncols=2
         )
-    save(figure, "fan2017-consensus.svg")
+    return figure
 
 
 def _apart(found: Run, poses: Callable[[str, str, int], Pose]) -> Array:

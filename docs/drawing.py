@@ -33,7 +33,8 @@ mpl.rcParams.update(
 )
 
 
-def save(figure: Figure, name: str) -> None:
-    """Write a picture to a file name with suffix, without metadata that depend on the time."""
+def save(figure: Figure, name: str, folder: Path = PICTURES) -> None:
+    """Write a picture to a file name with suffix, without metadata that depend on the time, and print its path."""
     metadata = {"Date": None} if name.endswith(".svg") else {"Software": None}
-    figure.savefig(PICTURES / name, dpi=130, facecolor="white", metadata=metadata)
+    figure.savefig(folder / name, dpi=130, facecolor="white", metadata=metadata)
+    print(f"Picture: {folder / name}")
