@@ -250,6 +250,10 @@ def test_a_unit_of_all_forces_is_not_seen_but_what_is_denser_than_any_material_i
 
     in_kilograms = identify(times(1.0 / 9.80665), Options(method="instruments"))
     assert in_kilograms.doubts == ()
+    (remark,) = (remark for remark in in_kilograms.remarks if "a common factor of all forces and moments" in remark)
+    truth = of_twists.truth
+    assert truth is not None
+    assert f"if they are in kgf, the mass is {truth.loads[0][1].mass:.2g}" in remark
     in_millinewtons = identify(times(1e3), Options(method="instruments"))
     assert any("denser than any material" in doubt for doubt in in_millinewtons.doubts)
 

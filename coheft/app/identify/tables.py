@@ -30,7 +30,12 @@ def print_identification(console: Console, report: IdentifyReport) -> None:
             f"Found pair by pair, before the common fit, poses disagree by up to {worst.rotation_deg:.3f}° and "
             f"{worst.position_mm:.2f} mm around a loop of robots."
         )
-    simulated = "" if report.errors is None else " Errors: differences from the truth, which the simulation recorded."
+    simulated = (
+        ""
+        if report.errors is None
+        else " Errors: differences from the truth, which the simulation recorded; its sensors are exact only with "
+        "sensors.tolerance = {}."
+    )
     console.print(f"Inertia: principal moments at the centre of mass.{simulated}")
     if report.holds_s:
         console.print(f"Held still {len(report.holds_s)} times, in {report.hold_orientations} orientations.")

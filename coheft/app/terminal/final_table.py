@@ -24,7 +24,7 @@ LEGEND = (
     "Centre of mass: x y z in the robot's grasp frame. Inertia: principal moments.",
     "Own std: the standard deviation that the robot itself reports, in the unit of "
     "the error. Percentages are of the truth. An error that is too large for its own "
-    "std is marked with its size in own std.",
+    "std is followed by their ratio.",
 )
 BOUND = (
     "Bound: the smallest root mean square error of any unbiased estimator that has all "

@@ -8,7 +8,7 @@ import numpy as np
 
 from coheft.errors import RecordingError
 from coheft.estimation.batch.body import centre_of
-from coheft.estimation.batch.identification import HiddenError, Identification
+from coheft.estimation.batch.identification import HiddenError, Identification, solid_density
 from coheft.estimation.batch.judge.evidence import Evidence
 from coheft.estimation.batch.judge.forces import judge_forces
 from coheft.estimation.batch.judge.mend import MENDABLE, mend
@@ -16,12 +16,17 @@ from coheft.estimation.batch.judge.motions import judge_gravity, judge_motions
 from coheft.estimation.batch.judge.poses import judge_poses
 from coheft.estimation.batch.judge.sensors import spiking_sensor, stuck_motion, stuck_sensor
 from coheft.estimation.batch.judge.verdict import Cause, Verdict
+from coheft.estimation.batch.payload import Payload
 from coheft.estimation.batch.pose_conventions import inverse_poses
 from coheft.estimation.batch.recording import Recording
 from coheft.estimation.rigid_body.derivatives import central_derivative
 
 _MENDINGS = 2
 """Number of corrections: a late clock of the poses is corrected first, then by forces that of the wrenches."""
+_SURELY = 3.0
+"""Standard deviations."""
+_KGF, _LBF = 9.80665, 4.4482216
+"""Other units of force [N]."""
 _STD = attrgetter("std")
 _UNOBSERVABLE = "motion and gravity do not show where all robots hold the load, or that it has a weight"
 
@@ -123,7 +128,7 @@ def _with_hidden(found: Identification, verdict: Verdict) -> Identification:
     for cause, covariance in verdict.hidden:
         stds = np.sqrt(np.maximum(np.diag(derivative @ covariance @ derivative.T), 0.0)).tolist()
         hidden = [max(one, HiddenError(cause, std), key=_STD) for one, std in zip(hidden, stds, strict=True)]
-    remarks = (*found.remarks, _what_is_hidden(hidden))
+    remarks = (*found.remarks, _what_is_hidden(hidden), *_common_scale(found.payload))
     return replace(found, hidden=tuple(hidden), remarks=remarks)
 
 
@@ -133,4 +138,16 @@ def _what_is_hidden(hidden: Sequence[HiddenError]) -> str:
         f"Small faults of sensors that this recording would not show may add standard deviations of {mass.std:.2g} kg "
         f"({mass.cause}) to the mass, {1e3 * com.std:.2g} mm ({com.cause}) to the centre of mass and "
         f"{tensor.std:.2g} kg·m² ({tensor.cause}) to moments of inertia."
+    )
+
+
+def _common_scale(payload: Payload) -> tuple[str, ...]:
+    """Remind of a common scale, which no recording shows, with a density by which to judge it."""
+    if not (payload.is_seen("mass") and payload.is_seen("inertia")):
+        return ()
+    mass = payload.inertia.mass
+    return (
+        f"No motion shows a common factor of all forces and moments: if they are in kgf, the mass is {_KGF * mass:.3g} "
+        f"kg, in lbf {_LBF * mass:.3g} kg. As found, a solid ellipsoid would have at least "
+        f"{solid_density(payload, _SURELY):,.0f} kg/m³.",
     )
