@@ -48,7 +48,8 @@ def fit_recorded(samples: Array, noise: SensorNoise, rate: float) -> Recorded:
     """Fit poses and load to all samples of all robots, taken while the load was the same.
 
     Args:
-        samples: Consecutive, shape (n, N, 15), columns as in ``MeasurementBlock``.
+        samples: Consecutive, shape (n, N, 15), columns as in ``MeasurementBlock``: the force comes before the torque,
+            unlike in files of recordings; ``coheft.estimators.samples_of`` converts these.
         noise: Noise of every robot's sensors.
         rate: Samples per second.
 
