@@ -14,7 +14,7 @@ from rich.console import Console
 from coheft.app.cart.explain import explanation
 from coheft.app.cart.identify import CartIdentification
 from coheft.app.cart.terminal import print_identification
-from coheft.app.cli.base import EXIT_ERROR, EXIT_USAGE
+from coheft.app.cli.base import EXIT_ERROR, EXIT_NOT_CONVERGED, EXIT_USAGE
 from coheft.app.cli.main import run_command_line
 from coheft.errors import RecordingError
 from coheft.estimation.cart.contact import grasp_map
@@ -104,7 +104,6 @@ def test_noise_that_is_larger_than_was_said_is_told(tmp_path: Path, capsys: pyte
         (lambda a: {**a, "push": -a["push"]}, "turn the signs of fx, fy, mz"),
         (lambda a: {**a, "pose": a["pose"][:, [1, 0, 2]]}, "would fit if x and y, or vx and vy, were exchanged"),
         (lambda a: {**a, "t": 1.1 * a["t"]}, "poses change 0.909 times as much as rates say"),
-        (lambda a: {**a, "push": a["push"] * [1.0, 1.0, -1.0]}, "everything would fit if mz had the opposite sign"),
         (lambda a: {**a, "pose": a["pose"] + [0.0, 0.0, 0.05]}, "theta is off by -2.9°"),
         (lambda a: {**a, **of_point(a, 0.1)}, "m ahead of the axle"),
         (lambda a: {**a, **{name: a[name] * [1.0, 1.0, -1.0] for name in ("pose", "rates")}}, "growing to the left"),
@@ -139,22 +138,35 @@ def test_files_of_another_meaning_are_refused_with_what_would_do(
     ("change", "words"),
     [
         (lambda push: push[:, [1, 0, 2]], "everything would fit if fx and fy were exchanged"),
+        (lambda push: push * [1.0, 1.0, -1.0], "everything would fit if mz had the opposite sign"),
         (lambda push: push * [1.0, 1.0, 1e3], "everything would fit if mz were in N·mm"),
     ],
 )
-def test_what_fits_with_another_meaning_is_told(change: object, words: str, tmp_path: Path) -> None:
+def test_what_fits_with_another_meaning_is_told(
+    change: object, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Whether the filter survives the wrong meaning does not matter."""
     assert callable(change)
     arrays = without_plan()
-    path, report = write_csv(tmp_path / "cart.csv", {**arrays, "push": change(arrays["push"])}), tmp_path / "r.json"
+    path = write_csv(tmp_path / "cart.csv", {**arrays, "push": change(arrays["push"])})
     hand = ["--hand", str(HAND[0]), str(HAND[1])]
-    assert run_command_line(["cart", "identify", str(path), *hand, "--quiet", "--json", str(report)]) == 3
-    doubts = json.loads(report.read_text())["doubts"]
-    assert words in doubts
+    assert run_command_line(["cart", "identify", str(path), *hand]) in (EXIT_ERROR, EXIT_NOT_CONVERGED)
+    out, err = capsys.readouterr()
+    assert words in " ".join(f"{out} {err}".split())
     recording = read_cart_recording(path)
     assert explanation(recording, HAND, lambda *_: False) == ""
     kept = []
     explanation(recording, HAND, lambda thin, _: bool(kept.append(len(thin.times))))
     assert max(kept) == 200
+
+
+def test_where_no_meaning_fits_it_is_said_what_to_check(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The hand is said to be 10 cm beside where it is, which is no common mistake."""
+    path = write_csv(tmp_path / "cart.csv", without_plan())
+    hand = ["--hand", str(HAND[0]), str(HAND[1] - 0.1)]
+    assert run_command_line(["cart", "identify", str(path), *hand]) == EXIT_NOT_CONVERGED
+    out = " ".join(capsys.readouterr().out.split())
+    assert "no other meaning that was tried fits: check units (N, N·m, m, rad), axes and signs" in out
 
 
 @pytest.mark.parametrize("option", [["--hand", "nan", "0"], ["--noise", "inf"]])
