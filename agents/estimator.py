@@ -93,7 +93,7 @@ class TakesLate(Protocol):
     """An estimator that can also use messages of earlier blocks than the one before."""
 
     def receive_late(self, sender: str, channels: Channels) -> None:
-        """A message that a neighbour sent after an earlier block; called before the next ``step``."""
+        """Take a message that a neighbour sent after an earlier block; called before the next ``step``."""
         ...
 
 
@@ -118,7 +118,7 @@ class SignsRows(Protocol):
         ...
 
     def refused(self) -> list[str]:
-        """Return what the last step has refused for lack of a right signature, in words."""
+        """Return what was refused since the last call for lack of a right signature, in words."""
         ...
 
 

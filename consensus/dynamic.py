@@ -1,8 +1,9 @@
 """Dynamic consensus in different coordinates (Fan et al., Proposition 3): track the average of changing inputs.
 
-``x_i' = sum_j (X_ij x_j - x_i) + u_i'`` in discrete time: add the increment of the input, then do K rounds with
-Metropolis weights. The sum of all ``x``, carried to any one frame, always equals the sum of all inputs; the K rounds
-shrink what the agents disagree on by the K-th power of the second largest eigenvalue of ``metropolis_matrix``.
+``x_i' = sum_j w_ij (X_ij x_j - x_i) + u_i'`` in discrete time: add the increment of the input, then do K rounds with
+the weights ``w_ij`` that ``NeighbourStages.gains`` give, such as Metropolis weights or equal ones. The sum of all
+``x``, transformed to any one frame, always equals the sum of all inputs; the K rounds reduce the disagreement of the
+agents by the K-th power of the second largest eigenvalue in magnitude of ``weight_matrix``.
 
 The rounds are pipelined (``coheft.consensus.pipeline``), so the increment is the change of the input over K blocks:
 each value starts from the result of the consensus on the block K before it.
@@ -50,8 +51,8 @@ class Extrapolation(NamedTuple):
 
     Attributes:
         factor: Times the last change, it is added to the values.
-        left: Root mean square of what disagreement is left then, for that of the last change.
-        share: The same for that of the disagreement that is left without it.
+        left: ``|after - factor change| / |change|``: the remaining disagreement, relative to the last change.
+        share: ``|after - factor change| / |after|``: the same, relative to the disagreement without extrapolation.
     """
 
     factor: float
@@ -77,7 +78,7 @@ class Extrapolation(NamedTuple):
 
 
 class DynamicConsensus:
-    """One agent's share of a dynamic consensus on blocks of samples.
+    """One agent's part in a dynamic consensus on blocks of samples.
 
     Its ``pipeline`` holds what to send: ``pipeline.sent()`` after each step.
 

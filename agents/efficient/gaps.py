@@ -31,7 +31,7 @@ class Gap:
     def __init__(self, waiting: int, guards: Guards) -> None:
         self._waiting, self._guards = waiting, guards
         self._first: int | None = None  # number of the first row after the gap
-        self._before = 0.0  # information of the rows before [1/kg^2]
+        self._before = 0.0  # information of the rows before [1/kg²]
 
     def begin(self, known: Knowledge, first: int) -> None:
         """Note that the rows before this one are missing."""

@@ -1,4 +1,4 @@
-"""Consensus over the robots' estimates (Fan et al., eqs 31, 32), and over what makes these wrong."""
+"""Consensus over the robots' estimates (Fan et al., eqs 31, 32), and over the errors of these estimates."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -24,13 +24,14 @@ _CHANNELS = _POSE_ERROR.stop
 
 @dataclass(frozen=True, eq=False)
 class Agreed:
-    """What robots agree on.
+    """What robots agree on, in this robot's ``F_i``.
 
     Attributes:
-        theta: ``(J, h, 1/m)``, shape (10,).
-        behind: How far that may be from the mean of all robots' own ones before the last block, likewise.
+        theta: ``(J, h, 1/m)`` [kg·m², m, 1/kg], J packed and about the centre of mass, shape (10,).
+        behind: Difference between theta and the mean of all robots' thetas one block earlier, as the convergence rate
+            gives it, shape (10,).
         by_lag: Error of theta by the lag of the sums, shape (10,).
-        by_old: Error of theta by samples of another load, likewise.
+        by_old: Error of theta by samples of another load, shape (10,).
         by_pose_error: Mean over all robots of ``covariance_by_own_pose``, shape (10, 10).
     """
 
@@ -42,7 +43,7 @@ class Agreed:
 
 
 class Agreement:
-    """One robot's share of it.
+    """One robot's part in the consensus on parameters.
 
     Before the first estimate h is at the own grasp, so that the consensus on h is the centre of the grasps.
 
@@ -67,11 +68,11 @@ class Agreement:
     def step(
         self, own: tuple[Array, Array, Array, Array] | None, inbox: Mapping[str, Channels], *, has_mixed: bool
     ) -> None:
-        """A round.
+        """Do one round.
 
         Args:
-            own: The robot's theta, shape (10,), its errors by the lag and by samples of another load, likewise, and its
-                covariance due to the own pose error, shape (10, 10); None before there are any.
+            own: The robot's theta in ``F_i``, its errors by the lag and by samples of another load, shape (10,) each,
+                and its covariance due to the own pose error, shape (10, 10); None before there are any.
             inbox: What the neighbours sent.
             has_mixed: Whether there have been rounds enough since the start.
         """
@@ -87,12 +88,12 @@ class Agreement:
 
     @property
     def centre(self) -> Array:
-        """Mean of all h, shape (3,) [m]."""
+        """Mean of all h in ``F_i``, shape (3,) [m]."""
         return self._mean[2:5]
 
     @property
     def agreed(self) -> Agreed:
-        """What comes of it."""
+        """Return the agreed parameters and their errors, in ``F_i``."""
         by_pose_error = self._mean[_POSE_ERROR].reshape(10, 10)
         return Agreed(_theta(self._mean), _theta(self._behind), self._mean[_LAG], self._mean[_OLD], by_pose_error)
 

@@ -20,7 +20,7 @@ _ORDER = [9, 6, 7, 8, 0, 1, 2, 3, 4, 5]
 def claim(
     rls: JointRls, agreed: Agreed, share: Array | None, by_poses: Array, length: float, limits: Converged
 ) -> tuple[PayloadEstimate, tuple[str, ...]]:
-    """The payload with its covariance, and why that is larger than ``limits`` ask for, in words.
+    """Return the payload with its covariance, and why that is larger than the limits allow.
 
     Args:
         rls: The own estimate.
@@ -29,6 +29,11 @@ def claim(
         by_poses: What frozen poses add to the covariance of theta, shape (10, 10).
         length: Typical distance of grasps [m].
         limits: When an estimate is good enough.
+
+    Returns:
+        The likeliest body that can exist, in ``F_i``, with the covariance of ``(m, h, J)`` [kg, m, kg·m²] in this
+        order, J packed and about the centre of mass, shape (10, 10); and in words the causes whose standard deviations
+        exceed the limits, none if the estimate is within them.
     """
     values = agreed.theta[_ORDER]
     values[0] = 1.0 / values[0]
@@ -74,7 +79,7 @@ def likeliest_body(raw: Inertia, covariance: Array, length: float) -> Inertia:
     parameters = raw.barycentric()
     if is_possible(parameters):
         return raw
-    deviations = np.sqrt(covariance.diagonal())  # kg, m and kg m^2 differ by much
+    deviations = np.sqrt(covariance.diagonal())  # kg, m and kg·m² differ by much
     to_raw = inverse(barycentric_derivative(raw)) / deviations[:, None]
     information = to_raw.T @ inverse(covariance / np.outer(deviations, deviations)) @ to_raw
     return Inertia.from_barycentric(nearest_possible(parameters, information, length))

@@ -33,11 +33,11 @@ _SENSORS = (
 )
 
 _UNOBSERVABLE_DEG = 20.0
-"""A pose whose rotation is less certain than this is not worth a number [degrees]."""
+"""A pose whose rotation is less certain than this is reported as not observed [degrees]."""
 
 
 class Fan2017Estimator:
-    """One robot's share of it. See ``coheft.agents.estimator.Estimator``."""
+    """One robot's estimator by the method of Fan et al. See ``coheft.agents.estimator.Estimator``."""
 
     def __init__(self, config: AgentConfig, gossip: Gossip) -> None:
         self._config = config

@@ -59,7 +59,7 @@ class MeanMoves:
 
 
 def _transport(pose_j_in_i: Pose) -> Array:
-    """Return ``X_ij`` of both numbers: a difference of parameters is only turned."""
+    """Return ``X_ij`` (11, 11) of the channels ``(theta, 1)``: a difference of parameters is only turned."""
     result = np.eye(_CHANNELS)
     result[:-1, :-1] = turned(pose_j_in_i.rotation)
     return result

@@ -40,7 +40,7 @@ class Network:
 
     @staticmethod
     def of(config: AgentConfig, graph: Neighbours) -> Network:
-        """As the robot of these settings sees it."""
+        """Make it for the robot with this configuration."""
         settings = config.fan2017
         gain = _gain(graph, settings.consensus_weights)
         gains = {name: gain(config.name, name) for name in graph[config.name]}

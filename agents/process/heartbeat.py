@@ -8,7 +8,10 @@ PERIOD = 0.5
 
 
 class Heartbeat:
-    """Calls a function every ``period`` seconds in a separate thread, inside a ``with`` statement."""
+    """Calls a function every ``period`` seconds in a separate thread, inside a ``with`` statement.
+
+    An exception in ``beat`` ends the calls; it is printed, but not raised in the other thread.
+    """
 
     def __init__(self, beat: Callable[[], None], period: float = PERIOD) -> None:
         self._beat, self._period = beat, period

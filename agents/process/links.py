@@ -38,6 +38,17 @@ class AgentLinks:
 
     ``receive`` returns the next event, see ``Inbox.receive``. ``ready`` and ``reference`` send to the server, ``hello``
     and ``message`` to all neighbours, ``estimate`` to observers, ``problems`` to observers and to the log.
+
+    Args:
+        stack: Closes the sessions when it is left.
+        config: The agent's endpoints, neighbours and run.
+        measurements: Type of the server's measurements.
+        from_neighbours: Type of the neighbours' messages of each block.
+        security: Keys and certificates of the secure profile; None for the open one.
+        largest: Size limit of messages from neighbours [B].
+
+    Raises:
+        LinkError: An endpoint is malformed, or another process listens at it.
     """
 
     def __init__(

@@ -66,7 +66,7 @@ class Estimate:
 
     @property
     def variance_of_mass(self) -> float:
-        """Variance of the mass [kg^2]."""
+        """Variance of the mass [kg²]."""
         mass = self.body.unknowns.theta.start
         return float(self.seen[mass, mass] + self.hidden[mass, mass])
 
