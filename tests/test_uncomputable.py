@@ -28,13 +28,18 @@ Channels = dict[str, Any]
 
 def with_fast_gyros(agent: Agent, channels: Channels) -> Channels:
     """Add a handover that says that gyros are off by 1e10 rad/s."""
+    return with_handover(agent, channels, gyros=1e10)
+
+
+def with_handover(agent: Agent, channels: Channels, gyros: float = 0.0) -> Channels:
+    """Add a handover of an estimate with these offsets of gyros [rad/s]."""
     message = RowMessage.of_channels(channels)
     if message is None:
         return channels
     settings = fit_settings(agent.config, NAMES)
     state = State.first([Pose(np.eye(3), np.array([0.0, 0.0, 0.3 * k])) for k in range(3)], settings.errors)
     theta = np.array([2.0, 0.0, 0.0, 0.0, 0.1, 0.1, 0.1, 0.0, 0.0, 0.0])
-    state = State(state.poses, state.eta, state.calibration, np.full(3, 1e10), np.append(np.zeros(6), theta))
+    state = State(state.poses, state.eta, state.calibration, np.full(3, gyros), np.append(np.zeros(6), theta))
     size = Unknowns(3, settings.errors).size
     evidence = Evidence.of_rows(np.zeros(size), 100.0 * np.eye(size), np.zeros((size, size)), 1e6)
     prior = Prior(state, Guess.about(theta, 0.5), evidence, has_expectations=True)

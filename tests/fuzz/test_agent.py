@@ -13,15 +13,18 @@ from hypothesis import strategies as st
 
 from coheft.agents.agent import Agent, Outbox
 from coheft.app.run.inprocess import TeamInProcess, measured
-from coheft.estimation.geometry.spatial import Array
+from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.measurement import MeasurementBlock
+from coheft.estimation.moments.unknowns import LOAD_SIZE
 from coheft.wire.messages.codec import encode
 from coheft.wire.messages.structs import NeighbourMessage
 from coheft.wire.scenario.file import load_scenario
 from tests.fuzz.any_message import KEY, altered, values
+from tests.test_uncomputable import with_handover
 
-BLOCKS = 3
+BLOCKS, MANY_BLOCKS = 3, 60
 some = settings(max_examples=settings.default.max_examples // 3)
+few = settings(max_examples=settings.default.max_examples // 4)
 
 
 class Moment:
@@ -41,7 +44,7 @@ class Moment:
         self.first = first
         self.samples: list[Array] = []
         self.heard: list[list[NeighbourMessage]] = []
-        self._agent = agent
+        self.agent = agent
 
     @cached_property
     def undisturbed(self) -> list[bytes]:
@@ -50,7 +53,7 @@ class Moment:
 
     def go_on(self, samples: list[Array], heard: list[list[NeighbourMessage]]) -> list[Outbox]:
         """What a copy of the agent says in the next blocks."""
-        agent = copy.deepcopy(self._agent)
+        agent = copy.deepcopy(self.agent)
         return [
             agent.step(self.first + k, MeasurementBlock(self.first + k, rows), messages)
             for k, (rows, messages) in enumerate(zip(samples, heard, strict=True))
@@ -64,11 +67,15 @@ class Moment:
 )
 def moment(request: pytest.FixtureRequest) -> Moment:
     """The first of three robots, while it finds poses, or sums up."""
-    estimator, time = request.param
+    return moment_of(*request.param, blocks=BLOCKS)
+
+
+def moment_of(estimator: str, time: float, blocks: int) -> Moment:
+    """The first of three robots after this time [s], and so many blocks more."""
     scenario = msgspec.structs.replace(load_scenario("ring3"), estimator=estimator)
     team = TeamInProcess(scenario)
     first, name = round(time / scenario.block_duration), scenario.robot_names[0]
-    for block in range(first + BLOCKS):
+    for block in range(first + blocks):
         if block == first:
             moment = Moment(copy.deepcopy(team.agents[name]), first)
         result, heard = team.measure(), team.heard()
@@ -95,7 +102,7 @@ def assert_finite(outboxes: list[Outbox]) -> None:
             arrays += [number for pose in estimate.poses.values() for number in (pose.rotation, pose.translation)]
             arrays += [pose.covariance for pose in estimate.poses.values()]
             if (payload := estimate.payload) is not None:
-                arrays += [payload.com, payload.tensor, payload.covariance]
+                arrays += [each for each in (payload.com, payload.tensor, payload.covariance) if each is not None]
         assert all(np.isfinite(array).all() for array in arrays)
 
 
@@ -137,6 +144,51 @@ FAULTS = st.tuples(
     st.sampled_from([np.nan, np.inf, 0.0, 1e3, -1e9, -1e15, 1e77, 1e300]) | st.floats(),
 )
 """Block, sample from which on, column, and what becomes of it from then on."""
+
+
+@pytest.fixture(
+    scope="module", params=[("efficient", 0.1, "known"), ("fan2017", 5.0, "sums"), ("fan2017", 5.0, "parameters")]
+)
+def long_moment(request: pytest.FixtureRequest) -> tuple[Moment, str]:
+    """The first of three robots before many blocks, and the channel in which a neighbour says what is not so."""
+    estimator, time, channel = request.param
+    return moment_of(estimator, time, MANY_BLOCKS), channel
+
+
+GYROS_AND_LOAD = slice(15 + 3 * Pose.SIZE, 15 + 3 * Pose.SIZE + 3 + LOAD_SIZE)
+"""Their numbers in a handover to three robots without sensor errors; with large ones before them it is refused."""
+LIES = st.tuples(
+    st.integers(0, MANY_BLOCKS // 3),
+    st.integers(1, 10),
+    st.floats(0.0, 1.0) | st.none(),
+    st.sampled_from([1e3, 1e6, -1e8, 1e10]) | st.floats(-1e11, 1e11),
+)
+"""Block from which on, number of blocks, where in the array (None if everywhere), and about which numbers."""
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")  # overflows, and what comes of them, are no error in a process
+@few
+@given(lies=st.lists(LIES, min_size=1, max_size=2))
+def test_large_numbers_of_a_neighbour_do_not_stop_an_agent_many_blocks_later(
+    long_moment: tuple[Moment, str], lies: list[tuple[int, int, float | None, float]]
+) -> None:
+    moment, channel = long_moment
+    heard = [list(messages) for messages in moment.heard]
+    for start, count, place, size in lies:
+        for messages in heard[start : start + count]:
+            channels = dict(messages[0].channels)
+            if channel == "known":
+                channels = with_handover(moment.agent, channels)
+            if channel not in channels:
+                continue
+            numbers = channels[channel].copy()
+            stated = numbers.reshape(-1)[GYROS_AND_LOAD if channel == "known" else slice(None)]
+            if place is None:
+                stated[:] = size * np.random.default_rng(1).standard_normal(stated.size)
+            else:
+                stated[int(place * (stated.size - 1))] = size
+            messages[0] = msgspec.structs.replace(messages[0], channels={**channels, channel: numbers})
+    assert_finite(moment.go_on(moment.samples, heard))
 
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")  # overflows, and what comes of them, are no error in a process
