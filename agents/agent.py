@@ -34,7 +34,7 @@ from coheft.wire.scenario.plugins import estimator_names
 ESTIMATORS: dict[str, EstimatorFactory] = {"efficient": EfficientEstimator, "fan2017": Fan2017Estimator}
 """The estimators that come with coheft; others are found by entry points, see ``coheft.wire.scenario.plugins``."""
 
-_SILENT = 2
+_SILENT_AFTER = 2
 """Number of consecutive missing messages after which a neighbour is reported as silent."""
 
 
@@ -210,7 +210,7 @@ class Agent:
 
     def _silent(self, index: int) -> list[str]:
         """Return the neighbours whose messages are missing."""
-        return [name for name in self.config.neighbours if index - self._inbox.last_heard(name) >= _SILENT]
+        return [name for name in self.config.neighbours if index - self._inbox.last_heard(name) >= _SILENT_AFTER]
 
     def _doubts(self, index: int, of_estimator: Sequence[str]) -> Iterator[str]:
         if self._sensors.fault is not None:

@@ -17,7 +17,7 @@ from coheft.estimation.geometry.spatial import Array
 from coheft.wire.messages.structs import LinkState, NeighbourMessage
 from coheft.wire.scenario.schema import MAX_ROBOTS
 
-_SILENT = 8
+_INCARNATION_LIFETIME = 8
 """After this number of blocks without a usable message of a sender's latest incarnation, a current message with a
 smaller incarnation is accepted: the larger number was an error."""
 LATE = 64
@@ -120,7 +120,7 @@ class NeighbourInbox:
         known = self._incarnations.get(message.sender)
         if known is None:
             return f"it is not a neighbour; neighbours are {', '.join(self._incarnations)}"
-        is_error = index - self._last[message.sender] >= _SILENT and message.block >= index - 1
+        is_error = index - self._last[message.sender] >= _INCARNATION_LIFETIME and message.block >= index - 1
         if message.incarnation < (0 if is_error else known):
             return "it was sent before its sender restarted"
         if message.block >= index:

@@ -6,7 +6,7 @@ import itertools
 
 import pytest
 
-from coheft.agents.process.neighbour_link import KEPT, LONGEST_PAUSE, SILENCE, NeighbourLink
+from coheft.agents.process.neighbour_link import LONGEST_PAUSE, MOST_KEPT, SILENCE, NeighbourLink
 from coheft.wire.messages.structs import Hello, NeighbourMessage
 
 NOW = 100.0
@@ -84,9 +84,9 @@ def test_a_life_that_a_neighbour_has_not_begun_is_forgotten_with_its_next_hello(
 
 
 def test_however_much_a_neighbour_says_little_is_kept(link):
-    for _ in range(100 * KEPT):
+    for _ in range(100 * MOST_KEPT):
         link.take_message(message(11), 10, NOW)
-    assert len(link.take_messages(12)) == KEPT
+    assert len(link.take_messages(12)) == MOST_KEPT
 
 
 def test_a_link_that_goes_and_comes_back_is_told_once_each_but_not_that_it_comes_at_first():

@@ -22,7 +22,7 @@ from coheft.estimation.moments.unknowns import OFFSET, THETA
 
 _JUDGED = 256
 """Number of newest rows that are tested; older ones have been tested before."""
-_SEEN = 0.1
+_LEAST_REDUCTION = 0.1
 """A sensor error is judged if measurements have removed this share of its prior variance."""
 _POSE, _MOTION, _LOAD = 6, 12, 10
 """Degrees of freedom that a fit takes from the residuals: for each pose, for each row's motion, for the load."""
@@ -138,7 +138,7 @@ def _has_offset_beyond_tolerance(estimate: Estimate, settings: FitSettings, guar
 def _is_beyond(found: Array, uncertain: Array, guards: Guards) -> bool:
     """Whether errors (k,) with posterior covariance (k, k), in prior deviations, are too large."""
     seen, directions = np.linalg.eigh(np.eye(len(found)) - uncertain)
-    is_seen = seen > _SEEN
+    is_seen = seen > _LEAST_REDUCTION
     square = np.square(found @ directions[:, is_seen]) / seen[is_seen]
     return bool(is_seen.any() and square.sum() > chi_square_threshold(int(is_seen.sum()), guards.tolerance))
 

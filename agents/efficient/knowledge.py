@@ -15,7 +15,7 @@ from coheft.agents.efficient.judge import Verdict, judge
 from coheft.agents.efficient.load_drift import LoadDrift
 from coheft.agents.efficient.one_load import OneLoad
 from coheft.agents.efficient.pages import KEPT_ON_PAGE, Pages
-from coheft.agents.efficient.row_times import MANY
+from coheft.agents.efficient.row_times import LARGE_TEAM
 from coheft.agents.efficient.settings import Guards
 from coheft.agents.efficient.small_steps import UnnoticedStep
 from coheft.estimation.geometry.spatial import Array, Pose
@@ -61,7 +61,7 @@ class Knowledge:
         self, count: int, anchor: int, settings: FitSettings, guards: Guards, prior: Prior | None = None
     ) -> None:
         self._count, self._anchor, self._settings, self._guards = count, anchor, settings, guards
-        self._growth = guards.growth_of_many if settings.errors.count or count > MANY else guards.growth
+        self._growth = guards.growth_of_many if settings.errors.count or count > LARGE_TEAM else guards.growth
         self.least = max(4, round(guards.first_rows / settings.period))
         size = settings.errors.row_size * count + 1
         self.buffer = RowBuffer(size, not self.is_small)

@@ -16,7 +16,7 @@ from coheft.estimation.moments.flexing import flexing, flexing_margin
 from coheft.estimation.moments.rows import LONGEST, row_of_samples, row_with_rates, rows_per_block
 from coheft.estimation.moments.sensor_errors import SensorErrors
 
-MANY, _MOST_TIMES = 32, 5
+LARGE_TEAM, _MOST_TIMES = 32, 5
 """In teams of more robots than this, rows are longer in proportion, but at most so many times."""
 
 
@@ -35,7 +35,7 @@ class RowTimes:
     @staticmethod
     def of_team(count: int, block: int, rate: float) -> RowTimes:
         """Choose the length of rows for ``count`` robots with ``block`` samples per block and ``rate`` per second."""
-        longest = LONGEST * min(_MOST_TIMES, math.ceil(count / MANY))
+        longest = LONGEST * min(_MOST_TIMES, math.ceil(count / LARGE_TEAM))
         parts = rows_per_block(block, rate, longest)
         spanned = max(1, math.floor(longest * rate / block + 1e-9)) if parts == 1 else 1
         return RowTimes(block, block * spanned // parts)

@@ -10,7 +10,7 @@ SILENCE = 2.0
 longer than Zenoh's lease."""
 LONGEST_PAUSE = 64.0
 """Longest time between two attempts to renew a link [s]; the first one is ``SILENCE``."""
-KEPT = 64
+MOST_KEPT = 64
 """Number of messages that are kept for later steps; a neighbour that is further ahead does not keep pace."""
 
 
@@ -37,7 +37,7 @@ class NeighbourLink:
         self._begun_at = now
         self._pause = SILENCE
         self._incarnation = -1
-        self._messages: deque[NeighbourMessage] = deque(maxlen=KEPT)
+        self._messages: deque[NeighbourMessage] = deque(maxlen=MOST_KEPT)
 
     def note_presence(self, is_here: bool) -> None:
         """Note that the link is up, or lost."""
@@ -109,7 +109,7 @@ class NeighbourLink:
         later: list[NeighbourMessage] = []
         for message in self._messages:
             (later if self._can_be_of_use(message, block + 1) else now).append(message)
-        self._messages = deque(later, KEPT)
+        self._messages = deque(later, MOST_KEPT)
         return now
 
     def _can_be_of_use(self, message: NeighbourMessage, block: int) -> bool:
@@ -118,4 +118,4 @@ class NeighbourLink:
         A neighbour may skip blocks: once a later message has arrived, earlier ones will not. Messages from before the
         neighbour restarted are not used.
         """
-        return message.incarnation == self._incarnation and block - 1 <= message.block < block - 1 + KEPT
+        return message.incarnation == self._incarnation and block - 1 <= message.block < block - 1 + MOST_KEPT

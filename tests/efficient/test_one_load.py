@@ -49,7 +49,7 @@ def test_rows_that_are_not_kept_or_are_part_of_a_prior_count_as_well(monkeypatch
     expected = OneLoad(whole.estimate, whole.chapter, count, count).error_by_drift()
     theta = whole.estimate.body.unknowns.theta
 
-    monkeypatch.setattr("coheft.estimation.moments.row_buffer.KEPT", 40)
+    monkeypatch.setattr("coheft.estimation.moments.row_buffer.LEAST_KEPT", 40)
     dropping = Chapter(RowBuffer(rows.shape[1]), QUIET)
     add_rows(dropping.buffer, rows)
     assert not dropping.buffer.keeps_whole_load

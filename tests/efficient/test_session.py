@@ -314,7 +314,7 @@ def test_where_taking_back_leaves_few_rows_all_begins_again() -> None:
 
 
 def test_rows_that_have_made_room_count_in_tests_for_changes(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("coheft.estimation.moments.row_buffer.KEPT", 64)
+    monkeypatch.setattr("coheft.estimation.moments.row_buffer.LEAST_KEPT", 64)
     rows = made_up_rows(129)
     known = fed(rows)._known
     assert known.buffer.count == 65

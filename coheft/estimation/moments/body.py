@@ -43,7 +43,7 @@ _AXES = np.eye(3)
 _PACKED = unpack_symmetric(np.eye(6))
 _NO_SENSOR = 1e6
 """Assumed noise [N, N·m] of a missing wrench sensor in the total wrench."""
-_FAINT = 1e-6
+_PRIOR_INFORMATION = 1e-6
 """Small prior information on the motion: keeps the fusion solvable where no sensor measures it."""
 
 
@@ -90,7 +90,7 @@ class Fusion:
         weight, by_motion = weight[:, sensors], predict[:, sensors, part]
         weighted = weight[:, :, None] * by_motion
         information = weighted.reshape(-1, 6).T @ by_motion.reshape(-1, 6)
-        covariance = inverse_of(information + _FAINT * np.eye(6))
+        covariance = inverse_of(information + _PRIOR_INFORMATION * np.eye(6))
         return Fusion(part, sensors, weight, weighted, covariance, covariance @ weighted.swapaxes(1, 2))
 
 
@@ -148,7 +148,7 @@ class BodyModel:
 
         corrections = Corrections(noise, errors, state.calibration, self.count)
         self.weight = 1.0 / corrections.variance(rows.KINEMATICS)
-        self.shares = self.weight[:, 0] / max(self.weight[:, 0].sum(), _FAINT)
+        self.shares = self.weight[:, 0] / max(self.weight[:, 0].sum(), _PRIOR_INFORMATION)
         self.twist = Fusion.of(TWIST, rows.TWIST, self.weight, self.predict)
         self.accelerations = Fusion.of(ACCELERATIONS, rows.ACCELERATIONS, self.weight, self.predict)
         self.motion_noise, self.residual_noise = self._noise_of_features(corrections)

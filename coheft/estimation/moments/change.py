@@ -39,14 +39,14 @@ _WINDOWS = np.unique(np.round(_RATIO ** np.arange(30)).astype(np.int64))
 _SPHERE: Array = np.array([each for each in product((-1.0, 0.0, 1.0), repeat=3) if any(each)])
 _SPHERE /= np.linalg.norm(_SPHERE, axis=1)[:, None]
 """Points all over the unit sphere."""
-_SEEN = 0.1
+_LEAST_MOTION_SHARE = 0.1
 """Directions are tested if at least this share of their information is motion, not its noise."""
 _WELL = 1e-6
 """Least eigenvalue of a scaled matrix that is inverted without testing its directions."""
 _LEFT = 0.05
 """A change is located by directions that older rows show as well: a fit to all rows leaves at least this share of the
 information of the newest ones."""
-FAINT = 1e-10
+ROUNDING_SHARE = 1e-10
 """Share of the information below which all is rounding."""
 
 
@@ -334,12 +334,12 @@ def seen_directions(matrix: Array, noise: Array) -> tuple[Array, Array]:
     scale = np.maximum(matrix.diagonal(), 1e-300) ** -0.5
     scaled, of_noise = scale[:, None] * matrix * scale, scale[:, None] * noise * scale
     one = np.eye(len(matrix))
-    if is_positive_definite((1.0 - _SEEN) * scaled - of_noise - _WELL * one):  # all of them
+    if is_positive_definite((1.0 - _LEAST_MOTION_SHARE) * scaled - of_noise - _WELL * one):  # all of them
         white: Array = np.asarray(np.linalg.inv(np.linalg.cholesky(scaled)))
         return white * scale, one - white @ of_noise @ white.T
     values, vectors = np.linalg.eigh(scaled)
-    is_real = values > FAINT * values[-1]
+    is_real = values > ROUNDING_SHARE * values[-1]
     white = (vectors[:, is_real] / np.sqrt(values[is_real])).T
     shares, directions = np.linalg.eigh(np.eye(len(white)) - white @ of_noise @ white.T)
-    is_seen = shares > _SEEN
+    is_seen = shares > _LEAST_MOTION_SHARE
     return directions[:, is_seen].T @ white * scale, np.diag(shares[is_seen])

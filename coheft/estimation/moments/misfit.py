@@ -18,7 +18,7 @@ import numpy as np
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.linear_algebra import inverse as inverse_of
 from coheft.estimation.moments.body import BodyModel
-from coheft.estimation.moments.change import FAINT, InformationMaps
+from coheft.estimation.moments.change import ROUNDING_SHARE, InformationMaps
 from coheft.estimation.moments.unknowns import LOAD_SIZE, OFFSET
 
 WINDOWS = (1, 2, 4, 8, 16, 32)
@@ -127,7 +127,7 @@ def explanations(body: BodyModel, gram: Array, assumed: KnownLoad) -> Explanatio
     (spread,), (vector,) = maps.sums(gram[None])
     score = vector - (spread - gram[0, 0] * maps.of_noise) @ assumed.load  # the first number of a view is 1
     scale = np.maximum(spread.diagonal(), 1e-300) ** -0.5
-    score, spread = scale * score, scale[:, None] * spread * scale + FAINT * np.eye(LOAD_SIZE)
+    score, spread = scale * score, scale[:, None] * spread * scale + ROUNDING_SHARE * np.eye(LOAD_SIZE)
 
     # A sensor's offset is one of the wrench offset: by force, then by torque, of each robot; shape (2 N, 6, 3).
     offsets = np.concatenate([body.adjoints[:, :, :3], body.adjoints[:, :, 3:]]) / scale[OFFSET, None]

@@ -17,7 +17,7 @@ from coheft.estimation.moments.moments import Moments, RowMoments
 from coheft.estimation.moments.projected import ProjectedMoments
 from coheft.estimation.moments.rows import WRENCH_SIZE
 
-KEPT = 1024
+LEAST_KEPT = 1024
 """At least this many of the newest rows are kept; there is room for twice as many."""
 VIEW_SIZE = FORCING_SIZE + WRENCH_SIZE
 _LEAST_TO_PROJECT = 200
@@ -32,17 +32,17 @@ class RowBuffer:
         is_projected: Whether to project moments at one state, once poses are known.
 
     Attributes:
-        rows: Rows of the team, shape (2 KEPT, X), of which the first ``count`` are in use.
-        views: ``(motion[FORCING], wrench)`` of each row at the newest state, shape (2 KEPT, 19).
-        numbers: Number of each row, shape (2 KEPT,).
+        rows: Rows of the team, shape (2 LEAST_KEPT, X), of which the first ``count`` are in use.
+        views: ``(motion[FORCING], wrench)`` of each row at the newest state, shape (2 LEAST_KEPT, 19).
+        numbers: Number of each row, shape (2 LEAST_KEPT,).
         count: Number of rows that are kept.
         start: Index of the first row with the present load.
     """
 
     def __init__(self, size: int, is_projected: bool = False) -> None:
         self._is_projected = is_projected
-        self.rows, self.views = np.zeros((2 * KEPT, size)), np.zeros((2 * KEPT, VIEW_SIZE))
-        self.numbers = np.zeros(2 * KEPT, dtype=np.int64)
+        self.rows, self.views = np.zeros((2 * LEAST_KEPT, size)), np.zeros((2 * LEAST_KEPT, VIEW_SIZE))
+        self.numbers = np.zeros(2 * LEAST_KEPT, dtype=np.int64)
         self.count = self.start = 0
         self._former: Any = None  # Moments of former loads
         self._load: Any = RowMoments(np.zeros((size, size)))
@@ -75,7 +75,7 @@ class RowBuffer:
         is_full = self.count == len(self.rows)
         if is_full:
             self._sum_up()
-            self._drop(KEPT)
+            self._drop(LEAST_KEPT)
         index = self.count
         while index > 0 and self.numbers[index - 1] > number:
             index -= 1

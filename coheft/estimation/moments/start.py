@@ -30,7 +30,7 @@ _TURNING = slice(10, MOTION_SIZE)
 """Entries of the motion by which accelerations differ from place to place on the body: ``(alpha, products of w)``."""
 _WEAK = 1e-9
 """Regularization, as a share of the noise: keeps the velocity solvable if nothing rotates."""
-_FAINT = 1e-12
+_TIE_BREAK = 1e-12
 """Makes no rotation the likeliest one where the moments are all zero."""
 _UNKNOWN = 1e3
 """Variance of a part of the motion that no robot measures; some are larger, none of those that one measures is."""
@@ -210,7 +210,7 @@ def _likeliest_rotation(profile: Array) -> Array:
     """Return the rotation ``R`` that maximizes ``tr(R^T K)`` for a profile ``K`` (3, 3) (Davenport's q-method)."""
     trace, skewed = np.trace(profile), profile - profile.T
     davenport = np.zeros((4, 4))
-    davenport[0, 0] = trace + _FAINT
+    davenport[0, 0] = trace + _TIE_BREAK
     davenport[0, 1:] = davenport[1:, 0] = skewed[2, 1], skewed[0, 2], skewed[1, 0]
     davenport[1:, 1:] = profile + profile.T - trace * np.eye(3)
     return rotation_from_quaternion(np.linalg.eigh(davenport)[1][:, -1])

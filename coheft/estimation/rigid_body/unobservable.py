@@ -10,7 +10,7 @@ from coheft.estimation.geometry.observability import axis_in_words
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.rigid_body.mass_properties import TIMES_IN_MATRIX, pack_symmetric, unpack_symmetric
 
-_SEEN = 0.3
+_RELATIVE_STD = 0.3
 """Parameters with a standard deviation above this share of their scale are not published."""
 _SMALLEST = 0.25
 """Smallest size that is assumed for a load [m]."""
@@ -54,18 +54,18 @@ def unobservable_quantities(covariance: Array, mass: float, length: float) -> tu
         length: Rough size of the body [m].
     """
     found = []
-    limit = (_SEEN * mass * length**2) ** 2
-    is_com_seen = np.trace(covariance[1:4, 1:4]) <= (_SEEN * length) ** 2
+    limit = (_RELATIVE_STD * mass * length**2) ** 2
+    is_com_seen = np.trace(covariance[1:4, 1:4]) <= (_RELATIVE_STD * length) ** 2
     # No moment about an axis is more uncertain than 5/3 of the largest eigenvalue.
-    if is_com_seen and covariance[0, 0] <= (_SEEN * mass) ** 2 and np.trace(covariance[4:, 4:]) <= 0.6 * limit:
+    if is_com_seen and covariance[0, 0] <= (_RELATIVE_STD * mass) ** 2 and np.trace(covariance[4:, 4:]) <= 0.6 * limit:
         return ()
-    if covariance[0, 0] > (_SEEN * mass) ** 2:
+    if covariance[0, 0] > (_RELATIVE_STD * mass) ** 2:
         found.append(
             Unobservable("mass", "mass", "accelerate the load, or let gravity act on it in different directions")
         )
 
     values, axes = np.linalg.eigh(covariance[1:4, 1:4])
-    hidden = [axis for value, axis in zip(values, axes.T, strict=True) if value > (_SEEN * length) ** 2]
+    hidden = [axis for value, axis in zip(values, axes.T, strict=True) if value > (_RELATIVE_STD * length) ** 2]
     for what in _named("centre of mass", "along", hidden):
         found.append(Unobservable("com", what, "tilt the load, or turn it about an axis across that direction"))
 

@@ -15,7 +15,7 @@ from coheft.estimation.moments.row_buffer import RowBuffer
 from tests.estimation.moments.moving_team import LATE, body_at, make_team, with_rates
 from tests.estimation.moments.numbered_rows import SIZE, assert_moments, gram, row
 
-KEPT = 6
+LEAST_KEPT = 6
 pytestmark = pytest.mark.usefixtures("few_rows_are_kept")
 
 
@@ -30,9 +30,9 @@ class Naive:
     since: int = 0
 
     def add(self, number: int) -> None:
-        if len(self.kept) == 2 * KEPT:
-            self.begin = max(self.begin, self.kept[KEPT])  # no row comes so late
-            del self.kept[:KEPT]
+        if len(self.kept) == 2 * LEAST_KEPT:
+            self.begin = max(self.begin, self.kept[LEAST_KEPT])  # no row comes so late
+            del self.kept[:LEAST_KEPT]
         self.kept = sorted([*self.kept, number])
         (self.former if number < self.since else self.load).append(number)
 
@@ -78,14 +78,14 @@ def test_moments_are_sums_over_rows_whatever_happens(operations: list[tuple[str,
         start, count = naive.place_of_load(), len(naive.kept)
         index = start + round(share * (count - start))
         missing = [number for number in missing if number >= naive.begin]
-        if what in ("next", "gap") or (what == "late" and missing and count < 2 * KEPT):
+        if what in ("next", "gap") or (what == "late" and missing and count < 2 * LEAST_KEPT):
             if what == "late":
                 number = missing.pop(round(share * (len(missing) - 1)))
             else:
                 number = newest + (1 if what == "next" else 2 + round(2 * share))
                 missing += range(newest + 1, number)
             newest = max(newest, number)
-            is_full = count == 2 * KEPT
+            is_full = count == 2 * LEAST_KEPT
             found, had_to_drop = buffer.add(number, row(number))
             naive.add(number)
             assert had_to_drop == is_full
