@@ -7,7 +7,7 @@ from itertools import islice
 import numpy as np
 
 from coheft.estimation.geometry.spatial import Array
-from coheft.wire.messages.size import PER_MESSAGE
+from coheft.wire.messages.limits import PER_MESSAGE
 
 
 class Flood:

@@ -20,7 +20,7 @@ from itertools import islice
 from msgspec.structs import replace
 
 from coheft.consensus.graph import distances
-from coheft.wire.messages.size import PER_MESSAGE
+from coheft.wire.messages.limits import PER_MESSAGE
 from coheft.wire.messages.structs import LinkState
 from coheft.wire.scenario.schema import MAX_ROBOTS
 

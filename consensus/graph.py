@@ -9,17 +9,23 @@ import math
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import combinations
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from coheft.errors import CoheftError
 from coheft.estimation.geometry.spatial import Array
-from coheft.wire.messages.size import MANY, PER_MESSAGE
-from coheft.wire.scenario.schema import Graph
+from coheft.wire.messages.limits import PER_MESSAGE
+
+if TYPE_CHECKING:  # the library needs no scenarios
+    from coheft.wire.scenario.schema import Graph
 
 Neighbours = Mapping[str, tuple[str, ...]]
+LARGE_GRAPH = 64
+"""For more names, distances are bounded, and exact sums use a tree, in which a message carries two values instead of
+those of all rounds."""
 _CENTRE_CANDIDATES = 8
-"""In a graph of more than ``MANY`` names, ``centre`` evaluates at most this many candidates."""
+"""In a graph of more than ``LARGE_GRAPH`` names, ``centre`` evaluates at most this many candidates."""
 
 
 class GraphError(CoheftError):
@@ -105,14 +111,14 @@ def distances(neighbours: Neighbours, source: str) -> dict[str, int]:
 
 
 def diameter(neighbours: Neighbours) -> int:
-    """Return the largest number of hops between two names; for more than ``MANY`` names a bound, at most twice as
-    large.
+    """Return the largest number of hops between two names; for more than ``LARGE_GRAPH`` names a bound, at most twice
+    as large.
 
     Raises:
         GraphError: The graph is not connected.
     """
     longest = 0
-    is_small = len(neighbours) <= MANY
+    is_small = len(neighbours) <= LARGE_GRAPH
     for name in neighbours if is_small else [centre(neighbours)]:
         hops = distances(neighbours, name)
         if len(hops) != len(neighbours):
@@ -125,8 +131,8 @@ def diameter(neighbours: Neighbours) -> int:
 def hearing(neighbours: Neighbours) -> int:
     """Return the number of blocks after which every robot has received what all robots sent at one time.
 
-    This is the diameter, plus one block so that a lost message does no harm, plus the further messages that a table
-    with one row per robot takes.
+    This is the diameter, plus one block so that a lost message does no harm, plus the further messages that the
+    records of all robots take.
     """
     return diameter(neighbours) + 1 + len(neighbours) // PER_MESSAGE
 
@@ -134,11 +140,11 @@ def hearing(neighbours: Neighbours) -> int:
 def centre(neighbours: Neighbours) -> str:
     """Return the centre: the name with the smallest largest distance, the first one of several.
 
-    For more than ``MANY`` names the result is approximate (exact on trees): the best candidate in the middle of the
-    shortest paths between two distant names. The exact result would need the distances between all pairs.
+    For more than ``LARGE_GRAPH`` names the result is approximate (exact on trees): the best candidate in the middle
+    of the shortest paths between two distant names. The exact result would need the distances between all pairs.
     """
     candidates: Iterable[str] = neighbours
-    if len(neighbours) > MANY:
+    if len(neighbours) > LARGE_GRAPH:
         end = _farthest(distances(neighbours, min(neighbours)))
         from_end = distances(neighbours, end)
         far = _farthest(from_end)

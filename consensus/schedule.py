@@ -18,9 +18,8 @@ from typing import Literal
 
 import numpy as np
 
-from coheft.consensus.graph import Neighbours, centre, check_graph, distances, laplacian
+from coheft.consensus.graph import LARGE_GRAPH, Neighbours, centre, check_graph, distances, laplacian
 from coheft.estimation.geometry.spatial import Array
-from coheft.wire.messages.size import MANY
 
 TOLERANCE = 1e-10
 """Largest disagreement that a schedule may leave, as a share of the inputs."""
@@ -113,7 +112,7 @@ def choose_schedule(neighbours: Neighbours, tolerance: float = TOLERANCE) -> Sch
         GraphError: See ``check_graph``.
     """
     by_tree = tree(neighbours)
-    if len(neighbours) == 1 or len(neighbours) > MANY:
+    if len(neighbours) == 1 or len(neighbours) > LARGE_GRAPH:
         return by_tree
     candidates = sorted(
         (finite_time(neighbours), by_tree, chebyshev(neighbours, tolerance)), key=lambda schedule: schedule.rounds

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from coheft.consensus.flood import Flood, Floods
 from coheft.consensus.graph import Neighbours, build_graph, diameter, hearing
 from coheft.estimation.geometry.spatial import Array
-from coheft.wire.messages.size import PER_MESSAGE
+from coheft.wire.messages.limits import PER_MESSAGE
 from coheft.wire.scenario.schema import Graph
 from tests.test_graph import graphs, names
 

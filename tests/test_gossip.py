@@ -13,7 +13,7 @@ from msgspec.structs import replace
 from coheft.consensus.gossip import Gossip
 from coheft.consensus.graph import Neighbours, build_graph, diameter, distances
 from coheft.wire.messages.codec import encode
-from coheft.wire.messages.size import PER_MESSAGE
+from coheft.wire.messages.limits import PER_MESSAGE
 from coheft.wire.messages.structs import LinkState, NeighbourMessage
 from coheft.wire.scenario.schema import MAX_ROBOTS, Graph
 from tests.test_graph import graphs, names

@@ -25,7 +25,7 @@ from coheft.consensus.graph import (
     uniform_weight,
 )
 from coheft.consensus.schedule import chebyshev, choose_schedule, finite_time, tree
-from coheft.wire.messages.size import PER_MESSAGE
+from coheft.wire.messages.limits import PER_MESSAGE
 from coheft.wire.scenario.schema import Graph, GraphKind
 
 Kind = Literal["ring", "line", "star", "grid", "tree", "complete", "random"]

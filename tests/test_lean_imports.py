@@ -20,7 +20,7 @@ from coheft.wire.scenario.file import load_scenario
             {"scipy", "mujoco", "coheft.physics_server", "cyclopts", "rich", "unittest", "coheft.wire.cart"},
         ),
         ("coheft.physics_server.server", {"coheft.agents", "cyclopts", "rich", "matplotlib", "scipy"}),
-        ("coheft.consensus", {"zenoh", "mujoco", "scipy", "coheft.agents", "coheft.wire.transport", "coheft.app"}),
+        ("coheft.consensus", {"zenoh", "msgspec", "mujoco", "scipy", "coheft.agents", "coheft.app"}),
         ("coheft.app.cli.main", {"zenoh", "mujoco", "numpy", "scipy", "matplotlib", "joblib"}),
     ],
 )
@@ -28,6 +28,15 @@ def test_what_is_not_loaded(module, heavy):
     code = f"import {module}, sys; print(*sys.modules)"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
     assert heavy & set(loaded) == set()
+
+
+def test_consensus_as_a_library_loads_nothing_of_robots_and_scenarios():
+    code = "import coheft.consensus, sys; print(*sys.modules)"
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    others = {name for name in loaded if name.startswith("coheft.") and not name.startswith("coheft.consensus")}
+    geometry = {"coheft.estimation.geometry", "coheft.estimation.geometry.spatial"}
+    limits = {"coheft.wire", "coheft.wire.messages", "coheft.wire.messages.limits"}
+    assert others <= {"coheft.errors", "coheft.estimation"} | geometry | limits
 
 
 def test_with_its_first_step_an_agent_loads_no_more():

@@ -10,11 +10,11 @@ from coheft.agents.agent import ESTIMATORS
 from coheft.app.faults.run import FaultyRun
 from coheft.app.faults.schedule import Crash, FaultSchedule
 from coheft.wire.messages.codec import encode
+from coheft.wire.messages.limits import PER_MESSAGE
 from coheft.wire.messages.size import (
     ARRAYS,
     LARGEST,
     LEAST_LIMIT,
-    PER_MESSAGE,
     largest_arrays,
     largest_message,
     message_limit,

@@ -11,7 +11,7 @@ from coheft.agents.process.record_check import CLOCKS, RecordCheck, open_record_
 from coheft.app.run.keys import make_keys
 from coheft.consensus.gossip import Gossip, is_newer
 from coheft.errors import CoheftError
-from coheft.wire.messages.size import PER_MESSAGE
+from coheft.wire.messages.limits import PER_MESSAGE
 from coheft.wire.messages.structs import LinkState
 from coheft.wire.transport.security import credentials_in
 from coheft.wire.transport.signatures import Signatures

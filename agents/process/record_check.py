@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from msgspec import structs
 
 from coheft.consensus.gossip import is_newer
-from coheft.wire.messages.size import PER_MESSAGE
+from coheft.wire.messages.limits import PER_MESSAGE
 from coheft.wire.messages.structs import LinkState
 from coheft.wire.transport.security import Credentials
 

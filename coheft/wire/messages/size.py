@@ -11,6 +11,7 @@ from msgspec import structs
 from coheft.estimation.measurement import KINEMATICS_SIZE
 from coheft.estimation.moments.rows import rows_per_block
 from coheft.estimation.moments.sensor_errors import SensorErrors
+from coheft.wire.messages.limits import PER_MESSAGE
 from coheft.wire.scenario.plugins import BUILT_IN, estimator_names
 from coheft.wire.scenario.schema import Scenario
 
@@ -18,10 +19,6 @@ LEAST_LIMIT = 256 * 1024
 """Limit for all other messages, and for those of neighbours if these are smaller [B]."""
 LARGEST = 4_000_000
 """Largest limit that a scenario may need [B]: two messages of one neighbour have to fit into the inbox."""
-MANY = 64
-"""In larger teams, exact sums use a tree, in which a message carries two values instead of all rounds."""
-PER_MESSAGE = 32
-"""Largest number of robots' records in a message."""
 MOST_HANDED_OVER = 450
 """With more unknowns, a robot that joins does not receive the team's estimate, which would take megabytes."""
 MOST_SEALED = 50
@@ -29,7 +26,7 @@ MOST_SEALED = 50
 # Sizes [B]:
 _PER_SEAL = 512  # see ``coheft.agents.efficient.seals``
 _NUMBER, _LABEL, _NUMBER_OF_ROW = 8, 8, 4  # of the consensus, of a row, and one of the row's numbers
-_PER_RECORD = 4096  # a robot's, in gossip and in forwarded tables
+_PER_RECORD = 4096  # a robot's, in gossip
 _PER_NAME = 40  # a neighbour's, in such a record
 _REST = 65536
 
