@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from coheft.agents.efficient.change_detector import ChangeDetector
+from coheft.agents.efficient.change_test_schedule import ChangeTestSchedule
 from coheft.agents.efficient.innovations import EvaluatedRow, Innovations
 from coheft.agents.efficient.knowledge import Knowledge
-from coheft.agents.efficient.looks import Looks
 from coheft.agents.efficient.session import Session
 from coheft.agents.efficient.settings import Guards, RowCounts
 from coheft.estimation.measurement import SensorNoise
@@ -25,9 +25,9 @@ SETTINGS = FitSettings(RowNoise.of_samples(SensorNoise(), 20, 1000.0), PERIOD)
 
 def due(residuals: list[float]) -> list[int]:
     """The rows after which looks are due, for residuals along another mass in standard deviations."""
-    looks = Looks(ROWS, GUARDS, turn=ROWS.turn - 1)
+    schedule = ChangeTestSchedule(ROWS, GUARDS, turn=ROWS.turn - 1)
     rows = [EvaluatedRow(np.zeros(19), np.zeros(6), each, np.zeros(12)) for each in residuals]
-    return [number for number, row in enumerate(rows) if looks.are_due(number, row)]
+    return [number for number, row in enumerate(rows) if schedule.is_due(number, row)]
 
 
 def test_a_look_is_due_when_the_newest_rows_together_show_another_mass() -> None:
@@ -49,9 +49,9 @@ def test_rows_that_are_removed_start_no_look() -> None:
 
 def test_where_the_load_has_to_be_confirmed_looks_are_of_use_again() -> None:
     detector = ChangeDetector(ROWS, GUARDS, 0)
-    detector._looks.pause(until=1000)
+    detector._schedule.pause(until=1000)
     detector.confirm(since=60)
-    assert not detector._looks.are_paused(60)
+    assert not detector._schedule.is_paused(60)
 
 
 def test_looks_in_vain_pause_others_for_a_while_only(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -63,8 +63,8 @@ def test_looks_in_vain_pause_others_for_a_while_only(monkeypatch: pytest.MonkeyP
 
     monkeypatch.setattr(Innovations, "look_for_change", look_for_change)
     monkeypatch.setattr(Knowledge, "surprise", lambda self, *a: 0.9 if self.buffer.count == 150 else surprise(self, *a))
-    monkeypatch.setattr(Looks, "are_due", lambda _, number, __: number >= 149)
+    monkeypatch.setattr(ChangeTestSchedule, "is_due", lambda _, number, __: number >= 149)
     for number, row in enumerate(made_up_rows(150)):
         found.take(number, row)
-    assert found._detector._looks.are_paused(150)
-    assert not found._detector._looks.are_paused(150 + ROWS.turn)
+    assert found._detector._schedule.is_paused(150)
+    assert not found._detector._schedule.is_paused(150 + ROWS.turn)

@@ -11,7 +11,7 @@ _SURPRISES = 2
 """So many surprising rows in succession start a look."""
 
 
-class Looks:
+class ChangeTestSchedule:
     """Says after each row whether to look for a load change.
 
     Args:
@@ -36,7 +36,7 @@ class Looks:
         self._surprises, self._closely_until = 0, -1
         self._masses.clear()
 
-    def are_paused(self, number: int) -> bool:
+    def is_paused(self, number: int) -> bool:
         """Whether a look is of no use yet at this row."""
         return number < self._paused_until
 
@@ -59,7 +59,7 @@ class Looks:
         if first > max(news_at + self._rows.turn, self._news):
             self._news, self._closely_until = first, number + self._rows.turn
 
-    def are_due(self, number: int, row: EvaluatedRow) -> bool:
+    def is_due(self, number: int, row: EvaluatedRow) -> bool:
         """Whether to look after a row."""
         self._surprises = self._surprises + 1 if row.wrench @ row.wrench > self._largest_surprise else 0
         shows_another_mass = self._shows_another_mass(row.mass)
