@@ -104,18 +104,21 @@ class ChangeDetector:
         rows: How often it looks, and for how many rows a load is confirmed.
         guards: Thresholds.
         turn: Number of the row of a turn after which this robot looks without a reason.
+
+    Attributes:
+        schedule: When a look is due.
     """
 
     def __init__(self, rows: RowCounts, guards: Guards, turn: int) -> None:
         self._rows, self._guards = rows, guards
-        self._schedule = ChangeTestSchedule(rows, guards, turn)
+        self.schedule = ChangeTestSchedule(rows, guards, turn)
         self._steps = StepWatch(rows.shortest, guards)
         self._confirmation = Confirmation(rows)
         self._is_likely = False  # whether the last look has nearly detected another load, which fits may hide since
 
     def begin(self) -> None:
         """Start again with other knowledge."""
-        self._schedule.begin()
+        self.schedule.begin()
         self._steps.begin()
         self._is_likely = False
         self._confirmation = Confirmation(self._rows)
@@ -123,17 +126,17 @@ class ChangeDetector:
     def confirm(self, since: int) -> None:
         """From this row on, the load may be another one, until new rows confirm it; looks are of use again."""
         self._confirmation.begin(since)
-        self._schedule.resume()
+        self.schedule.resume()
         self._is_likely = False
 
     def take_back(self) -> None:
         """Rows have been removed, and looks begin again; a step that they have shown may be in those that are left."""
-        self._schedule.begin()
+        self.schedule.begin()
         self._is_likely = False
 
     def settle(self) -> None:
         """What was detected has been dealt with: the present load is that of the newest rows."""
-        self._schedule.found()
+        self.schedule.found()
         self._confirmation.end()
         self._is_likely = False
 
@@ -152,13 +155,9 @@ class ChangeDetector:
         """Whether new wrenches may be of another load, and are left out of fits."""
         return self._confirmation.distrusts_wrenches
 
-    def look_closely_after(self, first: int, news_at: int, number: int) -> None:
-        """See ``ChangeTestSchedule.look_closely_after``."""
-        self._schedule.look_closely_after(first, news_at, number)
-
     def is_due(self, number: int, row: EvaluatedRow) -> bool:
         """Whether to look after a row."""
-        return self._schedule.is_due(number, row) or self._confirmation.is_open or self._is_likely
+        return self.schedule.is_due(number, row) or self._confirmation.is_open or self._is_likely
 
     def fit(self, known: Knowledge) -> Estimate:
         """Fit to all rows, but without wrenches that may be of another load."""
@@ -168,7 +167,7 @@ class ChangeDetector:
 
     def look(self, known: Knowledge, number: int) -> Detected | None:
         """Look for another load after the newest row, of this number; the load is known."""
-        if self._schedule.is_paused(number):
+        if self.schedule.is_paused(number):
             return None
         buffer, confirmation = known.buffer, self._confirmation
         if known.misses_poses and confirmation.is_open:
@@ -210,7 +209,7 @@ class ChangeDetector:
             return found
         self._is_likely = found.surprise > least
         until_detected = math.ceil(rows / max(found.surprise, least)) - rows  # the statistic grows with the rows
-        self._schedule.pause(until=number + min(max(until_detected, rows // _PAUSED, 3), self._rows.turn))
+        self.schedule.pause(until=number + min(max(until_detected, rows // _PAUSED, 3), self._rows.turn))
         known.fit()
         return None
 
@@ -253,4 +252,4 @@ class ChangeDetector:
     def _refine(self, known: Knowledge, number: int) -> None:
         """Fit, as poses that become better known may explain the wrenches, and look again a few rows later."""
         self.fit(known)
-        self._schedule.pause(until=number + self._rows.confirming)
+        self.schedule.pause(until=number + self._rows.confirming)

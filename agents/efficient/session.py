@@ -179,7 +179,7 @@ class Session:
 
     def look_closely_after(self, first: int, number: int) -> None:
         """Test for a load change in every row for a while, as another robot has detected one at row ``first``."""
-        self._detector.look_closely_after(first, self.causes.news_at, number)
+        self._detector.schedule.look_closely_after(first, self.causes.news_at, number)
 
     # --- fits ---
 

@@ -49,9 +49,9 @@ def test_rows_that_are_removed_start_no_look() -> None:
 
 def test_where_the_load_has_to_be_confirmed_looks_are_of_use_again() -> None:
     detector = ChangeDetector(ROWS, GUARDS, 0)
-    detector._schedule.pause(until=1000)
+    detector.schedule.pause(until=1000)
     detector.confirm(since=60)
-    assert not detector._schedule.is_paused(60)
+    assert not detector.schedule.is_paused(60)
 
 
 def test_looks_in_vain_pause_others_for_a_while_only(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -66,5 +66,5 @@ def test_looks_in_vain_pause_others_for_a_while_only(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(ChangeTestSchedule, "is_due", lambda _, number, __: number >= 149)
     for number, row in enumerate(made_up_rows(150)):
         found.take(number, row)
-    assert found._detector._schedule.is_paused(150)
-    assert not found._detector._schedule.is_paused(150 + ROWS.turn)
+    assert found._detector.schedule.is_paused(150)
+    assert not found._detector.schedule.is_paused(150 + ROWS.turn)

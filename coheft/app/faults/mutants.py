@@ -83,7 +83,7 @@ def _rare_fits(refine: Function) -> Function:
     """Fit no more often than usual while new rows have to confirm what was known before."""
 
     def mutant(self: ChangeDetector, known: Knowledge, number: int) -> None:
-        self._schedule.pause(until=number + self._rows.confirming)
+        self.schedule.pause(until=number + self._rows.confirming)
 
     return mutant
 
