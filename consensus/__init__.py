@@ -6,6 +6,7 @@ learn the graph.
 """
 
 from coheft.consensus.dynamic import DynamicConsensus, Extrapolation, lag_bound
+from coheft.consensus.flood import Flood
 from coheft.consensus.graph import (
     Neighbours,
     check_graph,
@@ -23,6 +24,7 @@ from coheft.consensus.schedule import Schedule, chebyshev, choose_schedule, fini
 __all__ = [
     "DynamicConsensus",
     "Extrapolation",
+    "Flood",
     "NeighbourStages",
     "Neighbours",
     "Pipeline",

@@ -19,6 +19,9 @@ class Flood:
     If a table has more than ``PER_MESSAGE`` rows, a message holds new rows first, in order of arrival, then others in
     rotation; rows that do not fit follow in the next messages.
 
+    Use it for each block: ``receive`` what every neighbour has sent, ``enter`` own rows, then send ``digest`` and
+    ``sent()`` to all neighbours.
+
     Args:
         robots: Number of robots.
         width: Numbers per row.
@@ -30,17 +33,17 @@ class Flood:
         self._rows[:, 0] = np.arange(robots)
         self._received: dict[str, float] = {}
         self._unsent: dict[int, None] = {}
-        self._turn = 0
+        self._next = 0
         self._digest: float | None = None
         self._newest = -1
 
-    def tell(self, robot: int, stamp: int, row: Array) -> None:
+    def enter(self, robot: int, stamp: int, row: Array) -> None:
         """Enter a row of the table: the robot's own, or one that it has computed for another robot."""
         self._rows[robot, 1], self._rows[robot, 2:] = stamp, row
         self._unsent[robot] = None
         self._update_stamps()
 
-    def hear(self, neighbour: str, digest: float | None, rows: Array | None) -> None:
+    def receive(self, neighbour: str, digest: float | None, rows: Array | None) -> None:
         """Process a neighbour's message: its ``digest``, and the rows that it sent, if any."""
         if digest is not None:
             self._received[neighbour] = digest
@@ -98,7 +101,7 @@ class Flood:
             self._digest = float(zlib.crc32(self._rows[:, 1].tobytes()))
         return self._digest
 
-    def told(self) -> Array | None:
+    def sent(self) -> Array | None:
         """Return rows for the next message, shape (k, 2 + width): the robot's number, the stamp, the content.
 
         None if all neighbours have the same table.
@@ -119,8 +122,8 @@ class Flood:
         for robot in chosen:
             del self._unsent[robot]
         while len(chosen) < PER_MESSAGE:
-            chosen.append(self._turn)
-            self._turn = (self._turn + 1) % len(self._rows)
+            chosen.append(self._next)
+            self._next = (self._next + 1) % len(self._rows)
         return chosen
 
 
@@ -131,7 +134,7 @@ class Floods:
         self._tables = dict(tables)
         self._received: dict[str, list[float]] = {}
 
-    def hear(self, neighbour: str, channels: Mapping[str, Array]) -> None:
+    def receive(self, neighbour: str, channels: Mapping[str, Array]) -> None:
         """Process a neighbour's ``channels``."""
         digests = channels.get("digests")
         if digests is None or digests.shape != (len(self._tables),):
@@ -141,7 +144,7 @@ class Floods:
             return  # the usual case: the neighbour has the same tables
         self._received[neighbour] = received
         for digest, (name, flood) in zip(received, self._tables.items(), strict=True):
-            flood.hear(neighbour, digest, channels.get(name))
+            flood.receive(neighbour, digest, channels.get(name))
 
     def fit(self, channels: Mapping[str, Array]) -> bool:
         """Whether the arrays that a neighbour sent for these tables, if any, have the right shapes."""
@@ -153,16 +156,16 @@ class Floods:
     def channels(self) -> dict[str, Array]:
         """Return the arrays to send to all neighbours."""
         digests = self._digests()
-        told = {"digests": np.array(digests)}
+        sent = {"digests": np.array(digests)}
         if all(received == digests for received in self._received.values()):
             for flood in self._tables.values():
                 flood.note_all_know()
-            return told
+            return sent
         for name, flood in self._tables.items():
-            rows = flood.told()
+            rows = flood.sent()
             if rows is not None:
-                told[name] = rows
-        return told
+                sent[name] = rows
+        return sent
 
     def _digests(self) -> list[float]:
         return [flood.digest for flood in self._tables.values()]

@@ -24,12 +24,12 @@ def spread(
     """Let every robot talk with its neighbours. Returns how many tables were sent in each block."""
     sent = []
     for _ in range(blocks):
-        messages = {name: (flood.digest, flood.told()) for name, flood in floods.items()}
+        messages = {name: (flood.digest, flood.sent()) for name, flood in floods.items()}
         sent.append(sum(table is not None for _, table in messages.values()))
         for name, others in graph.items():
             for other in others:
                 if arrives():
-                    floods[name].hear(other, *messages[other])
+                    floods[name].receive(other, *messages[other])
     return sent
 
 
@@ -41,7 +41,7 @@ def told(graph: Neighbours, stamp: int) -> dict[str, Flood]:
 
 def tell(floods: dict[str, Flood], stamp: int) -> None:
     for k, flood in enumerate(floods.values()):
-        flood.tell(k, stamp, row(k, stamp))
+        flood.enter(k, stamp, row(k, stamp))
 
 
 def row(robot: int, stamp: int) -> Array:
@@ -103,13 +103,13 @@ def test_nothing_is_sent_in_vain(graph: Neighbours) -> None:
     floods = told(graph, 2)
     spread(graph, floods, diameter(graph) + 3)
     assert spread(graph, floods, 3) == [0, 0, 0]
-    next(iter(floods.values())).tell(0, 3, row(0, 3))
+    next(iter(floods.values())).enter(0, 3, row(0, 3))
     assert sum(spread(graph, floods, diameter(graph) + 1)) > 0
 
 
 def test_tables_of_another_team_are_ignored() -> None:
     flood = Flood(3, WIDTH)
-    flood.tell(0, 1, row(0, 1))
+    flood.enter(0, 1, row(0, 1))
     for rows in (
         np.full((4, 2 + WIDTH), 1.0),  # more rows than there are robots
         np.full((3, 1 + WIDTH), 1.0),
@@ -119,29 +119,29 @@ def test_tables_of_another_team_are_ignored() -> None:
         np.full((1, 2 + WIDTH), -1.0),
         np.full((1, 2 + WIDTH), 0.5),
     ):
-        flood.hear("r1", 0.0, rows)
+        flood.receive("r1", 0.0, rows)
     np.testing.assert_array_equal(flood.table[1:], -1.0)
 
 
 def test_what_was_sent_does_not_change_any_more() -> None:
     flood = Flood(2, WIDTH)
-    flood.hear("r1", 7.0, None)
-    sent = flood.told()
+    flood.receive("r1", 7.0, None)
+    sent = flood.sent()
     assert sent is not None
     before = sent.copy()
-    flood.tell(0, 1, row(0, 1))
+    flood.enter(0, 1, row(0, 1))
     np.testing.assert_array_equal(sent, before)
 
 
 def test_tables_travel_together() -> None:
     ours, theirs = ({"a": Flood(2, 1), "b": Flood(2, 3)} for _ in range(2))
-    ours["a"].tell(0, 4, np.array([1.0]))
-    theirs["b"].tell(1, 5, np.array([1.0, 2.0, 3.0]))
+    ours["a"].enter(0, 4, np.array([1.0]))
+    theirs["b"].enter(1, 5, np.array([1.0, 2.0, 3.0]))
     here, there = Floods(ours), Floods(theirs)
     for _ in range(2):
         from_here, from_there = here.channels(), there.channels()
-        here.hear("there", from_there)
-        there.hear("here", from_here)
+        here.receive("there", from_there)
+        there.receive("here", from_here)
     for name in ("a", "b"):
         np.testing.assert_array_equal(ours[name].table, theirs[name].table)
     assert ours["a"].row(0)[0] == 4
@@ -152,8 +152,8 @@ def test_a_message_without_digests_or_with_those_of_other_tables_says_nothing() 
     flood = Flood(2, 1)
     floods = Floods({"a": flood})
     table = np.array([[0.0, 7.0, 7.0], [1.0, 7.0, 7.0]])
-    floods.hear("there", {"a": table})
-    floods.hear("there", {"a": table, "digests": np.array([14.0, 14.0])})
+    floods.receive("there", {"a": table})
+    floods.receive("there", {"a": table, "digests": np.array([14.0, 14.0])})
     np.testing.assert_array_equal(flood.table, -1.0)
 
 
@@ -172,7 +172,7 @@ def test_large_tables_travel_in_pieces_as_fast_as_hearing_says() -> None:
     floods = talked(graph)
     for stamp in range(3):
         tell(floods, stamp)
-        messages = [flood.told() for flood in floods.values()]
+        messages = [flood.sent() for flood in floods.values()]
         assert all(rows is not None and len(rows) <= PER_MESSAGE for rows in messages)
         spread(graph, floods, hearing(graph))
         assert_everybody_has_all(floods, stamp)
@@ -194,11 +194,11 @@ def test_what_is_lost_of_large_tables_is_told_again() -> None:
 def test_a_row_with_the_number_of_another_robot_is_not_taken() -> None:
     """Of a small table all rows travel: a number that is wrong can be seen."""
     sender, receiver = Flood(3, WIDTH), Flood(3, WIDTH)
-    receiver.hear("b", sender.digest, None)
-    sender.tell(0, 5, row(0, 5))
-    sender.hear("a", receiver.digest, None)
-    rows = sender.told()
+    receiver.receive("b", sender.digest, None)
+    sender.enter(0, 5, row(0, 5))
+    sender.receive("a", receiver.digest, None)
+    rows = sender.sent()
     assert rows is not None
     rows[0, 0] = 2.0
-    receiver.hear("b", sender.digest, rows)
+    receiver.receive("b", sender.digest, rows)
     assert np.all(receiver.table[:, 0] == -1.0)
