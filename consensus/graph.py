@@ -128,7 +128,7 @@ def diameter(neighbours: Neighbours) -> int:
     return longest if is_small else 2 * longest
 
 
-def hearing(neighbours: Neighbours) -> int:
+def flood_delay(neighbours: Neighbours) -> int:
     """Return the number of blocks after which every robot has received what all robots sent at one time.
 
     This is the diameter, plus one block so that a lost message does no harm, plus the further messages that the

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from coheft.consensus.flood import Flood, Floods
-from coheft.consensus.graph import Neighbours, build_graph, diameter, hearing
+from coheft.consensus.graph import Neighbours, build_graph, diameter, flood_delay
 from coheft.estimation.geometry.spatial import Array
 from coheft.wire.messages.limits import PER_MESSAGE
 from coheft.wire.scenario.schema import Graph
@@ -167,14 +167,14 @@ def test_halves_that_could_not_talk_until_now_tell_each_other_all_though_they_kn
     assert_everybody_has_all(floods, 0)
 
 
-def test_large_tables_travel_in_pieces_as_fast_as_hearing_says() -> None:
+def test_large_tables_travel_in_pieces_as_fast_as_the_flood_delay_says() -> None:
     graph = build_graph(Graph(kind="grid"), names(150))
     floods = talked(graph)
     for stamp in range(3):
         tell(floods, stamp)
         messages = [flood.sent() for flood in floods.values()]
         assert all(rows is not None and len(rows) <= PER_MESSAGE for rows in messages)
-        spread(graph, floods, hearing(graph))
+        spread(graph, floods, flood_delay(graph))
         assert_everybody_has_all(floods, stamp)
     spread(graph, floods, 2)
     assert spread(graph, floods, 2) == [0, 0]

@@ -17,7 +17,7 @@ from coheft.consensus.graph import (
     centre,
     diameter,
     distances,
-    hearing,
+    flood_delay,
     laplacian,
     metropolis_matrix,
     metropolis_weight,
@@ -161,7 +161,7 @@ def test_what_is_said_of_large_graphs_without_looking_at_all_pairs(kind: Kind) -
     farthest = {name: max(distances(graph, name).values()) for name in graph}
     assert farthest[centre(graph)] <= min(farthest.values()) + 1
     assert max(farthest.values()) <= diameter(graph) <= 2 * max(farthest.values())
-    assert hearing(graph) > diameter(graph) + len(graph) // PER_MESSAGE
+    assert flood_delay(graph) > diameter(graph) + len(graph) // PER_MESSAGE
     apart = {name: tuple(other for other in others if other != "r050") for name, others in graph.items()}
     apart["r050"] = ()
     with pytest.raises(GraphError, match="not connected"):

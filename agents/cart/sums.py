@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from coheft.consensus.gossip import Gossip
-from coheft.consensus.graph import hearing
+from coheft.consensus.graph import flood_delay
 from coheft.consensus.pipeline import NeighbourStages, Pipeline
 from coheft.consensus.schedule import choose_schedule
 from coheft.estimation.geometry.spatial import Array
@@ -101,7 +101,7 @@ class CartSums:
             return
         if not self._announced:
             # At that block the most distant robot has received this announcement.
-            self._gossip.announce_ready(index + hearing(graph))
+            self._gossip.announce_ready(index + flood_delay(graph))
             self._announced = True
         start = self._gossip.start_block
         if start is None:

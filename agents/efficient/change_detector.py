@@ -103,15 +103,15 @@ class ChangeDetector:
     Args:
         rows: How often it looks, and for how many rows a load is confirmed.
         guards: Thresholds.
-        turn: Number of the row of a turn after which this robot looks without a reason.
+        slot: Number of the row of a turn after which this robot looks without a reason.
 
     Attributes:
         schedule: When a look is due.
     """
 
-    def __init__(self, rows: RowCounts, guards: Guards, turn: int) -> None:
+    def __init__(self, rows: RowCounts, guards: Guards, slot: int) -> None:
         self._rows, self._guards = rows, guards
-        self.schedule = ChangeTestSchedule(rows, guards, turn)
+        self.schedule = ChangeTestSchedule(rows, guards, slot)
         self._steps = StepWatch(rows.shortest, guards)
         self._confirmation = Confirmation(rows)
         self._is_likely = False  # whether the last look has nearly detected another load, which fits may hide since

@@ -17,11 +17,11 @@ class ChangeTestSchedule:
     Args:
         rows: How often each robot looks without a reason (``turn``), and over how many rows another mass has to show.
         guards: Thresholds.
-        turn: Number of the row of a turn after which this robot looks.
+        slot: Number of the row of a turn after which this robot looks.
     """
 
-    def __init__(self, rows: RowCounts, guards: Guards, turn: int) -> None:
-        self._rows, self._turn, self._largest_surprise = rows, turn, guards.largest_surprise
+    def __init__(self, rows: RowCounts, guards: Guards, slot: int) -> None:
+        self._rows, self._slot, self._largest_surprise = rows, slot, guards.largest_surprise
         self._masses, self._least_sum = deque[float](maxlen=rows.shortest), guards.least_mass_surprise * rows.shortest
         self._news = -1  # first row of the newest change that another robot has reported
         self.begin()
@@ -64,7 +64,7 @@ class ChangeTestSchedule:
         self._surprises = self._surprises + 1 if row.wrench @ row.wrench > self._largest_surprise else 0
         shows_another_mass = self._shows_another_mass(row.mass)
         is_urgent = self._surprises >= _SURPRISES or number <= self._closely_until or shows_another_mass
-        return is_urgent or number % self._rows.turn == self._turn
+        return is_urgent or number % self._rows.turn == self._slot
 
     def _shows_another_mass(self, residual: float) -> bool:
         """Whether the newest rows together show another mass; the next time, other rows have to."""

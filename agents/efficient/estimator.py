@@ -168,8 +168,8 @@ class EfficientEstimator:
         if self._lacks is not None:
             self._team = None
             return
-        lives, start = self._lives(sorted(graph)), max(index, self._gossip.changed_at)
-        self._team = Team(lives, membership, graph, start, self._config, self._guards, self._signer)
+        identities, start = self._identities(sorted(graph)), max(index, self._gossip.changed_at)
+        self._team = Team(identities, membership, graph, start, self._config, self._guards, self._signer)
         if last is not None:
             self._hand_over(last, self._team)
 
@@ -179,13 +179,13 @@ class EfficientEstimator:
         known = last.session.hand_over(max(0.0, missing))
         if known is None:
             return
-        indices = [last.indices.get(life) for life in team.indices]
+        indices = [last.indices.get(identity) for identity in team.indices]
         newcomers = [name for name, then in zip(team.names, indices, strict=True) if then is None]
         anchor = next((now for now, then in enumerate(indices) if then is not None), None)
         if anchor is not None:  # else all have let go and grasped the load again since
             team.begin(known.for_team(indices, last.settings, team.settings), anchor, newcomers)
 
-    def _lives(self, names: list[str]) -> list[tuple[str, int, int]]:
+    def _identities(self, names: list[str]) -> list[tuple[str, int, int]]:
         """Name, incarnation and first block of each robot: they differ if it has restarted or let go in between."""
         records = [self._gossip.records[name] for name in names]
         return [(record.robot, record.incarnation, record.since) for record in records]

@@ -33,7 +33,7 @@ class Team:
     """One robot's view of its team.
 
     Args:
-        lives: Name, incarnation and first block of each robot.
+        identities: Name, incarnation and first block of each robot.
         membership: Number of the team.
         graph: Neighbours of each robot.
         start: First block in which all robots hold the load.
@@ -57,7 +57,7 @@ class Team:
 
     def __init__(
         self,
-        lives: list[tuple[str, int, int]],
+        identities: list[tuple[str, int, int]],
         membership: int,
         graph: Mapping[str, tuple[str, ...]],
         start: int,
@@ -65,10 +65,10 @@ class Team:
         guards: Guards,
         signer: RowSigner | None = None,
     ) -> None:
-        self.indices = {life: index for index, life in enumerate(lives)}
-        self.names = [name for name, _, _ in lives]
+        self.indices = {identity: index for index, identity in enumerate(identities)}
+        self.names = [name for name, _, _ in identities]
         self.own, hops = self.names.index(config.name), diameter(graph)
-        self.times = times = RowTimes.of_team(len(lives), config.block, config.rate)
+        self.times = times = RowTimes.of_team(len(identities), config.block, config.rate)
         self.settings, self._guards = fit_settings(config, self.names), guards
         errors, noise = self.settings.errors, config.sensors_of(config.name).noise
         self._own_rows = OwnRows(times, noise.gyro**2, config.rate, errors)
@@ -76,13 +76,13 @@ class Team:
         self._oldest = self._waits + hops + config.blocks(guards.outdated)
         self._seals: Seals | None = None
         if signer is None:
-            self.exchange = Exchange(membership, len(lives), self.own, hops, times, errors.row_size)
+            self.exchange = Exchange(membership, len(identities), self.own, hops, times, errors.row_size)
         else:
             from coheft.agents.efficient.seals import Seals, SealTimes
 
-            seal_times = SealTimes.of_team(len(lives), hops, times, config, guards)
+            seal_times = SealTimes.of_team(len(identities), hops, times, config, guards)
             window = seal_times.window(times)
-            self.exchange = Exchange(membership, len(lives), self.own, hops, times, errors.row_size, window)
+            self.exchange = Exchange(membership, len(identities), self.own, hops, times, errors.row_size, window)
             first = times.begun_from(start)
             self._seals = Seals(self.names, self.own, first, self.exchange, times, seal_times, signer)
         self._prior: tuple[Prior, int] | None = None

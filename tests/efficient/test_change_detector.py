@@ -25,7 +25,7 @@ SETTINGS = FitSettings(RowNoise.of_samples(SensorNoise(), 20, 1000.0), PERIOD)
 
 def due(residuals: list[float]) -> list[int]:
     """The rows after which looks are due, for residuals along another mass in standard deviations."""
-    schedule = ChangeTestSchedule(ROWS, GUARDS, turn=ROWS.turn - 1)
+    schedule = ChangeTestSchedule(ROWS, GUARDS, slot=ROWS.turn - 1)
     rows = [EvaluatedRow(np.zeros(19), np.zeros(6), each, np.zeros(12)) for each in residuals]
     return [number for number, row in enumerate(rows) if schedule.is_due(number, row)]
 
