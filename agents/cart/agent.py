@@ -14,7 +14,7 @@ from coheft.agents.cart.sums import CartSums, Lost, Totals
 from coheft.consensus.gossip import Gossip
 from coheft.estimation.cart.contact import BestContact, effort, grasp_map, leverage, share
 from coheft.estimation.cart.control import Tracker
-from coheft.estimation.cart.filter import MOTION_SIZE, Push, Sighting
+from coheft.estimation.cart.filter import MOTION_SIZE, MotionMeasurement, Push
 from coheft.estimation.cart.fixed import FixedCart
 from coheft.estimation.cart.learner import CartLearner
 from coheft.estimation.cart.observability import not_known
@@ -88,13 +88,13 @@ class CartAgent:
     def _update(self, totals: Totals) -> None:
         """Update the knowledge of the cart with the sums over all pushers."""
         config = self.config
-        sighting = Sighting(totals.motion, config.noise**2 / totals.members * np.eye(MOTION_SIZE))
+        measurement = MotionMeasurement(totals.motion, config.noise**2 / totals.members * np.eye(MOTION_SIZE))
         planned = self._planned.get(totals.block, totals.wrench_b)
         push = Push(totals.wrench_b, config.force_noise**2 * totals.leverage, self._period, planned)
         if self._knowledge is None:
             guess = config.guess
-            self._knowledge = CartLearner(guess, sighting, config.prior) if config.learns else FixedCart(guess)
-        self._knowledge.step(sighting, push)
+            self._knowledge = CartLearner(guess, measurement, config.prior) if config.learns else FixedCart(guess)
+        self._knowledge.step(measurement, push)
         self._newest = totals
         self._reached = totals.block + 1
 

@@ -17,9 +17,9 @@ from coheft.app.cart.table_one import table_one
 from coheft.estimation.cart.filter import (
     INNOVATION_SIZE,
     Belief,
+    MotionMeasurement,
     Prediction,
     Push,
-    Sighting,
     Update,
     move,
     predict,
@@ -92,7 +92,7 @@ def test_on_a_straight_line_it_says_what_it_cannot_know() -> None:
 def test_before_the_first_push_nothing_is_known() -> None:
     prior = CartPrior()
     guess = CartBody(16.0, (0.3, 0.0), 1.8, (5.0, 5.0))
-    learner = CartLearner(guess, Sighting(np.zeros(6), 2.5e-5 * np.eye(6)), prior)
+    learner = CartLearner(guess, MotionMeasurement(np.zeros(6), 2.5e-5 * np.eye(6)), prior)
     assert set(not_known(learner.body_covariance())) == set(QUANTITIES)
     deviations = np.sqrt(np.diag(learner.body_covariance()))
     np.testing.assert_allclose(deviations, [9.6, 0.15, 0.15, 1.08, 5.0, 5.0], rtol=1e-9)
@@ -101,12 +101,12 @@ def test_before_the_first_push_nothing_is_known() -> None:
 def test_nothing_is_learned_from_a_cart_that_creeps() -> None:
     """Static friction holds it back; below 0.05 m/s that is no news of its mass."""
     guess = CartBody(16.0, (0.3, 0.0), 1.8, (5.0, 5.0))
-    sighting = Sighting(np.zeros(6), 2.5e-5 * np.eye(6))
-    learner = CartLearner(guess, sighting, CartPrior())
+    measurement = MotionMeasurement(np.zeros(6), 2.5e-5 * np.eye(6))
+    learner = CartLearner(guess, measurement, CartPrior())
     before = learner.body_covariance()
     for _ in range(50):
         wrench = np.array([3.0, 0.0, 0.0])
-        learner.step(sighting, Push(wrench, np.zeros((3, 3)), PERIOD, wrench))
+        learner.step(measurement, Push(wrench, np.zeros((3, 3)), PERIOD, wrench))
     np.testing.assert_allclose(learner.body.phi, guess.phi, rtol=1e-12)
     np.testing.assert_allclose(learner.body_covariance(), before, rtol=1e-2, atol=1e-9)
 
@@ -141,18 +141,18 @@ def test_false_alarms_are_rare(probability: float, jumps: int) -> None:
     state = np.concatenate([np.zeros(6), body.parameters])
     wrench = np.array([40.0, 0.0, 0.0])
     push = Push(wrench, np.zeros((3, 3)), PERIOD, wrench)
-    learner = CartLearner(body, Sighting(state[:6], noise), prior)
+    learner = CartLearner(body, MotionMeasurement(state[:6], noise), prior)
     for _ in range(75):  # so few that they are not judged: one step a sample is not quite what wheels do
-        learner.step(Sighting(state[:6], noise), push)
+        learner.step(MotionMeasurement(state[:6], noise), push)
         state = move(state, wrench, PERIOD)
     threshold = chi2.isf(probability * FALSE_ALARMS, INNOVATION_SIZE)
 
     def surprise(away: float) -> float:
-        seen, point = Sighting(state[:6] + away * np.eye(6)[0], noise), learner.belief.mean
+        seen, point = MotionMeasurement(state[:6] + away * np.eye(6)[0], noise), learner.belief.mean
         return update(learner.belief, seen, prior.slip, point, corrects_cart=True).surprise
 
     away = brentq(lambda away: surprise(away) - threshold, 0.0, 1.0)
-    learner.step(Sighting(state[:6] + away * np.eye(6)[0], noise), push)
+    learner.step(MotionMeasurement(state[:6] + away * np.eye(6)[0], noise), push)
     assert learner.jumps == jumps
 
 
@@ -285,9 +285,9 @@ def test_smoothed_states_are_those_of_least_squares() -> None:
     wrench = np.array([20.0, 0.0, -2.0])
     push = Push(wrench, np.diag([4.0, 4.0, 0.1]), 0.1, wrench)
     steps: list[tuple[Update, Prediction]] = []
-    sightings = [Sighting(point[:6] + 0.05 * rng.standard_normal(6), 0.01 * np.eye(6)) for _ in range(3)]
-    for sighting in sightings:
-        updated = update(belief, sighting, 0.1, point, corrects_cart=True)
+    measurements = [MotionMeasurement(point[:6] + 0.05 * rng.standard_normal(6), 0.01 * np.eye(6)) for _ in range(3)]
+    for measurement in measurements:
+        updated = update(belief, measurement, 0.1, point, corrects_cart=True)
         prediction = predict(updated.belief, push, 1e-3 * np.eye(6), point)
         steps.append((updated, prediction))
         belief = prediction.belief

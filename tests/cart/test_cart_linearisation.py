@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from coheft.estimation.cart.filter import Belief, Push, Sighting, predict, update
+from coheft.estimation.cart.filter import Belief, MotionMeasurement, Push, predict, update
 from coheft.estimation.cart.linearisation import STATE_SIZE, linearise
 from coheft.estimation.cart.model import CartBody, wheel_row
 from coheft.estimation.geometry.spatial import Array
@@ -78,8 +78,8 @@ def test_the_update_is_least_squares_and_josephs_form_holds(seed: int) -> None:
     state = np.concatenate([[0.0, 0.0, 0.2, 1.0, 0.2, 0.3], CartBody(20.0, (0.3, 0.1), 2.0, (5.0, 4.0)).parameters])
     root = rng.standard_normal((STATE_SIZE, STATE_SIZE))
     prior = Belief(state, root @ root.T)
-    sighting = Sighting(state[:6] + 0.1 * rng.standard_normal(6), 0.01 * np.eye(6))
-    done = update(prior, sighting, 0.05, state, corrects_cart=True).belief
+    measurement = MotionMeasurement(state[:6] + 0.1 * rng.standard_normal(6), 0.01 * np.eye(6))
+    done = update(prior, measurement, 0.05, state, corrects_cart=True).belief
 
     def wheels(x: Array) -> Array:
         return wheel_row(float(x[2])) @ x[3:6]
@@ -88,7 +88,7 @@ def test_the_update_is_least_squares_and_josephs_form_holds(seed: int) -> None:
     by_state = np.vstack([np.eye(6, STATE_SIZE), by_wheels])
     certainty = np.diag([100.0] * 6 + [400.0])
     information = np.linalg.inv(prior.covariance) + by_state.T @ certainty @ by_state
-    innovation = np.append(sighting.motion - state[:6], -wheels(state))
+    innovation = np.append(measurement.motion - state[:6], -wheels(state))
     expected = state + np.linalg.solve(information, by_state.T @ certainty @ innovation)
     np.testing.assert_allclose(done.mean, expected, rtol=1e-6, atol=1e-6)
     np.testing.assert_allclose(done.covariance, np.linalg.inv(information), rtol=1e-4, atol=1e-6)
@@ -98,8 +98,8 @@ def test_parameters_that_are_only_considered_stay_and_keep_their_covariance() ->
     state = np.concatenate([[0.0, 0.0, 0.2, 1.0, 0.2, 0.3], CartBody(20.0, (0.3, 0.1), 2.0, (5.0, 4.0)).parameters])
     root = np.random.default_rng(1).standard_normal((STATE_SIZE, STATE_SIZE))
     prior = Belief(state, root @ root.T)
-    sighting = Sighting(state[:6] + 0.1, 0.01 * np.eye(6))
-    done = update(prior, sighting, 0.05, state, corrects_cart=False).belief
+    measurement = MotionMeasurement(state[:6] + 0.1, 0.01 * np.eye(6))
+    done = update(prior, measurement, 0.05, state, corrects_cart=False).belief
     np.testing.assert_array_equal(done.mean[6:], state[6:])
     np.testing.assert_allclose(done.covariance[6:, 6:], prior.covariance[6:, 6:], atol=1e-12)
     assert np.linalg.eigvalsh(done.covariance).min() > 0.0

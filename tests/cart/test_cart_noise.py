@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from coheft.estimation.cart.filter import Sighting
+from coheft.estimation.cart.filter import MotionMeasurement
 from coheft.estimation.cart.jump import JumpTest
 from coheft.estimation.cart.noise import WhiteNoise, misfit
 
@@ -19,7 +19,7 @@ def test_levels_are_those_of_the_noise_whatever_the_motion(factor: float, least:
     for index in range(300):
         time, jolt = 0.01 * index, -0.4 if index > 150 else 0.0
         motion = np.array([0.5 * time**2, 0.1 * time, 0.1 * time, time + jolt, 0.1, 0.3 * np.sin(time)])
-        noise.see(Sighting(motion + factor * 0.005 * rng.standard_normal(6), 2.5e-5 * np.eye(6)))
+        noise.see(MotionMeasurement(motion + factor * 0.005 * rng.standard_normal(6), 2.5e-5 * np.eye(6)))
     assert (noise.levels >= least).all()
     assert (noise.levels <= most).all()
 
@@ -27,7 +27,7 @@ def test_levels_are_those_of_the_noise_whatever_the_motion(factor: float, least:
 def test_steps_are_repeated_for_noise_that_has_clearly_risen_only() -> None:
     rng, noise = np.random.default_rng(5), WhiteNoise()
     factors = np.repeat([1.0, 3.0, 1.0, 3.0], 600)
-    risen = [noise.see(Sighting(factor * rng.standard_normal(6), np.eye(6))) for factor in factors]
+    risen = [noise.see(MotionMeasurement(factor * rng.standard_normal(6), np.eye(6))) for factor in factors]
     at = np.flatnonzero(risen)
     assert (np.bincount(at // 600, minlength=4)[[1, 3]] > 0).all()
     assert len(at) < 24

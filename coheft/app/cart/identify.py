@@ -8,7 +8,7 @@ import numpy as np
 from coheft.app.cart.explain import Hand, explanation
 from coheft.errors import RecordingError, UsageError
 from coheft.estimation.cart.contact import grasp_map
-from coheft.estimation.cart.filter import MOTION_SIZE, Push, Sighting
+from coheft.estimation.cart.filter import MOTION_SIZE, MotionMeasurement, Push
 from coheft.estimation.cart.learner import CartLearner
 from coheft.estimation.cart.model import CartBody
 from coheft.estimation.cart.observability import QUANTITIES, UNITS, not_known
@@ -117,14 +117,14 @@ def _identified(
     motions = np.hstack([recording.poses, recording.rates])
     covariance = noise**2 * np.eye(MOTION_SIZE)
     prior = msgspec.structs.replace(_PRIOR, start=max(_PRIOR.start, float(np.linalg.norm(recording.rates[0]))))
-    learner = CartLearner(guess, Sighting(motions[0], covariance), prior)
+    learner = CartLearner(guess, MotionMeasurement(motions[0], covariance), prior)
     changes: list[float] = []
     for index, duration in enumerate(np.diff(recording.times)):
         push = Push(pushes[index], force_noise**2 * grasp @ lever @ grasp.T, float(duration), planned[index])
         known, time = learner.jumps, float(recording.times[index])
         try:
             with np.errstate(over="raise", invalid="raise"):
-                learner.step(Sighting(motions[index], covariance), push)
+                learner.step(MotionMeasurement(motions[index], covariance), push)
         except (ArithmeticError, ValueError) as error:
             raise RecordingError(
                 f"from {time:g} s on, no cart with one axle moves as this one does when it is pushed as given: {_CHECK}"

@@ -51,7 +51,7 @@ class Push:
 
 
 @dataclass(frozen=True, eq=False)
-class Sighting:
+class MotionMeasurement:
     """A measurement of ``(q, qd)``, shape (6,), and the covariance of its noise, shape (6, 6)."""
 
     motion: Array
@@ -118,7 +118,7 @@ class Update:
     pull: Array
 
 
-def update(belief: Belief, sighting: Sighting, slip: float, point: Array, *, corrects_cart: bool) -> Update:
+def update(belief: Belief, measurement: MotionMeasurement, slip: float, point: Array, *, corrects_cart: bool) -> Update:
     """Update with a measurement (Aguilera et al., eqs 18-20), and with the wheels' constraint.
 
     The constraint is linearised about ``point``, a state (12,); ``slip`` is the standard deviation of the wheels'
@@ -130,9 +130,9 @@ def update(belief: Belief, sighting: Sighting, slip: float, point: Array, *, cor
     by_state[MOTION_SIZE] = 0.0
     by_state[MOTION_SIZE, RATES] = row
     by_state[MOTION_SIZE, _THETA] = wheel_row_derivative(theta) @ rates
-    innovation = np.append(sighting.motion, by_state[MOTION_SIZE] @ point - row @ rates) - by_state @ belief.mean
+    innovation = np.append(measurement.motion, by_state[MOTION_SIZE] @ point - row @ rates) - by_state @ belief.mean
     noise = np.zeros((INNOVATION_SIZE, INNOVATION_SIZE))
-    noise[:MOTION_SIZE, :MOTION_SIZE] = sighting.covariance
+    noise[:MOTION_SIZE, :MOTION_SIZE] = measurement.covariance
     noise[MOTION_SIZE, MOTION_SIZE] = slip**2
     spread = by_state @ belief.covariance @ by_state.T + noise
     certainty = np.linalg.inv(spread)

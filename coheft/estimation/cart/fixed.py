@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from coheft.estimation.cart.filter import MOTION_SIZE, Push, Sighting, ahead
+from coheft.estimation.cart.filter import MOTION_SIZE, MotionMeasurement, Push, ahead
 from coheft.estimation.cart.model import CartBody
 from coheft.estimation.geometry.spatial import Array
 
@@ -24,9 +24,9 @@ class FixedCart:
         """Always empty."""
         return []
 
-    def step(self, sighting: Sighting, push: Push) -> None:
+    def step(self, measurement: MotionMeasurement, push: Push) -> None:
         """Process a measurement, and the push after it."""
-        self._state = sighting.motion
+        self._state = measurement.motion
         self.coast(push)
 
     def coast(self, push: Push) -> None:

@@ -19,9 +19,9 @@ from coheft.estimation.cart.filter import (
     MOTION_SIZE,
     PARAMETERS,
     Belief,
+    MotionMeasurement,
     Prediction,
     Push,
-    Sighting,
     Update,
     ahead,
     predict,
@@ -76,7 +76,7 @@ class _Step:
         before: Belief before the step.
     """
 
-    sighting: Sighting
+    measurement: MotionMeasurement
     push: Push
     corrects_cart: bool
     levels: Array
@@ -117,7 +117,7 @@ class CartLearner:
         is_judged: Whether innovations have been compared with the model.
     """
 
-    def __init__(self, guess: CartBody, first: Sighting, prior: CartPrior) -> None:
+    def __init__(self, guess: CartBody, first: MotionMeasurement, prior: CartPrior) -> None:
         self._prior = prior
         self._least = prior.least * guess.mass, prior.least * guess.inertia
         parameters = prior.covariance(guess)
@@ -167,22 +167,22 @@ class CartLearner:
         state[PARAMETERS] = self._parameters
         return ahead(state, wrenches_b, duration)
 
-    def step(self, sighting: Sighting, push: Push) -> None:
+    def step(self, measurement: MotionMeasurement, push: Push) -> None:
         """Process a measurement, and the push after it."""
-        self._take_in(sighting, push, is_louder=self._white_noise.see(sighting))
+        self._take_in(measurement, push, is_louder=self._white_noise.see(measurement))
 
     def coast(self, push: Push) -> None:
         """Process a push without a measurement."""
-        nothing = Sighting(self.belief.mean[:MOTION_SIZE], _NOTHING * np.eye(MOTION_SIZE))
+        nothing = MotionMeasurement(self.belief.mean[:MOTION_SIZE], _NOTHING * np.eye(MOTION_SIZE))
         self._take_in(nothing, push, is_louder=False)
 
-    def _take_in(self, sighting: Sighting, push: Push, *, is_louder: bool) -> None:
+    def _take_in(self, measurement: MotionMeasurement, push: Push, *, is_louder: bool) -> None:
         """Process one step; ``is_louder`` if white noise has risen."""
         is_fast = self._is_fast()
         casters_turn = self._casters_turn(push.duration, is_fast=is_fast)
         if casters_turn:
             push = replace(push, covariance=push.covariance + self._drag)
-        step = _Step(sighting, push, is_fast and not casters_turn, self._white_noise.levels, self.belief)
+        step = _Step(measurement, push, is_fast and not casters_turn, self._white_noise.levels, self.belief)
         if len(self._steps) == _KEPT:
             self._change = None  # its step is no longer kept
         self._steps.append(step)
@@ -238,8 +238,8 @@ class CartLearner:
         step.before = self.belief
         at = self._point(self.belief.mean if smoothed is None else smoothed)
         levels = step.levels * self._misfit
-        sighting = replace(step.sighting, covariance=step.sighting.covariance * np.outer(levels, levels))
-        step.update = update(self.belief, sighting, self._prior.slip, at, corrects_cart=step.corrects_cart)
+        measurement = replace(step.measurement, covariance=step.measurement.covariance * np.outer(levels, levels))
+        step.update = update(self.belief, measurement, self._prior.slip, at, corrects_cart=step.corrects_cart)
         if smoothed is None:
             at = self._point(step.update.belief.mean)
         force, torque = self._unknown_wrench**2, (_LEVER * self._unknown_wrench) ** 2

@@ -24,7 +24,7 @@ _SHARES: Array = np.prod(list(product(_WEIGHTS / _WEIGHTS.sum(), repeat=_SIZE)),
 
 
 @dataclass(frozen=True, eq=False)
-class Law:
+class LinearModel:
     """Linear change of ``phi`` by a load: ``change = middle + slope (load - mean) + rest``.
 
     Attributes:
@@ -44,14 +44,14 @@ def change_of_phi(load: Array) -> Array:
     return np.stack([mass, mass * x, mass * y, mass * (x * x + y * y + own)], axis=-1)
 
 
-def linearised(mean: Array, covariance: Array) -> Law:
-    """Best linear law for loads with this mean (4,) and positive definite covariance (4, 4)."""
+def linearised(mean: Array, covariance: Array) -> LinearModel:
+    """Best linear model for loads with this mean (4,) and positive definite covariance (4, 4)."""
     root = np.linalg.cholesky(covariance)
     changes = change_of_phi(mean + _POINTS @ root.T)
     middle = _SHARES @ changes
     by_point = (changes - middle).T @ (_SHARES[:, None] * _POINTS)
     spread = (changes - middle).T @ (_SHARES[:, None] * (changes - middle))
-    return Law(middle, np.linalg.solve(root.T, by_point.T).T, spread - by_point @ by_point.T)
+    return LinearModel(middle, np.linalg.solve(root.T, by_point.T).T, spread - by_point @ by_point.T)
 
 
 class UnknownLoad:
@@ -68,13 +68,13 @@ class UnknownLoad:
         self._prior_mean = np.array([0.0, phi[1] / phi[0], phi[2] / phi[0], own])
         variances = prior.load**2, prior.place**2, prior.place**2, own**2
         self._prior_covariance = np.diag(variances)
-        self._mean, self._law = self._prior_mean, linearised(self._prior_mean, self._prior_covariance)
+        self._mean, self._model = self._prior_mean, linearised(self._prior_mean, self._prior_covariance)
 
     def start(self) -> tuple[Array, Array]:
-        """Mean (4,) and covariance (4, 4) of ``phi`` right after the change, by the present linear law."""
-        law = self._law
-        middle = self._phi + law.middle + law.slope @ (self._prior_mean - self._mean)
-        spread = self._phi_covariance + law.slope @ self._prior_covariance @ law.slope.T + law.rest
+        """Mean (4,) and covariance (4, 4) of ``phi`` right after the change, by the present linear model."""
+        model = self._model
+        middle = self._phi + model.middle + model.slope @ (self._prior_mean - self._mean)
+        spread = self._phi_covariance + model.slope @ self._prior_covariance @ model.slope.T + model.rest
         return middle, 0.5 * (spread + spread.T)
 
     def learn(self, phi: Array, covariance: Array) -> None:
@@ -82,11 +82,11 @@ class UnknownLoad:
 
         That is the mean (4,) and covariance (4, 4) of ``phi``, given the last ``start`` and all measurements since.
         """
-        law = self._law
+        model = self._model
         expected, spread = self.start()
-        gain = np.linalg.solve(spread, law.slope @ self._prior_covariance).T
+        gain = np.linalg.solve(spread, model.slope @ self._prior_covariance).T
         self._mean = self._prior_mean + gain @ (phi - expected)
-        unobservable = np.eye(_SIZE) - gain @ law.slope
+        unobservable = np.eye(_SIZE) - gain @ model.slope
         left = unobservable @ self._prior_covariance @ unobservable.T
-        left += gain @ (self._phi_covariance + law.rest + covariance) @ gain.T
-        self._law = linearised(self._mean, 0.5 * (left + left.T))
+        left += gain @ (self._phi_covariance + model.rest + covariance) @ gain.T
+        self._model = linearised(self._mean, 0.5 * (left + left.T))

@@ -9,7 +9,7 @@ from collections import deque
 
 import numpy as np
 
-from coheft.estimation.cart.filter import MOTION_SIZE, Sighting
+from coheft.estimation.cart.filter import MOTION_SIZE, MotionMeasurement
 from coheft.estimation.chi_square import chi_square_threshold
 from coheft.estimation.geometry.spatial import Array
 
@@ -56,9 +56,9 @@ class WhiteNoise:
         """Number of newest measurements in which noise is estimated."""
         return len(self._motions)
 
-    def see(self, sighting: Sighting) -> bool:
+    def see(self, measurement: MotionMeasurement) -> bool:
         """Add a measurement; return whether any level has risen clearly."""
-        self._motions.append(sighting.motion / np.sqrt(np.diag(sighting.covariance)))
+        self._motions.append(measurement.motion / np.sqrt(np.diag(measurement.covariance)))
         self._since += 1
         if len(self._motions) < LEAST or self._since < _EVERY:
             return False
