@@ -22,10 +22,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from coheft.agents.efficient.before import Before
 from coheft.agents.efficient.judge import Outcome
 from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.settings import Guards
+from coheft.agents.efficient.state_before_change import StateBeforeChange
 from coheft.agents.efficient.unnoticed import Unnoticed
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.chapter import EvidenceAt
@@ -99,7 +99,7 @@ class Suspicion:
 
     def __init__(
         self,
-        before: Before,
+        before: StateBeforeChange,
         rows: dict[int, Array],
         first: int,
         noticed: int,
@@ -130,13 +130,13 @@ class Suspicion:
         rows = dict(zip(numbers, buffer.window(begin).copy(), strict=True))
         first = numbers[index - begin] if index < buffer.count else noticed
         state = State.LOAD_OR_SLIP if is_load else State.CONTRADICTION
-        return Suspicion(Before.of(known, begin, unnoticed, later), rows, first, noticed, changes, state)
+        return Suspicion(StateBeforeChange.of(known, begin, unnoticed, later), rows, first, noticed, changes, state)
 
     @staticmethod
     def after_gap(known: Knowledge, since: int, changes: int, unnoticed: Unnoticed, later: int) -> Suspicion:
         """The suspicion when rows have been missing; ``since`` is the number of the first row that is not."""
         missing = max(0, since - known.buffer.number_at(known.buffer.count))
-        before = Before.of(known, known.buffer.count, unnoticed, later, missing)
+        before = StateBeforeChange.of(known, known.buffer.count, unnoticed, later, missing)
         return Suspicion(before, {}, since, since, changes, State.AFTER_GAP)
 
     @property
@@ -247,7 +247,7 @@ class Suspicion:
             return None
         return Cause(robot, numbers[first], is_load)
 
-    def _ratios(self, before: Before, evidence: EvidenceAt, rows: Array, start: int) -> LogRatios:
+    def _ratios(self, before: StateBeforeChange, evidence: EvidenceAt, rows: Array, start: int) -> LogRatios:
         """Return the log ratios if the row at ``start`` is the first after the change."""
         if start not in self._tried:
             moments, body = RowMoments.of(rows[start:]), before.estimate.body
@@ -290,7 +290,7 @@ class Suspicion:
         return self._before.estimate.state.fitted_load[THETA]
 
 
-def _slipped(known: Knowledge, before: Before, cause: Cause, numbers: list[int], rows: Array) -> Knowledge:
+def _slipped(known: Knowledge, before: StateBeforeChange, cause: Cause, numbers: list[int], rows: Array) -> Knowledge:
     """Return the knowledge from what was known before and these rows, if the grasp slipped in between."""
     assert cause.robot is not None
     prior, named = before.prior, zip(numbers, rows, strict=True)

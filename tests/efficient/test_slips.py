@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from coheft.agents.efficient.before import Before
 from coheft.agents.efficient.innovations import Innovations
 from coheft.agents.efficient.session import Session
 from coheft.agents.efficient.settings import Guards
+from coheft.agents.efficient.state_before_change import StateBeforeChange
 from coheft.agents.efficient.unnoticed import Unnoticed
 from coheft.estimation.geometry.spatial import Pose, rotation_exp
 from coheft.estimation.measurement import SensorNoise
@@ -117,7 +117,7 @@ def test_a_slip_that_removed_rows_have_shown_is_forgotten() -> None:
 def test_what_was_known_stays_the_same_where_a_pose_is_filled_in() -> None:
     known = fed(made_up_rows(BEFORE))._known
     assert known.estimate is not None
-    before = Before.of(known, BEFORE, Unnoticed(), 0)
+    before = StateBeforeChange.of(known, BEFORE, Unnoticed(), 0)
     hidden, own = before.estimate.hidden.copy(), before.estimate.body.unknowns.poses[2]
     hidden[own, own] += 1.0
     poses = list(known.estimate.state.poses)

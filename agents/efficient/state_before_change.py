@@ -16,7 +16,7 @@ from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.unknowns import THETA
 
 
-class Before(NamedTuple):
+class StateBeforeChange(NamedTuple):
     """What was known before a change.
 
     Attributes:
@@ -36,15 +36,15 @@ class Before(NamedTuple):
     later: int
 
     @staticmethod
-    def of(known: Knowledge, index: int, unnoticed: Unnoticed, later: int, missing: int = 0) -> Before:
+    def of(known: Knowledge, index: int, unnoticed: Unnoticed, later: int, missing: int = 0) -> StateBeforeChange:
         """What the rows before an index have shown; so many rows are missing after them, and ``later`` are compared."""
         estimate, prior = known.known_before(index)
         unseen = unnoticed.process_noise(known, estimate, index, missing)
         later += missing
         covariance = known.covariance_now(estimate, later)
-        return Before(estimate, prior, covariance, known.innovations.past_before_slip, unseen, later)
+        return StateBeforeChange(estimate, prior, covariance, known.innovations.past_before_slip, unseen, later)
 
-    def with_poses_of(self, known: Knowledge) -> Before | None:
+    def with_poses_of(self, known: Knowledge) -> StateBeforeChange | None:
         """Return the same with the poses of robots that have joined as they are known now, because the offset of the
         total wrench depends on them; None if one is unknown.
         """
@@ -62,7 +62,7 @@ class Before(NamedTuple):
         estimate = known.known_from(prior)
         return self._replace(estimate=estimate, prior=prior, covariance=known.covariance_now(estimate, self.later))
 
-    def with_load_of(self, known: Knowledge) -> Before:
+    def with_load_of(self, known: Knowledge) -> StateBeforeChange:
         """Return the same at the present load, of which nothing was known: derivatives by poses depend on the load."""
         assert known.estimate is not None
         load = self.estimate.state.fitted_load.copy()
