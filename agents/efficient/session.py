@@ -20,7 +20,7 @@ from coheft.agents.efficient.judge import Verdict
 from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.load_drift import LoadChange, LoadDrift
 from coheft.agents.efficient.settings import Guards, RowCounts
-from coheft.agents.efficient.stages import TRANSITIONS, Event, Restlessness, Stage
+from coheft.agents.efficient.stages import TRANSITIONS, Event, ResetMonitor, Stage
 from coheft.agents.efficient.unnoticed import Unnoticed
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.body import FORCING_SIZE
@@ -66,7 +66,7 @@ class Session:
         self.causes = Causes(guards, rows)
         self._acceptance = Acceptance(settings, guards, rows)
         self._detector = ChangeDetector(rows, guards, own * rows.turn // count)
-        self._restlessness = Restlessness(rows)
+        self._resets = ResetMonitor(rows)
         self._gap, self._begins_after_gap = Gap(rows.waiting, guards), prior is not None and prior.is_after_gap
         self._newest = -1  # number of the newest row
         self._oldest = -1  # rows before this number are from before a slip, or are forgotten
@@ -202,7 +202,7 @@ class Session:
     def _start_over(self) -> None:
         self.causes.start_over()
         self._gap.load_begins(self._newest)
-        self._restlessness, self._oldest = Restlessness(self._rows), self._newest + 1
+        self._resets, self._oldest = ResetMonitor(self._rows), self._newest + 1
         self.stage = TRANSITIONS[self.stage, Event.STARTED_OVER]
         self._begin(Knowledge(self._count, self._anchor, self.settings, self._guards))
 
@@ -263,13 +263,13 @@ class Session:
 
     def _forget_load(self, index: int, event: Event, before: Estimate) -> None:
         """Estimate the load anew from the row at this index on."""
-        if self._restlessness.forget_load(self._newest, self.stage is Stage.ESTIMATING):
+        if self._resets.forget_load(self._newest, self.stage is Stage.ESTIMATING):
             self._start_over()
             return
         if index < self._known.buffer.count:
             self.causes.load_begins(int(self._known.buffer.numbers[index]))
         self._gap.load_begins(self._known.buffer.number_at(index))
-        least = self._known.least * (1 + self._restlessness.is_troubled)
+        least = self._known.least * (1 + self._resets.is_troubled)
         self._known.forget_load(before, index, event is Event.LOAD_CHANGED, least, self._detector.step)
         self.stage = TRANSITIONS[self.stage, event]
         self._detector.settle()

@@ -50,7 +50,7 @@ TRANSITIONS = {
 """All that can happen; anything else is an error in this file."""
 
 
-class Restlessness:
+class ResetMonitor:
     """Remembers when loads were forgotten: if again and again, a sensor may be faulty now and then, or poses wrong.
 
     Args:

@@ -9,7 +9,7 @@ from coheft.agents.efficient.change_detector import Confirmation
 from coheft.agents.efficient.judge import Outcome
 from coheft.agents.efficient.session import Session
 from coheft.agents.efficient.settings import Guards, RowCounts
-from coheft.agents.efficient.stages import TRANSITIONS, Event, Restlessness, Stage
+from coheft.agents.efficient.stages import TRANSITIONS, Event, ResetMonitor, Stage
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.moments.claims import claim_of
@@ -356,9 +356,9 @@ def test_loads_that_are_forgotten_soon_or_before_they_are_known_make_all_begin_a
     calms: float, was_known: bool, begins: bool
 ) -> None:
     rows = RowCounts.of(Guards(), PERIOD)
-    restlessness, apart = Restlessness(rows), round(calms * rows.calm)
+    monitor, apart = ResetMonitor(rows), round(calms * rows.calm)
     numbers = range(10 * rows.restless, 10 * rows.restless + 10 * apart, apart)
-    found = [restlessness.forget_load(number, was_known) for number in numbers]
+    found = [monitor.forget_load(number, was_known) for number in numbers]
     assert not found[0]
     assert any(found) == begins
 
@@ -366,11 +366,11 @@ def test_loads_that_are_forgotten_soon_or_before_they_are_known_make_all_begin_a
 def test_a_slip_does_not_end_the_trouble_with_loads() -> None:
     rows, _ = slipped(20.0, 1.0, 1, 3)
     found = fed(rows[:BEFORE])
-    found._restlessness.forget_load(BEFORE - 1, True)
-    before = found._restlessness
+    found._resets.forget_load(BEFORE - 1, True)
+    before = found._resets
     for number in range(BEFORE, BEFORE + 60):
         found.take(number, rows[number])
     assert found.causes.slips
-    assert found._restlessness is before
+    assert found._resets is before
     found._start_over()
-    assert found._restlessness is not before
+    assert found._resets is not before
