@@ -16,11 +16,11 @@ from hypothesis import strategies as st
 from coheft.errors import MessageError
 from coheft.wire.messages import codec
 from coheft.wire.messages.codec import decode, encode
-from coheft.wire.messages.frame import PROTOCOL_VERSION, Seal
+from coheft.wire.messages.frame import PROTOCOL_VERSION, KeyChecksum
 from coheft.wire.messages.requests import Request, StatusRequest
 from coheft.wire.messages.structs import Hello, Measurements, Message, Reference, Stop
 from coheft.wire.messages.truth import Truth
-from tests.fuzz.any_message import KEY, KINDS, SEAL, fields_of, name_of, of_version, plain, values, with_fields
+from tests.fuzz.any_message import KEY, KEY_CHECKSUM, KINDS, fields_of, name_of, of_version, plain, values, with_fields
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=name_of)
@@ -80,7 +80,7 @@ def test_hostile_fields_are_refused(fields: bytes) -> None:
 def test_what_is_too_short_for_what_its_header_says_is_refused(size: int) -> None:
     body = encode(Hello(sender="r1", heard=["r2"]), KEY)[4 : 4 + size]
     with pytest.raises(MessageError, match="not a Hello"):
-        decode(SEAL.close(body), Hello, KEY)
+        decode(KEY_CHECKSUM.close(body), Hello, KEY)
 
 
 def _with_shapes(words: list[int], numbers: int) -> bytes:
@@ -88,7 +88,7 @@ def _with_shapes(words: list[int], numbers: int) -> bytes:
     sound = encode(Measurements(robot="r1", block=0, samples=np.zeros(numbers)), KEY)
     assert decode(sound, Measurements, KEY).samples.shape == (numbers,)  # so that its fields are known
     shapes = b"".join(word.to_bytes(4, "little") for word in words)
-    return with_fields(sound, SEAL.unwrapped(sound, "message").fields, shapes)
+    return with_fields(sound, KEY_CHECKSUM.unwrapped(sound, "message").fields, shapes)
 
 
 @pytest.mark.parametrize(
@@ -121,10 +121,10 @@ def test_what_stands_for_no_array_is_refused(code: int, data: bytes) -> None:
 def test_fields_may_name_arrays_in_any_order() -> None:
     reference = Reference(robot="r1", block=7, answers=3, motion=np.ones((2, 12)), wrench=np.arange(6.0))
     sound = encode(reference, KEY)
-    frame = SEAL.unwrapped(sound, "message")
+    frame = KEY_CHECKSUM.unwrapped(sound, "message")
     fields = msgspec.msgpack.encode(dict(reversed(fields_of(sound).items())))
     shapes = frame.shapes[-12:] + frame.shapes[:-12]
-    swapped = SEAL.wrapped(frame.code, 7, 3, fields, shapes, [reference.wrench, reference.motion])
+    swapped = KEY_CHECKSUM.wrapped(frame.code, 7, 3, fields, shapes, [reference.wrench, reference.motion])
     assert plain(decode(swapped, Reference, KEY)) == plain(reference)
 
 
@@ -136,13 +136,13 @@ def test_arrays_of_other_types_are_sent_in_double_precision_every_time() -> None
 
 
 def test_bytes_with_another_border_between_fields_and_shapes_are_refused() -> None:
-    frame = SEAL.unwrapped(encode(Measurements(robot="r1", block=7, samples=np.ones((2, 15))), KEY), "message")
+    frame = KEY_CHECKSUM.unwrapped(encode(Measurements(robot="r1", block=7, samples=np.ones((2, 15))), KEY), "message")
     array = np.frombuffer(frame.arrays, np.uint8)
-    moved = SEAL.wrapped(frame.code, 7, 0, frame.fields[:-4], frame.fields[-4:] + frame.shapes, [array])
+    moved = KEY_CHECKSUM.wrapped(frame.code, 7, 0, frame.fields[:-4], frame.fields[-4:] + frame.shapes, [array])
     with pytest.raises(MessageError, match="not a Measurements"):
         decode(moved, Measurements, KEY)
     with pytest.raises(MessageError, match="its arrays take 240 bytes but there are 224"):
-        decode(SEAL.wrapped(frame.code, 7, 0, frame.fields, frame.shapes, [array[16:]]), Measurements, KEY)
+        decode(KEY_CHECKSUM.wrapped(frame.code, 7, 0, frame.fields, frame.shapes, [array[16:]]), Measurements, KEY)
 
 
 def test_threads_may_send_and_receive_messages_of_one_kind_at_the_same_time() -> None:
@@ -162,15 +162,15 @@ def test_threads_may_send_and_receive_messages_of_one_kind_at_the_same_time() ->
 
 
 def test_what_is_in_a_header_has_to_be_for_its_kind() -> None:
-    frame = SEAL.unwrapped(encode(Stop(reason="over"), KEY), "message")
+    frame = KEY_CHECKSUM.unwrapped(encode(Stop(reason="over"), KEY), "message")
     with pytest.raises(MessageError, match="not a Stop: its header has 3 for a field that this kind does not have"):
-        decode(SEAL.wrapped(frame.code, 3, 0, frame.fields, b"", []), Stop, KEY)
+        decode(KEY_CHECKSUM.wrapped(frame.code, 3, 0, frame.fields, b"", []), Stop, KEY)
     with pytest.raises(MessageError, match="not a Hello: it is a Stop"):
         decode(encode(Stop(reason="over"), KEY), Hello, KEY)
     with pytest.raises(MessageError, match="not a Stop: it is a message of kind 99"):
-        decode(SEAL.wrapped(99, 0, 0, frame.fields, b"", []), Stop, KEY)
-    other = Seal("run-2/agent/r1/block")
-    other.seed = SEAL.seed
+        decode(KEY_CHECKSUM.wrapped(99, 0, 0, frame.fields, b"", []), Stop, KEY)
+    other = KeyChecksum("run-2/agent/r1/block")
+    other.seed = KEY_CHECKSUM.seed
     with pytest.raises(MessageError, match="its header has run"):
         decode(other.wrapped(frame.code, 0, 0, frame.fields, b"", []), Stop, KEY)
 
@@ -187,7 +187,7 @@ def test_other_versions_are_told() -> None:
     with pytest.raises(MessageError, match=words):
         decode(of_version(PROTOCOL_VERSION + 1, Stop(reason="over"), KEY), Stop, KEY)
     with pytest.raises(MessageError, match=words):
-        decode(SEAL.close(bytes([PROTOCOL_VERSION + 1])), Stop, KEY)
+        decode(KEY_CHECKSUM.close(bytes([PROTOCOL_VERSION + 1])), Stop, KEY)
 
 
 def test_other_versions_of_requests_are_told_with_what_to_do() -> None:
@@ -200,7 +200,7 @@ def test_versions_before_there_were_headers_are_told() -> None:
     """Their messages were a map in MessagePack behind the same checksum."""
     body = msgspec.msgpack.encode({"version": 5, "reason": "over"})
     with pytest.raises(MessageError, match="version 5 or older, but this process uses version 6"):
-        decode(SEAL.close(body), Stop, KEY)
+        decode(KEY_CHECKSUM.close(body), Stop, KEY)
 
 
 def test_what_is_no_array_cannot_be_sent() -> None:

@@ -15,12 +15,12 @@ from hypothesis.extra.numpy import array_shapes, arrays
 from coheft.wire.cart import messages as cart_messages
 from coheft.wire.messages import structs
 from coheft.wire.messages.codec import encode
-from coheft.wire.messages.frame import Seal
+from coheft.wire.messages.frame import KeyChecksum
 from coheft.wire.messages.requests import Request
 from coheft.wire.messages.structs import Message
 
 KEY = "run-1/agent/r1/block"
-SEAL = Seal(KEY)
+KEY_CHECKSUM = KeyChecksum(KEY)
 KINDS: list[Any] = [
     kind
     for kind in (*vars(structs).values(), *vars(cart_messages).values())
@@ -74,22 +74,22 @@ def limited(kind: Any, limits: msgspec.Meta) -> st.SearchStrategy[Any]:
 
 def fields_of(sound: bytes) -> Any:
     """The fields of a message, as nested builtins."""
-    return msgspec.msgpack.decode(SEAL.unwrapped(sound, "message").fields)
+    return msgspec.msgpack.decode(KEY_CHECKSUM.unwrapped(sound, "message").fields)
 
 
 def with_fields(sound: bytes, fields: bytes, shapes: bytes | None = None) -> bytes:
     """A message with other fields, and perhaps other shapes."""
-    frame = SEAL.unwrapped(sound, "message")
+    frame = KEY_CHECKSUM.unwrapped(sound, "message")
     arrays = [np.frombuffer(frame.arrays, np.uint8)]
     shapes = frame.shapes if shapes is None else shapes
-    return SEAL.wrapped(frame.code, frame.block, frame.number, fields, shapes, arrays)
+    return KEY_CHECKSUM.wrapped(frame.code, frame.block, frame.number, fields, shapes, arrays)
 
 
 def of_version(version: int, message: Message, key: str) -> bytes:
     """A message as a process of another protocol version would say it, if nothing else had changed."""
     body = bytearray(encode(message, key)[4:])
     body[0] = version
-    return Seal(key).close(bytes(body))
+    return KeyChecksum(key).close(bytes(body))
 
 
 def plain(value: Any) -> Any:

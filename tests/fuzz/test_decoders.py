@@ -15,8 +15,8 @@ from coheft.wire.messages.codec import decode, encode
 from coheft.wire.messages.structs import Message
 from tests.fuzz.any_message import (
     KEY,
+    KEY_CHECKSUM,
     KINDS,
-    SEAL,
     any_shapes,
     damaged,
     fields_of,
@@ -58,7 +58,7 @@ def decode_or_refuse(data: bytes, kind: Any) -> None:
 @given(kind=kinds, data=st.data())
 def test_damaged_messages(kind: Any, data: st.DataObject) -> None:
     sound, other = (encode(data.draw(values(kind)), KEY) for kind in (kind, data.draw(kinds)))
-    decode_or_refuse(SEAL.close(data.draw(damaged(sound[4:], other[4:]))), kind)
+    decode_or_refuse(KEY_CHECKSUM.close(data.draw(damaged(sound[4:], other[4:]))), kind)
     bad = data.draw(damaged(sound, other))
     if bad not in (sound, other):
         with pytest.raises(MessageError):
@@ -78,7 +78,7 @@ def test_messages_with_something_else_in_a_place(kind: Any, data: st.DataObject)
 def test_arrays_of_other_shapes(kind: Any, shapes: bytes, data: st.DataObject) -> None:
     sound = encode(data.draw(values(kind)), KEY)
     decode_or_refuse(sound, kind)  # so that its fields are known
-    decode_or_refuse(with_fields(sound, SEAL.unwrapped(sound, "message").fields, shapes), kind)
+    decode_or_refuse(with_fields(sound, KEY_CHECKSUM.unwrapped(sound, "message").fields, shapes), kind)
 
 
 @many
@@ -91,6 +91,6 @@ def test_any_tree(kind: Any, tree: Any, data: st.DataObject) -> None:
 @many
 @given(kinds, st.binary(max_size=300))
 def test_any_bytes(kind: Any, data: bytes) -> None:
-    decode_or_refuse(SEAL.close(data), kind)
+    decode_or_refuse(KEY_CHECKSUM.close(data), kind)
     with pytest.raises(MessageError):
         decode(data, kind, KEY)

@@ -7,7 +7,7 @@ from coheft.app.faults.schedule import Corruption, Lie
 from coheft.errors import MessageError
 from coheft.estimation.geometry.spatial import Array
 from coheft.wire.messages.codec import decode, encode
-from coheft.wire.messages.frame import Seal
+from coheft.wire.messages.frame import KeyChecksum
 from coheft.wire.messages.structs import NeighbourMessage
 
 _CHECKSUM_SIZE = 4
@@ -28,7 +28,7 @@ def flip_bits(message: NeighbourMessage, fault: Corruption, rng: np.random.Gener
         data[bit // 8] ^= 1 << (bit % 8)
     try:
         return decode(
-            Seal(key).close(bytes(data[_CHECKSUM_SIZE:])) if fault.sealed else bytes(data), NeighbourMessage, key
+            KeyChecksum(key).close(bytes(data[_CHECKSUM_SIZE:])) if fault.sealed else bytes(data), NeighbourMessage, key
         )
     except MessageError:
         return None

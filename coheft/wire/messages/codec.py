@@ -17,7 +17,7 @@ import numpy as np
 
 from coheft.errors import MessageError
 from coheft.estimation.geometry.spatial import Array
-from coheft.wire.messages.frame import Seal
+from coheft.wire.messages.frame import KeyChecksum
 from coheft.wire.messages.kind import MALFORMED, Kind
 from coheft.wire.messages.structs import Message
 
@@ -25,7 +25,7 @@ M = TypeVar("M")
 _LARGEST = 1e15
 """Limit of received numbers."""
 _kind = cache(Kind)
-_seal = lru_cache(maxsize=1024)(Seal)
+_checksum = lru_cache(maxsize=1024)(KeyChecksum)
 
 
 @cache
@@ -37,7 +37,7 @@ def _expected(kind: Any) -> tuple[str, dict[int, Kind]]:
 
 def encode(message: Message, key: str) -> bytes:
     """Return the message as bytes, to be sent under ``key``."""
-    return _kind(type(message)).encode(message, _seal(key))
+    return _kind(type(message)).encode(message, _checksum(key))
 
 
 def decode(data: bytes, kind: type[M], key: str) -> M:
@@ -47,7 +47,7 @@ def decode(data: bytes, kind: type[M], key: str) -> M:
     another protocol version raise a ``MessageError``.
     """
     name, kinds = _expected(kind)  # type: ignore[arg-type]
-    frame = _seal(key).unwrapped(data, name)
+    frame = _checksum(key).unwrapped(data, name)
     if frame.code not in kinds:
         names = {each.code: each.__name__ for each in Message.__subclasses__()}
         raise MessageError(f"not a {name}: it is a {names.get(frame.code, f'message of kind {frame.code}')}")

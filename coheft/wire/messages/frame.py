@@ -22,7 +22,7 @@ from coheft.errors import MessageError
 PROTOCOL_VERSION = 6
 """Version in each header, which must be equal on both sides. Up to version 5 there were no headers."""
 HEADER = struct.Struct("<IBBHIIqq")
-"""Checksum, version, kind, size of the shapes [4 B], run, size of the fields [B], block, number; see ``Frame``."""
+"""KeyChecksum, version, kind, size of the shapes [4 B], run, size of the fields [B], block, number; see ``Frame``."""
 CHECKSUM = struct.Struct("<I")
 AnyArray = npt.NDArray[Any]
 Place = tuple[np.dtype[Any], tuple[int, ...], int]
@@ -58,7 +58,7 @@ class Frame(NamedTuple):
     arrays: memoryview
 
 
-class Seal:
+class KeyChecksum:
     """Checksums that belong to one key.
 
     Attributes:

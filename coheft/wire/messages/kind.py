@@ -9,7 +9,7 @@ from typing import Any, cast
 import msgspec
 import numpy as np
 
-from coheft.wire.messages.frame import CODES, DOUBLE, AnyArray, Frame, Seal, described, places_of
+from coheft.wire.messages.frame import CODES, DOUBLE, AnyArray, Frame, KeyChecksum, described, places_of
 from coheft.wire.messages.structs import Message
 
 MALFORMED = (msgspec.DecodeError, ValueError, struct.error, RecursionError)
@@ -42,7 +42,7 @@ class Kind:
         self._received: Iterator[AnyArray] = iter(())
         self._lock = Lock()
 
-    def encode(self, message: Message, seal: Seal) -> bytes:
+    def encode(self, message: Message, checksum: KeyChecksum) -> bytes:
         """Return a message as bytes; arrays of other types than ``DTYPES`` are converted to double precision."""
         of_block, of_number = self.kind.in_header
         block = 0 if of_block is None else getattr(message, of_block)
@@ -51,7 +51,7 @@ class Kind:
             self._sent = []
             fields = self._encoder.encode({name: getattr(message, name) for name in self._names})
             arrays = [each if each.dtype in CODES else each.astype(DOUBLE) for each in self._sent]
-        return seal.wrapped(self.kind.code, block, number, fields, described(arrays), arrays)
+        return checksum.wrapped(self.kind.code, block, number, fields, described(arrays), arrays)
 
     def _placeholder(self, value: Any) -> msgspec.msgpack.Ext:
         if not isinstance(value, np.ndarray):
