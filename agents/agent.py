@@ -139,7 +139,7 @@ class Agent:
             PluginError: A user's estimator or motion has failed.
         """
         arrived = self._network.deliver(index, inbox)
-        heard, gossip, problems, late = self._inbox.take(
+        received, gossip, problems, late = self._inbox.take(
             index, arrived, self._estimator.fits, takes_late=self._receives_late is not None
         )
         self._gossip.hear(gossip)
@@ -153,7 +153,9 @@ class Agent:
         channels = dict[str, Array]()
         estimate, beside = None, tuple[EstimateBeside, ...]()
         try:
-            channels = self._estimator.step(index, block, {name: message.channels for name, message in heard.items()})
+            channels = self._estimator.step(
+                index, block, {name: message.channels for name, message in received.items()}
+            )
             if self._signing is not None:
                 problems += self._signing.refused()
             self._status.problems += len(problems)

@@ -23,7 +23,7 @@ class LinkedAgents:
         self.agents = {config.name: Agent(config, incarnation, largest_arrays) for config in configs}
         self.outboxes: dict[str, Outbox] = {}
 
-    def heard(self) -> dict[str, list[NeighbourMessage]]:
+    def received(self) -> dict[str, list[NeighbourMessage]]:
         """Return the messages that each robot's neighbours sent after the last block, by receiving robot."""
         return {
             name: [self.outboxes[other].message for other in agent.config.neighbours if other in self.outboxes]
@@ -34,8 +34,8 @@ class LinkedAgents:
         self,
         index: int,
         blocks: Mapping[str, MeasurementBlock | None],
-        heard: Mapping[str, Sequence[NeighbourMessage]],
+        received: Mapping[str, Sequence[NeighbourMessage]],
     ) -> dict[str, Outbox]:
         """Step all agents, each with its own measurements and received messages; return what they send."""
-        self.outboxes = {name: agent.step(index, blocks[name], heard[name]) for name, agent in self.agents.items()}
+        self.outboxes = {name: agent.step(index, blocks[name], received[name]) for name, agent in self.agents.items()}
         return self.outboxes

@@ -36,15 +36,15 @@ class SideBySide:
         nothing: dict[str, npt.NDArray[Any]] = {}
         parts = {sender: self._readable(_by_estimator(channels)) for sender, channels in inbox.items()}
         for name, estimator in self._estimators.items():
-            heard = {sender: each[name] for sender, each in parts.items() if name in each}
-            channels = self._try(name, lambda: estimator.step(index, own, heard), nothing)  # noqa: B023
+            received = {sender: each[name] for sender, each in parts.items() if name in each}
+            channels = self._try(name, lambda: estimator.step(index, own, received), nothing)  # noqa: B023
             sent |= {f"{name}/{array}": value for array, value in channels.items()}
         return sent
 
     def fits(self, channels: Channels) -> bool:
         """See ``Estimator.fits``: whether the arrays are of these estimators, and any can read its own."""
-        told = _by_estimator(channels)
-        return told.keys() <= self._estimators.keys() and bool(self._readable(told))
+        received = _by_estimator(channels)
+        return received.keys() <= self._estimators.keys() and bool(self._readable(received))
 
     def belief(self) -> Belief:
         """Return the estimate of the robot's own estimator."""
@@ -84,9 +84,9 @@ class SideBySide:
     def _signing(self) -> list[SignsRows]:
         return [estimator for estimator in self._estimators.values() if isinstance(estimator, SignsRows)]
 
-    def _readable(self, told: Mapping[str, Channels]) -> dict[str, Channels]:
+    def _readable(self, received: Mapping[str, Channels]) -> dict[str, Channels]:
         """Return the arrays of the estimators that can read theirs, by estimator; a message may hold none of them."""
-        parts = {name: told.get(name, {}) for name in self._estimators}
+        parts = {name: received.get(name, {}) for name in self._estimators}
         can_read = {name: partial(each.fits, parts[name]) for name, each in self._estimators.items()}
         return {name: part for name, part in parts.items() if self._try(name, can_read[name], False)}
 

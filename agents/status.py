@@ -43,7 +43,7 @@ class StatusKeeper:
         if is_valid:
             reasons = list(belief.shortfall)
             self._valid = belief
-        told = self._valid or belief
+        published = self._valid or belief
         status = Validity.STARTING
         if self._valid is not None:
             status = Validity.VALID if is_valid else Validity.STALE
@@ -51,24 +51,24 @@ class StatusKeeper:
             robot=self._config.name,
             block=index,
             time=self._config.start_of(index + 1),
-            phase=told.phase,
-            converged=told.converged,
+            phase=published.phase,
+            converged=published.converged,
             members=members,
-            payload=told.payload,
+            payload=published.payload,
             poses={
                 name: PoseEstimate(pose.pose.rotation, pose.pose.translation, pose.covariance)
-                for name, pose in told.poses.items()
+                for name, pose in published.poses.items()
             },
-            total_block=told.total_block,
-            total_wrench=told.total_wrench,
-            not_observable=list(told.not_observable),
+            total_block=published.total_block,
+            total_wrench=published.total_wrench,
+            not_observable=list(published.not_observable),
             load_changes=list(belief.load_changes),
             problems=self.problems,
             status=status,
             reasons=reasons,
-            valid_block=told.learned_block,
+            valid_block=published.learned_block,
             silent=list(silent),
             estimator=self._config.estimator,
-            sensor_errors=list(told.sensor_errors),
+            sensor_errors=list(published.sensor_errors),
             slips=list(belief.slips),
         )

@@ -24,7 +24,7 @@ def record(scenario: Scenario, folder: Path) -> dict[str, Path]:
     team = TeamInProcess(scenario)
     sent: dict[str, deque[tuple[bytes, bytes, bytes]]] = {name: deque(maxlen=BLOCKS) for name in team.graph}
     for _ in range(round(SETTLED / scenario.block_duration) + BLOCKS):
-        for name, outbox in team.answer(measured(team.measure()), team.heard()).items():
+        for name, outbox in team.answer(measured(team.measure()), team.received()).items():
             estimate = b"" if outbox.estimate is None else encode(outbox.estimate, _KEY)
             sent[name].append((encode(outbox.message, _KEY), encode(outbox.reference, _KEY), estimate))
     files = {name: folder / f"{name}.replay" for name in sent}

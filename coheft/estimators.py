@@ -127,7 +127,7 @@ class Team:
 
     def _step(self, rows: slice) -> None:
         blocks = {name: MeasurementBlock(self._index, array[rows]) for name, array in self._waiting.items()}
-        for name, outbox in self._agents.step(self._index, blocks, self._agents.heard()).items():
+        for name, outbox in self._agents.step(self._index, blocks, self._agents.received()).items():
             if outbox.estimate is not None:
                 self.estimates[name] = outbox.estimate
         self._index += 1

@@ -50,7 +50,7 @@ class Gossip:
 
         A record about this robot itself is never used: if it would win, this robot publishes a newer one.
         """
-        heard, are_members_same = False, True
+        has_news, are_members_same = False, True
         for record in records:
             known = self.records.get(record.robot)
             if known is not None and not is_newer(record, known):
@@ -65,11 +65,11 @@ class Gossip:
             self._unsent[record.robot] = None
             if record.robot in self.own.neighbours and (known is None or record.incarnation > known.incarnation):
                 self._unsent = dict.fromkeys(self.records)  # the neighbour has restarted and knows nothing yet
-            heard = True
+            has_news = True
             are_members_same &= known is not None and _membership(known) == _membership(record)
         if not are_members_same:
             self._update_members()
-        elif heard:
+        elif has_news:
             self._update_start_block()
 
     def _defer(self, record: LinkState) -> None:
@@ -127,20 +127,20 @@ class Gossip:
         """Find the robots that are named: this one, its neighbours, their neighbours, and so on; defer records of
         others.
         """
-        heard = {**self._deferred, **self.records}
+        received = {**self._deferred, **self.records}
         self._named, left = {self.name}, deque([self.name])
         records: dict[str, LinkState] = {}
         while left and len(records) < MAX_ROBOTS:
             name = left.popleft()
-            if name in heard:
-                records[name] = heard.pop(name)
+            if name in received:
+                records[name] = received.pop(name)
                 new = [other for other in records[name].neighbours if other not in self._named]
                 self._named.update(new)
                 left += new
         news = [*self._unsent, *(name for name in records if name not in self.records)]
         self._unsent = dict.fromkeys(name for name in news if name in records)
         self.records, self._names = records, sorted(records)
-        self._deferred = dict(list(heard.items())[-_MAX_DEFERRED:])
+        self._deferred = dict(list(received.items())[-_MAX_DEFERRED:])
 
     def _update_members(self) -> None:
         """Update members and graph, after records of members have changed."""

@@ -117,12 +117,12 @@ class TreeRounds:
 
     def channels(self) -> dict[str, Array]:
         """See ``Rounds``."""
-        told, versions = {}, np.full(2, float(_NO_VERSION))
+        sent, versions = {}, np.full(2, float(_NO_VERSION))
         ways = (
             (self._up_channel, self._up, self._parent is not None),
             (self._down_channel, self._down, bool(self._children)),
         )
         for place, (name, value, is_of_use) in enumerate(ways):
             if value is not None and is_of_use:
-                told[name], versions[place] = value.values, value.version
-        return {**told, self._versions_channel: versions}
+                sent[name], versions[place] = value.values, value.version
+        return {**sent, self._versions_channel: versions}

@@ -101,7 +101,7 @@ def run(scenario: Scenario) -> Run:
     beliefs: list[dict[str, Belief]] = []
     for _ in range(scenario.blocks):
         result = team.measure()
-        team.answer(measured(result), team.heard())
+        team.answer(measured(result), team.received())
         truths.append(result.truth)
         beliefs.append({name: agent.belief() for name, agent in team.agents.items()})
     return Run(scenario, team.graph, Judge(team.simulation.scene, truths), truths, beliefs)

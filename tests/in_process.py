@@ -67,7 +67,7 @@ def steps(
         samples = {name: each if is_measured(block, name) else None for name, each in measured(result).items()}
         heard = {
             name: [message for message in messages if arrives(block, name, message.sender)]
-            for name, messages in team.heard().items()
+            for name, messages in team.received().items()
         }
         yield result.truth, team.answer(samples, heard)
 

@@ -132,7 +132,7 @@ def test_both_ends_of_an_edge_find_one_pose_also_after_a_restart() -> None:
         if block == 60:
             agent = team.agents["r2"]
             team.agents["r2"] = Agent(agent.config, incarnation=1)
-        team.answer(measured(team.measure()), team.heard())
+        team.answer(measured(team.measure()), team.received())
     one, other = (team.agents[i].belief().poses[j].pose for i, j in (("r1", "r2"), ("r2", "r1")))
     np.testing.assert_allclose((one @ other).translation, 0.0, atol=1e-9)
 
@@ -242,7 +242,7 @@ def test_messages_of_whole_numbers_are_refused_because_their_products_overflow()
     """An agent that multiplied them would end with an error."""
     team = TeamInProcess(fan2017("ring3"))
     for _ in range(60):
-        result, heard = team.measure(), team.heard()
+        result, heard = team.measure(), team.received()
         if heard["r1"]:
             heard["r1"] = [
                 replace(message, channels={name: array.astype(np.int64) for name, array in message.channels.items()})

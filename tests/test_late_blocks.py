@@ -18,7 +18,7 @@ def test_a_late_block_is_not_called_a_sensor_s_fault(share: float) -> None:
     start = round(3.0 / scenario.block_duration)
     reasons: set[str] = set()
     for block in range(scenario.blocks):
-        readings, heard = measured(team.measure()), team.heard()
+        readings, heard = measured(team.measure()), team.received()
         if block >= start:
             if random.random() < share:
                 readings["r2"] = None

@@ -191,7 +191,7 @@ def last_estimates(scenario: Scenario, instead: float = 0.0) -> dict[str, Estima
     for index in range(scenario.blocks):
         blocks = {name: MeasurementBlock(index, each.samples) for name, each in team.measure().measurements.items()}
         blocks["r2"].samples[blocks["r2"].samples == 0.0] = instead
-        outboxes = team.answer(blocks, team.heard())
+        outboxes = team.answer(blocks, team.received())
         latest |= {name: each.estimate for name, each in outboxes.items() if each.estimate is not None}
     return latest
 

@@ -97,7 +97,7 @@ class SignedTeam(TeamInProcess):
             result = self.measure()
             heard = {
                 name: [self._passed(message, name, change) for message in messages if self._arrives(message, name)]
-                for name, messages in self.heard().items()
+                for name, messages in self.received().items()
             }
             if change is not None and self.holds_back:
                 self._held_back += [message for message in heard["r1"] if message.sender == "r2"]

@@ -151,7 +151,7 @@ def test_a_team_of_which_all_have_let_go_and_taken_hold_again_begins_anew() -> N
     regrasps = {150: "r2", 151: "r1"}  # r1 hears of r2 in the block in which it takes hold again itself
     statuses = dict[int, str]()
     for block in range(240):
-        result, heard = team.measure(), team.heard()
+        result, heard = team.measure(), team.received()
         if block in regrasps:
             for holding in (False, True):
                 team.agents[regrasps[block]].set_holding(holding, block)

@@ -64,7 +64,7 @@ def test_the_estimator_starts_again_and_gets_over_it(
     team = TeamInProcess(scenario)
     problems, last = [], {}
     for block in range(first + 350):
-        result, heard = team.measure(), team.heard()
+        result, heard = team.measure(), team.received()
         if first <= block < first + 60:
             heard["r1"] = [
                 structs.replace(m, channels=tampered(team.agents["r1"], dict(m.channels))) if m.sender == "r2" else m

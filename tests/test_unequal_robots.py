@@ -144,7 +144,7 @@ def outcome(true: Scenario, told: Scenario) -> tuple[list[float], list[float], s
     judge, edges = Judge(exact.scene, exact.truths), directed_edges(exact.scene.neighbours)
     latest, sizes, reasons = {}, list[float](), set[tuple[str, str]]()
     for _ in range(true.blocks):
-        outboxes = team.answer(team.measure().measurements, team.heard())
+        outboxes = team.answer(team.measure().measurements, team.received())
         found = {name: each.estimate for name, each in outboxes.items() if each.estimate is not None}
         latest |= found
         reasons |= {(name, reason) for name, each in found.items() for reason in each.reasons}
@@ -193,7 +193,7 @@ def test_what_needs_a_wrench_that_is_not_measured_is_not_known(missing: str, kno
     team = TeamInProcess(with_others("ring3", f'{{ robot = "r2", missing = "{missing}" }}', duration=4.0))
     for _ in range(200):
         measured = team.measure().measurements
-        outboxes = team.answer(measured, team.heard())
+        outboxes = team.answer(measured, team.received())
     rows = measured["r2"].samples
     assert not rows[:, 12 if missing == "torque" else 9 :].any()
     assert rows[:, :9].all()
@@ -220,7 +220,7 @@ def test_a_method_for_equal_robots_is_said_to_report_no_payload() -> None:
     assert "robots that differ" in note
     team = TeamInProcess(load_scenario("ring3", ["estimator=fan2017", f"sensors.of=[{NOISY}]"]))
     for _ in range(10):
-        outboxes = team.answer(team.measure().measurements, team.heard())
+        outboxes = team.answer(team.measure().measurements, team.received())
     estimate = outboxes["r1"].estimate
     assert estimate is not None
     assert "sensors" in " ".join(estimate.not_observable)

@@ -65,12 +65,12 @@ class Fan2017Estimator:
     def step(self, index: int, own: MeasurementBlock | None, inbox: Mapping[str, Channels]) -> dict[str, Array]:
         """See ``Estimator.step``."""
         previous = self._blocks.get(index - 1)
-        heard = {name: told[_CHANNEL] for name, told in inbox.items() if _CHANNEL in told}
+        received = {name: channels[_CHANNEL] for name, channels in inbox.items() if _CHANNEL in channels}
         self._follow_holds()
         if previous is not None:
-            for name in heard.keys() & self._filters.keys():
+            for name in received.keys() & self._filters.keys():
                 if index - 1 >= max(self._holds[name][1:]):  # else one of them was still elsewhere
-                    self._update_pose(name, previous[:, :6], heard[name][:, :6])
+                    self._update_pose(name, previous[:, :6], received[name][:, :6])
         if own is not None:
             self._blocks[index] = own.samples
         kept = index - self._settings.rounds - 3
@@ -95,7 +95,7 @@ class Fan2017Estimator:
             phase.take_over(self._poses())
         if not is_waiting:
             self._started = start
-        phase.step(index, self._blocks, heard, inbox)
+        phase.step(index, self._blocks, received, inbox)
         is_solved = index % _SOLVE_EVERY == 0
         if not is_waiting and (phase.is_broken or (is_solved and phase.is_worth_taking_over(self._poses()))):
             self._announce_start(index, graph)

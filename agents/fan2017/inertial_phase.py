@@ -109,7 +109,7 @@ class InertialPhase:
         return any(each.is_broken for each in self._averages)
 
     def step(
-        self, index: int, blocks: Mapping[int, Array], heard: Mapping[str, Array], inbox: Mapping[str, Channels]
+        self, index: int, blocks: Mapping[int, Array], received: Mapping[str, Array], inbox: Mapping[str, Channels]
     ) -> None:
         """Let block ``index - 1`` enter the sums, and take in the one that leaves them."""
         if self._next not in (None, index):
@@ -118,7 +118,7 @@ class InertialPhase:
         self._next = index + 1
         if self._agreed_at is None:
             self._agreed_at = index + self._network.mixing_rounds
-        block = self._samples.step(index, blocks, heard, inbox)
+        block = self._samples.step(index, blocks, received, inbox)
         if block is not None:
             self._take_in(block, index)
         self._moves.step(self._filter, block is not None, inbox)
@@ -215,7 +215,7 @@ def _share(pose: UncertainPose, used: UncertainPose) -> float:
     return pose.translation_std / used.translation_std
 
 
-def _known(told: KnownPayload) -> dict[int, float]:
-    """What the robot is told of theta ``(J, h, 1/m)``, by index."""
-    known = dict(enumerate(told.inertia or ())) | dict(enumerate(told.com or (), start=6))
-    return known if told.mass is None else known | {9: 1.0 / told.mass}
+def _known(payload: KnownPayload) -> dict[int, float]:
+    """What is known beforehand of theta ``(J, h, 1/m)``, by index."""
+    known = dict(enumerate(payload.inertia or ())) | dict(enumerate(payload.com or (), start=6))
+    return known if payload.mass is None else known | {9: 1.0 / payload.mass}

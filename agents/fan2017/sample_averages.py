@@ -67,7 +67,7 @@ class SampleAverages:
         return self._acceleration.covariance / (self._network.members if self._is_alpha_shared else 1)
 
     def step(
-        self, index: int, blocks: Mapping[int, Array], heard: Mapping[str, Array], inbox: Mapping[str, Channels]
+        self, index: int, blocks: Mapping[int, Array], received: Mapping[str, Array], inbox: Mapping[str, Channels]
     ) -> TeamBlock | None:
         """Enter block ``index - 1``; return the block that leaves if it can be used.
 
@@ -76,7 +76,7 @@ class SampleAverages:
         if self._used_from is None:
             passes = -(-self._network.mixing_rounds // self._rounds)
             self._used_from = index + self._rounds * passes
-        self._enter(index - 1, blocks, heard)
+        self._enter(index - 1, blocks, received)
         after, leaving = self.average.step(self._inputs, inbox), index - 1 - self._rounds
         if after is None or index < self._used_from or leaving not in self._entered:
             return None
@@ -87,17 +87,17 @@ class SampleAverages:
             return None
         return self._with_totals(leaving, blocks[leaving], average, extrapolation.left * (after - before))
 
-    def _enter(self, index: int, blocks: Mapping[int, Array], heard: Mapping[str, Array]) -> None:
+    def _enter(self, index: int, blocks: Mapping[int, Array], received: Mapping[str, Array]) -> None:
         """Set this robot's inputs of a block; those of the last one if a measurement is missing."""
         self._entered = {k: each for k, each in self._entered.items() if k in blocks}
         near = [blocks.get(index + offset) for offset in (-1, 0, 1)]
-        if any(block is None for block in near) or not heard.keys() >= set(self._names):
+        if any(block is None for block in near) or not received.keys() >= set(self._names):
             self._inputs = self._inputs.copy()
             self._inputs[:, 9] = 0.0
             return
         before, block, after = (block for block in near if block is not None)
         derivative = gyro_derivative(before[-1, :3], block[:, :3], after[0, :3], self._config.rate)
-        others = [heard[name][:, 6:9] for name in self._names]
+        others = [received[name][:, 6:9] for name in self._names]
         alpha = self._acceleration.estimate(derivative, block[:, :3], block[:, 6:9], others)
         self._inputs = np.hstack([block[:, 9:15], alpha, np.ones((len(block), 1))])
         self._entered[index] = alpha, self._alpha_by_pose_error(block[:, :3], alpha, others)

@@ -140,8 +140,8 @@ class AgentProcess:
 
     def _say_hello(self) -> None:
         self._last_hello = time.monotonic()
-        heard = [name for name, link in self._links.items() if link.is_heard]
-        self._network.hello.send(Hello(sender=self._name, heard=heard, incarnation=self._incarnation))
+        received = [name for name, link in self._links.items() if link.is_heard]
+        self._network.hello.send(Hello(sender=self._name, heard=received, incarnation=self._incarnation))
 
     def _wait_for_neighbours(self) -> None:
         """Wait until no message is missing for the next step, there is no step to take, or patience ends."""

@@ -74,7 +74,7 @@ class Simulation:
                     self._team.agents[name].set_holding(measurements.holding, measurements.block)
             received = {
                 name: [message for message in messages if frozenset((name, message.sender)) not in self._cut]
-                for name, messages in self._team.heard().items()
+                for name, messages in self._team.received().items()
             }
             outboxes = self._team.answer(measured(result), received).values()
             self.truth = result.truth

@@ -53,14 +53,14 @@ class Encoders:
         errors = self._errors
         angles = gimbal_angles(rotations) + np.radians(errors.vibration_deg) * noise[..., :3]
         step = 2.0 * np.pi / 2**errors.angle_bits
-        told = gimbal_rotations(step * np.round((self.angle_scale * angles + self.zero) / step))
+        measured_rotations = gimbal_rotations(step * np.round((self.angle_scale * angles + self.zero) / step))
         scaled = self.position_scale * (positions + 1e-3 * errors.vibration_mm * noise[..., 3:6])
-        felt = self.force_scale * forces + self.force_offset + self._force_noise * noise[..., 6:]
+        measured_forces = self.force_scale * forces + self.force_offset + self._force_noise * noise[..., 6:]
         result = np.zeros((samples, count, 13))
         result[..., :3] = errors.position_step * np.round(scaled / errors.position_step)
-        quaternions = Rotation.from_matrix(told.reshape(-1, 3, 3)).as_quat(canonical=True)
+        quaternions = Rotation.from_matrix(measured_rotations.reshape(-1, 3, 3)).as_quat(canonical=True)
         result[..., 3:7] = quaternions.reshape(samples, count, 4)
-        result[..., 7:10] = (felt[..., None, :] @ told)[..., 0, :]
+        result[..., 7:10] = (measured_forces[..., None, :] @ measured_rotations)[..., 0, :]
         return result
 
 

@@ -71,10 +71,10 @@ class TorqueArms(Arms):
         in_world += np.einsum("nij,nkj->nki", hands, self.pushed.reshape(count, 2, 3))
         posture = _POSTURE_STIFFNESS * (HOME_ANGLES - data.qpos[self._positions]) - _POSTURE_DAMPING * joint_rates
         # Projection onto the null space: subtract the wrench of the posture torques at the hand.
-        felt = np.linalg.solve(
+        posture_wrench = np.linalg.solve(
             jacobians @ jacobians.swapaxes(-1, -2), np.einsum("nij,nj->ni", jacobians, posture)[..., None]
         )
-        wrench = in_world.reshape(count, 6) - felt[..., 0]
+        wrench = in_world.reshape(count, 6) - posture_wrench[..., 0]
         torques = np.einsum("nij,ni->nj", jacobians, wrench) + posture + data.qfrc_bias[self._velocities]
         data.ctrl[:] = torques.reshape(count * JOINTS)
 

@@ -36,7 +36,7 @@ def test_teams_measure_and_say_what_they_do_in_a_run(tmp_path: Path) -> None:
         for mine in samples:
             result = run.measure()
             assert np.array_equal(mine, [result.measurements[name].samples for name in run.graph])
-            outboxes = run.answer(measured(result), run.heard())
+            outboxes = run.answer(measured(result), run.received())
             sizes += sum(len(encode(outbox.message, "")) for outbox in outboxes.values())
         assert took.sizes == sizes
         assert len(took.seconds) == len(took.knows_poses) == BLOCKS

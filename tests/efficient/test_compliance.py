@@ -36,7 +36,7 @@ def estimates(chosen: Scenario) -> Iterator[tuple[Estimate, bool]]:
     for _ in range(chosen.blocks):
         result = team.measure()
         judge.add(result.truth, remember=chosen.blocks)
-        for outbox in team.answer(measured(result), team.heard()).values():
+        for outbox in team.answer(measured(result), team.received()).values():
             if (said := outbox.estimate) is not None:
                 at = msgspec.structs.replace(said, block=max(said.valid_block, 0))
                 yield said, said.status == "valid" and not judge.contradictions(at)

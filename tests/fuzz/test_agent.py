@@ -78,7 +78,7 @@ def moment_of(estimator: str, time: float, blocks: int) -> Moment:
     for block in range(first + blocks):
         if block == first:
             moment = Moment(copy.deepcopy(team.agents[name]), first)
-        result, heard = team.measure(), team.heard()
+        result, heard = team.measure(), team.received()
         if block >= first:
             moment.samples.append(result.measurements[name].samples)
             moment.heard.append(heard[name])

@@ -42,9 +42,9 @@ class TeamInProcess:
         """Simulate a block with the agents' references."""
         return self.simulation.advance(self._references.pop(self.simulation.block, {}))
 
-    def heard(self) -> dict[str, list[NeighbourMessage]]:
+    def received(self) -> dict[str, list[NeighbourMessage]]:
         """Return the messages that each robot's neighbours sent after the last block, by receiving robot."""
-        return self._linked.heard()
+        return self._linked.received()
 
     def answer(
         self,
@@ -77,7 +77,7 @@ def run_in_process(scenario: Scenario) -> Iterator[BlockRecord]:
     team = TeamInProcess(scenario)
     for _ in range(scenario.blocks):
         result = team.measure()
-        outboxes = team.answer(measured(result), team.heard())
+        outboxes = team.answer(measured(result), team.received())
         yield BlockRecord(
             result.truth, {name: out.estimate for name, out in outboxes.items() if out.estimate is not None}
         )

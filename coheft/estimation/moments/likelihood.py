@@ -85,10 +85,12 @@ def _motion_information(
 
     # Predictions change by the products as well: own times common, and half of common times common.
     weighted = (fusion.weight[:, :, None] * body.predict[:, rows.ACCELERATIONS, PRODUCTS]).swapaxes(1, 2)
-    felt = np.zeros_like(derivatives.common)
-    felt[:of_robots] = (weighted[:, None] @ derivatives.own[:, :, fusion.sensors]).reshape(of_robots, 6, -1)
-    felt += 0.5 * (weighted @ body.predict[:, rows.ACCELERATIONS, PRODUCTS]).sum(axis=0) @ derivatives.common
-    across = _summed_product(derivatives.common, of_accelerations, felt, used)
+    weighted_changes = np.zeros_like(derivatives.common)
+    weighted_changes[:of_robots] = (weighted[:, None] @ derivatives.own[:, :, fusion.sensors]).reshape(of_robots, 6, -1)
+    weighted_changes += (
+        0.5 * (weighted @ body.predict[:, rows.ACCELERATIONS, PRODUCTS]).sum(axis=0) @ derivatives.common
+    )
+    across = _summed_product(derivatives.common, of_accelerations, weighted_changes, used)
     result[:motion, :motion] += across + across.T
     result[:of_robots, :of_robots].reshape(count, own, count, own)[range(count), :, range(count)] += alone
     symmetric: Array = 0.5 * (result + result.T)
