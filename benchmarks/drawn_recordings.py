@@ -109,7 +109,7 @@ def draw_team(seed: int, change: tuple[float, Inertia] | None = None) -> Team:
         yaws.append(yaw)
         downs.append((yaw * turn * own).inv().apply(np.tile([0.0, 0.0, -9.81], (len(time), 1))))
     first = grasps[0].inverse()
-    truth = Truth(tuple(first @ grasp for grasp in grasps), ((0.0, load.carried(first)),))
+    truth = Truth(tuple(first @ grasp for grasp in grasps), ((0.0, load.transported(first)),))
     noise = np.array([between(rng, *sizes) for sizes in ((3e-5, 5e-4), (5e-5, 1e-3), (0.03, 0.5), (0.003, 0.05))])
     return Team(rng, records, noise * np.sqrt(rate / 100.0), rate, truth, np.array(downs), tuple(yaws))
 

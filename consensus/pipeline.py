@@ -73,10 +73,10 @@ class Pipeline:
             if neighbour.stages is None or neighbour.valid is None or not self._fits(neighbour.stages, neighbour.valid):
                 valid[:] = False
                 continue
-            carried = neighbour.stages
+            transported = neighbour.stages
             if neighbour.transport is not None:
-                carried = carried.reshape(-1, carried.shape[2]) @ neighbour.transport.T
-            moved += neighbour.gains[:, None, None] * carried.reshape(moved.shape)
+                transported = transported.reshape(-1, transported.shape[2]) @ neighbour.transport.T
+            moved += neighbour.gains[:, None, None] * transported.reshape(moved.shape)
             valid &= neighbour.valid
         self.stages, self.valid[1:] = places[:-1], valid[:-1]
         return places[-1] if valid[-1] else None

@@ -85,7 +85,7 @@ class Run:
                 payload = beliefs[robot].payload
                 if payload is not None and payload.com is not None and payload.tensor is not None:
                     found = Inertia(payload.mass, payload.com, payload.tensor)
-                    result[k, row] = _of_body(found.carried(to_payload))
+                    result[k, row] = _of_body(found.transported(to_payload))
         return result
 
     @cached_property

@@ -54,7 +54,7 @@ class DataRecorder:
                 )
                 robots[name] = sensors.recorded(record)
         loads = tuple(
-            (since, Inertia(load.mass, load.com, load.tensor).carried(to_first)) for since, load in self._loads
+            (since, Inertia(load.mass, load.com, load.tensor).transported(to_first)) for since, load in self._loads
         )
         return Recording(
             robots=robots,

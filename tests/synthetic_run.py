@@ -75,7 +75,7 @@ def estimate(
     carry = GRASPS[robot].inverse()
     believed = None
     if payload is not None:
-        local = payload.carried(carry)
+        local = payload.transported(carry)
         believed = PayloadEstimate(local.mass, local.com, local.tensor, np.diag(STD**2))
     poses = {}
     for other in SCENE.neighbours[robot]:

@@ -95,7 +95,7 @@ def normalised_errors(recording: Recording, estimate: Estimate) -> Array:
         for name, rotation, translation in zip(scene.robots, scene.rotations, scene.translations, strict=True)
     }
     to_own = grasps[estimate.robot].inverse()
-    true = Inertia(truth.mass, truth.com, truth.tensor).carried(to_own)
+    true = Inertia(truth.mass, truth.com, truth.tensor).transported(to_own)
     payload = estimate.payload
     assert payload is not None
     parts = [payload_error(true, payload) / np.sqrt(np.diag(payload.covariance))]

@@ -101,7 +101,7 @@ def test_controllers_get_what_they_take() -> None:
 def test_standard_deviations_in_another_frame_are_bounds() -> None:
     pose = Pose(Rotation.from_rotvec([0.3, -0.8, 0.5]).as_matrix(), np.array([0.1, 0.0, -0.2]))
     seen = FOUND.seen_from(pose)
-    assert_same(seen.inertia, LOAD.carried(pose))
+    assert_same(seen.inertia, LOAD.transported(pose))
     rng = np.random.default_rng(0)
     errors = rng.choice([-1.0, 1.0], size=(1000, 3)) * FOUND.com_std  # as large, and as dependent, as may be
     assert (np.abs(errors @ pose.rotation.T) <= seen.com_std + 1e-12).all()

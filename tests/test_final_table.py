@@ -125,8 +125,8 @@ def test_a_std_is_never_rounded_to_nothing(error: float, std: float, expected: t
 
 def test_small_payloads_show_digits_and_nothing_is_minus_zero() -> None:
     principal = np.diag([0.00004, 0.0012, 0.0012])
-    small = Inertia(0.05, np.zeros(3), principal).carried(GRASPS["r1"])
-    off = Inertia(0.05, np.array([-1e-5, 0.0, 0.0]), principal).carried(GRASPS["r1"])
+    small = Inertia(0.05, np.zeros(3), principal).transported(GRASPS["r1"])
+    off = Inertia(0.05, np.array([-1e-5, 0.0, 0.0]), principal).transported(GRASPS["r1"])
     last = {name: [estimate(name, 9, off)] for name in SCENE.robots}
     mass, com, inertia = robot_rows(built_report(recorded([truth(9, small)], last)).robots["r1"])
     assert mass[1] == "0.05000"

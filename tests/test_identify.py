@@ -213,7 +213,7 @@ def test_recordings_say_what_agents_found_online(ring6: tuple[Recording, dict[st
     for k, (name, estimate) in enumerate(online.items()):
         payload = estimate.payload
         assert payload is not None
-        seen = found.payload.inertia.carried(found.team.poses[k].inverse())
+        seen = found.payload.inertia.transported(found.team.poses[k].inverse())
         theirs = Inertia(payload.mass, payload.com, payload.tensor)
         difference = seen.central() - theirs.central()
         own = np.sqrt(np.diag(payload.covariance))

@@ -54,7 +54,7 @@ def test_the_frame_does_not_matter() -> None:
     surface = np.concatenate([box(0.0, 0.0, 0.0), box(0.3, 0.2, 0.1)])
     pose = Pose(rotation_exp(np.array([0.4, -1.0, 2.0])), np.array([30.0, -20.0, 10.0]))
     moved = surface @ pose.rotation.T + pose.translation
-    assert_same(filled(moved, 8.0, None, "x"), filled(surface, 8.0, None, "x").carried(pose), 1e-7)
+    assert_same(filled(moved, 8.0, None, "x"), filled(surface, 8.0, None, "x").transported(pose), 1e-7)
 
 
 def test_a_cavity_is_empty_and_what_lies_in_it_is_not(caplog: pytest.LogCaptureFixture) -> None:

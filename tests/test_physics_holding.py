@@ -40,7 +40,7 @@ def test_the_others_carry_it_and_newton_euler_holds_for_their_wrenches_alone():
         payload = Inertia(result.truth.payload.mass, result.truth.payload.com, result.truth.payload.tensor)
         to_payload = exact.robots.poses()[0]
         alpha = to_payload.rotation.T @ simulation.data.qacc[3:]
-        needed = payload.carried(to_payload.inverse()).wrench(last[0, GYRO], last[0, ACCELERATION], alpha)
+        needed = payload.transported(to_payload.inverse()).wrench(last[0, GYRO], last[0, ACCELERATION], alpha)
         total = to_payload.inverse().adjoint() @ result.truth.total_wrench
         assert np.linalg.norm(needed - total) < EXACT * np.linalg.norm(total)
         weighed.append(result.truth.total_wrench)

@@ -111,7 +111,7 @@ def test_a_leak_leaves_a_payload_for_each_block_whose_newton_euler_equations_hol
         np.testing.assert_allclose(truth.tensor, expected.tensor, rtol=1e-11, atol=1e-14)
         # The last sample is the last step, to which the engine's acceleration belongs.
         last, alpha = result.measurements["r1"].samples[-1], payload_in_r1.rotation @ simulation.data.qacc[3:]
-        needed = Inertia(truth.mass, truth.com, truth.tensor).carried(payload_in_r1)
+        needed = Inertia(truth.mass, truth.com, truth.tensor).transported(payload_in_r1)
         np.testing.assert_allclose(
             payload_in_r1.adjoint() @ result.truth.total_wrench,
             needed.wrench(last[GYRO], last[ACCELERATION], alpha),

@@ -49,7 +49,7 @@ def test_newton_euler_holds_in_every_grasp_frame(moments):
         for i, payload_in_i in enumerate(grasp.inverse() for grasp in GRASPS):
             total = sum((payload_in_i @ grasp).adjoint() @ row[WRENCH] for grasp, row in zip(GRASPS, last, strict=True))
             alpha_i = payload_in_i.rotation @ alpha
-            needed = payload.carried(payload_in_i).wrench(last[i, GYRO], last[i, ACCELERATION], alpha_i)
+            needed = payload.transported(payload_in_i).wrench(last[i, GYRO], last[i, ACCELERATION], alpha_i)
             assert relative_error(needed[:3], total[:3]) < EXACT
             assert relative_error(needed[3:], total[3:]) < EXACT
 

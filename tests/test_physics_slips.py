@@ -44,7 +44,7 @@ def test_newton_and_euler_hold_with_the_wrench_where_it_is_applied_now() -> None
     truth = results[-1].truth
     to_payload = Pose(simulation.scene.rotations[0], simulation.scene.translations[0])
     last = results[-1].measurements["r1"].samples[-1]
-    payload = Inertia(truth.payload.mass, truth.payload.com, truth.payload.tensor).carried(to_payload.inverse())
+    payload = Inertia(truth.payload.mass, truth.payload.com, truth.payload.tensor).transported(to_payload.inverse())
     alpha = to_payload.rotation.T @ simulation.data.qacc[3:]
     needed = payload.wrench(last[:3], last[6:9], alpha)
     np.testing.assert_allclose(to_payload.inverse().adjoint() @ truth.total_wrench, needed, atol=1e-9)

@@ -61,7 +61,7 @@ def test_errors_are_measured_in_the_robots_own_frame() -> None:
         assert robot.com.std == pytest.approx([0.001, 0.002, 0.003])
         assert robot.inertia.std is not None
         assert robot.inertia.std[0] == pytest.approx([0.01, 0.04, 0.05])
-        carried = LIGHT.carried(GRASPS[name].inverse())
+        carried = LIGHT.transported(GRASPS[name].inverse())
         assert robot.com.truth == pytest.approx(carried.com)
         assert np.allclose(robot.inertia.truth, carried.tensor)
     assert report.consensus.force_rel_error == pytest.approx(0.05)

@@ -184,6 +184,6 @@ def _known(scenario: Scenario, name: str) -> KnownPayload:
     if not parts:
         return KnownPayload()
     grasp = scenario.robots.poses()[scenario.robot_names.index(name)]
-    seen = scenario.payload.inertia().carried(grasp.inverse())
+    seen = scenario.payload.inertia().transported(grasp.inverse())
     told = {"mass": seen.mass, "com": seen.com.tolist(), "inertia": pack_symmetric(seen.tensor).tolist()}
     return msgspec.convert({part: told[part] for part in parts}, KnownPayload)

@@ -166,5 +166,5 @@ def held_recording(
             time, pose=np.hstack([own_place + noise[0], own_turn.as_quat()]), wrench=wrench
         )
     first = HELD_GRASPS[0].inverse()
-    truth = Truth(tuple(first @ grasp for grasp in HELD_GRASPS[:count]), ((0.0, HELD.carried(first)),))
+    truth = Truth(tuple(first @ grasp for grasp in HELD_GRASPS[:count]), ((0.0, HELD.transported(first)),))
     return Recording(robots, truth=truth)

@@ -99,7 +99,7 @@ def make_team(
     in_payload = [Pose(rotation_exp(rng.normal(size=3)), position) for position in at]
     poses = tuple(in_payload[0].inverse() @ pose for pose in in_payload)
     payload = Inertia(20.0, np.array([0.05, -0.03, 0.02]), np.diag([1.2, 1.9, 2.8]) + 0.1)
-    inertia = payload.carried(in_payload[0].inverse())
+    inertia = payload.transported(in_payload[0].inverse())
     in_middle = body_motion(rng, time, single_axis=single_axis)
     motion = np.concatenate(
         [grasp_measurements(in_payload[0], in_middle), in_middle[:, 9:] @ in_payload[0].rotation], axis=1

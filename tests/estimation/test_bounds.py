@@ -86,7 +86,7 @@ def test_seen_inertia_derivative(rng: np.random.Generator, inertia: Inertia) -> 
     pose = random_pose(rng)
 
     def seen(d: Array) -> Array:
-        return moved_inertia(inertia, d[6:]).carried(perturbed(pose, d[:6]).inverse()).central()
+        return moved_inertia(inertia, d[6:]).transported(perturbed(pose, d[:6]).inverse()).central()
 
     np.testing.assert_allclose(
         inertia_derivatives.seen_inertia_derivative(pose, inertia), finite_difference(seen, 16), atol=1e-7
@@ -260,7 +260,7 @@ def test_maximum_likelihood_reaches_the_bound(small: tuple[Team, FullProblem, Ar
         poses, inertia = problem.moved(change[: problem.parameters])
         true_pose = team.poses[1].inverse() @ team.poses[2]
         pose_errors.append(perturbation_between(true_pose, poses[1].inverse() @ poses[2]))
-        seen = [body.carried(pose.inverse()) for body, pose in ((inertia, poses[2]), (team.inertia, team.poses[2]))]
+        seen = [body.transported(pose.inverse()) for body, pose in ((inertia, poses[2]), (team.inertia, team.poses[2]))]
         inertia_errors.append(seen[0].central() - seen[1].central())
     for errors, covariance in (
         (np.array(pose_errors), bound.relative_pose(1, 2)),

@@ -99,7 +99,7 @@ def test_pseudo_inertia_tells_impossible_bodies() -> None:
 
 @given(bodies, bodies, poses)
 def test_combined_bodies_follow_the_parallel_axis_theorem(first: Particles, second: Particles, pose: Pose) -> None:
-    a, b = inertia_of(first), inertia_of(second).carried(pose)
+    a, b = inertia_of(first), inertia_of(second).transported(pose)
     both = combined([a, b])
     com = (a.mass * a.com + b.mass * b.com) / (a.mass + b.mass)
     shifted = [body.tensor - body.mass * skew(body.com - com) @ skew(body.com - com) for body in (a, b)]

@@ -75,7 +75,7 @@ def test_newton_euler_holds_in_every_frame(body: Particles, motion: RigidMotion,
 @given(bodies, poses, poses)
 def test_mass_properties_are_carried_between_frames(body: Particles, pose_i: Pose, pose_j: Pose) -> None:
     in_i, in_j = body.seen_from(pose_i), body.seen_from(pose_j)
-    carried = Inertia(float(in_j.masses.sum()), in_j.com(), in_j.tensor()).carried(pose_i.inverse() @ pose_j)
+    carried = Inertia(float(in_j.masses.sum()), in_j.com(), in_j.tensor()).transported(pose_i.inverse() @ pose_j)
     np.testing.assert_allclose(carried.mass, in_i.masses.sum())
     np.testing.assert_allclose(carried.com, in_i.com(), atol=1e-12)
     np.testing.assert_allclose(carried.tensor, in_i.tensor(), atol=1e-11)

@@ -95,7 +95,7 @@ def test_a_payload_is_seen_from_where_a_robot_is_off_the_mean() -> None:
     rng = np.random.default_rng(1)
     errors = rng.multivariate_normal(np.zeros(6), covariance, (20000, 6))
     thetas = np.array(
-        [theta_of(inertia.carried(Pose(rotation_exp(p[:3]), p[3:]))) for p in errors[:, 0] - errors.mean(1)]
+        [theta_of(inertia.transported(Pose(rotation_exp(p[:3]), p[3:]))) for p in errors[:, 0] - errors.mean(1)]
     )
     np.testing.assert_allclose(
         seen, np.cov(thetas.T), atol=0.05 * np.sqrt(np.outer(seen.diagonal(), seen.diagonal())).max()
@@ -111,7 +111,9 @@ def test_the_effects_of_all_pose_errors_add_up_to_that_of_the_edges() -> None:
     mean = np.mean([covariance_by_own_pose(each, covariance) for each in by_pose_error], axis=0)
     found = covariance_by_poses(theta, by_pose_error[0], covariance, mean, team=6)
     tiny, turns = 1e-6, np.eye(6)
-    seen = np.array([theta_of(inertia.carried(Pose(rotation_exp(tiny * t[:3]), tiny * t[3:]))) - theta for t in turns])
+    seen = np.array(
+        [theta_of(inertia.transported(Pose(rotation_exp(tiny * t[:3]), tiny * t[3:]))) - theta for t in turns]
+    )
     derivative = np.hstack(list(by_pose_error))  # by the pose errors of all six
     derivative -= np.hstack([(seen.T / tiny) * ((k == 0) - 1 / 6) for k in range(6)])
     expected = derivative @ np.kron(np.eye(6), covariance) @ derivative.T

@@ -165,7 +165,7 @@ def test_beliefs_errors_and_what_robots_make_of_them(topics: Mapping[str, list[t
             assert believed.inertia.m == report.mass.estimate
             assert [believed.inertia.com.x, believed.inertia.com.y, believed.inertia.com.z] == report.com.estimate
             payload = LIGHT if estimate.block < 10 else HEAVY
-            seen, true = (each.carried(GRASPS[name].inverse()) for each in (mistaken_for(payload), payload))
+            seen, true = (each.transported(GRASPS[name].inverse()) for each in (mistaken_for(payload), payload))
             com, tensor = seen.com - true.com, (seen.tensor - true.tensor)[np.triu_indices(3)]
             assert numbers(error.inertia) == pytest.approx([0.1 * payload.mass, *com, *tensor], abs=1e-12)
             xx, yy, zz, xy, xz, yz = STD[4:]

@@ -44,7 +44,7 @@ class FoundLoad:
         size = np.abs(pose.rotation)
         return replace(
             self,
-            inertia=self.inertia.carried(pose),
+            inertia=self.inertia.transported(pose),
             com_std=size @ self.com_std,
             tensor_std=size @ self.tensor_std @ size.T,
         )

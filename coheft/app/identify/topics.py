@@ -62,7 +62,7 @@ def _with_truth(recording: Recording, run: Run) -> Recording:
     for _, news in run.news:
         if isinstance(news, TruthMessage):
             payload = news.payload
-            load = Inertia(payload.mass, payload.com, payload.tensor).carried(to_first)
+            load = Inertia(payload.mass, payload.com, payload.tensor).transported(to_first)
             if not loads or not np.allclose(load.barycentric(), loads[-1][1].barycentric(), rtol=1e-9, atol=0.0):
                 loads.append((news.time - scenario.block_duration, load))
     truth = Truth(tuple(to_first @ grasp for grasp in grasps), tuple(loads))

@@ -163,7 +163,7 @@ class Judge:
     def payload(self, robot: str, block: int) -> Inertia:
         """Return the true payload of a block in the robot's frame."""
         truth = self.truth_at(block).payload
-        return Inertia(truth.mass, truth.com, truth.tensor).carried(self.pose_payload_in(robot, block))
+        return Inertia(truth.mass, truth.com, truth.tensor).transported(self.pose_payload_in(robot, block))
 
     def total_wrench(self, robot: str, block: int) -> Array | None:
         """Return the true total wrench (6,) at the last sample of a block about the robot's origin; None if unknown."""

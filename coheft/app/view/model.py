@@ -101,7 +101,7 @@ class ViewModel:
         if estimate is None or payload is None or payload.com is None or payload.tensor is None:
             return None
         pose_robot_in_payload = self.record.judge.pose_payload_in(robot, estimate.block).inverse()
-        return Inertia(payload.mass, payload.com, payload.tensor).carried(pose_robot_in_payload)
+        return Inertia(payload.mass, payload.com, payload.tensor).transported(pose_robot_in_payload)
 
     def link(self, edge: Edge) -> LinkHealth:
         """Return the state of a link, as reported by the robots at its ends."""

@@ -127,4 +127,4 @@ def parameters_fit(
     about_centre = Inertia.from_barycentric(fit.solution)
     derivative = central_derivative(about_centre)
     covariance = fit.covariance + hidden_covariance(fit.hidden, float(fit.solution[0]))
-    return about_centre.carried(centre).central(), derivative @ covariance @ derivative.T, fit
+    return about_centre.transported(centre).central(), derivative @ covariance @ derivative.T, fit

@@ -223,7 +223,7 @@ def _at_first_grasp(fit: CalibratedFit, poses: Sequence[Pose]) -> tuple[Array, A
     by_scale = np.concatenate([[0.0], centre.translation, np.zeros(6)])
     derivative = np.column_stack([central_derivative(about_centre), by_scale])
     known = fit.covariance[: INERTIA_SIZE + 1, : INERTIA_SIZE + 1]
-    return about_centre.carried(true_centre).central(), derivative @ known @ derivative.T
+    return about_centre.transported(true_centre).central(), derivative @ known @ derivative.T
 
 
 def _given(grasps: HandEye, known: Array) -> Array:

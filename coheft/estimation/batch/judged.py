@@ -123,7 +123,7 @@ def _checked(verdict: Verdict | None, cause: str) -> Verdict:
 def _with_hidden(found: Identification, verdict: Verdict) -> Identification:
     """Add, for each of the ten numbers, the effect of the worst fault that the recording would not show."""
     centre = centre_of(found.team.poses)
-    derivative = central_derivative(found.payload.inertia.carried(centre.inverse()))
+    derivative = central_derivative(found.payload.inertia.transported(centre.inverse()))
     hidden = [HiddenError("", 0.0)] * len(derivative)
     for cause, covariance in verdict.hidden:
         stds = np.sqrt(np.maximum(np.diag(derivative @ covariance @ derivative.T), 0.0)).tolist()

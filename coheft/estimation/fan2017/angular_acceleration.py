@@ -64,11 +64,11 @@ class AngularAcceleration:
             acceleration: Own ``a_i``, shape (B, 3) [m/s²].
             others: The neighbours' ``a_j`` in their own frames, shape (B, 3) each.
         """
-        carried = [other @ pose.rotation.T for pose, other in zip(self.poses_j_in_i, others, strict=True)]
+        transported = [other @ pose.rotation.T for pose, other in zip(self.poses_j_in_i, others, strict=True)]
         moment = self._gyro_weight * gyro_derivative
         crosses = skew(gyro)
         centripetal = crosses @ crosses
-        for arm, lever, seen in zip(self._arms, self._levers, [acceleration, *carried], strict=True):
+        for arm, lever, seen in zip(self._arms, self._levers, [acceleration, *transported], strict=True):
             moment += (seen - centripetal @ arm) @ lever.T
         return moment @ self.covariance
 
@@ -88,9 +88,9 @@ class AngularAcceleration:
         field = skew(alpha) + crosses @ crosses  # acceleration by distance
         by_pose = np.empty_like(result)
         by_pose[:, :, 3:] = field
-        for (gain, carried), pose, other in zip(self._by_acceleration, self.poses_j_in_i, others, strict=True):
+        for (gain, transport), pose, other in zip(self._by_acceleration, self.poses_j_in_i, others, strict=True):
             by_pose[:, :, :3] = skew(other @ pose.rotation.T)
-            result += gain @ by_pose @ carried
+            result += gain @ by_pose @ transport
         return result
 
     @cached_property

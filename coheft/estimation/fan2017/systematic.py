@@ -49,8 +49,8 @@ def pose_error_covariance(poses: Sequence[UncertainPose], centre: Array) -> Arra
     """
     at_centre = np.zeros((6, 6))
     for each in poses:
-        carried = pose_error_transport(centre - each.pose.translation)
-        at_centre += 0.5 / len(poses) * carried @ each.covariance @ carried.T
+        transport = pose_error_transport(centre - each.pose.translation)
+        at_centre += 0.5 / len(poses) * transport @ each.covariance @ transport.T
     back = pose_error_transport(-centre)
     return back @ at_centre @ back.T
 

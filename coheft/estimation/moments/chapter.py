@@ -111,8 +111,8 @@ class Prior:
             poses[now], eta[now] = state.poses[then], state.eta[then]
             if calibration is not None and state.calibration is not None:
                 calibration[now] = state.calibration[then]
-        carried = State(tuple(poses), eta, calibration, state.gyros, state.load)
-        return replace(self, state=carried, evidence=evidence)
+        transported = State(tuple(poses), eta, calibration, state.gyros, state.load)
+        return replace(self, state=transported, evidence=evidence)
 
 
 class Chapter:

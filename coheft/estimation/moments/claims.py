@@ -60,7 +60,9 @@ def claim_of(estimate: Estimate, robot: int) -> Claim:
     if hidden.any():
         known = min(known, 1)
     words = tuple(f"{each.what}: {_remedy(each, estimate)}" for each in unobservable)
-    return Claim(inertia.carried(pose.inverse()) if known else None, known, covariance[:known, :known], words, hidden)
+    return Claim(
+        inertia.transported(pose.inverse()) if known else None, known, covariance[:known, :known], words, hidden
+    )
 
 
 def _remedy(unobservable: Unobservable, estimate: Estimate) -> str:

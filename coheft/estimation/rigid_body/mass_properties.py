@@ -113,7 +113,7 @@ class Inertia:
         """Make the inertia of a homogeneous box with edge lengths ``size`` (3,) [m], centred at ``pose``."""
         squares = np.square(np.asarray(size, dtype=np.float64))
         tensor = np.diag(mass / 12.0 * (squares.sum() - squares))
-        return Inertia(mass, np.zeros(3), tensor).carried(pose)
+        return Inertia(mass, np.zeros(3), tensor).transported(pose)
 
     @staticmethod
     def from_barycentric(parameters: npt.ArrayLike) -> Inertia:
@@ -134,7 +134,7 @@ class Inertia:
         """Return ``(m, h, J)``, shape (10,), with ``J`` packed."""
         return np.concatenate([[self.mass], self.com, pack_symmetric(self.tensor)])
 
-    def carried(self, pose_j_in_i: Pose) -> Inertia:
+    def transported(self, pose_j_in_i: Pose) -> Inertia:
         """Transform from ``F_j`` to ``F_i``: ``h_i = R h_j + p``, ``J_i = R J_j R^T``."""
         rotation = pose_j_in_i.rotation
         return Inertia(self.mass, pose_j_in_i.apply(self.com), rotation @ self.tensor @ rotation.T)

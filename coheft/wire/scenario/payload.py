@@ -72,7 +72,7 @@ class MassProperties(Section, frozen=True):
     def inertia(self) -> Inertia:
         """Return the inertia in the payload's frame."""
         at_com = Inertia(self.mass, np.zeros(3), np.diag(np.array(self.principal, dtype=np.float64)))
-        return at_com.carried(pose_of(self.com, self.axes_deg))
+        return at_com.transported(pose_of(self.com, self.axes_deg))
 
 
 class Payload(Section, frozen=True):

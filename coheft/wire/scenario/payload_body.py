@@ -229,7 +229,7 @@ class HeldBody:
             return None
         placed = _placed(model)
         parts = [
-            Inertia(float(model.body_mass[body]), np.zeros(3), np.diag(model.body_inertia[body])).carried(
+            Inertia(float(model.body_mass[body]), np.zeros(3), np.diag(model.body_inertia[body])).transported(
                 self._on_root(placed, placed.ximat[body], placed.xipos[body])
             )
             for body in self.inside

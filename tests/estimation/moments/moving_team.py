@@ -36,7 +36,7 @@ EVERY = pytest.mark.parametrize(
 
 def carried_load(load: Array, pose: Pose) -> Array:
     """``(wrench offset, theta)``, known in ``F_j``, seen from ``F_i``, with ``pose`` that of ``F_j`` in ``F_i``."""
-    theta = Inertia.from_barycentric(load[6:]).carried(pose).barycentric()
+    theta = Inertia.from_barycentric(load[6:]).transported(pose).barycentric()
     return np.concatenate([pose.adjoint() @ load[:6], theta])
 
 

@@ -44,7 +44,7 @@ def central(inertia: Inertia | None) -> Array:
 
 
 def truth(team: Team, robot: int) -> Array:
-    return Inertia.from_barycentric(team.load[6:]).carried(team.poses[robot].inverse()).central()
+    return Inertia.from_barycentric(team.load[6:]).transported(team.poses[robot].inverse()).central()
 
 
 def assert_true(claim: Claim, team: Team, robot: int) -> None:
@@ -98,7 +98,7 @@ def test_the_covariance_is_that_of_the_load_in_the_robot_s_frame(robot: int) -> 
 
     def claimed(perturbation: Array) -> Array:
         pose = perturbed(state.poses[robot], perturbation[:6])
-        return Inertia.from_barycentric(load + perturbation[6:]).carried(pose.inverse()).central()
+        return Inertia.from_barycentric(load + perturbation[6:]).transported(pose.inverse()).central()
 
     columns = [(claimed(step * axis) - claimed(-step * axis)) / (2.0 * step) for axis in np.eye(16)]
     derivative, indices = np.array(columns).T, np.r_[unknowns.poses[robot], unknowns.theta]
@@ -158,7 +158,7 @@ def test_only_bodies_that_exist_are_claimed(robot: int) -> None:
     # The likeliest one: nearer than a body that is the nearest by its numbers.
     theta = estimate.body.unknowns.theta
     information = np.linalg.inv(estimate.covariance[theta, theta])
-    found = claim.inertia.carried(estimate.state.poses[robot]).barycentric() - load[6:]
+    found = claim.inertia.transported(estimate.state.poses[robot]).barycentric() - load[6:]
     other = nearest_possible(load[6:], np.eye(10), estimate.size) - load[6:]
     assert found @ information @ found < 0.99 * (other @ information @ other)
 
@@ -168,7 +168,7 @@ def test_all_robots_claim_the_same_body() -> None:
     estimate = estimate_of(team)
     bodies = [claim_of(estimate, robot).inertia for robot in range(3)]
     carried = [
-        central(None if body is None else body.carried(pose))
+        central(None if body is None else body.transported(pose))
         for body, pose in zip(bodies, estimate.state.poses, strict=True)
     ]
     np.testing.assert_allclose(carried[1:], [carried[0]] * 2, atol=1e-9)
