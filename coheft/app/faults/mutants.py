@@ -57,11 +57,11 @@ def _wrong_row(complete: Function) -> Function:
     return mutant
 
 
-def _no_lever_arm(set_wrench: Function) -> Function:
+def _no_lever_arm(init: Function) -> Function:
     """Ignore the torques of forces about the origin of the body frame."""
 
-    def mutant(self: BodyModel) -> None:
-        set_wrench(self)
+    def mutant(self: BodyModel, *arguments: Any) -> None:
+        init(self, *arguments)
         lever = skew(self.positions) @ self.rotations
         for robot, part in enumerate(np.split(self.wrench_map[:, :-1], self.count, axis=1)):
             part[3:, 12:15] -= lever[robot]
@@ -123,7 +123,7 @@ SWITCHED_OFF = {
 MUTANTS: dict[str, tuple[Any, str, Callable[[Any], Any]]] = {
     "half-complete-row": (Exchange, "complete", _half_complete_row),
     "wrong-row": (Exchange, "complete", _wrong_row),
-    "no-lever-arm": (BodyModel, "_set_wrench", _no_lever_arm),
+    "no-lever-arm": (BodyModel, "__init__", _no_lever_arm),
     # After a load change, also use rows from before the change.
     "wrong-side": (RowBuffer, "begin_load", lambda right: lambda self, place: right(self, max(self.start, place - 20))),
     # Treat everything that looks like a load change as one.
