@@ -8,8 +8,10 @@ import pytest
 from coheft.app.identify.choices import Options
 from coheft.app.identify.methods import identify
 from coheft.errors import RecordingError
+from coheft.estimation.batch.identification import Identification
 from coheft.estimation.batch.judge.verdict import Cause
 from coheft.estimation.batch.pose_conventions import inverse_poses
+from coheft.estimation.batch.recording import Recording
 from coheft.estimation.geometry.spatial import Array
 from tests.estimation.batch_team import held_recording
 from tests.estimation.recorded_faults import (
@@ -67,6 +69,23 @@ def test_what_is_assumed_is_taken_out(fault: Fault, robots: tuple[str, ...], cau
     assert found.doubts == ()
     assert found.remarks[0].startswith(f"Corrected, as assumed ({cause}): ")
     assert deviations(recording, found).max() < 5.0
+    assert tabled_deviations(recording, found).max() < 5.0
+
+
+def tabled_deviations(recording: Recording, found: Identification) -> Array:
+    """Errors in the standard deviations of the table, shape (10,)."""
+    assert recording.truth is not None
+    truth = recording.truth.loads[0][1].central()
+    result: Array = np.abs(found.payload.inertia.central() - truth) / found.payload.std
+    return result
+
+
+def test_axes_are_right_or_wrong_without_a_standard_deviation() -> None:
+    recording = held_recording(SEED)
+    found = identify(with_fault(recording, in_home_axes, *recording.names), Options(assume="base axes"))
+    plain = identify(recording)
+    for one, other in zip(found.hidden, plain.hidden, strict=True):
+        assert one.std == pytest.approx(other.std, rel=0.01)
 
 
 def test_what_cannot_be_assumed_is_refused() -> None:

@@ -16,9 +16,10 @@ from coheft.estimation.batch.judge.motions import judge_gravity, judge_motions
 from coheft.estimation.batch.judge.poses import judge_poses
 from coheft.estimation.batch.judge.sensors import spiking_sensor, stuck_motion, stuck_sensor
 from coheft.estimation.batch.judge.verdict import Cause, Verdict
-from coheft.estimation.batch.payload import Payload
+from coheft.estimation.batch.payload import Payload, make_payload
 from coheft.estimation.batch.pose_conventions import inverse_poses
 from coheft.estimation.batch.recording import Recording
+from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.rigid_body.derivatives import central_derivative
 
 _MENDINGS = 2
@@ -42,12 +43,14 @@ def judged(
     if assume is None:
         return found
     words: list[str] = []
+    mended: list[Verdict] = []
     verdict = _checked(found.verdict, assume)
     for _ in range(_MENDINGS):
         assert found.evidence is not None  # there is a verdict
         words.append(f"Corrected, as assumed ({assume}): {verdict.words}")
         recording = mend(recording, verdict, found.evidence.poses)
-        found = _judged_once(recording, fit, cutoff, assume)
+        mended.append(verdict)
+        found = _judged_once(recording, fit, cutoff, assume, mended)
         if found.verdict is None or found.verdict.cause != assume:
             break
         verdict = found.verdict
@@ -55,25 +58,29 @@ def judged(
 
 
 def _judged_once(
-    recording: Recording, fit: Callable[[Recording], Identification], cutoff: float, assume: str | None
+    recording: Recording,
+    fit: Callable[[Recording], Identification],
+    cutoff: float,
+    assume: str | None,
+    mended: Sequence[Verdict] = (),
 ) -> Identification:
     found = fit(recording)
     try:
         evidence = found.evidence or Evidence.of(recording, cutoff)
         if not evidence.is_seen and stuck_motion(recording) is None:
             return replace(found, not_judged=_UNOBSERVABLE)
-        verdict = _judge(evidence, assume)
+        verdict = _judge(evidence, assume, mended)
         if verdict.cause == Cause.UNKNOWN and recording.has("pose"):
             verdict = _inverse(recording, cutoff) or verdict
     except (ValueError, RecordingError) as error:
         return replace(found, not_judged=str(error))
     found = replace(found, verdict=verdict, evidence=evidence)
     if not verdict.is_refuted:
-        return _with_hidden(found, verdict)
+        return _with_hidden(_with_corrections(found, verdict), verdict)
     return replace(found, suspicions=tuple(one for one in found.suspicions if one != verdict.words))
 
 
-def _judge(evidence: Evidence, assumed: str | None = None) -> Verdict:
+def _judge(evidence: Evidence, assumed: str | None = None, mended: Sequence[Verdict] = ()) -> Verdict:
     """Judge sensors, poses, motions and, if poses are those of one load, forces."""
     recording = evidence.recording
     fault = (
@@ -88,7 +95,7 @@ def _judge(evidence: Evidence, assumed: str | None = None) -> Verdict:
         return fault
     if evidence.suspicions:
         return Verdict(cause=Cause.UNKNOWN, words=evidence.suspicions[0])
-    return judge_forces(evidence, assumed)
+    return judge_forces(evidence, assumed, mended)
 
 
 def _inverse(recording: Recording, cutoff: float) -> Verdict | None:
@@ -120,10 +127,23 @@ def _checked(verdict: Verdict | None, cause: str) -> Verdict:
     return verdict
 
 
+def _by_theta(found: Identification) -> Array:
+    """Derivative (10, 10) of ``(m, h, J)`` by ``theta`` in the body frame."""
+    return central_derivative(found.payload.inertia.transported(centre_of(found.team.poses).inverse()))
+
+
+def _with_corrections(found: Identification, verdict: Verdict) -> Identification:
+    """Add the uncertainty of the corrections that were made."""
+    if not verdict.corrections:
+        return found
+    derivative, poses = _by_theta(found), found.team.poses
+    covariance = found.payload.covariance + derivative @ sum(verdict.corrections) @ derivative.T
+    return replace(found, payload=make_payload(found.payload.measured, covariance, poses))
+
+
 def _with_hidden(found: Identification, verdict: Verdict) -> Identification:
     """Add, for each of the ten numbers, the effect of the worst fault that the recording would not show."""
-    centre = centre_of(found.team.poses)
-    derivative = central_derivative(found.payload.inertia.transported(centre.inverse()))
+    derivative = _by_theta(found)
     hidden = [HiddenError("", 0.0)] * len(derivative)
     for cause, covariance in verdict.hidden:
         stds = np.sqrt(np.maximum(np.diag(derivative @ covariance @ derivative.T), 0.0)).tolist()

@@ -42,12 +42,20 @@ _HIDING = (
 """Faults that sensors may well have without being noticed."""
 _OF_CALIBRATION = (Cause.COMPENSATED, Cause.TIME, Cause.LENGTH_SCALE)
 """Faults that small calibration errors look like: no misfit, no fault."""
+_UNCERTAIN = (
+    *(Cause.OFFSET, Cause.DRIFT, Cause.LEVER, Cause.SCALE, Cause.FORCE_SCALE, Cause.MOMENT_SCALE, Cause.AXIS_SCALE),
+    *(Cause.TURNED, Cause.CLOCK, Cause.LENGTH_SCALE, Cause.GRAVITY),
+)
+"""Faults with parameters that are estimated; the others are there, or not."""
 _LEVEL, _SURE = 0.5, 6.0
 """Home frames are not level if they differ by more than this angle [degrees] and this multiple of its deviation."""
 
 
-def judge_forces(evidence: Evidence, assumed: str | None) -> Verdict:
-    """Judge whether the forces are those of one rigid body; ``assumed`` is the fault that the user names."""
+def judge_forces(evidence: Evidence, assumed: str | None, mended: Sequence[Verdict]) -> Verdict:
+    """Judge whether the forces are those of one rigid body.
+
+    ``assumed`` is the fault that the user names; the recording has been corrected for those of ``mended``.
+    """
     recording, cutoff = evidence.recording, evidence.cutoff
     misfit = WrenchMisfit(evidence)
     suspects, plain = Suspects(misfit), misfit.plain
@@ -61,7 +69,7 @@ def judge_forces(evidence: Evidence, assumed: str | None) -> Verdict:
     sure = [one for one in found if one.gain > _GAIN and (is_misfit or one.cause not in _OF_CALIBRATION)]
     broken = silent_sensor(recording, cutoff, is_whole=True)  # what others exert may still be that of a lighter load
     if not sure and not (is_misfit and misfit.share() > _SHARE):
-        return broken or _accepted(evidence, plain, found, assumed)
+        return broken or _accepted(evidence, plain, found, mended)
     broken = missing_axis(recording, FORCES) or broken
     if broken is not None:
         return broken
@@ -167,24 +175,37 @@ def _is_odd(suspect: Suspect) -> bool:
     return is_scale and suspect.value[0] < 0.0 and abs(suspect.value[0] + 1.0) > _ALMOST
 
 
-def _accepted(evidence: Evidence, plain: Fit, suspects: Sequence[Suspect], assumed: str | None) -> Verdict:
+def _accepted(evidence: Evidence, plain: Fit, suspects: Sequence[Suspect], mended: Sequence[Verdict]) -> Verdict:
     """No fault, but what faults that are not significant add to the covariance: they bias the fit by little more.
 
-    A fault that was assumed and corrected adds its uncertainty as well. What a calibration has estimated along is in
-    the covariance already.
+    A fault that was corrected adds its uncertainty as well. What a calibration has estimated along is in the covariance
+    already.
     """
     hiding = (Cause.LEVER, Cause.CLOCK) if evidence.tolerances is not None else _HIDING
     known = plain.covariance[:BODY_NUMBERS, :BODY_NUMBERS]
-    hidden = tuple(
-        (suspect.cause, suspect.fit.covariance[:BODY_NUMBERS, :BODY_NUMBERS] - known)
+    added = [
+        (suspect, suspect.fit.covariance[:BODY_NUMBERS, :BODY_NUMBERS] - known)
         for suspect in suspects
-        if (suspect.cause in hiding or suspect.cause == assumed) and suspect.gain > -np.inf
-    )
+        if suspect.gain > -np.inf
+    ]
+    corrected = [[more for one, more in added if _is_of(one, verdict, evidence.recording.names)] for verdict in mended]
+    hidden = tuple((one.cause, more) for one, more in added if one.cause in hiding)
     if evidence.recording.has("acceleration"):
         scale = float(np.mean(gravity_factors(evidence))) - 1.0
         theta = plain.solution[:BODY_NUMBERS]
         hidden += ((Cause.MOTION, scale**2 * np.outer(theta, theta)),)
-    return Verdict(hidden=hidden)
+    return Verdict(hidden=hidden, corrections=tuple(more for each in corrected for more in each[:1]))
+
+
+def _is_of(suspect: Suspect, verdict: Verdict, names: Sequence[str]) -> bool:
+    """Whether a suspect has the unknowns for which a recording of these robots was corrected."""
+    cause = Cause.GRAVITY if verdict.cause is Cause.NOT_LEVEL else verdict.cause  # of which forces tell the direction
+    if suspect.cause is not cause or cause not in _UNCERTAIN:
+        return False
+    if cause in (Cause.OFFSET, Cause.DRIFT, Cause.GRAVITY):
+        return True
+    is_same_axis = cause is not Cause.AXIS_SCALE or suspect.value[1] == verdict.value[1]
+    return is_same_axis and verdict.robot == (None if suspect.robot is None else names[suspect.robot])
 
 
 def _mends(suspect: Suspect, excess: float) -> bool:

@@ -62,6 +62,8 @@ class Verdict:
         gravity: Gravity in all home frames according to the forces, shape (N, 3) [m/s²], if its direction is the fault.
         hidden: What may be wrong without being noticed, if no fault was found: by fault, the covariance (10, 10) that
             it would add to ``theta`` in the body frame.
+        corrections: Covariances (10, 10) that corrections add to ``theta`` in the body frame: those of faults that were
+            assumed, if no fault is left.
     """
 
     cause: Cause | Literal[""] = ""
@@ -77,6 +79,7 @@ class Verdict:
     rivals: tuple[str, ...] = ()
     gravity: Array | None = None
     hidden: tuple[tuple[Cause, Array], ...] = ()
+    corrections: tuple[Array, ...] = ()
 
     @property
     def is_refuted(self) -> bool:
