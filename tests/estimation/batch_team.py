@@ -124,6 +124,8 @@ def held_recording(
     change: tuple[float, Inertia] | None = None,
     *,
     speed: float = 1.0,
+    turns: tuple[float, float, float] = (1.0, 1.0, 1.0),
+    shifts: float = 1.0,
 ) -> Recording:
     """Poses and wrenches, with noise, of robots that swing a load and push against each other.
 
@@ -133,6 +135,8 @@ def held_recording(
         seconds: How long.
         change: From when on another body is there, and which [s].
         speed: Of the motion, in multiples of the usual.
+        turns: Sizes of rotations about the axes, in multiples of the usual.
+        shifts: Size of translations, in multiples of the usual.
     """
     rng = np.random.default_rng(seed)
     time = np.arange(int(seconds * RATE)) / RATE
@@ -140,7 +144,7 @@ def held_recording(
 
     def pose_at(t: Array) -> tuple[Rotation, Array]:
         turn, shift, small = (np.sin(rates[k] * t[:, None] + phases[k]) for k in range(3))
-        return Rotation.from_euler("xyz", 0.25 * turn + 0.05 * small), 0.07 * shift
+        return Rotation.from_euler("xyz", (0.25 * turn + 0.05 * small) * turns), 0.07 * shifts * shift
 
     step = 1e-4
     (before, behind), (now, place), (after, ahead) = (pose_at(time + k * step) for k in (-1, 0, 1))

@@ -11,7 +11,7 @@ with the load's poses eliminated, which closes all loops. Calibration errors are
 prior.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,6 +32,7 @@ from coheft.estimation.batch.statistics import EXACT, scatter_of_sum
 from coheft.estimation.batch.team_poses import TeamPoses
 from coheft.estimation.batch.wrist_poses import WristPoses
 from coheft.estimation.geometry.body_motion import perturbed
+from coheft.estimation.geometry.observability import LIMITS
 from coheft.estimation.geometry.spatial import Array, Pose
 
 _STEPS, _STEPS_OF_FEW = 15, 100
@@ -50,6 +51,10 @@ _FINEST = 1e-5
 """Least noise [rad, m], so that weights are finite."""
 _ROUNDING = 1e-12
 """Share of the largest information below which it is rounding."""
+_BY_NOISE = 0.1
+"""Share of the information that noise alone may have."""
+_HIDDEN = 100.0
+"""Stands for infinite deviations of what is not observable, in multiples of ``LIMITS``."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,6 +114,8 @@ def fit_hand_eye(
     covariance[np.ix_(free, free)] = shown.covariance(scatter)
     poses = np.intersect1d(free, unknowns_of(count, slice(0, GRASP.stop)))
     covariance[poses, poses] += EXACT**2
+    for own, unseen in _shown_by_noise(equations.matrix, poses, count, wrists.angles.shape[1], noise):
+        covariance[np.ix_(own, own)] += unseen
     spread = np.sqrt(np.diag(covariance)).reshape(count, UNKNOWNS)
     grasps = unknowns_of(count, GRASP)
     is_small = np.abs(step) <= np.maximum(_CLOSE, _SMALL * spread.ravel())
@@ -144,6 +151,33 @@ class _Shown:
         """Covariance (u, u) of the solution for this covariance (u, u) of the data's scores."""
         spread = self._directions / (1.0 + self._values)
         return spread @ (self._weights @ scatter @ self._weights.T + np.eye(len(scatter))) @ spread.T
+
+
+def _shown_by_noise(
+    information: Array, poses: npt.NDArray[np.intp], count: int, samples: int, noise: tuple[float, float]
+) -> Iterator[tuple[npt.NDArray[np.intp], Array]]:
+    """Yield each grasp's unknowns, and a huge covariance (6, 6) of directions that nothing shows but noise.
+
+    Where the load does not turn, noise of its orientation seems to be motion, and so to carry ``information`` (u, u) on
+    homes and grasps, ``poses``. The more samples there are, the more it would be.
+
+    Args:
+        information: The data's information on all unknowns.
+        poses: Indices of the unknowns of homes and grasps that are fitted.
+        count: Number of robots.
+        samples: Number of samples.
+        noise: Standard deviations of a sample's angles [rad] and positions [m].
+    """
+    covariance = np.zeros_like(information)
+    damping = _DAMPING * np.eye(len(poses))
+    covariance[np.ix_(poses, poses)] = np.linalg.inv(information[np.ix_(poses, poses)] + damping)
+    turned = noise[0] / np.sqrt(count)  # noise of the load's orientation, which all robots measure
+    units = np.sqrt(samples) * np.repeat([turned / noise[0], turned / noise[1]], 3)
+    for own in unknowns_of(count, GRASP).reshape(count, -1)[1:]:
+        shares, directions = np.linalg.eigh(units[:, None] * covariance[np.ix_(own, own)] * units)
+        unseen = directions[:, shares > _BY_NOISE] / units[:, None]
+        unseen *= _HIDDEN / np.linalg.norm(unseen / LIMITS[:, None], axis=0)
+        yield own, unseen @ unseen.T
 
 
 def _prior(has_gimbal: npt.NDArray[np.bool_], tolerances: Tolerances | None) -> tuple[Array, npt.NDArray[np.intp]]:

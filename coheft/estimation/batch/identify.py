@@ -14,7 +14,7 @@ from coheft.estimation.batch.payload import hidden_covariance, make_payload, of_
 from coheft.estimation.batch.plausibility import plausible_signals
 from coheft.estimation.batch.recording import Recording
 from coheft.estimation.batch.signals import CUTOFF, PAPER_CUTOFF, Signals
-from coheft.estimation.batch.team_poses import TeamPoses, derivative_by_poses, turned_covariance
+from coheft.estimation.batch.team_poses import TeamPoses, derivative_by_poses, unseen_covariance
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.rigid_body.derivatives import central_derivative
 from coheft.estimation.rigid_body.mass_properties import Inertia
@@ -51,7 +51,7 @@ def identify_batch(
         by_static[4:, 1 + axis] = (ahead - behind) / (2.0 * _COM_STEP)
     by_poses = derivative_by_poses(solve, team.poses)
     covariance = by_static @ spread @ by_static.T + by_poses @ team.covariance @ by_poses.T
-    covariance += turned_covariance(solve, team)
+    covariance += unseen_covariance(solve, team)
     of_noise, of_tensor = bias_of_tensor(
         motions, total_wrench(signals.wrench, team.poses), static[1:], signals.rate, tensor.solution
     )
@@ -70,7 +70,7 @@ def identify_batch(
         method="batch",
         names=recording.names,
         team=team,
-        payload=make_payload(of_central_numbers(np.concatenate([static, tensor.solution])), covariance, team.poses),
+        payload=make_payload(of_central_numbers(np.concatenate([static, tensor.solution])), covariance, team.seen),
         loops=tuple(loops),
         holds=holds,
         remarks=(
@@ -100,12 +100,12 @@ def identify_at_grasps(method: str, recording: Recording, signals: Signals, team
         return parameters_fit(signals, poses, fit.weight)[0]
 
     by_poses = derivative_by_poses(solve, team.poses)
-    covariance = covariance + by_poses @ team.covariance @ by_poses.T + turned_covariance(solve, team)
+    covariance = covariance + by_poses @ team.covariance @ by_poses.T + unseen_covariance(solve, team)
     return Identification(
         method=method,
         names=recording.names,
         team=team,
-        payload=make_payload(of_central_numbers(numbers), covariance, team.poses),
+        payload=make_payload(of_central_numbers(numbers), covariance, team.seen),
         time=signals.time,
         residual=fit.residual,
     )

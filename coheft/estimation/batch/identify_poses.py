@@ -21,7 +21,7 @@ from coheft.estimation.batch.plausibility import plausible_signals
 from coheft.estimation.batch.recording import Recording, RobotRecord
 from coheft.estimation.batch.signals import CUTOFF, EDGE, signals_of
 from coheft.estimation.batch.statistics import SPAN
-from coheft.estimation.batch.team_poses import TeamPoses, derivative_by_poses, turned_covariance
+from coheft.estimation.batch.team_poses import TeamPoses, derivative_by_poses, unseen_covariance
 from coheft.estimation.batch.wrist_poses import LARGEST_TILT, WristPoses
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.rigid_body.derivatives import central_derivative, seen_inertia_derivative
@@ -103,7 +103,7 @@ def _with_calibration(
     fit = cut or gaussian
     numbers, covariance = _at_first_grasp(fit, poses)
     team = _in_true_lengths(grasps, fit)
-    covariance = covariance + by_poses @ _given(grasps, errors) @ by_poses.T + turned_covariance(numbers_with, team)
+    covariance = covariance + by_poses @ _given(grasps, errors) @ by_poses.T + unseen_covariance(numbers_with, team)
     # A wrong zero of the first robot's gimbal rotates the reference frame.
     inertia = of_central_numbers(numbers)
     calibration = _findings(recording.names, wrists.has_gimbal, grasps, fit, tolerances)
@@ -112,7 +112,7 @@ def _with_calibration(
         method="pose",
         names=recording.names,
         team=team,
-        payload=make_payload(inertia, covariance + turned @ turned.T, team.poses),
+        payload=make_payload(inertia, covariance + turned @ turned.T, team.seen),
         calibration=calibration,
         remarks=(*_without_gimbals(recording.names, wrists), *_IDENTIFIABLE),
         suspicions=() if cut else (_beyond_bounds(calibration),),

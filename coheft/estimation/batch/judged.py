@@ -136,9 +136,9 @@ def _with_corrections(found: Identification, verdict: Verdict) -> Identification
     """Add the uncertainty of the corrections that were made."""
     if not verdict.corrections:
         return found
-    derivative, poses = _by_theta(found), found.team.poses
+    derivative = _by_theta(found)
     covariance = found.payload.covariance + derivative @ sum(verdict.corrections) @ derivative.T
-    return replace(found, payload=make_payload(found.payload.measured, covariance, poses))
+    return replace(found, payload=make_payload(found.payload.measured, covariance, found.team.seen))
 
 
 def _with_hidden(found: Identification, verdict: Verdict) -> Identification:

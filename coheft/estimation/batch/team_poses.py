@@ -8,10 +8,13 @@ import numpy as np
 from coheft.estimation.geometry.body_motion import perturbed, relative_pose_derivative
 from coheft.estimation.geometry.observability import PoseEstimate, SeenInformation
 from coheft.estimation.geometry.spatial import Array, Pose
+from coheft.estimation.rigid_body.unobservable import middle_and_size
 
 _ROTATION_STEP, _TRANSLATION_STEP = 1e-4, 1e-4
 _TURNS = (2.0 * np.pi / 3.0, -2.0 * np.pi / 3.0)
 """Rotations that represent an arbitrary one about an axis that is not observable [rad]."""
+_AWAY = 10.0
+"""Translation that represents an arbitrary one, in multiples of the size of the team."""
 _TURNING = 0.1
 """Directions with a smaller rotational part are translations."""
 
@@ -35,6 +38,11 @@ class TeamPoses:
         """Whether all poses are observable."""
         return not any(self.relative(0, other).unobservable for other in range(1, len(self.poses)))
 
+    @property
+    def seen(self) -> tuple[Pose, ...]:
+        """The first pose, and those that are observable."""
+        return tuple(pose for k, pose in enumerate(self.poses) if not k or not self.relative(0, k).unobservable)
+
     def relative(self, i: int, j: int) -> PoseEstimate:
         """``pose_j_in_i`` of two different robots."""
         derivative = relative_pose_derivative(self.poses[i], self.poses[j])
@@ -44,22 +52,25 @@ class TeamPoses:
         return PoseEstimate(self.poses[i].inverse() @ self.poses[j], covariance, seen.unobservable())
 
 
-def turned_covariance(solve: Callable[[Sequence[Pose]], Array], team: TeamPoses) -> Array:
-    """Covariance (u, u) of a result (u,) due to rotations of grasps that are not observable.
+def unseen_covariance(solve: Callable[[Sequence[Pose]], Array], team: TeamPoses) -> Array:
+    """Covariance (u, u) of a result (u,) due to directions of grasps that are not observable.
 
-    These rotations are large, so that a derivative would not do: it is zero at a maximum, such as that of the sum of
-    two forces that seem to be parallel.
+    Rotations are large, so that a derivative would not do: it is zero at a maximum, such as that of the sum of two
+    forces that seem to be parallel. Translations are as large as noise makes them, which its covariance does not tell.
     """
     result = solve(team.poses)
     covariance = np.zeros((len(result), len(result)))
+    away = _AWAY * middle_and_size(team.poses)[1]
     for robot in range(1, len(team.poses)):
         for direction in team.relative(0, robot).unobservable:
             size = float(np.linalg.norm(direction.rotation))
             if size < _TURNING:
-                continue
-            for turn in _TURNS:
+                moves = [np.concatenate([np.zeros(3), away * direction.translation])]
+            else:
+                moves = [np.concatenate([turn / size * direction.rotation, np.zeros(3)]) for turn in _TURNS]
+            for move in moves:
                 moved = list(team.poses)
-                moved[robot] = perturbed(moved[robot], np.concatenate([turn / size * direction.rotation, np.zeros(3)]))
+                moved[robot] = perturbed(moved[robot], move)
                 change = solve(moved) - result
                 covariance += np.outer(change, change)
     return covariance

@@ -9,7 +9,7 @@ import numpy as np
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.geometry.uncertain_pose import UncertainPose
 
-_LIMITS = np.repeat([np.radians(5.0), 0.1], 3)
+LIMITS = np.repeat([np.radians(5.0), 0.1], 3)
 """Standard deviations of ``(rotation, translation)`` above which a direction counts as unobservable [rad, m]."""
 _FLOOR = 1e-6
 """Share of the required information that is assigned to unobservable directions, so that covariances stay finite."""
@@ -67,8 +67,8 @@ class SeenInformation:
     @staticmethod
     def of(information: Array) -> SeenInformation:
         """Divide the information (6, 6) on a perturbation, symmetric, not necessarily definite."""
-        values, vectors = np.linalg.eigh(information * np.outer(_LIMITS, _LIMITS))
-        return SeenInformation(values, _LIMITS[:, None] * vectors, int((values < 1.0).sum()))
+        values, vectors = np.linalg.eigh(information * np.outer(LIMITS, LIMITS))
+        return SeenInformation(values, LIMITS[:, None] * vectors, int((values < 1.0).sum()))
 
     def inverse(self) -> Array:
         """Return the inverse of the information; unobservable directions get 1000 times the limit in place of
@@ -80,7 +80,7 @@ class SeenInformation:
 
     def unobservable(self) -> tuple[UnobservableDirection, ...]:
         """Return the unobservable directions, separated into rotations and translations if possible."""
-        basis = self.directions[:, : self.unobservable_count] / _LIMITS[:, None]
+        basis = self.directions[:, : self.unobservable_count] / LIMITS[:, None]
         return tuple(UnobservableDirection(column[:3], column[3:]) for column in _named_basis(basis).T)
 
 

@@ -92,7 +92,9 @@ class Evidence:
 
 
 def suspicions_about(grasps: HandEye) -> tuple[str, ...]:
-    """Say if poses are not those of one load."""
+    """Say if poses are not those of one load; a fit that wanders where nothing is observable does not tell."""
+    if not grasps.team.is_settled and not grasps.team.is_observable:
+        return ()
     turn, shift = float(np.degrees(grasps.noise[0])), grasps.noise[1]
     if turn < _LARGEST_TURN and shift < _LARGEST_SHIFT:
         return ()
