@@ -26,6 +26,9 @@ _EXPLAINED = 0.15
 """Largest share that another convention may leave unexplained."""
 _FINEST = 1e-6
 """Velocities below this are rounding [m/s]."""
+_STARTS, _PASSES = (0.0, 0.5 * np.pi, np.pi, -0.5 * np.pi), 4
+_TURNS_FIRST = 10.0
+"""Weight of angular velocities against velocities when rotations between grasps are fitted [m]."""
 _GOOD = 0.05
 """Choices that leave less are equivalent: either of two robots may have inverse poses."""
 
@@ -111,12 +114,25 @@ def _by_poses(recording: Recording, cutoff: float) -> Signals:
 
 def _misfit(twists: Array) -> float:
     """Share of the velocities that no fixed grasps explain, largest over the robots after the first."""
-    w, v = twists[0, :, :3], twists[0, :, 3:]
-    shares = []
-    for other in twists[1:]:
-        rotation = kabsch(w, other[:, :3])
-        position = position_between(rotation, w, v, other[:, 3:], w)
-        left = v - other[:, 3:] @ rotation.T - np.cross(position, w)
-        size = np.sum(v**2) + np.sum(other[:, 3:] ** 2)
-        shares.append(float(np.sqrt(2.0 * np.sum(left**2) / max(size, len(v) * _FINEST**2))))
-    return max(shares)
+    return max(_misfit_of_two(twists[0], other) for other in twists[1:])
+
+
+def _misfit_of_two(one: Array, other: Array) -> float:
+    """The same of two robots' twists (n, 6).
+
+    What a load that turns about one axis, or not at all, leaves open of the rotation between the grasps, its velocities
+    tell.
+    """
+    (w, v), (w_other, v_other) = np.hsplit(one, 2), np.hsplit(other, 2)
+    size = max(float(np.sum(v**2) + np.sum(v_other**2)), len(v) * _FINEST**2)
+    axis, least = np.linalg.svd(w_other.T @ w_other)[0][:, 0], np.inf
+    for turn in _STARTS:
+        rotation = kabsch(w, w_other) @ Rotation.from_rotvec(turn * axis).as_matrix()
+        for _ in range(_PASSES):
+            position = position_between(rotation, w, v, v_other, w)
+            by_arm = np.cross(position, w)
+            least = min(least, float(np.sum((v - v_other @ rotation.T - by_arm) ** 2)))
+            rotation = kabsch(np.vstack([_TURNS_FIRST * w, v - by_arm]), np.vstack([_TURNS_FIRST * w_other, v_other]))
+        if 2.0 * least < _MISFIT**2 * size:
+            break
+    return float(np.sqrt(2.0 * least / size))
