@@ -51,6 +51,8 @@ _FINEST = 1e-5
 """Least noise [rad, m], so that weights are finite."""
 _ROUNDING = 1e-12
 """Share of the largest information below which it is rounding."""
+_OF_DIFFERENCES = 6.0
+"""Variance of second differences of white noise of variance one."""
 _BY_NOISE = 0.1
 """Share of the information that noise alone may have."""
 _HIDDEN = 100.0
@@ -114,7 +116,8 @@ def fit_hand_eye(
     covariance[np.ix_(free, free)] = shown.covariance(scatter)
     poses = np.intersect1d(free, unknowns_of(count, slice(0, GRASP.stop)))
     covariance[poses, poses] += EXACT**2
-    for own, unseen in _shown_by_noise(equations.matrix, poses, count, wrists.angles.shape[1], noise):
+    turned = noise[0] if is_independent else min(noise[0], _noise_of_turns(wrists))
+    for own, unseen in _shown_by_noise(equations.matrix, poses, wrists.angles.shape[:2], noise, turned):
         covariance[np.ix_(own, own)] += unseen
     spread = np.sqrt(np.diag(covariance)).reshape(count, UNKNOWNS)
     grasps = unknowns_of(count, GRASP)
@@ -154,7 +157,11 @@ class _Shown:
 
 
 def _shown_by_noise(
-    information: Array, poses: npt.NDArray[np.intp], count: int, samples: int, noise: tuple[float, float]
+    information: Array,
+    poses: npt.NDArray[np.intp],
+    counts: tuple[int, ...],
+    noise: tuple[float, float],
+    turned: float,
 ) -> Iterator[tuple[npt.NDArray[np.intp], Array]]:
     """Yield each grasp's unknowns, and a huge covariance (6, 6) of directions that nothing shows but noise.
 
@@ -164,20 +171,34 @@ def _shown_by_noise(
     Args:
         information: The data's information on all unknowns.
         poses: Indices of the unknowns of homes and grasps that are fitted.
-        count: Number of robots.
-        samples: Number of samples.
-        noise: Standard deviations of a sample's angles [rad] and positions [m].
+        counts: Numbers of robots and of samples.
+        noise: Standard deviations of a sample's angles [rad] and positions [m] by which samples were weighted.
+        turned: Standard deviation of the noise of one robot's orientations [rad].
     """
     covariance = np.zeros_like(information)
     damping = _DAMPING * np.eye(len(poses))
     covariance[np.ix_(poses, poses)] = np.linalg.inv(information[np.ix_(poses, poses)] + damping)
-    turned = noise[0] / np.sqrt(count)  # noise of the load's orientation, which all robots measure
-    units = np.sqrt(samples) * np.repeat([turned / noise[0], turned / noise[1]], 3)
+    count, samples = counts
+    # All robots measure the load's orientation.
+    units = np.sqrt(samples / count) * np.repeat([turned / noise[0], turned / noise[1]], 3)
     for own in unknowns_of(count, GRASP).reshape(count, -1)[1:]:
         shares, directions = np.linalg.eigh(units[:, None] * covariance[np.ix_(own, own)] * units)
         unseen = directions[:, shares > _BY_NOISE] / units[:, None]
         unseen *= _HIDDEN / np.linalg.norm(unseen / LIMITS[:, None], axis=0)
         yield own, unseen @ unseen.T
+
+
+def _noise_of_turns(wrists: WristPoses) -> float:
+    """Standard deviation of the noise of one robot's orientations, by second differences [rad].
+
+    Faults of a recording, such as clocks that differ, do not enlarge it.
+    """
+    squares = []
+    for robot in range(len(wrists.angles)):
+        rotations = Rotation.from_matrix(wrists.rotations(robot))
+        steps = (rotations[:-1].inv() * rotations[1:]).as_rotvec()
+        squares.append(np.mean(np.diff(steps, axis=0) ** 2))
+    return float(np.sqrt(np.mean(squares) / _OF_DIFFERENCES))
 
 
 def _prior(has_gimbal: npt.NDArray[np.bool_], tolerances: Tolerances | None) -> tuple[Array, npt.NDArray[np.intp]]:

@@ -7,6 +7,7 @@ products of velocities. So a motion has to be slower than the filter.
 """
 
 import numpy as np
+import numpy.typing as npt
 from scipy.fft import dct
 
 from coheft.estimation.batch.recording import Recording
@@ -29,6 +30,10 @@ _FAST = 1e-4
 """Share of the power of velocities that a filter may take away."""
 _SURE = 6.0
 """Standard deviations by which noise may exceed its mean."""
+_CHANCE = 5.0
+"""Correlation that may be chance, times the square root of the number of frequencies."""
+_LEAST = 0.01
+"""Least eigenvalue of correlations, so that noise has an inverse."""
 
 
 def white_level(samples: Array, rate: float, cutoff: float) -> Array | None:
@@ -36,18 +41,53 @@ def white_level(samples: Array, rate: float, cutoff: float) -> Array | None:
 
     The median of the periodogram is robust against single lines. None if the rate is too low, or samples are too few.
     """
-    frequency = np.fft.rfftfreq(len(samples), 1.0 / rate)
-    chosen = (frequency >= _NOISE[0] * cutoff) & (frequency <= _NOISE[1] * cutoff)
-    if _NOISE[1] * cutoff > 0.45 * rate or np.count_nonzero(chosen) < _FEW_ABOVE // 4:
+    chosen = _above(len(samples), rate, cutoff)
+    if chosen is None:
         return None
     level: Array = np.sqrt(np.median(periodogram(samples)[chosen], axis=0) / np.log(2.0))
     return level
 
 
+def correlations(samples: Array, rate: float, cutoff: float) -> Array:
+    """Correlations (c, c) of the noise above the band between samples (n, c), zero where they may be chance.
+
+    Phases tell, so that single lines have no more weight than other frequencies. They need what ``white_level`` needs.
+    """
+    chosen = _above(len(samples), rate, cutoff)
+    assert chosen is not None  # the level of noise is known
+    spectrum = _spectrum(samples)[chosen]
+    phases = spectrum / np.maximum(np.abs(spectrum), 1e-300)
+    alike = np.real(phases.conj().T @ phases) / len(phases)
+    linear = 4.0 / np.pi  # of small correlations of normally distributed noise
+    found = alike * (linear - (linear - 1.0) * alike**2)
+    found[np.abs(found) < _CHANCE / np.sqrt(len(phases))] = 0.0
+    np.fill_diagonal(found, 1.0)
+    values, vectors = np.linalg.eigh(found)
+    possible = (vectors * np.maximum(values, _LEAST)) @ vectors.T
+    sizes = np.sqrt(np.diag(possible))
+    result: Array = possible / np.outer(sizes, sizes)
+    return result
+
+
+def _above(count: int, rate: float, cutoff: float) -> npt.NDArray[np.bool_] | None:
+    """Which frequencies of so many samples are just above the band; None if there are too few."""
+    frequency = np.fft.rfftfreq(count, 1.0 / rate)
+    chosen = (frequency >= _NOISE[0] * cutoff) & (frequency <= _NOISE[1] * cutoff)
+    if _NOISE[1] * cutoff > 0.45 * rate or np.count_nonzero(chosen) < _FEW_ABOVE // 4:
+        return None
+    return chosen
+
+
 def periodogram(samples: Array) -> Array:
     """Squared spectrum of samples (n, c) without their mean, shape (n // 2 + 1, c); of white noise, its variance."""
+    return np.abs(_spectrum(samples)) ** 2
+
+
+def _spectrum(samples: Array) -> npt.NDArray[np.complex128]:
+    """Spectrum of samples (n, c) without their mean, shape (n // 2 + 1, c), of which ``periodogram`` is the square."""
     window = np.hanning(len(samples))[:, None]
-    return np.abs(np.fft.rfft((samples - samples.mean(axis=0)) * window, axis=0)) ** 2 / np.sum(window**2)
+    spectrum: npt.NDArray[np.complex128] = np.fft.rfft((samples - samples.mean(axis=0)) * window, axis=0)
+    return spectrum / np.sqrt(np.sum(window**2))
 
 
 def cutoff_for(recording: Recording) -> float:

@@ -4,7 +4,7 @@ from functools import partial
 
 import numpy as np
 
-from coheft.estimation.batch.judge.band import white_level
+from coheft.estimation.batch.judge.band import correlations, white_level
 from coheft.estimation.batch.judge.evidence import Evidence
 from coheft.estimation.batch.signals import without_jumps
 from coheft.estimation.geometry.spatial import Array, skew
@@ -26,6 +26,20 @@ def level_of(evidence: Evidence, robot: int, channel: str) -> Array:
         return level
     turn, shift = 2.0 * np.sqrt(np.sum(level[3:] ** 2) / 3.0), np.sqrt(np.mean(level[:3] ** 2))
     return np.repeat([turn, shift], 3)
+
+
+def wrench_noise(evidence: Evidence, robot: int) -> Array:
+    """Covariance (6, 6) of the white noise of a robot's wrench.
+
+    Moments that were computed about another point have noise in common with forces.
+
+    Raises:
+        ValueError: There are too few samples, or too few per second, to tell noise from motion.
+    """
+    level, recording = level_of(evidence, robot, "wrench"), evidence.recording
+    shared = correlations(recording.stacked("wrench")[robot], recording.rate, evidence.cutoff)
+    result: Array = shared * np.outer(level, level)
+    return result
 
 
 def acceleration_noise(evidence: Evidence, robot: int, up: Array, frequency: Array) -> Array:

@@ -12,7 +12,7 @@ import numpy as np
 from coheft.estimation.batch.body import body_motions, regressor, total_wrench
 from coheft.estimation.batch.judge.band import Band
 from coheft.estimation.batch.judge.evidence import Evidence
-from coheft.estimation.batch.judge.motion_noise import acceleration_noise, level_of
+from coheft.estimation.batch.judge.motion_noise import acceleration_noise, wrench_noise
 from coheft.estimation.batch.judge.unsure import unsure_parameters
 from coheft.estimation.geometry.body_motion import BODY_A, BODY_V, BODY_W
 from coheft.estimation.geometry.spatial import Array
@@ -75,7 +75,7 @@ class WrenchMisfit:
         self.regressor, self.total = regressor(motion), total_wrench(self.wrenches, poses)
         per_coefficient = signals.rate / evidence.recording.rate
         robots = range(len(poses))
-        self.noise = [np.diag(level_of(evidence, k, "wrench") ** 2) * per_coefficient for k in robots]
+        self.noise = [wrench_noise(evidence, k) * per_coefficient for k in robots]
         """Of each robot's coefficients, (6, 6)."""
         up, frequency = motion[:, BODY_A].mean(axis=0), self.band.frequency
         views = [acceleration_noise(evidence, k, up, frequency) for k in robots]
