@@ -87,7 +87,8 @@ def _spectrum(samples: Array) -> npt.NDArray[np.complex128]:
     """Spectrum of samples (n, c) without their mean, shape (n // 2 + 1, c), of which ``periodogram`` is the square."""
     window = np.hanning(len(samples))[:, None]
     spectrum: npt.NDArray[np.complex128] = np.fft.rfft((samples - samples.mean(axis=0)) * window, axis=0)
-    return spectrum / np.sqrt(np.sum(window**2))
+    spectrum /= np.sqrt(np.sum(window**2))
+    return spectrum
 
 
 def cutoff_for(recording: Recording) -> float:
