@@ -50,6 +50,17 @@ def half_in_home_axes(half: int) -> Fault:
     return fault
 
 
+def about_home(point: tuple[float, float, float] = (0.0, 0.0, 0.0), *, is_turned: bool = False) -> Fault:
+    """Moments about a point of the home frame, in the axes of the grasp frame or, if turned, of the home frame."""
+
+    def fault(pose: Array, wrench: Array) -> tuple[Array, Array]:
+        arm = Rotation.from_quat(pose[:, 3:]).inv().apply(pose[:, :3] - point)
+        wrench[:, 3:] += np.cross(arm, wrench[:, :3])
+        return in_home_axes(pose, wrench) if is_turned else (pose, wrench)
+
+    return fault
+
+
 def one_axis(axis: int, factor: float) -> Fault:
     return to_wrench(lambda wrench: wrench * np.where(np.arange(6) == axis, factor, 1.0))
 

@@ -10,6 +10,7 @@ from coheft.estimation.batch.judge.mend import MENDABLE, mend
 from coheft.estimation.batch.judge.motions import gravity_factors
 from coheft.estimation.batch.judge.sensors import FORCES, MOMENTS, missing_axis, silent_sensor
 from coheft.estimation.batch.judge.suspects import Suspect, Suspects, forces_instead
+from coheft.estimation.batch.judge.units import is_likely
 from coheft.estimation.batch.judge.verdict import ALL, Cause, Verdict
 from coheft.estimation.batch.judge.words import angle_deg, is_ambiguous, is_unit_of_all, words_of
 from coheft.estimation.batch.judge.wrench_misfit import BODY_NUMBERS, Fit, WrenchMisfit
@@ -28,6 +29,8 @@ _SLACK = 0.5
 """Added to the limit of the excess when a fault has been estimated along, in deviations."""
 _CONFIRMED = 6
 """Number of faults that are confirmed by correcting the recording."""
+_ROUGH = 0.01
+"""Relative standard deviation of a factor that is known badly."""
 _ALMOST = 0.05
 """Difference of a factor from minus one that calibration may explain."""
 _CLOSE = 10.0
@@ -78,9 +81,10 @@ def judge_forces(evidence: Evidence, assumed: str | None, mended: Sequence[Verdi
     confirmed = _confirmed(as_assumed or mending, evidence, suspects.homes)
     unmendable = [one for one in mending[:1] if one.cause not in MENDABLE]
     best = next(iter([*confirmed, *as_assumed, *unmendable, *sure]), None)
-    if best not in mending or best.cause is Cause.MOMENT_SCALE:
+    explaining = [*confirmed, *mending]
+    if best not in explaining or best.cause is Cause.MOMENT_SCALE:
         broken = missing_axis(recording, MOMENTS)  # hands that turn freely exert none
-    if best not in mending:
+    if best not in explaining:
         return broken or silent_sensor(recording, cutoff, is_whole=False) or _unexplained(found, misfit)
     if broken is not None:
         return broken
@@ -163,16 +167,28 @@ def _confirmed(suspects: Sequence[Suspect], evidence: Evidence, homes: Array) ->
         without = WrenchMisfit(replace(evidence, recording=mended, signals=signals_of(mended, evidence.cutoff)))
         if without.plain.excess < _EXCESS + _SLACK:
             sizes = [[np.trace(own[:3, :3]), np.trace(own[3:, 3:])] for own in without.noise]
+            again = Suspects(without).scaled_again(suspect) if _is_unsure_scale(suspect) else suspect
             unlike = np.ptp(0.5 * np.log(np.array(sizes) + 1e-300), axis=0).max()
-            confirmed.append(((round(float(unlike)), _is_odd(suspect)), suspect))
+            confirmed.append(((round(float(unlike)), _is_odd(again)), again))
     least = min((rank for rank, _ in confirmed), default=None)
     return [suspect for rank, suspect in confirmed if rank == least]
 
 
+def _is_scale(suspect: Suspect) -> bool:
+    return suspect.cause in (Cause.SCALE, Cause.FORCE_SCALE, Cause.MOMENT_SCALE, Cause.AXIS_SCALE)
+
+
+def _is_unsure_scale(suspect: Suspect) -> bool:
+    """Whether the factor of a fault of scale is known badly."""
+    if not _is_scale(suspect) or suspect.cause is Cause.AXIS_SCALE:
+        return False
+    share, variance = 1.0 - suspect.fit.solution[BODY_NUMBERS], suspect.fit.covariance[BODY_NUMBERS, BODY_NUMBERS]
+    return bool(variance > (_ROUGH * share) ** 2)
+
+
 def _is_odd(suspect: Suspect) -> bool:
     """Whether readings would have the opposite sign and also another unit."""
-    is_scale = suspect.cause in (Cause.SCALE, Cause.FORCE_SCALE, Cause.MOMENT_SCALE, Cause.AXIS_SCALE)
-    return is_scale and suspect.value[0] < 0.0 and abs(suspect.value[0] + 1.0) > _ALMOST
+    return _is_scale(suspect) and suspect.value[0] < 0.0 and abs(suspect.value[0] + 1.0) > _ALMOST
 
 
 def _accepted(evidence: Evidence, plain: Fit, suspects: Sequence[Suspect], mended: Sequence[Verdict]) -> Verdict:
@@ -210,7 +226,8 @@ def _is_of(suspect: Suspect, verdict: Verdict, names: Sequence[str]) -> bool:
 
 def _mends(suspect: Suspect, excess: float) -> bool:
     """Whether a fault explains the whole excess."""
-    left = max(_EXCESS + _SLACK, _MENDED * excess) if suspect.belongs else _EXCESS + _SLACK
+    may_leave = suspect.belongs and not (_is_scale(suspect) and not is_likely(suspect.cause, float(suspect.value[0])))
+    left = max(_EXCESS + _SLACK, _MENDED * excess) if may_leave else _EXCESS + _SLACK
     return suspect.gain > -np.inf and suspect.fit.excess < left
 
 

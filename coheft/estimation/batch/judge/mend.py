@@ -15,8 +15,8 @@ from coheft.estimation.geometry.spatial import Array, Pose
 
 MENDABLE = (
     *(Cause.OFFSET, Cause.DRIFT, Cause.LEVER, Cause.SCALE, Cause.FORCE_SCALE, Cause.MOMENT_SCALE, Cause.AXIS_SCALE),
-    *(Cause.BASE_AXES, Cause.TURNED, Cause.EXCHANGED, Cause.SWAPPED, Cause.CLOCK, Cause.LENGTH_SCALE),
-    *(Cause.GRAVITY, Cause.NOT_LEVEL, Cause.INVERSE),
+    *(Cause.BASE_AXES, Cause.HOME_MOMENTS, Cause.TURNED, Cause.EXCHANGED, Cause.SWAPPED, Cause.CLOCK),
+    *(Cause.LENGTH_SCALE, Cause.GRAVITY, Cause.NOT_LEVEL, Cause.INVERSE),
 )
 """Faults whose parameters determine what sensors would have measured without them."""
 
@@ -54,6 +54,10 @@ def mend(recording: Recording, verdict: Verdict, poses: Sequence[Pose]) -> Recor
                     turns = Rotation.from_quat(pose[:, 3:]).inv().as_matrix()
                     recording = recording.changed("wrench", partial(_rotated, rotations=turns, halves=value), own_name)
             return recording
+        case Cause.HOME_MOMENTS:
+            for own_name in recording.names if name is None else [name]:
+                recording = about_grasp(recording, own_name, is_turned=bool(value[0]))
+            return recording
         case Cause.TURNED:
             return recording.changed("wrench", partial(_rotated, rotations=value.reshape(1, 3, 3)), name)
         case Cause.EXCHANGED:
@@ -80,6 +84,24 @@ def mend(recording: Recording, verdict: Verdict, poses: Sequence[Pose]) -> Recor
             return recording.changed("pose", inverse_poses)
         case cause:
             raise RecordingError(f"nothing says what sensors would have read without '{cause}': {verdict.words}")
+
+
+def about_grasp(recording: Recording, name: str, *, is_turned: bool) -> Recording:
+    """Give moments of a robot, which are about the origin of its home frame, about that of its grasp frame.
+
+    If the wrench ``is_turned``, it is also in the axes of the home frame.
+    """
+    pose = recording.stacked("pose")[recording.names.index(name)]
+    to_grasp = Rotation.from_quat(pose[:, 3:]).inv()
+    place = to_grasp.apply(pose[:, :3])
+
+    def about(wrench: Array) -> Array:
+        force, moment = wrench[:, :3], wrench[:, 3:]
+        if is_turned:
+            force, moment = to_grasp.apply(force), to_grasp.apply(moment)
+        return np.hstack([force, moment - np.cross(place, force)])
+
+    return recording.changed("wrench", about, name)
 
 
 def _rotated(wrench: Array, rotations: Array, halves: Sequence[float] | Array = (1.0, 1.0)) -> Array:

@@ -15,9 +15,11 @@ from scipy.spatial.transform import Rotation
 from scipy.special import expit
 
 from coheft.estimation.batch.body import regressor, total_wrench
+from coheft.estimation.batch.judge.mend import about_grasp
 from coheft.estimation.batch.judge.turned import fit_turned
 from coheft.estimation.batch.judge.verdict import Cause
 from coheft.estimation.batch.judge.wrench_misfit import BODY_NUMBERS, REWEIGHTINGS, Fit, WrenchMisfit
+from coheft.estimation.batch.signals import signals_of
 from coheft.estimation.geometry.body_motion import BODY_A
 from coheft.estimation.geometry.spatial import Array, Pose, skew
 
@@ -29,6 +31,12 @@ _LONGEST_DELAY, _DELAY_STEP, _DELAY_FOUND = 0.5, 0.05, 2e-4
 _SLOWEST = 12.0
 _TURNS, _TIME_TURNS = 8, 14
 _TURNED = 1e-6
+_SCALED = {
+    Cause.SCALE: np.eye(6),
+    Cause.FORCE_SCALE: np.diag([1.0, 1.0, 1.0, 0.0, 0.0, 0.0]),
+    Cause.MOMENT_SCALE: np.diag([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]),
+}
+"""Which parts of a wrench have a wrong scale."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +50,8 @@ class Suspect:
         gain: Twice the log likelihood ratio to the fit without a fault, minus the cost of the fault's unknowns.
         value: Its parameters: an offset (6,) in the body frame, a lever (3,) [m], a factor, and of which of six axes, a
             delay [s], gravity (3,), a sensor's axes (9,), an offset and its drift per minute (12,), the indices of two
-            robots, or whether forces and moments have it, 0 or 1 each; for a change, the last one is its time [s].
+            robots, or whether forces and moments have it, or axes have it besides, 0 or 1 each; for a change, the last
+            one is its time [s].
         belongs: Whether readings of which the scale is wrong belong to the load: it fits no better without them.
     """
 
@@ -82,7 +91,7 @@ class Suspects:
         found = [*self._offset(), *self._levers(), *self._scales(), *self._axis_scales(), *self._clocks()]
         found += [*self._turned(), *self._exchanged(), *self._swapped(), *self._changes()]
         if self._misfit.rotations is not None:
-            found += [*self._axes(), self._weight(), self.direction_of_gravity()]
+            found += [*self._axes(), *self._home_moments(), self._weight(), self.direction_of_gravity()]
             recording = self._misfit.evidence.recording
             if not recording.has("twist") and not recording.has("acceleration"):
                 found += [self._time(), self._lengths()]
@@ -112,8 +121,7 @@ class Suspects:
 
     def _scales(self) -> Iterator[Suspect]:
         """A wrong scale of forces and moments, of forces only, or of moments only."""
-        forces, moments = np.diag([1.0, 1, 1, 0, 0, 0]), np.diag([0.0, 0, 0, 1, 1, 1])
-        for cause, scaled in ((Cause.SCALE, np.eye(6)), (Cause.FORCE_SCALE, forces), (Cause.MOMENT_SCALE, moments)):
+        for cause, scaled in _SCALED.items():
             for robot, robots in self._one_or_all.items():
                 if robot is None and cause is not Cause.MOMENT_SCALE:
                     continue  # a common scale of forces looks like another mass
@@ -133,6 +141,14 @@ class Suspects:
         std = float(np.sqrt(fit.covariance[BODY_NUMBERS, BODY_NUMBERS]))
         value = np.array([1.0 / right if abs(right) > 1e-6 else np.inf])
         return replace(self._suspect(cause, robot, fit, 1, value), belongs=abs(right) > _HEAVY * std)
+
+    def scaled_again(self, suspect: Suspect) -> Suspect:
+        """A fault of scale, fitted once more to a recording that was corrected for it; its factor is the whole one.
+
+        The recording's noise is then known: that of readings in a unit that is too small seems to be large.
+        """
+        again = self._scaled(suspect.cause, suspect.robot, self._one_or_all[suspect.robot], _SCALED[suspect.cause])
+        return replace(again, gain=suspect.gain, value=suspect.value * again.value)
 
     def _clocks(self) -> Iterator[Suspect]:
         """Late wrenches of one robot or of all."""
@@ -169,6 +185,18 @@ class Suspects:
             for robot, robots in self._one_or_all.items():
                 fit = self._misfit.fit(total=self._misfit.total_with(robots, mixed))
                 yield self._suspect(Cause.BASE_AXES, robot, fit, 1, np.array(halves_turned))
+
+    def _home_moments(self) -> Iterator[Suspect]:
+        """Moments about the origin of the home frame, in the axes of the grasp frame or of the home frame."""
+        evidence = self._misfit.evidence
+        for is_turned in (False, True):
+            recording = evidence.recording
+            for name in recording.names:
+                recording = about_grasp(recording, name, is_turned=is_turned)
+            moved = signals_of(recording, evidence.cutoff).wrench
+            for robot, robots in self._one_or_all.items():
+                fit = self._misfit.fit(total=self._misfit.total_with(robots, moved))
+                yield self._suspect(Cause.HOME_MOMENTS, robot, fit, 1, np.array([float(is_turned)]))
 
     def _exchanged(self) -> Iterator[Suspect]:
         """One robot's moments given as forces and forces as moments; if all have it, it is found before."""

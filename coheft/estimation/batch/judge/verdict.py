@@ -17,6 +17,7 @@ class Cause(StrEnum):
     MOMENT_SCALE = "moment scale"
     AXIS_SCALE = "axis scale"
     BASE_AXES = "base axes"
+    HOME_MOMENTS = "home moments"
     TURNED = "sensor turned"
     EXCHANGED = "forces for moments"
     SWAPPED = "robots swapped"

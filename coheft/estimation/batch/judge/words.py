@@ -5,6 +5,7 @@ import numpy as np
 from coheft.estimation.batch.judge.sensors import AXES
 from coheft.estimation.batch.judge.suspects import Suspect
 from coheft.estimation.batch.judge.turned import turned_words
+from coheft.estimation.batch.judge.units import unit_of
 from coheft.estimation.batch.judge.verdict import Cause
 from coheft.estimation.batch.judge.wrench_misfit import WrenchMisfit
 from coheft.estimation.batch.recording import Recording
@@ -35,6 +36,7 @@ def words_of(suspect: Suspect, recording: Recording, misfit: WrenchMisfit) -> tu
                 return name, f"{what} of {whose} have nothing to do with the load"
             if value[0] < 0.0:
                 return name, f"{what} of {whose} have the opposite sign (a factor of {value[0]:.3g})"
+            unit = unit_of(suspect.cause, float(value[0]))
             factor = f"{what} of {whose} are {value[0]:.4g} times what they should be"
             if is_unit_of_all(suspect):
                 others = "moments" if suspect.cause is Cause.FORCE_SCALE else "forces"
@@ -45,7 +47,7 @@ def words_of(suspect: Suspect, recording: Recording, misfit: WrenchMisfit) -> tu
             if is_ambiguous(suspect, recording):
                 other = names[1 - (suspect.robot or 0)]
                 return None, f"{factor}, or those of {other} {1.0 / value[0]:.4g} times, which two robots cannot tell"
-            return name, f"{factor}: another unit, or calibration"
+            return name, f"{factor}: {unit or 'another unit, or calibration'}"
         case Cause.AXIS_SCALE:
             axis = AXES[int(value[1])]
             if not suspect.belongs:
@@ -56,6 +58,9 @@ def words_of(suspect: Suspect, recording: Recording, misfit: WrenchMisfit) -> tu
         case Cause.BASE_AXES:
             what = "the wrench" if value.all() else "only the force" if value[0] else "only the moment"
             return name, f"{what} of {whose} is in the axes of the home frame, not of the grasp frame"
+        case Cause.HOME_MOMENTS:
+            axes = ", and the whole wrench is in its axes" if value[0] else ""
+            return name, f"moments of {whose} are about the origin of the home frame, not of the grasp frame{axes}"
         case Cause.TURNED:
             return name, turned_words(value.reshape(3, 3), whose)
         case Cause.EXCHANGED:

@@ -1,0 +1,49 @@
+"""A judge of recordings: units of one robot's moments, and points about which moments are given."""
+
+from __future__ import annotations
+
+import pytest
+
+from coheft.app.identify.choices import Options
+from coheft.app.identify.methods import identify
+from tests.estimation.batch_team import held_recording
+from tests.estimation.recorded_faults import about_home, to_wrench, with_fault
+from tests.estimation.test_batch_assumed import tabled_deviations
+from tests.estimation.test_batch_judge import SEED, judged
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1000.0, "N·mm"), (100.0, "N·cm"), (10.1972, "kgf·cm")])
+@pytest.mark.parametrize("robot", ["r1", "r3"])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_the_unit_of_one_robots_moments_is_named(seed: int, robot: str, factor: float, unit: str) -> None:
+    scaled = to_wrench(lambda wrench: wrench * [1.0, 1.0, 1.0, factor, factor, factor])
+    _, verdict = judged(with_fault(held_recording(seed), scaled, robot))
+    assert (verdict.cause, verdict.robot) == ("moment scale", robot)
+    assert verdict.words.split(". With it")[0].endswith(f"times what they should be: {unit}")
+    assert verdict.value[0] == pytest.approx(factor, rel=0.05)
+
+
+@pytest.mark.parametrize("is_turned", [False, True])
+@pytest.mark.parametrize("robots", [("r2",), ("r1", "r2", "r3")])
+def test_moments_about_the_origin_of_the_home_frame_are_named_and_mended(
+    robots: tuple[str, ...], is_turned: bool
+) -> None:
+    recording = with_fault(held_recording(SEED), about_home(is_turned=is_turned), *robots)
+    _, verdict = judged(recording)
+    assert (verdict.cause, verdict.robot) == ("home moments", robots[0] if len(robots) == 1 else None)
+    assert "are about the origin of the home frame, not of the grasp frame" in verdict.words
+    assert ("the whole wrench is in its axes" in verdict.words) == is_turned
+    found = identify(recording, Options(assume="home moments"))
+    assert found.doubts == ()
+    assert tabled_deviations(recording, found).max() < 5.0
+
+
+@pytest.mark.parametrize(
+    ("point", "seed", "robot"), [((0.3, -0.2, 0.4), 0, "r2"), ((0.5, 0.5, 0.0), 1, "r1"), ((-0.4, 0.1, 0.2), 1, "r2")]
+)
+def test_a_factor_that_is_no_unit_and_leaves_much_is_no_scale(
+    point: tuple[float, float, float], seed: int, robot: str
+) -> None:
+    _, verdict = judged(with_fault(held_recording(seed), about_home(point), robot))
+    assert verdict.is_refuted
+    assert verdict.cause == "unknown", verdict.words
