@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from coheft.app.identify.choices import Options
 from coheft.app.identify.methods import identify
@@ -47,3 +49,19 @@ def test_a_factor_that_is_no_unit_and_leaves_much_is_no_scale(
     _, verdict = judged(with_fault(held_recording(seed), about_home(point), robot))
     assert verdict.is_refuted
     assert verdict.cause == "unknown", verdict.words
+
+
+@pytest.mark.parametrize(
+    ("turn_deg", "seed", "count"),
+    [
+        *(((0.0, 0.0, 45.0), 12, 3), ((0.0, 0.0, 135.0), 4, 3), ((66.0, 11.0, -50.0), 2, 2)),
+        *(((-35.0, -38.0, 145.0), 11, 3), ((-69.0, -1.0, -95.0), 20, 2)),
+    ],
+)
+def test_a_rotation_of_all_sensors_is_found(turn_deg: tuple[float, float, float], seed: int, count: int) -> None:
+    turn = Rotation.from_rotvec(turn_deg, degrees=True)
+    mounted = to_wrench(lambda wrench: np.hstack([turn.apply(wrench[:, :3]), turn.apply(wrench[:, 3:])]))
+    recording = held_recording(seed, count)
+    _, verdict = judged(with_fault(recording, mounted, *recording.names))
+    assert (verdict.cause, verdict.robot) == ("sensor turned", None)
+    assert f"by {np.linalg.norm(turn_deg):.3g} degrees" in verdict.words

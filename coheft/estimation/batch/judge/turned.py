@@ -2,7 +2,8 @@
 
 The sensor reads ``Q^T`` times the force and the moment in the axes of the grasp frame, with ``Q`` orthogonal. For one
 robot's sensor, a matrix of nine unknowns is fitted linearly; Gauss-Newton starts at the nearest orthogonal one. For all
-sensors alike, the linear fit would find that no wrench and no load are best, so the start is the best exchange of axes.
+sensors alike, the linear fit would find that no wrench and no load are best, so the starts are exchanges of axes and
+rotations by half a right angle. Several are followed: before a step is made, wrong ones may leave less.
 """
 
 from collections.abc import Sequence
@@ -11,10 +12,12 @@ from itertools import permutations, product
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from coheft.estimation.batch.judge.wrench_misfit import BODY_NUMBERS, Fit, WrenchMisfit
+from coheft.estimation.batch.judge.wrench_misfit import BODY_NUMBERS, REWEIGHTINGS, Fit, WrenchMisfit
 from coheft.estimation.geometry.spatial import Array, skew
 
-_TURNS = 6
+_TURNS, _ROUGH_TURNS = 6, 4
+_FOLLOWED = 4
+"""Number of starts from which axes of all sensors are fitted."""
 _TURNED = 1e-6
 
 
@@ -24,17 +27,30 @@ def fit_turned(misfit: WrenchMisfit, robots: Sequence[int]) -> tuple[Array, Fit]
     Returns:
         ``Q`` (3, 3), whose columns are the sensor's axes in the grasp frame, and the fit of the load with it.
     """
-    axes = _start_of_one(misfit, robots[0]) if len(robots) == 1 else _start_of_all(misfit, robots)
-    for _ in range(_TURNS):
+    if len(robots) == 1:
+        return _descended(misfit, robots, _start_of_one(misfit, robots[0]), _TURNS, REWEIGHTINGS)
+    followed = [_descended(misfit, robots, start, _ROUGH_TURNS, 1) for start in _starts_of_all(misfit, robots)]
+    best, _ = min(followed, key=lambda found: _rank(found[1]))
+    return _descended(misfit, robots, best, _TURNS, REWEIGHTINGS)
+
+
+def _descended(misfit: WrenchMisfit, robots: Sequence[int], axes: Array, steps: int, passes: int) -> tuple[Array, Fit]:
+    """Axes and fit after steps of Gauss-Newton."""
+    for _ in range(steps):
         # A further small rotation of the axes adds these to the total wrench.
         turns = [_both(skew(axis) @ axes) for axis in np.eye(3)]
         total = misfit.total_with(robots, misfit.wrenches @ _both(axes).T)
-        fit = misfit.fit(-misfit.reading_columns(robots, turns), total=total)
+        fit = misfit.fit(-misfit.reading_columns(robots, turns), total=total, passes=passes)
         step = fit.solution[BODY_NUMBERS:]
         if np.abs(step).max() < _TURNED:
             break
         axes = Rotation.from_rotvec(np.clip(step, -0.5, 0.5)).as_matrix() @ axes
     return axes, fit
+
+
+def _rank(fit: Fit) -> tuple[bool, float]:
+    """Possible loads first: with all signs inverted, a load of negative mass fits as well."""
+    return bool(fit.solution[0] <= 0.0), fit.misfit
 
 
 def turned_words(axes: Array, whose: str) -> str:
@@ -60,16 +76,16 @@ def _start_of_one(misfit: WrenchMisfit, robot: int) -> Array:
     return result
 
 
-def _start_of_all(misfit: WrenchMisfit, robots: Sequence[int]) -> Array:
+def _starts_of_all(misfit: WrenchMisfit, robots: Sequence[int]) -> list[Array]:
     signs = [np.array(sign, dtype=np.float64) for sign in product((1.0, -1.0), repeat=3)]
     exchanges = [np.eye(3)[list(order)] * sign for order in permutations(range(3)) for sign in signs]
+    right_handed = [axes for axes in exchanges if np.linalg.det(axes) > 0.0]
+    halves = [Rotation.from_rotvec(0.25 * np.pi * axis).as_matrix() for axis in np.eye(3)]
 
     def rank(axes: Array) -> tuple[bool, float]:
-        """Possible loads first: with all signs inverted, a load of negative mass fits as well."""
-        fit = misfit.fit(total=misfit.total_with(robots, misfit.wrenches @ _both(axes).T), passes=1)
-        return fit.solution[0] <= 0.0, fit.misfit
+        return _rank(misfit.fit(total=misfit.total_with(robots, misfit.wrenches @ _both(axes).T), passes=1))
 
-    return min(exchanges, key=rank)
+    return sorted([*exchanges, *(half @ axes for half in halves for axes in right_handed)], key=rank)[:_FOLLOWED]
 
 
 def _both(matrix: Array) -> Array:
