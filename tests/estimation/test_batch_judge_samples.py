@@ -11,7 +11,7 @@ from coheft.app.identify.choices import Options
 from coheft.app.identify.methods import identify
 from coheft.errors import RecordingError
 from coheft.estimation.batch.judge.band import white_level
-from coheft.estimation.batch.judge.sensors import spiking_sensor
+from coheft.estimation.batch.judge.sensors import saturated_sensor, spiking_sensor
 from coheft.estimation.batch.recording import Recording
 from coheft.estimation.batch.signals import low_pass
 from coheft.estimation.geometry.spatial import Array
@@ -102,3 +102,34 @@ def test_lengths_of_all_robots_in_another_unit_are_named_and_mended(factor: floa
     found = identify(recording, Options(assume="length scale"))
     assert found.doubts == ()
     assert deviations(recording, found).max() < 5.0
+
+
+@pytest.mark.parametrize(("robot", "share"), [("r1", 0.8), ("r2", 0.6), ("r3", 0.7)])
+@pytest.mark.parametrize("seed", [SEED, 6])
+def test_a_sensor_that_is_saturated_is_named(seed: int, robot: str, share: float) -> None:
+    recording = held_recording(seed)
+    wrench = recording.robots[robot].wrench
+    assert wrench is not None
+    limit = float(np.quantile(wrench[:, 2], share))
+    clipped = to_wrench(lambda wrench: np.minimum(wrench, [np.inf, np.inf, limit, np.inf, np.inf, np.inf]))
+    _, verdict = judged(with_fault(recording, clipped, robot))
+    assert (verdict.cause, verdict.robot) == ("sensor dead", robot)
+    assert f"readings of {robot} stay at their largest or smallest value, fz at {limit:.4g} N" in verdict.words
+    assert "saturated" in verdict.words
+
+
+@pytest.mark.parametrize("step", [0.1, 1.0, 5.0])
+def test_coarse_readings_are_not_saturated(step: float) -> None:
+    coarse = to_wrench(lambda wrench: np.rint(wrench / step) * step)
+    assert saturated_sensor(with_fault(held_recording(SEED), coarse)) is None
+
+
+@pytest.mark.parametrize("value", [0.0, 1.0])
+def test_a_sensor_that_is_interrupted_is_named(value: float) -> None:
+    def interrupted(wrench: Array) -> Array:
+        wrench[1000:1090] = value * wrench[1000]
+        return wrench
+
+    _, verdict = judged(with_fault(held_recording(SEED), to_wrench(interrupted)))
+    assert (verdict.cause, verdict.robot, verdict.value) == ("sensor dead", "r2", (10.0,))
+    assert "forces of r2 are exactly the same for 0.9 s from 10.0 s on" in verdict.words

@@ -8,7 +8,14 @@ import numpy as np
 from coheft.estimation.batch.judge.evidence import Evidence
 from coheft.estimation.batch.judge.mend import MENDABLE, mend
 from coheft.estimation.batch.judge.motions import gravity_factors
-from coheft.estimation.batch.judge.sensors import FORCES, MOMENTS, missing_axis, silent_sensor
+from coheft.estimation.batch.judge.sensors import (
+    FORCES,
+    MOMENTS,
+    interrupted_sensor,
+    missing_axis,
+    saturated_sensor,
+    silent_sensor,
+)
 from coheft.estimation.batch.judge.suspects import Suspect, Suspects, forces_instead
 from coheft.estimation.batch.judge.units import is_likely
 from coheft.estimation.batch.judge.verdict import ALL, Cause, Verdict
@@ -25,6 +32,8 @@ _SHARE = 0.02
 """Share of the wrench's changes; a smaller misfit without a named fault hardly matters."""
 _MENDED = 0.02
 """Share of the excess that a fault may leave if it is the only one."""
+_LIMITED = 0.01
+"""Share of the time in which a sensor is saturated that matters before other faults."""
 _SLACK = 0.5
 """Added to the limit of the excess when a fault has been estimated along, in deviations."""
 _CONFIRMED = 6
@@ -73,7 +82,7 @@ def judge_forces(evidence: Evidence, assumed: str | None, mended: Sequence[Verdi
     broken = silent_sensor(recording, cutoff, is_whole=True)  # what others exert may still be that of a lighter load
     if not sure and not (is_misfit and misfit.share() > _SHARE):
         return broken or _accepted(evidence, plain, found, mended)
-    broken = missing_axis(recording, FORCES) or broken
+    broken = missing_axis(recording, FORCES) or saturated_sensor(recording, _LIMITED) or broken
     if broken is not None:
         return broken
     mending = [one for one in sure if _mends(one, plain.excess)]
@@ -85,7 +94,8 @@ def judge_forces(evidence: Evidence, assumed: str | None, mended: Sequence[Verdi
     if best not in explaining or best.cause is Cause.MOMENT_SCALE:
         broken = missing_axis(recording, MOMENTS)  # hands that turn freely exert none
     if best not in explaining:
-        return broken or silent_sensor(recording, cutoff, is_whole=False) or _unexplained(found, misfit)
+        broken = broken or silent_sensor(recording, cutoff, is_whole=False) or saturated_sensor(recording)
+        return broken or interrupted_sensor(recording) or _unexplained(found, misfit)
     if broken is not None:
         return broken
     unlike = (one for one in found if one.cause is not best.cause)

@@ -9,12 +9,18 @@ from coheft.estimation.batch.judge.verdict import Cause, Verdict
 from coheft.estimation.batch.recording import CHANNELS, Recording
 from coheft.estimation.geometry.spatial import Array
 
+_BRIEFLY, _UNLIKE = 0.2, 5.0
+"""Time for which readings are the same [s], and this in multiples of the longest time elsewhere."""
 _NOISE_ALONE = 2.5
 """Mean square of readings, in multiples of their noise's, below which they are nothing but noise."""
 _SPIKE, _USUAL = 8.0, 0.1
 """Jumps of single samples, in multiples of the median second difference, at least this share of its deviation."""
 _MATTERS = 0.001
 """Share of all forces that jumps have to make up."""
+_FEWEST_AT_LIMIT, _AT_LIMIT, _NEIGHBOURS = 10, 5.0, 5
+"""Samples at a limit, and these in multiples of those at each of the next values, beyond which it is no chance."""
+_IN_TURN = 0.3
+"""Share of the samples at a limit that follow another one there."""
 AXES = CHANNELS["wrench"]
 FORCES, MOMENTS = AXES[:3], AXES[3:]
 _MOTIONS = (
@@ -36,6 +42,16 @@ def stuck_sensor(recording: Recording) -> Verdict | None:
             first, count = _longest_repeat(samples)
             if count > recording.rate and (what == "forces" or samples.any()):
                 return _stuck(recording, name, what, first, count)
+    return None
+
+
+def interrupted_sensor(recording: Recording) -> Verdict | None:
+    """Find a sensor whose readings are the same for a shorter time, but far longer than they are elsewhere."""
+    for name, wrench in _wrenches(recording):
+        first, count = _longest_repeat(wrench[:, :3])
+        elsewhere = max(_longest_repeat(part)[1] for part in (wrench[: first + 1, :3], wrench[first + count - 1 :, :3]))
+        if count > max(_BRIEFLY * recording.rate, _UNLIKE * elsewhere):
+            return _stuck(recording, name, "forces", first, count)
     return None
 
 
@@ -73,6 +89,9 @@ def spiking_sensor(recording: Recording) -> Verdict | None:
         sizes = np.where(there_and_back > _SPIKE * usual, there_and_back, 0.0).max(axis=1)
         if sizes.sum() < _MATTERS * np.linalg.norm(forces, axis=1).sum():
             continue
+        limited = saturated_sensor(recording)
+        if limited is not None and limited.robot == name:
+            return limited
         worst = int(np.argmax(sizes))
         since = float(recording.time[worst + 1])
         words = (
@@ -81,6 +100,44 @@ def spiking_sensor(recording: Recording) -> Verdict | None:
         )
         return _dead(name, words, since)
     return None
+
+
+def saturated_sensor(recording: Recording, share: float = 0.0) -> Verdict | None:
+    """Find a sensor whose readings stay at their largest or smallest value, for more than this share of the time.
+
+    Next to this value there are far fewer samples, also of coarse or repeated readings.
+    """
+    for name, wrench in _wrenches(recording):
+        found = [
+            (f"{axis} at {level:.4g} {'N' if axis in FORCES else 'N·m'}", count)
+            for axis, readings in zip(AXES, wrench.T, strict=True)
+            for level, count in _limits(readings)
+        ]
+        most = max((count for _, count in found), default=0)
+        if most > share * len(wrench):
+            limits = ", ".join(limit for limit, _ in found)
+            words = (
+                f"readings of {name} stay at their largest or smallest value, {limits}, up to {most} samples: its "
+                f"sensor is saturated. Choose a part without this with --from and --to, or a larger range"
+            )
+            return _dead(name, words)
+    return None
+
+
+def _limits(readings: Array) -> Iterator[tuple[float, int]]:
+    """Limits at which readings (n,) stay, and for how many samples."""
+    levels, counts = np.unique(readings, return_counts=True)
+    for own, near in ((0, counts[1 : 1 + _NEIGHBOURS]), (-1, counts[-1 - _NEIGHBOURS : -1])):
+        count = int(counts[own])
+        is_there = readings == levels[own]
+        in_turn = np.count_nonzero(is_there[1:] & is_there[:-1])  # single samples jump there
+        if (
+            len(near) == _NEIGHBOURS
+            and levels[own] != 0.0
+            and count > max(_FEWEST_AT_LIMIT, _AT_LIMIT * near.max())
+            and in_turn > _IN_TURN * count
+        ):
+            yield float(levels[own]), count
 
 
 def silent_sensor(recording: Recording, cutoff: float, *, is_whole: bool) -> Verdict | None:
