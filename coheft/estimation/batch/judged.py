@@ -148,7 +148,8 @@ def _with_hidden(found: Identification, verdict: Verdict) -> Identification:
     for cause, covariance in verdict.hidden:
         stds = np.sqrt(np.maximum(np.diag(derivative @ covariance @ derivative.T), 0.0)).tolist()
         hidden = [max(one, HiddenError(cause, std), key=_STD) for one, std in zip(hidden, stds, strict=True)]
-    remarks = (*found.remarks, _what_is_hidden(hidden), *_common_scale(found.payload))
+    remark = (verdict.remark,) if verdict.remark else ()
+    remarks = (*found.remarks, *remark, _what_is_hidden(hidden), *_common_scale(found.payload))
     return replace(found, hidden=tuple(hidden), remarks=remarks)
 
 

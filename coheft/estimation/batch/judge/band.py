@@ -143,6 +143,11 @@ class Band:
         self._starts = np.linspace(0, count, bands + 1).astype(np.intp)[:-1]
         """First coefficient of each interval in which spectra are measured."""
 
+    @property
+    def intervals(self) -> int:
+        """Number of intervals in which spectra are measured."""
+        return len(self._starts)
+
     def coefficients(self, signals: Array) -> Array:
         """Coefficients (K, ...) of signals (n, ...) as they were before the filter."""
         kept = dct(signals, axis=0, norm="ortho")[: len(self.frequency)]

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from coheft.estimation.batch.judge.colour import colour_of
 from coheft.estimation.batch.judge.evidence import Evidence
 from coheft.estimation.batch.judge.mend import MENDABLE, mend
 from coheft.estimation.batch.judge.motions import gravity_factors
@@ -36,6 +37,8 @@ _LIMITED = 0.01
 """Share of the time in which a sensor is saturated that matters before other faults."""
 _SLACK = 0.5
 """Added to the limit of the excess when a fault has been estimated along, in deviations."""
+_LIKELY = 8
+"""Number of faults besides which noise may be coloured."""
 _CONFIRMED = 6
 """Number of faults that are confirmed by correcting the recording."""
 _ROUGH = 0.01
@@ -74,14 +77,23 @@ def judge_forces(evidence: Evidence, assumed: str | None, mended: Sequence[Verdi
     level = _level(evidence, suspects, plain)
     if level is not None:
         return level
-    found = suspects.all()
+    found, remark = suspects.all(), ""
+    likely = [(one.fit, plain.misfit - one.fit.misfit - one.gain) for one in found[:_LIKELY] if one.gain > _GAIN]
+    if (plain.excess > _EXCESS or likely) and (coloured := colour_of(misfit, likely)) is not None:
+        misfit = WrenchMisfit(evidence, coloured[0])
+        suspects, plain = Suspects(misfit), misfit.plain
+        found = suspects.all()
+        remark = (
+            f"Noise of wrenches is not white, but correlated over about {coloured[1]:.1g} s: standard deviations count "
+            f"it in."
+        )
     if assumed == Cause.FORCE_SCALE:
         found += [forces_instead(one) for one in found if is_unit_of_all(one)]
     is_misfit = plain.excess > _EXCESS
     sure = [one for one in found if one.gain > _GAIN and (is_misfit or one.cause not in _OF_CALIBRATION)]
     broken = silent_sensor(recording, cutoff, is_whole=True)  # what others exert may still be that of a lighter load
     if not sure and not (is_misfit and misfit.share() > _SHARE):
-        return broken or _accepted(evidence, plain, found, mended)
+        return broken or replace(_accepted(evidence, plain, found, mended), remark=remark)
     broken = missing_axis(recording, FORCES) or saturated_sensor(recording, _LIMITED) or broken
     if broken is not None:
         return broken

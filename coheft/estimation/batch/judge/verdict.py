@@ -65,6 +65,7 @@ class Verdict:
             it would add to ``theta`` in the body frame.
         corrections: Covariances (10, 10) that corrections add to ``theta`` in the body frame: those of faults that were
             assumed, if no fault is left.
+        remark: What is unusual but no fault, as a sentence; empty if nothing is.
     """
 
     cause: Cause | Literal[""] = ""
@@ -81,6 +82,7 @@ class Verdict:
     gravity: Array | None = None
     hidden: tuple[tuple[Cause, Array], ...] = ()
     corrections: tuple[Array, ...] = ()
+    remark: str = ""
 
     @property
     def is_refuted(self) -> bool:

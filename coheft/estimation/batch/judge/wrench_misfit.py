@@ -62,7 +62,9 @@ class Fit:
 class WrenchMisfit:
     """Fits of the total wrench of one recording, whose grasp poses are known."""
 
-    def __init__(self, evidence: Evidence) -> None:
+    def __init__(self, evidence: Evidence, colour: Array | None = None) -> None:
+        """``colour`` (K, 2) is the power of forces' and moments' noise in multiples of white noise; None if white."""
+        self._colour = None if colour is None else np.repeat(np.sqrt(colour), 3, axis=1)
         signals, poses = evidence.signals, evidence.poses
         self.evidence, self.signals, self.wrenches, self.poses = evidence, signals, signals.wrench, poses
         self.adjoints = [pose.adjoint() for pose in poses]
@@ -107,7 +109,9 @@ class WrenchMisfit:
             start=np.diag(finest),
         )
         covariance = sensors + self._by_motion(theta)
-        self._whitening = np.linalg.inv(np.linalg.cholesky(covariance))
+        self._whitening = self._white_whitening = np.linalg.inv(np.linalg.cholesky(covariance))
+        if self._colour is not None:
+            self._whitening = self._whitening / self._colour[..., None]
         self._design, self._output = self._white(self.regressor), self._white(self.total)
 
     def _by_motion(self, theta: Array) -> Array:
@@ -221,7 +225,8 @@ class WrenchMisfit:
         all_maps[:, known:] = self._unsure_maps
         for robot, of_fault in maps:
             all_maps[robot, BODY_NUMBERS:known] = of_fault
-        weighted = self._whitening / deviation.reshape(-1, 6, 1)
+        # Coloured noise, so whitened, has the power of white noise before.
+        weighted = self._white_whitening / deviation.reshape(-1, 6, 1)
         information = np.einsum("kij,kil->jl", weighted, weighted)
         for to_body, noise, own in zip(self.adjoints, self.noise, all_maps, strict=True):
             at_sensor = to_body.T @ information @ to_body

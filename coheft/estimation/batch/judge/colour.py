@@ -1,0 +1,92 @@
+"""Noise of wrenches that is correlated over time: a filter in the sensor, or drives that swing.
+
+It is told from faults by its spectrum, which is smooth and reaches beyond the frequencies of the motion, and by being
+the same all the time. Faults leave residuals at the frequencies of the motion, or for a part of the time.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from scipy.fft import idct
+from scipy.optimize import minimize
+
+from coheft.estimation.batch.judge.wrench_misfit import Fit, WrenchMisfit
+from coheft.estimation.geometry.spatial import Array
+
+_SURE, _CHANCE = 6.0, 5.0
+"""Standard deviations of what is no chance, and of what may be."""
+_WIDER = 1.3
+_FEW = 60
+_PARTS = 10
+"""Number of parts of the recording whose residuals are compared."""
+
+
+def colour_of(misfit: WrenchMisfit, faults: Sequence[tuple[Fit, float]]) -> tuple[Array, float] | None:
+    """Power of the noise by frequency, for forces and for moments, in multiples of white noise, shape (K, 2).
+
+    It is measured with the likeliest of some ``faults`` fitted along, which have a cost, or with none. Otherwise the
+    residual of a fault would be taken for noise.
+
+    Returns:
+        The power, and the time over which the noise is correlated [s]; None if residuals are not such noise.
+    """
+    if not _reaches_beyond(misfit.plain.residual, misfit):
+        return None
+    found = [_Coloured.of(fit, cost, misfit.band.frequency) for fit, cost in [(misfit.plain, 0.0), *faults]]
+    best = min(found, key=lambda one: one.misfit)
+    residual, colour = best.residual, best.colour
+    if not _reaches_beyond(residual, misfit):
+        return None
+    relative = np.mean(residual**2, axis=-1) / colour
+    for rows in np.array_split(np.arange(len(relative)), misfit.band.intervals):
+        if np.any(np.abs(np.log(relative[rows].mean(axis=0))) > _CHANCE * np.sqrt(2.0 / (3.0 * len(rows)))):
+            return None
+    over_time = idct(residual / np.sqrt(colour)[..., None], axis=0, norm="ortho") ** 2
+    for part in np.array_split(over_time, _PARTS):
+        if part.mean() > 1.0 + _CHANCE * np.sqrt(2.0 / part.size):
+            return None
+    return colour, best.time
+
+
+def _reaches_beyond(residual: Array, misfit: WrenchMisfit) -> bool:
+    """Whether a residual is larger than white noise also above the band of the motion."""
+    above = residual[min(int(_WIDER * misfit.band.moving), len(residual)) :]
+    return above.size > _FEW and float(np.mean(above**2)) > 1.0 + _SURE * np.sqrt(2.0 / above.size)
+
+
+@dataclass(frozen=True, eq=False)
+class _Coloured:
+    """A residual (K, 2, 3), the smooth power of its noise (K, 2), the time of its correlation, and its misfit."""
+
+    residual: Array
+    colour: Array
+    time: float
+    misfit: float
+
+    @classmethod
+    def of(cls, fit: Fit, cost: float, frequency: Array) -> Self:
+        power = np.mean(fit.residual**2, axis=-1)
+        found = [_smooth(frequency, own) for own in power.T]
+        colour = np.stack([own for own, _ in found], axis=-1)
+        misfit = 3.0 * float(np.sum(np.log(colour) + power / colour)) + cost
+        return cls(fit.residual, colour, max(time for _, time in found), misfit)
+
+
+def _smooth(frequency: Array, power: Array) -> tuple[Array, float]:
+    """The likeliest sum of white noise and noise that is correlated over some time [s], and that time."""
+
+    def spectrum(logs: Array) -> Array:
+        white, more, corner = np.exp(np.clip(logs, -20.0, 20.0))
+        result: Array = white + more / (1.0 + (frequency / corner) ** 2)
+        return result
+
+    def misfit(logs: Array) -> float:
+        expected = spectrum(logs)
+        return float(np.sum(np.log(expected) + power / expected))
+
+    starts = [np.log([1.0, power[: len(power) // 4].mean(), corner]) for corner in (0.1, 0.5, 2.0)]
+    fits = [minimize(misfit, start, method="Nelder-Mead", options={"maxiter": 600}) for start in starts]
+    best = min(fits, key=lambda fit: float(fit.fun)).x
+    return spectrum(best), float(1.0 / (2.0 * np.pi * np.exp(best[2])))
