@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -23,6 +25,22 @@ def test_the_unit_of_one_robots_moments_is_named(seed: int, robot: str, factor: 
     assert (verdict.cause, verdict.robot) == ("moment scale", robot)
     assert verdict.words.split(". With it")[0].endswith(f"times what they should be: {unit}")
     assert verdict.value[0] == pytest.approx(factor, rel=0.05)
+
+
+@pytest.mark.parametrize(("seed", "gone"), [(0, "r3"), (5, "r2")])
+def test_a_robot_that_was_not_recorded_may_carry_the_load(seed: int, gone: str) -> None:
+    recording = held_recording(seed)
+    rest = {name: robot for name, robot in recording.robots.items() if name != gone}
+    _, verdict = judged(replace(recording, robots=rest, truth=None))
+    assert verdict.cause == "unknown"
+    assert "or does something else that was not recorded also carry the load?" in verdict.words
+
+
+def test_moments_alone_that_fit_no_load_are_not_carried_by_others() -> None:
+    uneven = to_wrench(lambda wrench: wrench * np.where(np.arange(6) < 3, 1.0, 1.0 + 0.5 * np.sin(wrench)))
+    _, verdict = judged(with_fault(held_recording(SEED), uneven, "r1"))
+    assert verdict.cause == "unknown"
+    assert "carry the load" not in verdict.words
 
 
 @pytest.mark.parametrize("is_turned", [False, True])

@@ -33,6 +33,8 @@ _SHARE = 0.02
 """Share of the wrench's changes; a smaller misfit without a named fault hardly matters."""
 _MENDED = 0.02
 """Share of the excess that a fault may leave if it is the only one."""
+_CARRIED = 0.02
+"""Share of all forces, beyond those of any body, that something else may exert."""
 _LIMITED = 0.01
 """Share of the time in which a sensor is saturated that matters before other faults."""
 _SLACK = 0.5
@@ -150,11 +152,13 @@ def _unexplained(found: Sequence[Suspect], misfit: WrenchMisfit) -> Verdict:
     second = next(one for one in found if one.cause is not likeliest.cause)
     left = misfit.total - misfit.regressor @ plain.solution[:BODY_NUMBERS]
     worst = int(np.argmax(np.linalg.norm(left / np.std(left, axis=0), axis=1)))
+    share = float(np.linalg.norm(left[:, :3]) / np.linalg.norm(misfit.total[:, :3]))
+    carried = ", or does something else that was not recorded also carry the load" if share > _CARRIED else ""
     return Verdict(
         Cause.UNKNOWN,
         words=f"{_misfits(plain)}, most at {misfit.signals.time[worst]:.1f} s, and no single cause explains it; the "
         f"likeliest is that {words_of(likeliest, misfit.evidence.recording, misfit)[1]}. Are the robots calibrated "
-        f"(--calibrate)? Did something happen meanwhile (choose a part with --from and --to)?",
+        f"(--calibrate)? Did something happen meanwhile (choose a part with --from and --to){carried}?",
         ratio=float(np.sqrt(plain.inside)),
         margin=likeliest.gain - second.gain,
         second=second.cause.value,
