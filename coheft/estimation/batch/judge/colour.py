@@ -19,6 +19,8 @@ _SURE, _CHANCE = 6.0, 5.0
 """Standard deviations of what is no chance, and of what may be."""
 _WIDER = 1.3
 _FEW = 60
+_LARGEST = 20.0
+"""Limit of logarithms."""
 _PARTS = 10
 """Number of parts of the recording whose residuals are compared."""
 
@@ -78,7 +80,7 @@ def _smooth(frequency: Array, power: Array) -> tuple[Array, float]:
     """The likeliest sum of white noise and noise that is correlated over some time [s], and that time."""
 
     def spectrum(logs: Array) -> Array:
-        white, more, corner = np.exp(np.clip(logs, -20.0, 20.0))
+        white, more, corner = np.exp(np.clip(logs, -_LARGEST, _LARGEST))
         result: Array = white + more / (1.0 + (frequency / corner) ** 2)
         return result
 
@@ -88,5 +90,5 @@ def _smooth(frequency: Array, power: Array) -> tuple[Array, float]:
 
     starts = [np.log([1.0, power[: len(power) // 4].mean(), corner]) for corner in (0.1, 0.5, 2.0)]
     fits = [minimize(misfit, start, method="Nelder-Mead", options={"maxiter": 600}) for start in starts]
-    best = min(fits, key=lambda fit: float(fit.fun)).x
+    best = np.clip(min(fits, key=lambda fit: float(fit.fun)).x, -_LARGEST, _LARGEST)
     return spectrum(best), float(1.0 / (2.0 * np.pi * np.exp(best[2])))
