@@ -206,8 +206,8 @@ def _is_scale(suspect: Suspect) -> bool:
 
 def _is_unsure_scale(suspect: Suspect) -> bool:
     """Whether the factor of a fault of scale is known badly."""
-    if not _is_scale(suspect) or suspect.cause is Cause.AXIS_SCALE:
-        return False
+    if not _is_scale(suspect) or suspect.cause is Cause.AXIS_SCALE or len(suspect.fit.solution) == BODY_NUMBERS:
+        return False  # the last: that of ``forces_instead`` follows from a fit to moments
     share, variance = 1.0 - suspect.fit.solution[BODY_NUMBERS], suspect.fit.covariance[BODY_NUMBERS, BODY_NUMBERS]
     return bool(variance > (_ROUGH * share) ** 2)
 
