@@ -192,7 +192,7 @@ def test_where_only_gravity_shows_the_load_its_mass_is_known_and_nothing_else(wh
         assert any("inertia" in sentence for sentence in estimate.not_observable)
 
 
-def test_no_sensor_is_blamed_for_wrenches_that_poses_do_not_add_up_rightly() -> None:
+def test_no_sensor_is_suspected_if_wrenches_do_not_add_up_at_unknown_poses() -> None:
     """The directions of internal forces are hardly known if the load does not turn."""
     recording = run_with_faults(scenario("quiet", duration=2.2, seed=2))
     reasons = {
