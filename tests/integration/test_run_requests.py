@@ -31,7 +31,7 @@ def test_loads_come_and_go_in_a_run_and_nonsense_is_refused(start: Callable[...,
     for number in range(1, 5):
         status, text = run.ask("inject", "--mass", "0.5", "--at", "0.1", "0", "0.1", "--size", "0.2", "0.1", "0.05")
         assert status == 0, text
-        assert f"load {number} of 0.5 kg" in text
+        assert f"load {number} (0.5 kg)" in text
     wanted = [(0.5, (0.1, 0.0, 0.1), (0.2, 0.1, 0.05))] * 4
     assert [(load.mass, load.position, load.size) for load in ask_run(StatusRequest(), run.folder).loads] == wanted
     status, text = run.ask("inject", "--mass", "0.5", "--at", "0.1", "0", "0.1")
