@@ -150,6 +150,7 @@ class Agent:
             block = MeasurementBlock(index, np.where(self._is_missing, 0.0, block.samples))
         if block is not None and not self._sensors.is_usable(block.samples):
             block = None
+        self._status.problems += len(problems)
         channels = dict[str, Array]()
         estimate, beside = None, tuple[EstimateBeside, ...]()
         try:
@@ -157,11 +158,13 @@ class Agent:
                 index, block, {name: message.channels for name, message in received.items()}
             )
             if self._signing is not None:
-                problems += self._signing.refused()
-            self._status.problems += len(problems)
+                refused = self._signing.refused()
+                problems += refused
+                self._status.problems += len(refused)
             estimate, beside = self._estimate(index), tuple(self._estimates_beside(index))
         except np.linalg.LinAlgError as error:  # what neighbours send may be possible, but not fit together
             problems.append(f"the estimates so far cannot be computed with ({error}), so the estimator starts again")
+            self._status.problems += 1
             self._start_estimator()
         motion, wrench = self._reference(index, block)
         return Outbox(

@@ -15,6 +15,7 @@ from coheft.estimation.batch.judge.mend import MENDABLE, mend
 from coheft.estimation.batch.judge.motions import judge_gravity, judge_motions
 from coheft.estimation.batch.judge.poses import judge_poses
 from coheft.estimation.batch.judge.sensors import spiking_sensor, stuck_motion, stuck_sensor
+from coheft.estimation.batch.judge.units import KGF, LBF
 from coheft.estimation.batch.judge.verdict import Cause, Verdict
 from coheft.estimation.batch.payload import Payload, make_payload
 from coheft.estimation.batch.pose_conventions import inverse_poses
@@ -26,8 +27,6 @@ _MENDINGS = 2
 """Number of corrections: a late clock of the poses is corrected first, then by forces that of the wrenches."""
 _SURELY = 3.0
 """Standard deviations."""
-_KGF, _LBF = 9.80665, 4.4482216
-"""Other units of force [N]."""
 _STD = attrgetter("std")
 _UNOBSERVABLE = "motion and gravity do not show where all robots hold the load, or that it has a weight"
 
@@ -168,7 +167,7 @@ def _common_scale(payload: Payload) -> tuple[str, ...]:
         return ()
     mass = payload.inertia.mass
     return (
-        f"No motion shows a common factor of all forces and moments: if they are in kgf, the mass is {_KGF * mass:.3g} "
-        f"kg, in lbf {_LBF * mass:.3g} kg. As found, a solid ellipsoid would have at least "
+        f"No motion shows a common factor of all forces and moments: if they are in kgf, the mass is {KGF * mass:.3g} "
+        f"kg, in lbf {LBF * mass:.3g} kg. As found, a solid ellipsoid would have at least "
         f"{solid_density(payload, _SURELY):,.0f} kg/m³.",
     )

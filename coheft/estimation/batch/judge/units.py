@@ -2,14 +2,14 @@
 
 from coheft.estimation.batch.judge.verdict import Cause
 
-_KGF, _LBF, _FOOT, _INCH = 9.80665, 4.4482216, 0.3048, 0.0254
+KGF, LBF, _FOOT, _INCH = 9.80665, 4.4482216, 0.3048, 0.0254
 """In units of N and m."""
 _UNITS = {
-    Cause.SCALE: ((1.0 / _KGF, "kgf and kgf·m"),),
-    Cause.FORCE_SCALE: ((1.0 / _KGF, "kgf"), (1.0 / _LBF, "lbf"), (0.001, "kN")),
+    Cause.SCALE: ((1.0 / KGF, "kgf and kgf·m"),),
+    Cause.FORCE_SCALE: ((1.0 / KGF, "kgf"), (1.0 / LBF, "lbf"), (0.001, "kN")),
     Cause.MOMENT_SCALE: (
-        *((1000.0, "N·mm"), (100.0, "N·cm"), (1.0 / _KGF, "kgf·m"), (100.0 / _KGF, "kgf·cm")),
-        *((1.0 / (_LBF * _FOOT), "lbf·ft"), (1.0 / (_LBF * _INCH), "lbf·in")),
+        *((1000.0, "N·mm"), (100.0, "N·cm"), (1.0 / KGF, "kgf·m"), (100.0 / KGF, "kgf·cm")),
+        *((1.0 / (LBF * _FOOT), "lbf·ft"), (1.0 / (LBF * _INCH), "lbf·in")),
     ),
 }
 """Names of units, and how many of them are one of the expected unit."""
