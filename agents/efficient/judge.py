@@ -16,6 +16,7 @@ from coheft.estimation.chi_square import chi_square_threshold
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.fit_settings import FitSettings
+from coheft.estimation.moments.hidden_poses import best_residuals
 from coheft.estimation.moments.misfit import KnownLoad, excess_energy, explanations, worst_misfit
 from coheft.estimation.moments.row_buffer import RowBuffer
 from coheft.estimation.moments.unknowns import OFFSET, THETA
@@ -83,8 +84,10 @@ def judge(
         return Verdict(Outcome.NO_BODY, robot=None if worst is None else worst.source)
     if (robot := _robot_beyond_tolerance(estimate, guards)) is not None:
         return Verdict(Outcome.BEYOND_TOLERANCE, robot=robot)
-    if not _fits(wrench, wrench.size - _LOAD, guards.largest_wrench_misfit, guards):
-        return Verdict(Outcome.NO_LOAD)
+    if not _wrenches_fit(wrench, guards):
+        of_load = buffer.rows[max(first, buffer.start) : buffer.count]
+        if not estimate.misses_poses or not _wrenches_fit(best_residuals(estimate, settings, of_load), guards):
+            return Verdict(Outcome.NO_LOAD)
     found = explanations(body, innovations.gram(buffer), assumed)
     is_load = found.load > found.sensor and _has_another_mass(estimate, assumed, guards)
     if load_before is None or found.sensor < guards.largest_offset or is_load:
@@ -141,6 +144,11 @@ def _is_beyond(found: Array, uncertain: Array, guards: Guards) -> bool:
     is_seen = seen > _LEAST_REDUCTION
     square = np.square(found @ directions[:, is_seen]) / seen[is_seen]
     return bool(is_seen.any() and square.sum() > chi_square_threshold(int(is_seen.sum()), guards.tolerance))
+
+
+def _wrenches_fit(residuals: Array, guards: Guards) -> bool:
+    """Whether residuals of total wrenches (n, 1, 6) are no larger than noise explains."""
+    return _fits(residuals, residuals.size - _LOAD, guards.largest_wrench_misfit, guards)
 
 
 def _fits(residuals: Array, freedom: float, largest: float, guards: Guards, drift: Array | float = 0.0) -> bool:

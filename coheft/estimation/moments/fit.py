@@ -21,7 +21,7 @@ from coheft.estimation.moments.likelihood import motion_evidence, wrench_evidenc
 from coheft.estimation.moments.moments import EvaluatedMoments
 from coheft.estimation.moments.unknowns import Flags, State
 
-_FARTHEST = 6.0
+FARTHEST = 6.0
 """Sensor errors are clipped to so many prior deviations: a gain of zero would explain everything."""
 _LONGEST = 0.3
 """Steps are shortened to move no pose by more than this [rad, m]."""
@@ -171,4 +171,4 @@ def _step(
     size, left = float(np.abs(of_poses / deviations).max()), float((of_poses**2 / deviations).max())
     if settings.errors.count:
         step = step / max(1.0, float(np.abs(of_poses).max()) / _LONGEST)
-    return _Step(body.state.moved(step, unknowns, _FARTHEST), seen, hidden, inverse, is_doubtful, size, left)
+    return _Step(body.state.moved(step, unknowns, FARTHEST), seen, hidden, inverse, is_doubtful, size, left)
