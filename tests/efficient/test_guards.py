@@ -22,6 +22,7 @@ from coheft.estimation.rigid_body.mass_properties import point_mass
 from coheft.estimation.tolerance import SensorDrift
 from tests.efficient.rows import LOAD, PERIOD, POSES, made_up_rows
 from tests.efficient.sessions import AFTER, BEFORE, slipped_poses
+from tests.efficient.sessions import slipped as one_slipped
 
 SURE = 6.0
 """No number that is valid is further off, in its own standard deviations."""
@@ -109,12 +110,12 @@ def changed(share: float, before: int = 200, after: int = 100) -> tuple[Array, l
 
 
 @cache
-def shifted(by: float, after: int = 100) -> tuple[Array, list[Array]]:
-    """Rows over a part of the load of 2 kg that shifts so far [m], and the true loads."""
+def shifted(by: float, before: int = 200, after: int = 100, axis: int = 0) -> tuple[Array, list[Array]]:
+    """Rows over a part of the load of 2 kg that shifts so far along an axis [m], and the true loads."""
     there = np.array([-0.35, -0.25, 0.02])
-    load = LOAD + 2.0 * (point_mass(there + np.array([by, 0.0, 0.0])) - point_mass(there))
-    rows = np.concatenate([made_up_rows(200), made_up_rows(after, load=load, first=200)])
-    return rows, [LOAD] * 200 + [load] * after
+    load = LOAD + 2.0 * (point_mass(there + by * np.eye(3)[axis]) - point_mass(there))
+    rows = np.concatenate([made_up_rows(before), made_up_rows(after, load=load, first=before)])
+    return rows, [LOAD] * before + [load] * after
 
 
 @cache
@@ -130,6 +131,24 @@ def slipped() -> Array:
     aside = np.array([0.05, 0.0, 0.0])
     poses = (*POSES[:2], *(Pose(pose.rotation, pose.translation + aside) for pose in POSES[2:]))
     return np.concatenate([made_up_rows(150), made_up_rows(250, first=150, poses=poses)])
+
+
+@cache
+def turned_about_one_axis() -> tuple[Array, list[Array]]:
+    """Rows over a change of a load that turns about one axis only, and the true loads: not all of any pose shows."""
+    load, axes = with_more(0.008), (0.0, 0.0, 1.0)
+    rows = np.concatenate([made_up_rows(100, axes=axes), made_up_rows(25, load, 100, axes=axes)])
+    return rows, [LOAD] * 100 + [load] * 25
+
+
+def knocked() -> Array:
+    """Rows over motion sensors of robot 1 that are turned by 0.35°: now and then they contradict the others."""
+    poses, unmoved = slipped_poses(0.0, 0.35, 1, 1), made_up_rows(140, first=BEFORE)
+    moved = made_up_rows(140, first=BEFORE, poses=poses)
+    for column in (FORCE, TORQUE):
+        own = slice(ROW_SIZE + column.start, ROW_SIZE + column.stop)
+        moved[:, own] = unmoved[:, own]
+    return np.concatenate([made_up_rows(BEFORE), moved])
 
 
 def changed_in_a_gap() -> Array:
@@ -163,6 +182,28 @@ CASES = {
     ),
     "waiting": Case(
         shifted(0.05, after=60)[0], lambda _, then: then.is_sure, shifted(0.05)[1], missing=range(180, 210)
+    ),
+    "confirming": Case(
+        shifted(0.018, after=20, axis=2)[0],
+        lambda _, then: then.is_sure,
+        shifted(0.018, after=20, axis=2)[1],
+        missing=range(180, 210),
+    ),
+    "turn": Case(shifted(0.003, before=300)[0], lambda session, _: session.causes.changes != []),
+    "worth_a_fit": Case(
+        turned_about_one_axis()[0], lambda _, then: is_sure_after(then, 107), turned_about_one_axis()[1]
+    ),
+    "undeclared_lasts": Case(off(0, 400, 480, 2, A.start, 0.009), lambda _, then: then.valid[-1] == 479),
+    "undeclared_doubt": Case(off(60, 250, 250, 2, FORCE.start, 0.24), lambda _, then: then.is_sure),
+    "calm": Case(knocked(), lambda _, then: then.valid[-1] > 270),
+    "drifting": Case(leaking(0.05)[0], lambda _, then: len(then.valid) > 340, leaking(0.05)[1]),
+    "mistaken": Case(
+        one_slipped(10.0, 0.0, 2, 2)[0], lambda session, _: [slip.robot for slip in session.causes.slips] == [2]
+    ),
+    "telling_apart": Case(
+        shifted(0.004, after=200)[0],
+        lambda session, then: session.causes.certain_changes != [] and then.valid[-1] > 380,
+        shifted(0.004, after=200)[1],
     ),
 }
 

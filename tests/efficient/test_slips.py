@@ -63,23 +63,6 @@ def test_from_the_suspicion_to_the_verdict_nothing_is_valid() -> None:
     assert valid[-1] == len(rows) - 1
 
 
-def test_a_cause_is_not_told_before_it_leads() -> None:
-    rows, _ = slipped(10.0, 0.0, 2, 2)
-    assert fed(rows, replace(Guards(), mistaken=1.0)).causes.slips[0].robot != 2
-    assert fed(rows).causes.slips[0].robot == 2
-
-
-def test_what_cannot_be_told_apart_counts_as_another_load_after_a_while() -> None:
-    rows, _ = slipped(10.0, 0.0, 2, 2)
-    doubting = replace(Guards(), mistaken=1e-300)
-    told = fed(rows, doubting)
-    assert told.causes.certain_changes
-    assert told.causes.slips == []
-    waiting = fed(rows, replace(doubting, telling_apart=1e9))
-    assert waiting.causes.is_open
-    assert waiting.causes.certain_changes == []
-
-
 @pytest.mark.parametrize("column", [A.start, V.start, W.start, FORCE.start, TORQUE.start])
 def test_a_sensor_that_is_off_is_no_slip(column: int) -> None:
     rows = made_up_rows(300)

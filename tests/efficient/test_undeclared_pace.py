@@ -100,15 +100,6 @@ def test_what_is_suspected_is_not_handed_over(monkeypatch: pytest.MonkeyPatch) -
     assert session.hand_over(0.0) is None
 
 
-def test_what_has_passed_is_over_before_there_are_as_many_rows_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    passing = range(250, 330)
-    _, told, _ = fed(monkeypatch, Guards(), passing)
-    _, for_long, _ = fed(monkeypatch, replace(Guards(), undeclared_lasts=1e9), passing)
-    assert told
-    assert told[0] == for_long[0]
-    assert len(told) < 0.8 * len(for_long)
-
-
 def test_an_error_is_over_also_if_fits_are_to_fewer_rows_than_it_was_found_with(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -117,6 +117,15 @@ SWITCHED_OFF = {
     "outdated": 1e9,
     "doubted": 1e-300,
     "first_rows": 0.0,
+    "turn": 1e9,
+    "worth_a_fit": 1.0,
+    "undeclared_doubt": 1.0,
+    "undeclared_lasts": 1e9,
+    "calm": 0.0,
+    "drifting": 0.0,
+    "mistaken": 1.0,
+    "telling_apart": 1e9,
+    "confirming": 0.0,
 }
 """Values with which guards have no effect."""
 
