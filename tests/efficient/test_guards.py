@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cache
 
 import numpy as np
 import pytest
 
+from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.session import Session
 from coheft.agents.efficient.settings import Guards
 from coheft.agents.efficient.stages import Stage
@@ -18,8 +19,10 @@ from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.moments.claims import claim_of
 from coheft.estimation.moments.fit_settings import FitSettings
 from coheft.estimation.moments.rows import FORCE, ROW_SIZE, TORQUE, A, RowNoise
+from coheft.estimation.moments.sensor_errors import SensorErrors
 from coheft.estimation.rigid_body.mass_properties import point_mass
 from coheft.estimation.tolerance import SensorDrift
+from tests.efficient import test_seal_guards
 from tests.efficient.rows import LOAD, PERIOD, POSES, made_up_rows
 from tests.efficient.sessions import AFTER, BEFORE, slipped_poses
 from tests.efficient.sessions import slipped as one_slipped
@@ -213,6 +216,48 @@ def test_a_guard_does_something(guard: str) -> None:
     case = CASES[guard]
     assert case.is_right(*case.run(Guards()))
     assert not case.is_right(*case.run(replace(Guards(), **{guard: SWITCHED_OFF[guard]})))
+
+
+@dataclass(frozen=True)
+class Work:
+    """What a guard saves.
+
+    Attributes:
+        without: Value with which it saves nothing.
+        step: Method of ``Knowledge`` that is called less often.
+        errors: Standard deviations of sensor errors that robots are told.
+    """
+
+    without: float
+    step: str = "fit"
+    errors: dict[str, float] = field(default_factory=dict)
+
+
+WORK = {
+    "growth": Work(1.0),
+    "growth_of_many": Work(Guards().growth, errors={"acceleration_scale": 0.003}),
+    "undeclared_growth": Work(1.0, "undeclared_error"),
+}
+
+
+@pytest.mark.parametrize("guard", WORK)
+def test_a_guard_saves_work(guard: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    work, calls = WORK[guard], list[None]()
+    step = getattr(Knowledge, work.step)
+    monkeypatch.setattr(Knowledge, work.step, lambda *args, **named: (calls.append(None), step(*args, **named))[1])
+    settings = FitSettings(RowNoise.of_samples(SensorNoise(), 20, 1000.0), PERIOD, SensorErrors(work.errors))
+    counts = list[int]()
+    for guards in (Guards(), replace(Guards(), **{guard: work.without})):
+        session = Session(len(POSES), 0, settings, guards)
+        calls.clear()
+        for number, row in enumerate(made_up_rows(400)):
+            session.take(number, row)
+        counts.append(len(calls))
+    assert 0 < 1.5 * counts[0] < counts[1]
+
+
+def test_for_every_guard_there_is_a_test_that_fails_without_it() -> None:
+    assert {each.name for each in fields(Guards)} == {*SWITCHED_OFF, *WORK, *test_seal_guards.WITHOUT}
 
 
 def test_a_change_that_another_robot_has_noticed_is_looked_for_at_once() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -62,8 +61,6 @@ def test_looks_become_rarer_as_rows_become_many(monkeypatch: pytest.MonkeyPatch)
     looks, _, _ = fed(monkeypatch, Guards(), range(0))
     assert len(looks) < 15
     assert all(later > 1.3 * earlier for earlier, later in pairwise(looks))
-    often, _, _ = fed(monkeypatch, replace(Guards(), undeclared_growth=1.0), range(0))
-    assert len(often) > 1.5 * len(looks)
 
 
 def test_an_error_is_suspected_before_there_are_enough_rows_to_find_it(monkeypatch: pytest.MonkeyPatch) -> None:
