@@ -38,3 +38,12 @@ def test_sums_are_extrapolated_where_little_is_left_then(rounds: int, extrapolat
     found = Network.of(replace(config_of(team[0], graph), fan2017=settings), graph)
     assert (found.extrapolation.factor > 0.0) == is_worth
     assert (found.extrapolation.left < 0.1) == is_worth
+
+
+@pytest.mark.parametrize(("robots", "rounds", "is_known"), [(6, 1, False), (6, 2, False), (6, 4, True), (4, 16, True)])
+def test_after_few_rounds_the_lag_is_unknown(robots: int, rounds: int, is_known: bool) -> None:
+    """In a ring of four extrapolation removes nothing at any number of rounds, but 16 leave nothing to be removed."""
+    team = names(robots)
+    graph = build_graph(Graph(kind="ring"), team)
+    settings = Fan2017Settings(rounds=rounds)
+    assert Network.of(replace(config_of(team[0], graph), fan2017=settings), graph).knows_lag == is_known

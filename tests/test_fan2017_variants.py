@@ -68,6 +68,14 @@ def test_every_setting_counts(usual: Recording, settings: dict[str, object], ine
     assert all(np.abs(believed(recording, name) - believed(usual, name)).max() > 1e-7 for name in ("r1", "r2", "r3"))
 
 
+def test_with_too_few_rounds_nothing_is_claimed() -> None:
+    scenario = changed("ring6", estimator="fan2017", fan2017=Fan2017Settings(rounds=1), duration=6.0, load_changes=())
+    for estimates in run_with_faults(scenario).estimates.values():
+        assert estimates[-1].payload is not None
+        assert any("fan2017.rounds" in reason for reason in estimates[-1].reasons)
+        assert all(estimate.status != "valid" or estimate.payload is None for estimate in estimates)
+
+
 @pytest.mark.parametrize("name", ["ring3", "line4"])
 def test_each_robot_is_told_what_is_known_in_its_own_frame(name: str) -> None:
     scenario = changed(name, fan2017=Fan2017Settings(known=("mass", "com", "inertia")))

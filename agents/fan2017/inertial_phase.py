@@ -161,7 +161,9 @@ class InertialPhase:
         return replace(agreed, theta=theta, behind=behind)
 
     def doubt(self, block: int) -> str | None:
-        """Why the load may have changed without having been noticed by now, the start of a block; None if it cannot."""
+        """Why the load may be further off than the estimate says, at the start of a block; None if there is no reason."""
+        if not self._network.knows_lag:
+            return f"with {self._rounds} rounds per sample (fan2017.rounds) sums lag behind by more than can be told"
         if block - 1 - self._rounds - self.newest > self._config.blocks(_PATIENCE):
             return f"no complete sum of the team since {self._config.start_of(self.newest + 1):.2f} s"
         return "wrenches no longer fit the load: it may have changed" if self._surprised else None

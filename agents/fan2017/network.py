@@ -20,6 +20,8 @@ _LEFT = 2e-3
 """Sums are used once the initial disagreement has shrunk to this share."""
 _WORTH = 0.15
 """Sums are extrapolated if no larger share of their lag is left then: its size is known, but not its sign."""
+_UNKNOWN, _MUCH = 0.5, 0.1
+"""The lag is unknown if extrapolation leaves this share of it, and all rounds this share of a disagreement."""
 
 
 @dataclass(frozen=True)
@@ -31,12 +33,15 @@ class Network:
         gains: Weights of its edges, by neighbour.
         rate: What a round leaves of the disagreement, see ``convergence_rate``.
         extrapolation: Of sums that have gone through all rounds.
+        knows_lag: Whether the last round shows how far these lag behind: after few rounds several eigenvectors of the
+            weights share the disagreement, and what it changes may cancel out while much is left.
     """
 
     members: int
     gains: Mapping[str, float]
     rate: float
     extrapolation: Extrapolation
+    knows_lag: bool
 
     @staticmethod
     def of(config: AgentConfig, graph: Neighbours) -> Network:
@@ -46,9 +51,10 @@ class Network:
         gains = {name: gain(config.name, name) for name in graph[config.name]}
         edges = tuple(sorted((name, *others) for name, others in graph.items()))
         rate, extrapolation = _convergence(edges, settings.consensus_weights, settings.rounds)
+        knows_lag = extrapolation.share < _UNKNOWN or rate**settings.rounds < _MUCH
         if not settings.extrapolate or extrapolation.share > _WORTH:
             extrapolation = Extrapolation(0.0, rate / (1.0 - rate), 1.0)  # if only the slowest part is left
-        return Network(len(graph), gains, rate, extrapolation)
+        return Network(len(graph), gains, rate, extrapolation, knows_lag)
 
     @property
     def mixing_rounds(self) -> int:
