@@ -161,7 +161,7 @@ class InertialPhase:
         return replace(agreed, theta=theta, behind=behind)
 
     def doubt(self, block: int) -> str | None:
-        """Why the load may be further off than the estimate says, at the start of a block; None if there is no reason."""
+        """Why the load may be further off than is claimed, at the start of a block; None if there is no reason."""
         if not self._network.knows_lag:
             return f"with {self._rounds} rounds per sample (fan2017.rounds) sums lag behind by more than can be told"
         if block - 1 - self._rounds - self.newest > self._config.blocks(_PATIENCE):
