@@ -36,7 +36,12 @@ from coheft.wire.messages.requests import (
 from coheft.wire.messages.structs import Message
 from coheft.wire.process.log import LOG
 from coheft.wire.process.problem_log import ProblemLog
-from coheft.wire.process.supervised import COMMENT_AFTER, is_supervisor_stopped, supervised_main
+from coheft.wire.process.supervised import (
+    COMMENT_AFTER,
+    has_supervisor_asked_to_stop,
+    is_supervisor_stopped,
+    supervised_main,
+)
 from coheft.wire.scenario.plugins import usable_in_run
 from coheft.wire.scenario.reach import Reach
 from coheft.wire.transport.inbox import Event, Inbox, Presence, Question, Received, Refused
@@ -175,7 +180,13 @@ class Server:
                 read += 1
 
     def _follow_supervisor(self) -> None:
-        """Pause while the supervising process is stopped, because it would miss the rest of the run."""
+        """Pause while the supervising process is stopped, because it would miss the rest of the run.
+
+        If it has asked for the end of the run, that is as good as a request of the operator.
+        """
+        if has_supervisor_asked_to_stop() and not self._stop_asked:
+            self._stop_asked = True
+            LOG.info("done for the supervisor before block %d: stop the run", self._simulation.block)
         is_stopped = is_supervisor_stopped()
         if is_stopped and self._state is RunState.RUNNING:
             self._state, self._is_suspended = RunState.PAUSED, True

@@ -1,4 +1,4 @@
-"""What is said of a run that Ctrl-C, or an error, broke off."""
+"""What is said of a run that a signal, or an error, broke off."""
 
 from __future__ import annotations
 
@@ -16,20 +16,25 @@ LOGS = Path("logs")
 @pytest.mark.parametrize(
     ("asked", "expected"),
     [
-        ({}, "'coheft stop' ends a run with its report; the logs are in logs"),
-        ({"json": None, "record": None}, "'coheft stop' ends a run with its report; the logs are in logs"),
+        ({}, "'coheft stop', or Ctrl-C pressed once, ends a run with its report; the logs are in logs"),
+        (
+            {"json": None, "record": None},
+            "'coheft stop', or Ctrl-C pressed once, ends a run with its report; the logs are in logs",
+        ),
         (
             {"json": "a.json"},
-            "no report (--json) was written; 'coheft stop' ends a run with it; the logs are in logs",
+            "no report (--json) was written; 'coheft stop', or Ctrl-C pressed once, ends a run with it; the logs are "
+            "in logs",
         ),
         (
             {"save_data": "a.npz", "json": "-"},
-            "no report (--json) and no data file (--save-data) were written; 'coheft stop' ends a run with them; the "
-            "logs are in logs",
+            "no report (--json) and no data file (--save-data) were written; 'coheft stop', or Ctrl-C pressed once, "
+            "ends a run with them; the logs are in logs",
         ),
         (
             {"record": "run.mcap"},
-            "run.mcap holds what came until then; 'coheft stop' ends a run with its report; the logs are in logs",
+            "run.mcap holds what came until then; 'coheft stop', or Ctrl-C pressed once, ends a run with its report; "
+            "the logs are in logs",
         ),
     ],
 )
@@ -41,7 +46,16 @@ def test_only_what_was_asked_for_is_named(asked: dict[str, Any], expected: str) 
 
 def test_a_run_that_had_not_begun() -> None:
     sentence = BrokenOff({"report": "out", "record": "run.mcap"}, LOGS).sentence()
-    assert sentence.startswith("stopped before it began: no page (--report) was written; 'coheft stop' ends")
+    assert sentence == "stopped before it began: no page (--report) was written; the logs are in logs"
+
+
+def test_a_run_that_one_ctrl_c_could_not_end() -> None:
+    broken_off = BrokenOff({"json": "a.json"}, LOGS)
+    broken_off.receive(truth(799, HEAVY))
+    reason = "the server does not answer"
+    assert broken_off.sentence(reason) == (
+        f"stopped at 16.0 s: {reason}; no report (--json) was written; the logs are in logs"
+    )
 
 
 @pytest.mark.parametrize(

@@ -11,8 +11,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from coheft.app.recording.reader import read_recording
+from coheft.app.run.ctrl_c import SENTENCE
 from coheft.app.run.folder import RUN_FILE
 from tests.integration.command_line import Run
 from tests.waiting import LIMIT, wait_until
@@ -107,9 +110,11 @@ def test_a_run_that_is_too_short_has_not_converged_and_says_so(tmp_path: Path) -
     assert {path.name for path in tmp_path.iterdir()} == {"server.log", "r1.log", "r2.log", "r3.log", "end.json"}
 
 
-@pytest.mark.parametrize("sign", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_ctrl_c_stops_everything_at_once(sign: signal.Signals, start: Callable[..., Run], tmp_path: Path) -> None:
-    """And so does a polite request to end, or a terminal that is closed. What is not written is said."""
+@pytest.mark.parametrize("sign", [signal.SIGTERM, signal.SIGHUP])
+def test_a_request_to_end_stops_everything_at_once(
+    sign: signal.Signals, start: Callable[..., Run], tmp_path: Path
+) -> None:
+    """And so does a terminal that is closed. What is not written is said."""
     data = tmp_path / "data.npz"
     before = signal.signal(sign, signal.SIG_DFL)  # tests may have been started by nohup
     run = start("--duration", "10000", "--save-data", str(data))
@@ -120,10 +125,54 @@ def test_ctrl_c_stops_everything_at_once(sign: signal.Signals, start: Callable[.
     assert run.left() == []
     said = run.text.splitlines()[-1]
     assert said.startswith("stopped at ")
-    assert " s: no data file (--save-data) was written; 'coheft stop' ends a run with it; the logs are in " in said
+    assert " s: no data file (--save-data) was written; 'coheft stop', or Ctrl-C pressed once, ends a run with" in said
     assert not data.exists()
     assert "Traceback" not in run.text
     assert not (run.folder / RUN_FILE).exists()
+
+
+def test_ctrl_c_ends_a_run_with_its_results_so_far(start: Callable[..., Run], tmp_path: Path) -> None:
+    data, report, recording = tmp_path / "data.npz", tmp_path / "report.json", tmp_path / "run.mcap"
+    outputs = ("--save-data", str(data), "--json", str(report), "--record", str(recording))
+    run = start("--duration", "10000", *outputs)
+    run.wait_until_under_way()
+    os.killpg(run.supervisor.pid, signal.SIGINT)
+    assert run.wait() == 130, run.text
+    assert run.left() == []
+    assert run.text.count(SENTENCE) == 1
+    assert "What each robot found out about the payload" in run.text
+    assert "Traceback" not in run.text
+    found = json.loads(report.read_text())
+    assert 5.0 <= found["duration_s"] < 10000.0
+    assert all(robot["mass"]["estimate"] for robot in found["robots"].values())
+    with np.load(data) as arrays:
+        assert arrays["r1/t"][-1] == pytest.approx(found["duration_s"], abs=0.1)
+    assert read_recording(recording).news[-1][0] == pytest.approx(found["duration_s"], abs=0.1)
+    assert not (run.folder / RUN_FILE).exists()
+
+
+def test_a_second_ctrl_c_stops_everything_at_once(start: Callable[..., Run], tmp_path: Path) -> None:
+    report = tmp_path / "report.json"
+    run = start("--duration", "10000", "--json", str(report))
+    run.wait_until_under_way()
+    os.kill(run.pids["server"], signal.SIGSTOP)  # so that the run does not end too early for this test
+    os.kill(run.supervisor.pid, signal.SIGINT)
+    wait_until(lambda: SENTENCE in run.text, "the first Ctrl-C to be taken")
+    os.kill(run.supervisor.pid, signal.SIGINT)
+    assert run.wait() == 130
+    assert "no report (--json) was written" in run.text.splitlines()[-1]
+    assert "What each robot" not in run.text
+    assert not report.exists()
+    assert run.left() == []
+
+
+def test_ctrl_c_ends_a_paused_run_with_its_results(start: Callable[..., Run]) -> None:
+    run = start("--duration", "10000", "--secure")
+    run.wait_until_under_way()
+    assert run.ask("pause")[0] == 0
+    os.kill(run.supervisor.pid, signal.SIGINT)
+    assert run.wait() == 130
+    assert "What each robot found out about the payload" in run.text
 
 
 @pytest.mark.parametrize("clock", [(), ("--realtime",)])

@@ -81,17 +81,30 @@ def test_before_the_clock_starts_agents_are_started_again_so_often_only(start: C
 
 
 @pytest.mark.parametrize("part", ["r3", "server"])
-def test_ctrl_c_does_not_wait_for_a_part_that_is_frozen(part: str, start: Callable[..., Run]) -> None:
-    run = start("--duration", "10000")
+@pytest.mark.parametrize("sign", [signal.SIGTERM, signal.SIGINT])
+def test_a_run_that_is_told_to_end_does_not_wait_long_for_a_part_that_is_frozen(
+    part: str, sign: signal.Signals, start: Callable[..., Run], tmp_path: Path
+) -> None:
+    """After Ctrl-C there are the results of the others, unless it is the server."""
+    data = tmp_path / "data.npz"
+    run = start("--duration", "10000", "--save-data", str(data))
     run.wait_until_under_way()
     os.kill(run.pids[part], signal.SIGSTOP)
     time.sleep(3.0)  # its links are full by then
     began = time.monotonic()
-    os.killpg(run.supervisor.pid, signal.SIGINT)
+    os.killpg(run.supervisor.pid, sign)
     assert run.wait() == 130
-    assert time.monotonic() - began < 6.0  # it took more than 10 s
+    assert time.monotonic() - began < (6.0 if sign == signal.SIGTERM else 9.0)  # it took more than 10 s
     assert run.left() == []
     assert "Traceback" not in run.text
+    if sign == signal.SIGTERM:
+        assert "What each robot" not in run.text
+    elif part == "server":
+        assert ": the server does not answer; no data file (--save-data) was written; " in run.text
+    else:
+        assert "killed, because of no answer within 3 s: r3" in run.text
+        assert "What each robot" in run.text
+        assert data.exists()
 
 
 def test_a_report_that_cannot_be_written_does_not_hide_that_the_recording_was_cut(tmp_path: Path) -> None:

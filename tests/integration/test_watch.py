@@ -112,13 +112,13 @@ def test_who_watches_is_patient_with_a_server_that_hangs_for_a_while(
     assert run.wait() == 1
 
 
-@pytest.mark.parametrize("how", ["the run is stopped by Ctrl-C", "the server is killed"])
+@pytest.mark.parametrize("how", ["the run is told to end", "the server is killed"])
 def test_who_watches_a_run_that_breaks_off_is_told_so(how: str, start: Callable[..., Run]) -> None:
     run = start("--duration", "10000")
     run.wait_until_under_way()
     with watching(run) as (watcher, lines):
-        if how == "the run is stopped by Ctrl-C":
-            os.killpg(run.supervisor.pid, signal.SIGINT)
+        if how == "the run is told to end":
+            os.kill(run.supervisor.pid, signal.SIGTERM)
         else:
             os.kill(run.pids["server"], signal.SIGKILL)
         text = lines.read()

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Group, Parameter
 
 from coheft.app.cli import options
-from coheft.app.cli.base import EXIT_CONVERGED, EXIT_NOT_CONVERGED, RUN, app
+from coheft.app.cli.base import EXIT_CONVERGED, EXIT_INTERRUPTED, EXIT_NOT_CONVERGED, RUN, app
 from coheft.app.cli.errors import complain
 from coheft.errors import CoheftError, UsageError
 from coheft.wire.process.log import LogLevel
@@ -60,6 +60,8 @@ def run(
     feedforward: Annotated[bool | None, _SCENARIO] = None,
 ) -> int:
     """Start the physics server and one process per robot, and follow their estimates of the load.
+
+    Ctrl-C ends the run early, with all results so far; a second Ctrl-C ends it at once, without them.
 
     Exit status 0 if every robot converged, none is stale, and no error is larger than four of the robot's own standard
     deviations; otherwise 3.
@@ -156,6 +158,7 @@ def run(
     from coheft.app.outputs import write_outputs
     from coheft.app.results.report import write_report
     from coheft.app.run.broken_off import BrokenOff
+    from coheft.app.run.ctrl_c import FirstCtrlC
     from coheft.app.run.folder import make_run_folder
     from coheft.app.run.launch import launch
     from coheft.app.run_report.series import SeriesFollower
@@ -197,7 +200,7 @@ def run(
 
                 recorder = stack.enter_context(Recorder(record, chosen))
             asked = {"json": json, "report": report, "save_data": save_data, "record": record}
-            broken_off = BrokenOff(asked, folder, recorder)
+            broken_off, ctrl_c = BrokenOff(asked, folder, recorder), FirstCtrlC()
             try:
                 found = launch(
                     plan,
@@ -207,9 +210,10 @@ def run(
                     with_history=history,
                     restarts=restarts,
                     fork_server=None if is_another else fork_server,
+                    ctrl_c=ctrl_c,
                 )
-            except KeyboardInterrupt:
-                raise KeyboardInterrupt(broken_off.sentence()) from None
+            except KeyboardInterrupt as interruption:
+                raise KeyboardInterrupt(broken_off.sentence(str(interruption))) from None
             except CoheftError as error:
                 error.args = (f"{error}{broken_off.after_error()}",)
                 raise
@@ -233,15 +237,18 @@ def run(
                 raise
             if not broken_off.unsaved:
                 _tell(console, "Data", save_data)
-            if viewer is not None and place is not None and viewer.is_there:
+            is_over = viewer is None or ctrl_c.is_pressed  # the view ends with a run that Ctrl-C has ended
+            if viewer is not None and place is not None and viewer.is_there and not is_over:
                 _tell(console, "The view stays until Ctrl-C", place.url)
                 wants_another = viewer.wait_for_another()
-            elif viewer is not None:
+            elif viewer is not None and not is_over:
                 _tell(always, "The view has ended before the run; its log", viewer.log)
         if recorder is not None and not recorder.problem:
             _tell(console, "Recording", record)
         if lost := _lost(broken_off, recorder):
             raise CoheftError("\n".join(lost))
+        if ctrl_c.is_pressed:
+            return EXIT_INTERRUPTED, False
         return EXIT_CONVERGED if found.converged else EXIT_NOT_CONVERGED, wants_another
 
     status, wants_another = once(is_another=False)

@@ -1,4 +1,4 @@
-"""What a user needs to know when Ctrl-C or an error aborts a run: when that was, and which files are missing."""
+"""What a user needs to know when a signal or an error aborts a run: when that was, and which files are missing."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:  # needs an optional package
     from coheft.app.recording.recorder import Recorder
 
 WRITTEN_AT_THE_END = {"json": "report (--json)", "report": "page (--report)", "save_data": "data file (--save-data)"}
-"""Outputs that are written when a run ends by itself, or by 'coheft stop'."""
+"""Outputs that are written when a run ends by itself, by 'coheft stop', or by one Ctrl-C."""
 
 
 class BrokenOff(Follower):
@@ -44,11 +44,14 @@ class BrokenOff(Follower):
         """See ``Follower.end``."""
         self.unsaved = status.unsaved
 
-    def sentence(self) -> str:
-        """Return the message for a run that Ctrl-C aborts now."""
+    def sentence(self, reason: str = "") -> str:
+        """Return the message for a run that is aborted now: by a signal, and for a reason if one Ctrl-C was not enough
+        to end it.
+        """
         with_it = {0: "its report", 1: "it"}.get(len(self._missing()), "them")
-        clauses = [*self._clauses(), f"'coheft stop' ends a run with {with_it}", f"the logs are in {self._logs}"]
-        return f"stopped {self._when}: {'; '.join(clauses)}"
+        advice = f"'coheft stop', or Ctrl-C pressed once, ends a run with {with_it}" if self._time is not None else ""
+        clauses = [reason, *self._clauses(), "" if reason else advice, f"the logs are in {self._logs}"]
+        return f"stopped {self._when}: {'; '.join(filter(None, clauses))}"
 
     def after_error(self) -> str:
         """Return the message that follows an error that aborts the run now, on a separate line; may be empty."""

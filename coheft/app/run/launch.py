@@ -3,7 +3,7 @@
 import select
 import time
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
@@ -12,6 +12,7 @@ from coheft.agents.process.heartbeat import Heartbeat
 from coheft.app.names import few
 from coheft.app.results.record import Record
 from coheft.app.results.report import Report, build_report
+from coheft.app.run.ctrl_c import SENTENCE, FirstCtrlC
 from coheft.app.run.folder import RunFile, announce, announced, has_gone, note_end, noted_end
 from coheft.app.run.follower import Follower
 from coheft.app.run.fork_server import ForkServer
@@ -24,7 +25,7 @@ from coheft.app.terminal.standard_output import check_standard_output
 from coheft.errors import CoheftError, LinkError
 from coheft.wire.messages.requests import RunState, Status, StatusRequest
 from coheft.wire.messages.structs import Problem
-from coheft.wire.process.supervised import BEAT, UNUSABLE
+from coheft.wire.process.supervised import BEAT, STOP, UNUSABLE
 from coheft.wire.transport.planes import SERVER
 
 _POLL = 0.02
@@ -36,6 +37,8 @@ _COMMENT_AFTER = 5.0
 _COMMENT_EVERY = 2.0
 _SILENCE = 2.0
 _STOPPED = 2.0
+_END_SILENCE = 3.0
+"""Time without news after Ctrl-C for which a part may go on [s]."""
 _FINAL_MESSAGES = 1.0
 _WRITING_LIMIT = 120.0  # the server may have a long recording to write before it answers
 _AGENTS_END = 5.0
@@ -50,6 +53,7 @@ def launch(
     with_history: bool = False,
     restarts: int = 0,
     fork_server: ForkServer | None = None,
+    ctrl_c: FirstCtrlC | None = None,
 ) -> Report:
     """Run a plan to its end, and compare the robots' estimates with the truth.
 
@@ -58,10 +62,13 @@ def launch(
     An agent that fails during the run is restarted, up to ``restarts`` times. The server is not, because the simulated
     world ends with it.
 
+    With ``ctrl_c``, the first Ctrl-C after the clock has started ends the run as ``coheft stop`` does.
+
     Raises:
         ProcessError: A process failed, or an agent failed too often; the others have been stopped.
         LinkError: The processes did not find each other.
-        KeyboardInterrupt: The user pressed Ctrl-C.
+        KeyboardInterrupt: The user pressed Ctrl-C; with ``ctrl_c``, before the clock had started or twice, or the
+            server, which is named then, did not react.
     """
     scenario = plan.server.scenario
     fork_server = fork_server or make_fork_server()
@@ -81,7 +88,10 @@ def launch(
             audience = Audience(record, display, followers, is_told_end=False)
             for follower in followers:
                 follower.begin(first)
-            status = _follow(audience, observer, processes, again, is_saving=plan.server.save_data is not None)
+            is_saving = plan.server.save_data is not None
+            with ctrl_c or nullcontext():
+                end = EndByCtrlC(ctrl_c, server.process.stdin, display)
+                status = _follow(audience, observer, processes, again, end, is_saving=is_saving)
             with suppress(CoheftError):  # for instance a full disk, which must not cost the report
                 note_end(folder, status.time)
             for follower in followers:
@@ -166,14 +176,47 @@ def _beating(stdin: IO[bytes]) -> Heartbeat:
     A supervisor that is stopped (Ctrl-Z, SIGSTOP) would miss the rest of its run, and its report would be missing or
     wrong. So the server pauses the run while no heartbeat arrives, and then resumes it.
     """
+    return Heartbeat(lambda: _write(stdin, b"\n"), BEAT)
 
-    def beat() -> None:
-        with suppress(OSError, ValueError):  # the server has ended, or its stdin is closed
-            if select.select([], [stdin], [], 0.0)[1]:  # do not wait for a frozen server, which reads nothing
-                stdin.write(b"\n")
-                stdin.flush()
 
-    return Heartbeat(beat, BEAT)
+def _write(stdin: IO[bytes], line: bytes) -> None:
+    with suppress(OSError, ValueError):  # the server has ended, or its stdin is closed
+        if select.select([], [stdin], [], 0.0)[1]:  # do not wait for a frozen server, which reads nothing
+            stdin.write(line)
+            stdin.flush()
+
+
+@dataclass(frozen=True)
+class EndByCtrlC:
+    """Ends a run after the first Ctrl-C: asks the server, on its stdin, to end it as ``coheft stop`` does."""
+
+    ctrl_c: FirstCtrlC | None
+    stdin: IO[bytes]
+    display: Display
+
+    @property
+    def is_asked(self) -> bool:
+        """Whether there has been a first Ctrl-C."""
+        return self.ctrl_c is not None and self.ctrl_c.is_pressed
+
+    def begins(self) -> bool:
+        """Ask for the end if there has been a first Ctrl-C since the last call; return whether there has."""
+        if self.ctrl_c is None or not self.ctrl_c.take():
+            return False
+        self.display.tell(SENTENCE)
+        _write(self.stdin, STOP)
+        return True
+
+    def kill_frozen(self, observer: Observer, processes: Processes) -> bool:
+        """Kill agents that do not end, and return whether there were any.
+
+        A ``KeyboardInterrupt`` says that the server does not answer either.
+        """
+        if observer.status() is None:
+            raise KeyboardInterrupt("the server does not answer")
+        if frozen := processes.kill_all_but(SERVER):
+            self.display.tell(f"killed, because of no answer within {_END_SILENCE:g} s: {few(frozen)}")
+        return bool(frozen)
 
 
 def _wait_for_start(observer: Observer, again: Restarts, display: Display) -> Status:
@@ -199,15 +242,18 @@ def _wait_for_start(observer: Observer, again: Restarts, display: Display) -> St
 
 
 def _follow(
-    audience: Audience, observer: Observer, processes: Processes, again: Restarts, *, is_saving: bool
+    audience: Audience, observer: Observer, processes: Processes, again: Restarts, end: EndByCtrlC, *, is_saving: bool
 ) -> Status:
     """Process messages until all agents have ended; return the server's final status, or raise a ``LinkError``.
 
     Saving may take long: while the server runs, only Ctrl-C interrupts it. A ``ProcessError`` says that a process has
-    failed, possibly the server after the agents, or that an agent does not end although the run is over.
+    failed, possibly the server after the agents, or that an agent does not end although the run is over. After
+    ``end``, such an agent is killed instead.
     """
-    news = time.monotonic()
+    news, has_killed = time.monotonic(), False
     while not processes.all_done_but(SERVER) or processes.failed:
+        if end.begins():
+            news = time.monotonic()
         again.check()
         looked_at = time.monotonic()
         goes_on = audience.collect(observer)
@@ -215,6 +261,10 @@ def _follow(
             audience.display.note(f"this process was stopped for {gap:.0f} s, and time stood still for most of that")
         if goes_on:
             news = time.monotonic()
+        elif end.is_asked:
+            if time.monotonic() > news + _END_SILENCE:
+                has_killed = end.kill_frozen(observer, processes)
+                break
         elif time.monotonic() > news + _SILENCE:
             status = observer.status()
             if processes.ended(SERVER) or (status is not None and status.state is RunState.FINISHED):
@@ -222,18 +272,22 @@ def _follow(
             elif status is not None:
                 _explain_silence(status, audience.display)
                 news = time.monotonic()  # the next explanation comes a while later
-    processes.check()
+    if not has_killed:
+        processes.check()
     deadline = time.monotonic() + _FINAL_MESSAGES
     while time.monotonic() < deadline and not audience.record.complete:
         audience.collect(observer)
     deadline += _WRITING_LIMIT
-    while (status := observer.status()) is None or status.failure:  # a failed server is about to end
+    while (status := observer.status()) is None or status.failure or status.state is not RunState.FINISHED:
+        end.begins()
         has_ended = processes.ended(SERVER)
-        processes.check()
+        if not has_killed:
+            processes.check()  # a failed server is about to end
         if is_saving and not has_ended:
             audience.display.note("the server is writing the robots' measurements")
         elif has_ended or time.monotonic() > deadline:
-            raise LinkError("the server did not report how the run ended" if status is None else status.failure)
+            failure = "" if status is None else status.failure
+            raise LinkError(failure or "the server did not report how the run ended")
         time.sleep(_POLL)
     return status
 

@@ -156,6 +156,13 @@ class Processes:
                 )
             time.sleep(0.01)
 
+    def kill_all_but(self, name: str) -> list[str]:
+        """Kill every other process that still runs; return their names."""
+        left = [child for child in self._running() if child.name != name]
+        for child in left:
+            child.process.kill()
+        return [child.name for child in left]
+
     def stop(self) -> None:
         """End all processes: close stdin, then send SIGTERM, then SIGKILL."""
         for child in self.children:

@@ -49,6 +49,9 @@ class Display:
     def note(self, text: str) -> None:
         """Show why the run does not continue at present."""
 
+    def tell(self, text: str) -> None:
+        """Show a sentence that stays."""
+
     def update(self, record: Record) -> None:
         """Show the present state of the record."""
 
@@ -91,6 +94,10 @@ class LineDisplay(Display):
         if text != self._note:
             self._print(text)
         self._note = text
+
+    def tell(self, text: str) -> None:
+        """Print a line."""
+        self._print(text)
 
     def update(self, record: Record) -> None:
         """Print a line if one is due, and events: changes of the load, and why estimates are stale."""
@@ -152,6 +159,10 @@ class LiveDisplay(Display):
     def note(self, text: str) -> None:
         """Show a note instead of the table."""
         self._live.update(Text(text), refresh=True)
+
+    def tell(self, text: str) -> None:
+        """Print a line above the table."""
+        self._console.print(text, markup=False, highlight=False)
 
     def update(self, record: Record) -> None:
         """Update the table, unless that was done just before."""

@@ -25,6 +25,9 @@ _STOPPED = 1.5
 """Time without a heartbeat after which the supervisor counts as stopped [s]."""
 _beats: list[float] = []
 """Time of the last heartbeat, as ``time.monotonic()`` [s]; empty if there was none."""
+STOP = b"stop\n"
+"""Line on stdin with which a supervisor asks for the end of the run."""
+_stop_asked = threading.Event()
 COMMENT_AFTER = 5.0
 """Time after which a process logs what it is still waiting for [s]."""
 ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"), "1")
@@ -75,6 +78,11 @@ def is_supervisor_stopped() -> bool:
     return bool(_beats) and time.monotonic() - _beats[0] > _STOPPED
 
 
+def has_supervisor_asked_to_stop() -> bool:
+    """Whether the supervisor has asked for the end of the run."""
+    return _stop_asked.is_set()
+
+
 def _use_batch_scheduling() -> None:
     """Let this process and its threads finish their work before others of the same scheduling class interrupt them.
 
@@ -88,8 +96,10 @@ def _use_batch_scheduling() -> None:
 
 def _exit_with_stdin() -> None:
     """Wait for the end of stdin, then exit at once, because the supervisor is gone."""
-    while os.read(sys.stdin.fileno(), 4096):
+    while lines := os.read(sys.stdin.fileno(), 4096):
         _beats[:] = [time.monotonic()]
+        if STOP in lines:
+            _stop_asked.set()
     with suppress(OSError):
         remove_parts()
     os._exit(0)
