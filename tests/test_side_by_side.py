@@ -19,6 +19,8 @@ from coheft.agents.side_by_side import SideBySide
 from coheft.api.tracks import RobotResult, Track
 from coheft.app.figures import LIGHT as LIGHT_THEME
 from coheft.app.figures import figure_to
+from coheft.app.results.judge import Contradiction
+from coheft.app.results.record import Record
 from coheft.app.results.report import BoundReport
 from coheft.app.run_report.convergence import ALL_SHOWN, curves, draw_convergence
 from coheft.app.run_report.data import write_data
@@ -28,6 +30,7 @@ from coheft.app.study.bounds import with_bound
 from coheft.app.study.samples import simulate, with_exact_sensors
 from coheft.app.study.trial import Moments, run_trial
 from coheft.app.terminal.final_table import headings, print_report, table_rows
+from coheft.app.terminal.screen import LiveDisplay
 from coheft.app.view import words
 from coheft.app.view.model import ViewModel
 from coheft.errors import CoheftError, PluginError, ScenarioError
@@ -39,7 +42,7 @@ from coheft.wire.messages.size import largest_message
 from coheft.wire.messages.structs import EstimateBeside
 from coheft.wire.scenario.file import load_scenario
 from coheft.wire.scenario.schema import LoadChange
-from tests.synthetic_run import HEAVY, LIGHT, estimate, truth
+from tests.synthetic_run import HEAVY, LIGHT, SCENE, estimate, truth
 from tests.test_view_model import STATUS
 
 BOTH = "efficient,fan2017"
@@ -94,6 +97,56 @@ def test_table_and_json_show_both_beside_the_bound(both: coheft.Result) -> None:
     report = msgspec.json.decode(msgspec.json.encode(both.report))
     assert report["beside"]["fan2017"]["robots"]["r1"]["mass"] != report["robots"]["r1"]["mass"]
     assert report["bound"].keys() == report["robots"].keys()
+
+
+@pytest.mark.parametrize("is_terminal", [False, True])
+@pytest.mark.parametrize("ratio", [None, 57.2])
+def test_the_table_of_both_is_stacked_in_80_columns(
+    both: coheft.Result, ratio: float | None, *, is_terminal: bool
+) -> None:
+    """Even with the ratio that follows the std of an error that is too large."""
+    report = both.report
+    if ratio is not None:
+        robots = {
+            name: msgspec.structs.replace(robot, contradictions=[Contradiction("centre of mass", ratio)])
+            for name, robot in report.robots.items()
+        }
+        report = msgspec.structs.replace(report, robots=robots)
+    printed = StringIO()
+    console = Console(width=80, file=printed, force_terminal=is_terminal, color_system=None)
+    print_report(console, report, folder=Path())
+    lines = printed.getvalue().splitlines()
+    assert max(map(len, lines)) <= 80
+    headings, mass, *beside = [line.split() for line in lines[2:13]]
+    assert headings == ["robot", "quantity", "truth", "/", "estimate", "error", "own", "std", "bound"]
+    assert mass[:4] == ["r1", "mass,", "kg", "5.000"]
+    assert [cells[0] for cells in beside] == [
+        *BOTH.split(","),
+        "centre",
+        *BOTH.split(","),
+        "inertia,",
+        *BOTH.split(","),
+        "r2",
+    ]
+    assert ("(57.2×)" in beside[3]) == (ratio is not None)
+
+
+def test_the_table_of_a_run_in_progress_has_a_line_for_each_in_80_columns() -> None:
+    console = Console(width=80, height=24, file=StringIO(), force_terminal=True, color_system=None)
+    record = Record(SCENE, 20.0, BOTH)
+    record.receive(truth(9, HEAVY))
+    for name in SCENE.robots:
+        own = msgspec.structs.replace(estimate(name, 9, HEAVY), estimator="efficient")
+        record.receive(own)
+        record.receive(EstimateBeside(msgspec.structs.replace(own, estimator="fan2017")))
+    with LiveDisplay(console) as display:
+        display.begin(msgspec.structs.replace(STATUS, estimator=BOTH))
+        display.update(record)
+    assert isinstance(console.file, StringIO)
+    text = console.file.getvalue()
+    assert "robots, estimators efficient and fan2017, side by side\n" in text
+    assert "r1         converged" in text
+    assert "r1 fan2017 converged" in text
 
 
 def test_bounds_have_the_digits_of_std(both: coheft.Result) -> None:

@@ -1,6 +1,6 @@
 """The table and the sentences printed at the end of a run."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -16,10 +16,11 @@ from coheft.app.results.states import LACKS, State
 from coheft.app.terminal.carry_table import print_carry
 from coheft.app.terminal.digits import decimals_for, error_and_std, significant
 from coheft.app.terminal.sensor_sentences import sensor_sentences
-from coheft.app.terminal.wide_table import bare_table, print_table
+from coheft.app.terminal.wide_table import bare_table, full_width, needed_width, print_table
 from coheft.estimation.geometry.spatial import Array
 
 _HEADINGS = ("robot", "quantity", "truth", "estimate", "error", "own std")
+_STACKED_HEADINGS = ("robot", "quantity", "truth / estimate", "error", "own std")
 LEGEND = (
     "Centre of mass: x y z in the robot's grasp frame. Inertia: principal moments.",
     "Own std: the standard deviation that the robot itself reports, in the unit of "
@@ -39,7 +40,7 @@ RECOVERED = "Recovered: mass within 3 %, centre of mass within 20 mm at every ro
 def print_report(console: Console, report: Report, folder: Path) -> None:
     """Print the final table and the sentences that complete it."""
     console.print()
-    print_table(console, _final_table(report))
+    print_table(console, _final_table(console, report))
     for line in legend(report):
         console.print(line, style="dim", highlight=False)
     if report.carry is not None:
@@ -50,17 +51,37 @@ def print_report(console: Console, report: Report, folder: Path) -> None:
     console.print(f"Logs of all processes: {folder}", markup=False, highlight=False, soft_wrap=True)
 
 
-def _final_table(report: Report) -> Table:
-    run = f"{report.duration_s:.1f} s, {', '.join(report.by_estimator)}"
+def _final_table(console: Console, report: Report) -> Table:
+    """Return the table; that of several estimators is stacked if it would not fit into the window otherwise."""
+    time = f"{report.duration_s:.1f} s"
+    table = _table(f"{time}, {', '.join(report.by_estimator)}", headings(report), table_rows(report))
+    if not report.beside or full_width(console, table) <= console.width:
+        return table
+    rows = {name: list(_stacked(rows, has_bound=report.bound is not None)) for name, rows in table_rows(report).items()}
+    stacked = _table(time, (*_STACKED_HEADINGS, *(("bound",) if report.bound else ())), rows)
+    return stacked if needed_width(console, stacked) <= console.width else table
+
+
+def _table(run: str, columns: Iterable[str], rows_of: Mapping[str, list[tuple[str, ...]]]) -> Table:
     table = bare_table(f"What each robot found out about the payload ({run})", gap=1)
-    for heading in headings(report):
+    for heading in columns:
         is_text = heading in TEXT_HEADINGS
         table.add_column(heading, justify="left" if is_text else "right", no_wrap=not is_text)
-    for name, rows in table_rows(report).items():
+    for name, rows in rows_of.items():
         for row in rows:
             table.add_row(name, *row)
             name = ""
     return table
+
+
+def _stacked(rows: Iterable[tuple[str, ...]], *, has_bound: bool) -> Iterator[tuple[str, ...]]:
+    """Yield the rows of several estimators with fewer columns: for each quantity one with its truth and bound, then one
+    for each estimator.
+    """
+    for quantity, truth, estimator, estimate, error, std, *bound in rows:
+        if quantity:
+            yield quantity, truth, "", "", *bound
+        yield f"  {estimator}", estimate, error, std, *([""] if has_bound else [])
 
 
 def headings(report: Report) -> tuple[str, ...]:

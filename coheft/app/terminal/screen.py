@@ -183,9 +183,11 @@ class LiveDisplay(Display):
 
 
 def _first_line(status: Status) -> str:
-    robots = len(status.scene.robots)
-    estimators = " and ".join(_ESTIMATORS.get(name, name) for name in estimator_names(status.estimator))
-    return f"{status.scenario}: {robots} robots, estimator {estimators}"
+    robots, names = len(status.scene.robots), estimator_names(status.estimator)
+    used = f"estimator {_ESTIMATORS.get(names[0], names[0])}"
+    if len(names) > 1:
+        used = f"estimators {', '.join(names[:-1])} and {names[-1]}, side by side"
+    return f"{status.scenario}: {robots} robots, {used}"
 
 
 def _reports(record: Record) -> dict[str, RobotReport]:
@@ -251,6 +253,8 @@ def _picture(console: Console, record: Record, truth: Truth) -> RenderableType:
         reasons[most - 1 :] = [Text(f"and {len(reasons) - most + 1} more reasons", "yellow")]
     shown, others = _worst(reports, room - len(reasons))
     table = _live_table(shown)
+    if needed_width(console, table) > console.width:
+        table = _live_table(shown, gap=1)
     if lines >= console.height or needed_width(console, table) > console.width:
         return Text(_summary_line(record))
     return Group(_progress(record, truth), table, *others, *reasons)
@@ -281,8 +285,8 @@ def _progress(record: Record, truth: Truth) -> Table:
     return row
 
 
-def _live_table(reports: dict[str, RobotReport]) -> Table:
-    table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
+def _live_table(reports: dict[str, RobotReport], gap: int = 2) -> Table:
+    table = Table(box=None, padding=(0, gap, 0, 0), header_style="bold")
     table.add_column("robot", no_wrap=True)
     table.add_column("state", min_width=18, no_wrap=True)
     table.add_column("mass", justify="right", min_width=19, no_wrap=True)

@@ -41,8 +41,12 @@ def print_table(console: Console, table: Table) -> None:
 
 def needed_width(console: Console, table: Table) -> int:
     """Return the smallest width of a window for a table."""
-    everything = Measurement.get(console, console.options.update(width=_ANY), table).maximum
-    return everything - sum(_widths(console, column).span for column in table.columns)
+    return full_width(console, table) - sum(_widths(console, column).span for column in table.columns)
+
+
+def full_width(console: Console, table: Table) -> int:
+    """Return the smallest width of a window for a table in which no cell wraps."""
+    return Measurement.get(console, console.options.update(width=_ANY), table).maximum
 
 
 def _widths(console: Console, column: Column) -> Measurement:
