@@ -38,6 +38,8 @@ class LoadChangeReport(msgspec.Struct, frozen=True):
         recovered_at_s: Time from which every robot's mass was within 3 % and centre of mass within 20 mm, for 1 s or
             until it restarted, or the next change or the end came [s]; None if there is none.
         before_change: Each robot's estimate just before.
+        noticed_at_s: When each robot first noticed a change, between this one and the next [s]; a robot that did not is
+            missing.
     """
 
     at_s: float
@@ -46,6 +48,7 @@ class LoadChangeReport(msgspec.Struct, frozen=True):
     detected_at_s: float | None
     recovered_at_s: float | None
     before_change: dict[str, RobotReport]
+    noticed_at_s: dict[str, float] = {}
 
 
 class ConsensusReport(msgspec.Struct, frozen=True):
@@ -223,6 +226,7 @@ def _load_change(period: LoadPeriod, names: Sequence[str]) -> LoadChangeReport:
         detected_at_s=_last_of([period.noticed.get(name) for name in names]),
         recovered_at_s=_last_of([period.recovered.get(name) for name in names]),
         before_change={name: before for name in names if (before := period.believed_before(name)) is not None},
+        noticed_at_s={name: period.noticed[name] for name in names if name in period.noticed},
     )
 
 

@@ -10,11 +10,12 @@ from rich.table import Table
 from coheft.app.names import few
 from coheft.app.results.errors import MOST_STDS
 from coheft.app.results.judge import RobotReport, Verdict, why_stale
-from coheft.app.results.report import LoadChangeReport, Report
+from coheft.app.results.report import Report
 from coheft.app.results.slips import SlipReport
 from coheft.app.results.states import LACKS, State
 from coheft.app.terminal.carry_table import print_carry
 from coheft.app.terminal.digits import decimals_for, error_and_std, significant
+from coheft.app.terminal.load_sentences import load_change_sentences
 from coheft.app.terminal.sensor_sentences import sensor_sentences
 from coheft.app.terminal.wide_table import bare_table, full_width, needed_width, print_table
 from coheft.estimation.geometry.spatial import Array
@@ -171,8 +172,7 @@ def _numbers(values: Array, decimals: int = 0) -> str:
 
 def sentences(report: Report) -> Iterator[str]:
     """Yield the sentences that complete the table."""
-    changes = report.load_changes
-    yield from _most([_load_change_sentence(change, is_last=change is changes[-1]) for change in changes])
+    yield from _most(load_change_sentences(report.load_changes))
     yield from _most([_slip_sentence(slip) for slip in report.slips])
     restarts = [(change.since_s, change.estimator) for change in report.estimator_changes]
     yield from _most([f"At {at:g} s all robots restarted with the estimator {name}." for at, name in restarts])
@@ -196,24 +196,6 @@ def sentences(report: Report) -> Iterator[str]:
             f"{'Once' if late == 1 else f'{late:,} times'} a robot answered too late: this machine was too slow for "
             f"real time. Leave out --realtime, or raise 'lookahead' or 'sensors.block' in the scenario."
         )
-
-
-def _load_change_sentence(change: LoadChangeReport, *, is_last: bool) -> str:
-    def when(first: str, verb: str, moment: float | None) -> str:
-        return f"{first} {verb} after {moment - change.at_s:.1f} s" if moment is not None else f"Not all {verb}"
-
-    noticed = when("The last robot", "noticed", change.detected_at_s)
-    if change.detected_at_s is None and all(robot.mass.estimate is None for robot in change.before_change.values()):
-        noticed = "No robot knew the load yet, so there was nothing to notice"
-    recovered = when("All", "recovered", change.recovered_at_s)
-    if change.recovered_at_s is None and not is_last:
-        recovered = "The load changed again before all recovered"
-    before = next((robot.mass.truth for robot in change.before_change.values()), None)
-    start = f"from {before:.2f} kg " if before is not None else ""
-    leak = f", leaking {change.leak_kg_s:g} kg/s" if change.leak_kg_s > 0.0 else ""
-    return (
-        f"At {change.at_s:g} s the payload changed {start}to {change.truth.mass:.2f} kg{leak}. {noticed}. {recovered}."
-    )
 
 
 def _slip_sentence(slip: SlipReport) -> str:
