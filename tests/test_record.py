@@ -91,6 +91,20 @@ def test_estimators_change_once_though_what_was_said_before_comes_later() -> Non
     assert "At 0.14 s all robots restarted with the estimator efficient." in sentences(report)
 
 
+def test_with_another_estimator_robots_have_to_converge_anew() -> None:
+    record = Record(SCENE, duration=1.0)
+    said = [("fan2017", False), ("fan2017", True), ("efficient", False), ("efficient", False), ("efficient", True)]
+    found = []
+    for block, (estimator, is_converged) in enumerate(said):
+        record.receive(truth(block, LIGHT))
+        belief = estimate("r1", block, LIGHT, converged=is_converged)
+        record.receive(msgspec.structs.replace(belief, estimator=estimator))
+        report = record.robots["r1"].report
+        assert report is not None
+        found.append(report.converged_at_s)
+    assert found == [None, pytest.approx(2 * BLOCK), None, None, pytest.approx(5 * BLOCK)]
+
+
 def test_who_falls_silent_is_stale() -> None:
     record = Record(SCENE, duration=10.0)
     for block in range(300):

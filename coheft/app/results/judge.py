@@ -91,7 +91,7 @@ class RobotReport(msgspec.Struct, frozen=True):
 
     Attributes:
         poses: Errors of the neighbours' grasp poses; empty while the robot is still finding them.
-        converged_at_s: When it first did [s]; None if never.
+        converged_at_s: When it first did with its present estimator [s]; None if never.
         not_observable: Parameters that it reports as not observable from the motion so far.
         status: The status that it reports: ``starting``, ``valid``, or ``stale`` if the estimate may have become
             invalid.

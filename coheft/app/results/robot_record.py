@@ -82,6 +82,8 @@ class RobotRecord:
     def compare(self, estimate: Estimate) -> None:
         """Add the next estimate, whose truth has arrived."""
         self._follow_load(estimate)
+        if self._last is not None and estimate.estimator != self._last.estimator:
+            self._converged_at = None  # it has discarded all that it knew
         self.compared += 1
         self._last = estimate
         if estimate.is_converged and self._converged_at is None:
