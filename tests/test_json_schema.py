@@ -42,6 +42,13 @@ def test_what_is_wrong_is_found(wrong: dict[str, Any]) -> None:
     assert errors(table | wrong)
 
 
+def test_a_tolerance_is_said_to_be_one_standard_deviation_at_once() -> None:
+    schema = scenario_schema()["$defs"]
+    texts = [schema["SensorTolerance"]["description"]]
+    texts += [schema[section]["properties"]["tolerance"]["description"] for section in ("Sensors", "OtherSensors")]
+    assert all(text.startswith("One standard deviation of each ") for text in texts), texts
+
+
 def test_every_key_is_explained(capfd: pytest.CaptureFixture[str]) -> None:
     assert run_command_line(["schema"]) == 0
     schema = json.loads(capfd.readouterr().out)

@@ -19,7 +19,8 @@ def test_shipped_scenarios_mean_what_they_say(name: str) -> None:
     [
         (
             ["sensors.errors={force_offset=2.0}"],
-            "'sensors.errors' has force_offset = 2 (tolerance 0): sensors are further off than 'sensors.tolerance",
+            "'sensors.errors' has force_offset = 2 (tolerance 0): sensors are further off than 'sensors.tolerance', "
+            "one standard deviation of each error, tells the robots",
         ),
         (
             ["sensors.errors={force_offset=2.0}", "sensors.tolerance={force_offset=1.0}"],

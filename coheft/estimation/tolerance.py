@@ -1,4 +1,4 @@
-"""Tolerances of a robot's sensors: standard deviations of errors that are constant during a run, as in a data sheet.
+"""Tolerances of a robot's sensors: one standard deviation of each error that is constant during a run.
 
 The model is ``measured(t) = (1 + gain + scale + cross-talk) R(mounting) exact(t - delay) + offset + noise`` for each
 sensor of three axes, where ``exact`` is the true quantity at the sensor's place. The grasp frame is the frame of the
@@ -51,7 +51,8 @@ class Proportional(NamedTuple):
 
 
 class SensorTolerance(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Standard deviations of constant errors, which differ from robot to robot.
+    """One standard deviation of each constant error, not a limit: one in 20 errors is more than twice as large. Errors
+    differ from robot to robot.
 
     Attributes:
         gyro_offset: Offset of the angular velocity, each axis [rad/s].

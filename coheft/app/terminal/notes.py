@@ -30,9 +30,9 @@ def notes(scenario: Scenario) -> Iterator[str]:
         if larger:
             found = [f"{key} = {true[key]:g} (tolerance {declared[key]:g})" for key in larger]
             yield (
-                f"'sensors.errors' has {few(found, _MOST_NAMED)}: sensors are further off than 'sensors.tolerance' "
-                f"tells the robots, so their own std will be too small. Give both the same values, or leave out "
-                f"'errors'"
+                f"'sensors.errors' has {few(found, _MOST_NAMED)}: sensors are further off than 'sensors.tolerance', "
+                f"one standard deviation of each error, tells the robots, so their own std will be too small. Give "
+                f"both the same values, or leave out 'errors'"
             )
         if sensors.drift.is_any:
             yield (

@@ -14,7 +14,7 @@ from coheft.wire.scenario.section import NAME_IN_WORDS
 from coheft.wire.scenario.toml_value import as_toml
 
 _RENAMED = {
-    "efficient.offsets": "robots know the tolerances of their sensors; 'offsets = true' is the same as "
+    "efficient.offsets": "robots know one standard deviation of each sensor error; 'offsets = true' is the same as "
     "sensors.tolerance = { force_offset = 1.2, torque_offset = 0.06 }",
     "sensors.offset": "errors are drawn with standard deviations; a largest one of 2 N is about the same as "
     "sensors.errors = { force_offset = 1.2 }",

@@ -52,7 +52,8 @@ class OtherSensors(Section, frozen=True):
         robot: Name of the robot.
         noise: Standard deviations per sample, a whole table: keys that are left out have their defaults.
         noise_scale: Factor for its noise, beside ``sensors.noise_scale``.
-        tolerance: Tolerances of its sensor errors, a whole data sheet: keys that are left out are exact.
+        tolerance: One standard deviation of each of its sensor errors, a whole data sheet: keys that are left out are
+            exact.
         missing: What it does not measure, one of these or a list of several; ``wrench`` is force and torque. By default
             nothing. What is then not known: see docs/sensors.md.
     """

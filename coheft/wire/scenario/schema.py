@@ -129,8 +129,8 @@ class Sensors(Section, frozen=True):
         noise: Standard deviations per sample; times ``noise_scale`` at least a thousandth of the default.
         noise_scale: Factor for all of ``noise``. Must not be 0, because estimators weight samples by their noise.
         noise_correlation: Correlation time of the noise [s]; 0 for white noise.
-        tolerance: Tolerances of sensor errors, known to the robots, who estimate all errors whose tolerance is not 0.
-            By default those of a good industrial arm; ``{}`` means exact sensors.
+        tolerance: One standard deviation of each sensor error, not a limit. The robots know it, and estimate all errors
+            for which it is not 0. By default those of a good industrial arm; ``{}`` means exact sensors.
         drift: How far constant errors drift within a minute, known to the robots.
         errors: True errors: ``drawn`` from the tolerance and the drift, ``none``, or drawn from other standard
             deviations, which the robots do not know; then they do not drift.
