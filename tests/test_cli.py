@@ -119,6 +119,7 @@ def test_a_shorter_run_may_end_before_the_load_changes_of_its_scenario_come(ring
         (["run", "ring6", "--json", "report.json", "--write-configs", "folder"], "--json"),
         (["run", "ring6", "--hosts", "hosts.toml"], "--write-configs"),
         (["inject", "--mass", "3"], "--at"),
+        (["stop", "--list", "--run", "mine"], "leave out --run"),
     ],
 )
 def test_wrong_usage_exits_with_2_and_says_why(

@@ -21,6 +21,7 @@ from coheft.app.run.folder import (
     note_end,
     noted_end,
     runs_folder,
+    runs_in_progress,
     split_endpoint,
 )
 from coheft.errors import CoheftError
@@ -155,6 +156,7 @@ def test_whoever_names_no_run_hears_that_there_are_others(endpoint: str, capsys:
             assert capsys.readouterr().err == expected
             with pytest.raises(CoheftError, match=f"2 runs are in progress.*--run DIR.*{new.name}.*{old.name}"):
                 find_run(acts=True)
+            assert [place for place, _ in runs_in_progress()] == [new, old]
             assert find_run(old, acts=True).run == find_run(old).run == "coheft-0"
             assert find_run(Path(old.name)).run == "coheft-0"
             assert capsys.readouterr().err == ""

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from coheft.app.cli.main import run_command_line
 from coheft.app.run.folder import RUN_FILE
 from coheft.app.run.observer import ask_run
 from coheft.wire.messages.requests import StatusRequest
@@ -60,6 +61,32 @@ def test_an_operator_can_pause_a_run_whose_supervisor_goes_on_again(start: Calla
     assert run.ask("resume")[0] == 0
     assert run.ask("stop")[0] == 0
     assert run.wait() in (0, 3), run.text
+
+
+@pytest.mark.usefixtures("own_state_folder")
+def test_runs_in_progress_are_listed_and_none_is_stopped(
+    start: Callable[..., Run], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run_command_line(["stop", "--list"]) == 0
+    assert capsys.readouterr().out == "no run is in progress\n"
+    runs = [start("--duration", "9000"), start("--duration", "10000")]
+    for run in runs:
+        run.wait_until_under_way()
+    assert runs[0].ask("pause")[0] == 0
+    assert run_command_line(["stop", "--list"]) == 0
+    printed = capsys.readouterr().out
+    title, _, newest, oldest, advice, _ = printed.splitlines()
+    assert title.strip() == "Runs in progress"
+    assert newest.split()[1] == oldest.split()[1] == "ring3"
+    assert "of 10000 s" in newest
+    assert "of 9000 s, paused" in oldest
+    assert advice == "To end one: coheft stop --run RUN"
+    assert max(map(len, printed.splitlines()[:5])) <= 80
+    assert run_command_line(["stop", "--run", oldest.split()[0]]) == 0
+    assert runs[0].wait() in (0, 3)
+    assert runs[1].supervisor.poll() is None
+    assert runs[1].ask("stop")[0] == 0
+    assert runs[1].wait() in (0, 3)
 
 
 def test_agents_that_are_killed_before_the_clock_starts_are_started_again(start: Callable[..., Run]) -> None:

@@ -1,6 +1,7 @@
 """Commands for a run in progress."""
 
 from pathlib import Path
+from time import localtime, strftime
 from typing import Annotated
 
 from cyclopts import Parameter
@@ -8,7 +9,7 @@ from cyclopts.validators import Number
 
 from coheft.app.cli import options
 from coheft.app.cli.base import CONTROL, app
-from coheft.errors import UsageError
+from coheft.errors import CoheftError, UsageError
 
 Robot = Annotated[str, Parameter(help="A robot, for instance r1.")]
 Share = Annotated[float, Parameter(validator=Number(gte=0, lte=1))]
@@ -112,8 +113,17 @@ def _set_paused(folder: Path | None, *, paused: bool) -> float:
 
 
 @app.command(group=CONTROL)
-def stop(*, run: options.RunFolder = None) -> None:
-    """End a run now; the terminal that started it shows its report."""
+def stop(*, list: options.Flag = False, run: options.RunFolder = None) -> None:
+    """End a run now; the terminal that started it shows its report.
+
+    Args:
+        list: End none, but list your runs in progress.
+    """
+    if list:
+        if run is not None:
+            raise UsageError("--list lists all your runs in progress: leave out --run")
+        _list_runs()
+        return
     from coheft.app.run.folder import locate_run
     from coheft.app.run.observer import ask_server
     from coheft.wire.messages.requests import StopRequest
@@ -121,6 +131,37 @@ def stop(*, run: options.RunFolder = None) -> None:
     folder, run_file = locate_run(run, acts=True)
     status = ask_server(run_file, StopRequest())
     print(f"stopped {status.scenario} ({folder}) at {status.time:.2f} s")
+
+
+def _list_runs() -> None:
+    from rich.console import Console
+
+    from coheft.app.run.folder import runs_folder, runs_in_progress
+    from coheft.app.run.observer import ask_server
+    from coheft.app.terminal.digits import seconds_of
+    from coheft.app.terminal.wide_table import bare_table, print_table
+    from coheft.wire.messages.requests import RunState, StatusRequest
+
+    found = runs_in_progress()
+    if not found:
+        print("no run is in progress")
+        return
+    table = bare_table("Runs in progress", gap=1)
+    for heading in ("run", "scenario", "since", "simulated"):
+        table.add_column(heading, no_wrap=True)
+    for place, run_file in found:
+        since = strftime("%m-%d %H:%M", localtime(run_file.began))
+        try:
+            status = ask_server(run_file, StatusRequest())
+        except CoheftError:
+            table.add_row(place.name, "", since, "does not answer")
+            continue
+        paused = ", paused" * (status.state is RunState.PAUSED)
+        table.add_row(place.name, status.scenario, since, f"{seconds_of(status.time, status.duration)}{paused}")
+    console = Console()
+    print_table(console, table)
+    for line in ("To end one: coheft stop --run RUN", f"Their folders are in {runs_folder()}"):
+        console.print(line, markup=False, highlight=False, soft_wrap=True)
 
 
 @app.command(group=CONTROL)

@@ -151,13 +151,12 @@ def locate_run(folder: Path | None, *, acts: bool = False) -> tuple[Path, RunFil
             expected = ": expected the folder of a run, or, for 'coheft view', a recording that ends with .mcap"
             raise CoheftError(f"no run is in progress in {folder}{expected if folder.is_file() else ''}")
         return folder, run_file
-    places = [path.parent for path in runs_folder().glob(f"*/{RUN_FILE}")]
-    found = [(place, run_file) for place in places if (run_file := _running(place)) is not None]
+    found = runs_in_progress()
     if not found:
         raise CoheftError(
             "no run is in progress; start one with 'coheft run', or name the folder of another run: --run DIR"
         )
-    newest, *others = sorted(found, key=lambda each: each[1].began, reverse=True)
+    newest, *others = found
     if others:
         names = ", ".join(place.name for place, _ in others)
         if acts:
@@ -170,6 +169,13 @@ def locate_run(folder: Path | None, *, acts: bool = False) -> tuple[Path, RunFil
             file=sys.stderr,
         )
     return newest
+
+
+def runs_in_progress() -> list[tuple[Path, RunFile]]:
+    """Return the folders among this user's runs whose runs are in progress, the newest first."""
+    places = [path.parent for path in runs_folder().glob(f"*/{RUN_FILE}")]
+    found = [(place, run_file) for place in places if (run_file := _running(place)) is not None]
+    return sorted(found, key=lambda each: each[1].began, reverse=True)
 
 
 def _running(folder: Path) -> RunFile | None:
