@@ -291,6 +291,17 @@ def test_a_run_with_a_view_goes_on_until_it_is_stopped(tmp_path):
     assert "too late" not in output.read_text(), "no robot is late where time waits for it"
 
 
+def test_ctrl_c_during_a_run_ends_its_view_too_and_the_results_are_there(tmp_path):
+    folder, output, report = tmp_path / "run", tmp_path / "out", tmp_path / "report.json"
+    with command(output, "run", "ring3", "--view", "--no-wait", "--json", str(report), "--logs", str(folder)) as run:
+        wait_for(lambda: goes_on(folder) and status(folder).block >= 25, "every robot to have said something")
+        run.send_signal(signal.SIGINT)
+        assert run.wait(PATIENCE) == 130, output.read_text()
+    assert report.is_file()
+    assert "What each robot found out" in output.read_text()
+    assert "The view stays" not in output.read_text()
+
+
 def test_a_hostile_page_gets_nothing(tmp_path, browser):
     folder, arguments = tmp_path / "run", ("--duration", "1000", "--change", "t=999,mass=1", "--secure")
     with viewed_run(folder, *arguments) as url, hostile_site() as site:
