@@ -40,7 +40,9 @@ def test_sums_are_extrapolated_where_little_is_left_then(rounds: int, extrapolat
     assert (found.extrapolation.left < 0.1) == is_worth
 
 
-@pytest.mark.parametrize(("robots", "rounds", "is_known"), [(6, 1, False), (6, 2, False), (6, 4, True), (4, 16, True)])
+@pytest.mark.parametrize(
+    ("robots", "rounds", "is_known"), [(6, 2, False), (6, 4, True), (4, 16, True), (12, 8, False), (12, 16, True)]
+)
 def test_after_few_rounds_the_lag_is_unknown(robots: int, rounds: int, is_known: bool) -> None:
     """In a ring of four extrapolation removes nothing at any number of rounds, but 16 leave nothing to be removed."""
     team = names(robots)
