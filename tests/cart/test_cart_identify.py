@@ -55,8 +55,8 @@ def write_csv(path: Path, arrays: dict[str, Array]) -> Path:
     return path
 
 
-def without_plan() -> dict[str, Array]:
-    return {name: array for name, array in driven().items() if name != "planned"}
+def without_plan(seconds: float = 16.0) -> dict[str, Array]:
+    return {name: array[: round(seconds * RATE)] for name, array in driven().items() if name != "planned"}
 
 
 def of_point(arrays: dict[str, Array], ahead: float) -> dict[str, Array]:
@@ -88,7 +88,7 @@ def test_a_cart_is_found_in_a_recording(suffix: str, tmp_path: Path) -> None:
 
 
 def test_noise_that_is_larger_than_was_said_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = write_csv(tmp_path / "cart.csv", {name: array[: 5 * RATE] for name, array in without_plan().items()})
+    path = write_csv(tmp_path / "cart.csv", without_plan(5.0))
     hand = ["--hand", str(HAND[0]), str(HAND[1])]
     assert run_command_line(["cart", "identify", str(path), *hand, "--noise", "0.001"]) == 3
     assert "velocity is 5." in capsys.readouterr().out
@@ -147,7 +147,7 @@ def test_what_fits_with_another_meaning_is_told(
 ) -> None:
     """Whether the filter survives the wrong meaning does not matter."""
     assert callable(change)
-    arrays = without_plan()
+    arrays = without_plan(8.0)
     path = write_csv(tmp_path / "cart.csv", {**arrays, "push": change(arrays["push"])})
     hand = ["--hand", str(HAND[0]), str(HAND[1])]
     assert run_command_line(["cart", "identify", str(path), *hand]) in (EXIT_ERROR, EXIT_NOT_CONVERGED)
@@ -162,7 +162,7 @@ def test_what_fits_with_another_meaning_is_told(
 
 def test_where_no_meaning_fits_it_is_said_what_to_check(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The hand is said to be 10 cm beside where it is, which is no common mistake."""
-    path = write_csv(tmp_path / "cart.csv", without_plan())
+    path = write_csv(tmp_path / "cart.csv", without_plan(8.0))
     hand = ["--hand", str(HAND[0]), str(HAND[1] - 0.1)]
     assert run_command_line(["cart", "identify", str(path), *hand]) == EXIT_NOT_CONVERGED
     out = " ".join(capsys.readouterr().out.split())

@@ -82,7 +82,7 @@ def test_friction_that_is_guessed_wrong_by_a_factor_of_two_costs_little() -> Non
 
 
 def test_on_a_straight_line_it_says_what_it_cannot_know() -> None:
-    straight, curves = run(1, 1, 13.0).estimates["p1"][-1], run(5, 1, 13.0).estimates["p1"][-1]
+    straight, curves = run(1, 1, 6.0).estimates["p1"][-1], run(5, 1, 13.0).estimates["p1"][-1]
     assert "drive a curve" in straight.not_known["d_x"]
     assert not {"mass", "d_y"} & straight.not_known.keys()
     assert not curves.not_known
@@ -187,7 +187,7 @@ def claims_within(found: CartRun, deviations: float) -> bool:
     return True
 
 
-@pytest.mark.parametrize("share", [0.9, 2.0])
+@pytest.mark.parametrize("share", [0.9, pytest.param(2.0, marks=pytest.mark.slow)])
 def test_friction_of_turning_is_found_beside_that_of_moving(share: float) -> None:
     """With one number for both, a share of 0.9 cost 11 kg and twelve jumps, and was taken for ``d_x``."""
     found = run_in_process(structs.replace(table_one(5, turning_friction=share), duration=12.0))
@@ -236,7 +236,7 @@ def run_alone(
     return found
 
 
-@pytest.mark.parametrize("factor", [4.0, 10.0])
+@pytest.mark.parametrize("factor", [pytest.param(4.0, marks=pytest.mark.slow), 10.0])
 def test_noise_that_rises_suddenly_is_not_taken_for_many_changes(factor: float) -> None:
     """The first noisy samples look like another cart; with an alarm at each of them, the filter diverged."""
     scenario, rng = structs.replace(table_one(5, seed=2), duration=11.0), np.random.default_rng(2)
