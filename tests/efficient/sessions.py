@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
+from functools import cache
+
 import numpy as np
 
 from coheft.agents.efficient.session import Session
@@ -42,6 +45,19 @@ def fed(rows: Array, guards: Guards | None = None) -> Session:
     for number, row in enumerate(rows):
         found.take(number, row)
     return found
+
+
+@cache
+def _first_rows_taken() -> Session:
+    return fed(made_up_rows(BEFORE))
+
+
+def before() -> Session:
+    """A session that has taken the first rows; these are fitted once for all tests.
+
+    A test that replaces parts of sessions which matter for these rows feeds its own one.
+    """
+    return deepcopy(_first_rows_taken())
 
 
 def is_valid(found: Session) -> bool:

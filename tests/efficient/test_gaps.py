@@ -18,7 +18,7 @@ from coheft.estimation.moments.rows import ROW_SIZE, V
 from coheft.estimation.moments.unknowns import THETA
 from coheft.estimation.rigid_body.mass_properties import Inertia, point_mass
 from tests.efficient.rows import LOAD, PERIOD, POSES, made_up_rows
-from tests.efficient.sessions import AFTER, BEFORE, fed, is_valid, largest_error, session, slipped_poses
+from tests.efficient.sessions import AFTER, BEFORE, before, fed, is_valid, largest_error, session, slipped_poses
 
 GAP = 40
 HEAVIER: Array = Inertia(10.0, np.array([-0.3, -0.2, 0.02]), np.diag([0.7, 0.9, 1.2])).barycentric()
@@ -31,9 +31,8 @@ def over_a_gap(
     """Return a session after a gap from which on there are this load and these poses; and the numbers of the rows at
     which it was valid since, with its largest errors in its own standard deviations.
     """
-    found, first, history = session(guards), BEFORE + GAP, list[tuple[int, float]]()
-    for number, row in enumerate(made_up_rows(BEFORE)):
-        found.take(number, row)
+    found = before() if guards is None else fed(made_up_rows(BEFORE), guards)
+    first, history = BEFORE + GAP, list[tuple[int, float]]()
     for number, row in enumerate(made_up_rows(after, load, first, poses=poses), first):
         found.take(number, row)
         if is_valid(found):
@@ -88,29 +87,29 @@ def mass_error(found: Session, more: float, poses: tuple[Pose, ...] = POSES) -> 
 
 def team_after_a_gap() -> Session:
     """A session of another team, which begins after the gap."""
-    former = fed(made_up_rows(BEFORE))
+    former = before()
     prior = former.hand_over(GAP * PERIOD)
     assert prior is not None
     assert prior.is_after_gap
     return Session(len(POSES), 0, former.settings, Guards(), prior)
 
 
-@pytest.mark.parametrize("begin", [lambda: fed(made_up_rows(BEFORE)), team_after_a_gap], ids=["same", "another"])
+@pytest.mark.parametrize("begin", [before, team_after_a_gap], ids=["same", "another"])
 def test_a_change_in_a_gap_that_is_too_small_to_be_noticed_is_covered(
     begin: Callable[[], Session], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     masses = (0.01, 0.015, 0.02, 0.03)
     assert max(mass_error(begin(), more) for more in masses) < 5.0
     monkeypatch.setattr(Gap, "begin", lambda *_: None)
-    assert max(mass_error(begin(), more) for more in masses) > 10.0
+    assert any(mass_error(begin(), more) > 10.0 for more in masses)
 
 
 def test_a_change_that_is_too_small_to_be_noticed_is_covered_beside_a_slip_in_the_same_gap(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    assert mass_error(fed(made_up_rows(BEFORE)), 0.01, SLIPPED) < 5.0
+    assert mass_error(before(), 0.01, SLIPPED) < 5.0
     monkeypatch.setattr(Gap, "begin", lambda *_: None)
-    assert mass_error(fed(made_up_rows(BEFORE)), 0.01, SLIPPED) > 5.0
+    assert mass_error(before(), 0.01, SLIPPED) > 5.0
 
 
 @pytest.mark.parametrize("memory", [None, 8.0])
@@ -145,7 +144,7 @@ def test_rows_that_are_only_late_are_no_gap() -> None:
 
 def test_all_robots_have_the_same_poses_after_a_gap_and_another_load() -> None:
     poses = []
-    for own in range(len(POSES)):
+    for own in (0, 2):
         found = session(own=own)
         for number, row in enumerate(made_up_rows(BEFORE)):
             found.take(number, row)
@@ -231,9 +230,7 @@ def test_once_all_is_estimated_anew_it_does_not_matter_what_has_changed_in_the_g
 
 @pytest.mark.parametrize("newcomer", [1, 3])
 def test_a_slip_of_the_anchor_is_named_also_if_another_robot_joins_in_the_same_gap(newcomer: int) -> None:
-    former, poses = session(), slipped_poses(20.0, 1.0, 0, 4)
-    for number, row in enumerate(made_up_rows(BEFORE)):
-        former.take(number, row)
+    former, poses = before(), slipped_poses(20.0, 1.0, 0, 4)
     prior = former.hand_over(0.0)
     assert prior is not None
     members = [None if robot == newcomer else robot for robot in range(len(POSES))]
@@ -247,13 +244,11 @@ def test_a_slip_of_the_anchor_is_named_also_if_another_robot_joins_in_the_same_g
 
 
 def test_a_second_gap_hides_no_slip_in_the_first() -> None:
-    found, first = session(), BEFORE + GAP
-    rows = np.concatenate([made_up_rows(BEFORE), made_up_rows(AFTER, HEAVIER, first, poses=SLIPPED)])
-    numbers = [*range(BEFORE), *range(first, first + 9), *range(first + 20, first + AFTER)]
-    history = []
-    for number in numbers:
-        found.take(number, rows[number if number < BEFORE else number - GAP])
-        if is_valid(found) and number > BEFORE:
+    found, first = before(), BEFORE + GAP
+    rows, history = made_up_rows(AFTER, HEAVIER, first, poses=SLIPPED), []
+    for number in [*range(first, first + 9), *range(first + 20, first + AFTER)]:
+        found.take(number, rows[number - first])
+        if is_valid(found):
             history.append((number, largest_error(found, SLIPPED, HEAVIER[0])))
     assert [slip.robot for slip in found.causes.slips] == [2]
     assert largest(history) < 5.0
@@ -265,8 +260,8 @@ def test_all_may_have_changed_while_a_sensor_was_off(gap: int) -> None:
     off, later = range(BEFORE + gap + 10, BEFORE + gap + 60), BEFORE + gap + 35
     rows = np.concatenate([made_up_rows(later), made_up_rows(AFTER, HEAVIER, later, poses=poses)])
     rows[off.start : off.stop, 3 * ROW_SIZE + V.start] += 0.3
-    found, history = session(), []
-    for number in [*range(BEFORE), *range(BEFORE + gap, len(rows))]:
+    found, history = before(), []
+    for number in range(BEFORE + gap, len(rows)):
         found.take(number, rows[number])
         if number >= off.stop and is_valid(found):
             history.append(largest_error(found, poses, HEAVIER[0]))
@@ -276,9 +271,7 @@ def test_all_may_have_changed_while_a_sensor_was_off(gap: int) -> None:
 
 def test_a_slip_soon_after_a_robot_has_joined_is_named() -> None:
     """The rows before it are compared at the newcomer's present pose."""
-    former, poses = session(), slipped_poses(20.0, 0.5, 2, 7)
-    for number, row in enumerate(made_up_rows(BEFORE)):
-        former.take(number, row)
+    former, poses = before(), slipped_poses(20.0, 0.5, 2, 7)
     prior, settings = former.hand_over(0.0), former.settings
     assert prior is not None
     found = Session(len(POSES), 0, settings, Guards(), prior.for_team([0, 1, 2, None], settings, settings))
@@ -292,12 +285,11 @@ def test_a_slip_soon_after_a_robot_has_joined_is_named() -> None:
 
 @pytest.mark.parametrize("rows", [5, 8])
 def test_a_load_that_is_put_on_in_a_gap_and_soon_taken_off_again_leaves_no_doubt(rows: int) -> None:
-    found, first, history = session(), BEFORE + GAP, list[tuple[int, float]]()
+    found, first, history = before(), BEFORE + GAP, list[tuple[int, float]]()
     heavier, after = made_up_rows(rows, HEAVIER, first), made_up_rows(AFTER, LOAD, first + rows)
-    for number, row in enumerate(np.concatenate([made_up_rows(BEFORE), heavier, after])):
-        number += GAP * (number >= BEFORE)
+    for number, row in enumerate(np.concatenate([heavier, after]), first):
         found.take(number, row)
-        if is_valid(found) and number >= first:
+        if is_valid(found):
             history.append((number, largest_error(found, POSES)))
     assert history[0][0] < first + rows + 1.0 / PERIOD
     assert largest(history) < 5.0
