@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
-from functools import cache
+from functools import cache, cached_property
 
 import numpy as np
 import pytest
@@ -36,29 +36,35 @@ class Case:
     """Rows, and what is true of what one robot makes of them.
 
     Attributes:
-        rows: Of the team.
+        rows: Makes those of the team.
         is_right: What must hold of the session and its history with the guard, and does not without it.
-        loads: True theta at each row, if not always ``LOAD``.
+        loads: Makes true theta at each row, if not always ``LOAD``.
         told: The noise that robots are told, in units of the true one.
         own: Which robot.
         missing: Rows that never come.
         drift: Drift of torque sensors that robots are told [N·m per square root of a minute].
     """
 
-    rows: Array
+    rows: Callable[[], Array]
     is_right: Callable[[Session, History], bool]
-    loads: list[Array] = field(default_factory=list)
+    loads: Callable[[], list[Array]] | None = None
     told: float = 1.0
     own: int = 0
     missing: range = range(0)
     drift: float = 0.0
+
+    @cached_property
+    def made(self) -> tuple[Array, list[Array]]:
+        rows = self.rows()
+        return rows, [LOAD] * len(rows) if self.loads is None else self.loads()
 
     def run(self, guards: Guards) -> tuple[Session, History]:
         noise = RowNoise.of_samples(SensorNoise().scaled(self.told), 20, 1000.0)
         settings = FitSettings(noise, PERIOD, torque_offset=self.drift, drift=SensorDrift(torque=self.drift))
         session = Session(len(POSES), self.own, settings, guards)
         history = History()
-        for number, row in enumerate(self.rows):
+        rows, loads = self.made
+        for number, row in enumerate(rows):
             if number in self.missing:
                 continue
             session.take(number, row)
@@ -66,7 +72,7 @@ class Case:
             is_clear = is_clear and session.undeclared is None and session.suspected is None
             if session.stage is Stage.ESTIMATING and is_clear and session.is_confirmed:
                 history.valid.append(number)
-                history.errors.append(_error(session, self.own, self.loads[number] if self.loads else LOAD))
+                history.errors.append(_error(session, self.own, loads[number]))
         return session, history
 
 
@@ -165,48 +171,61 @@ def is_sure_after(then: History, row: int) -> bool:
 
 
 CASES = {
-    "surprise": Case(shifted(0.05)[0], lambda session, _: session.causes.changes[0].noticed < 203, own=3),
-    "contradiction": Case(off(150, 170, 200, 1, A.start, 0.3), lambda _, then: not {*range(152, 170)} & {*then.valid}),
-    "lasting": Case(slipped(), lambda session, then: then.valid[-1] > 390 and session.estimate is not None),
-    "misfit": Case(off(8, 16, 200, 2, FORCE.start, 0.5), lambda _, then: then.is_sure and 40 < then.valid[0] < 60),
-    "energy": Case(made_up_rows(200), lambda _, then: then.valid[-1] < 199, told=0.8),
-    "noise_tolerance": Case(made_up_rows(400), lambda _, then: len(then.valid) > 350, told=0.94),
-    "offset": Case(off(200, 400, 400, 2, FORCE.start + 2, 0.5), lambda _, then: then.is_sure),
-    "undeclared": Case(off(0, 400, 400, 2, FORCE.start, 0.25), lambda _, then: then.is_sure),
-    "mass": Case(off(200, 350, 400, 2, TORQUE.start, 0.125), lambda _, then: then.is_sure),
-    "undecided": Case(off(200, 350, 400, 2, TORQUE.start, 0.125), lambda _, then: then.is_sure),
-    "mass_surprise": Case(changed(0.003)[0], lambda _, then: is_sure_after(then, 207), changed(0.003)[1], own=3),
-    "recent_step": Case(changed(0.006)[0], lambda _, then: is_sure_after(then, 205), changed(0.006)[1], own=3),
-    "small_step": Case(changed(0.002)[0], lambda _, then: is_sure_after(then, 216), changed(0.002)[1]),
-    "shortest": Case(changed(0.003)[0], lambda _, then: is_sure_after(then, 207), changed(0.003)[1]),
-    "small_step_fades": Case(leaking(0.004)[0], lambda _, then: max(then.errors) < 8.0, leaking(0.004)[1], drift=0.02),
+    "surprise": Case(lambda: shifted(0.05)[0], lambda session, _: session.causes.changes[0].noticed < 203, own=3),
+    "contradiction": Case(
+        lambda: off(150, 170, 200, 1, A.start, 0.3), lambda _, then: not {*range(152, 170)} & {*then.valid}
+    ),
+    "lasting": Case(slipped, lambda session, then: then.valid[-1] > 390 and session.estimate is not None),
+    "misfit": Case(
+        lambda: off(8, 16, 200, 2, FORCE.start, 0.5), lambda _, then: then.is_sure and 40 < then.valid[0] < 60
+    ),
+    "energy": Case(lambda: made_up_rows(200), lambda _, then: then.valid[-1] < 199, told=0.8),
+    "noise_tolerance": Case(lambda: made_up_rows(400), lambda _, then: len(then.valid) > 350, told=0.94),
+    "offset": Case(lambda: off(200, 400, 400, 2, FORCE.start + 2, 0.5), lambda _, then: then.is_sure),
+    "undeclared": Case(lambda: off(0, 400, 400, 2, FORCE.start, 0.25), lambda _, then: then.is_sure),
+    "mass": Case(lambda: off(200, 350, 400, 2, TORQUE.start, 0.125), lambda _, then: then.is_sure),
+    "undecided": Case(lambda: off(200, 350, 400, 2, TORQUE.start, 0.125), lambda _, then: then.is_sure),
+    "mass_surprise": Case(
+        lambda: changed(0.003)[0], lambda _, then: is_sure_after(then, 207), lambda: changed(0.003)[1], own=3
+    ),
+    "recent_step": Case(
+        lambda: changed(0.006)[0], lambda _, then: is_sure_after(then, 205), lambda: changed(0.006)[1], own=3
+    ),
+    "small_step": Case(lambda: changed(0.002)[0], lambda _, then: is_sure_after(then, 216), lambda: changed(0.002)[1]),
+    "shortest": Case(lambda: changed(0.003)[0], lambda _, then: is_sure_after(then, 207), lambda: changed(0.003)[1]),
+    "small_step_fades": Case(
+        lambda: leaking(0.004)[0], lambda _, then: max(then.errors) < 8.0, lambda: leaking(0.004)[1], drift=0.02
+    ),
     "after_gap": Case(
-        changed_in_a_gap(), lambda _, then: then.valid[-1] > BEFORE + AFTER, missing=range(BEFORE, BEFORE + 40)
+        changed_in_a_gap, lambda _, then: then.valid[-1] > BEFORE + AFTER, missing=range(BEFORE, BEFORE + 40)
     ),
     "waiting": Case(
-        shifted(0.05, after=60)[0], lambda _, then: then.is_sure, shifted(0.05)[1], missing=range(180, 210)
-    ),
-    "confirming": Case(
-        shifted(0.018, after=20, axis=2)[0],
+        lambda: shifted(0.05, after=60)[0],
         lambda _, then: then.is_sure,
-        shifted(0.018, after=20, axis=2)[1],
+        lambda: shifted(0.05)[1],
         missing=range(180, 210),
     ),
-    "turn": Case(shifted(0.003, before=300)[0], lambda session, _: session.causes.changes != []),
-    "worth_a_fit": Case(
-        turned_about_one_axis()[0], lambda _, then: is_sure_after(then, 107), turned_about_one_axis()[1]
+    "confirming": Case(
+        lambda: shifted(0.018, after=20, axis=2)[0],
+        lambda _, then: then.is_sure,
+        lambda: shifted(0.018, after=20, axis=2)[1],
+        missing=range(180, 210),
     ),
-    "undeclared_lasts": Case(off(0, 400, 480, 2, A.start, 0.009), lambda _, then: then.valid[-1] == 479),
-    "undeclared_doubt": Case(off(60, 250, 250, 2, FORCE.start, 0.24), lambda _, then: then.is_sure),
-    "calm": Case(knocked(), lambda _, then: then.valid[-1] > 270),
-    "drifting": Case(leaking(0.05)[0], lambda _, then: len(then.valid) > 340, leaking(0.05)[1]),
+    "turn": Case(lambda: shifted(0.003, before=300)[0], lambda session, _: session.causes.changes != []),
+    "worth_a_fit": Case(
+        lambda: turned_about_one_axis()[0], lambda _, then: is_sure_after(then, 107), lambda: turned_about_one_axis()[1]
+    ),
+    "undeclared_lasts": Case(lambda: off(0, 400, 480, 2, A.start, 0.009), lambda _, then: then.valid[-1] == 479),
+    "undeclared_doubt": Case(lambda: off(60, 250, 250, 2, FORCE.start, 0.24), lambda _, then: then.is_sure),
+    "calm": Case(knocked, lambda _, then: then.valid[-1] > 270),
+    "drifting": Case(lambda: leaking(0.05)[0], lambda _, then: len(then.valid) > 340, lambda: leaking(0.05)[1]),
     "mistaken": Case(
-        one_slipped(10.0, 0.0, 2, 2)[0], lambda session, _: [slip.robot for slip in session.causes.slips] == [2]
+        lambda: one_slipped(10.0, 0.0, 2, 2)[0], lambda session, _: [slip.robot for slip in session.causes.slips] == [2]
     ),
     "telling_apart": Case(
-        shifted(0.004, after=200)[0],
+        lambda: shifted(0.004, after=200)[0],
         lambda session, then: session.causes.certain_changes != [] and then.valid[-1] > 380,
-        shifted(0.004, after=200)[1],
+        lambda: shifted(0.004, after=200)[1],
     ),
 }
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 import pytest
@@ -97,12 +99,19 @@ def follow(leak: Leak) -> Followed:
     return Followed(len(worst) / (len(leak.rows) - SETTLED), float(np.mean(np.array(worst) > FIVE)))
 
 
-SLOW, FAST, ABRUPT = Leak.of(0.05), Leak.of(0.1, count=500), Leak.of(0.1, dropped_at=300)
+@cache
+def slow() -> Leak:
+    return Leak.of(0.05)
 
 
-@pytest.mark.parametrize("leak", [SLOW, FAST], ids=["slow", "fast"])
-def test_a_load_that_leaks_stays_known(leak: Leak) -> None:
-    found = follow(leak)
+@cache
+def fast() -> Leak:
+    return Leak.of(0.1, count=500)
+
+
+@pytest.mark.parametrize("leak", [slow, fast])
+def test_a_load_that_leaks_stays_known(leak: Callable[[], Leak]) -> None:
+    found = follow(leak())
     assert found.valid > 0.95
     assert found.off == 0.0
 
@@ -115,7 +124,7 @@ def test_a_load_that_leaks_stays_known_although_poses_do_not_show() -> None:
 
 def test_what_is_published_covers_the_lag(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(load_drift, "_PUBLISHED", 0.0)
-    assert follow(FAST).off > 0.005
+    assert follow(fast()).off > 0.005
 
 
 @pytest.mark.parametrize(
@@ -130,18 +139,19 @@ def test_a_load_that_drifts_is_no_sensor_error(
     monkeypatch: pytest.MonkeyPatch, what: type, name: str, instead: object
 ) -> None:
     monkeypatch.setattr(what, name, instead)
-    assert follow(FAST).valid < 0.95
+    assert follow(fast()).valid < 0.95
 
 
 def test_a_load_stays_known_if_it_drifts_faster_than_a_change_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Session, "_drifts_on", lambda _: False)
-    assert follow(FAST).valid < 0.95
+    assert follow(fast()).valid < 0.95
 
 
 def test_a_drift_goes_on_after_another_load(monkeypatch: pytest.MonkeyPatch) -> None:
-    right, load_drift = follow(ABRUPT), Causes.load_drift
+    abrupt, load_drift = Leak.of(0.1, dropped_at=300), Causes.load_drift
+    right = follow(abrupt)
     monkeypatch.setattr(Causes, "load_drift", lambda self, *args: load_drift(_Newest(self), *args))
-    assert right.off < 0.02 < follow(ABRUPT).off
+    assert right.off < 0.02 < follow(abrupt).off
 
 
 def test_a_slow_drift_goes_on_when_the_load_after_another_one_changes_again() -> None:

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-nbclient = pytest.importorskip("nbclient", reason="takes the package nbclient")
-nbformat = pytest.importorskip("nbformat", reason="takes the package nbformat")
-pytest.importorskip("ipykernel", reason="takes the package ipykernel")
-pytest.importorskip("matplotlib", reason="takes coheft[study]")
-pytest.importorskip("pandas", reason="takes coheft[frame]")
+# They are imported by tests only: each worker imports this file, also to run none of its tests.
+MISSING = [name for name in ("nbclient", "nbformat", "ipykernel", "matplotlib", "pandas") if find_spec(name) is None]
+pytestmark = pytest.mark.skipif(bool(MISSING), reason=f"takes {', '.join(MISSING)}")
 
 NOTEBOOKS = sorted((Path(__file__).parents[2] / "examples" / "notebooks").glob("*.ipynb"))
 
@@ -23,6 +22,9 @@ def texts(notebook: Any) -> str:
 
 
 def run(name: str, folder: Path) -> Any:
+    import nbclient
+    import nbformat
+
     (path,) = (path for path in NOTEBOOKS if path.stem == name)
     notebook = nbformat.read(path, as_version=4)
     nbclient.NotebookClient(notebook, timeout=300, resources={"metadata": {"path": str(folder)}}).execute()
@@ -31,6 +33,8 @@ def run(name: str, folder: Path) -> Any:
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_it_is_kept_without_outputs(path: Path) -> None:
+    import nbformat
+
     for cell in nbformat.read(path, as_version=4).cells:
         assert not cell.get("outputs"), "clear all outputs before you commit"
 
