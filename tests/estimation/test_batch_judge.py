@@ -72,20 +72,15 @@ def test_good_recordings_are_accepted(seed: int, count: int) -> None:
         (to_wrench(lever), ("r1", "r2", "r3"), "lever", None),
         (to_wrench(lambda wrench: 1.1 * wrench), (), "scale", "r2"),
         (to_wrench(lambda wrench: -wrench), (), "scale", "r2"),
-        (to_wrench(lambda wrench: wrench * [1, 1, 1, 1e3, 1e3, 1e3]), (), "moment scale", "r2"),
         (in_home_axes, (), "base axes", "r2"),
         (in_home_axes, ("r1", "r2", "r3"), "base axes", None),
         (half_in_home_axes(0), (), "base axes", "r2"),
-        (half_in_home_axes(1), (), "base axes", "r2"),
-        (half_in_home_axes(0), ("r1", "r2", "r3"), "base axes", None),
         (half_in_home_axes(1), ("r1", "r2", "r3"), "base axes", None),
         (one_axis(2, -1.0), (), "axis scale", "r2"),
         (one_axis(4, -1.0), (), "axis scale", "r2"),
         (one_axis(2, 1.05), (), "axis scale", "r2"),
-        (one_axis(1, 0.7), (), "axis scale", "r2"),
         (to_wrench(turned), (), "sensor turned", "r2"),
         (to_wrench(turned), ("r1", "r2", "r3"), "sensor turned", None),
-        (to_wrench(exchanged), (), "sensor turned", "r2"),
         (to_wrench(exchanged), ("r1", "r2", "r3"), "sensor turned", None),
         (to_wrench(lambda wrench: wrench[:, [3, 4, 5, 0, 1, 2]]), (), "forces for moments", "r2"),
         (to_wrench(lambda wrench: wrench * [1, 1, 1, 3.281, 3.281, 3.281]), ("r1", "r2", "r3"), "moment scale", None),
@@ -135,8 +130,7 @@ def test_noise_of_a_slow_motion_is_no_late_clock(seed: int) -> None:
     assert not verdict.is_refuted, verdict.words
 
 
-@pytest.mark.parametrize("speed", [3.0, 4.0])
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize(("seed", "speed"), [(0, 3.0), (1, 4.0)])
 def test_fast_motions_are_filtered_less(seed: int, speed: float) -> None:
     recording = held_recording(seed, speed=speed)
     found, verdict = judged(recording)

@@ -16,9 +16,13 @@ from tests.estimation.test_batch_assumed import tabled_deviations
 from tests.estimation.test_batch_judge import SEED, judged
 
 
-@pytest.mark.parametrize(("factor", "unit"), [(1000.0, "N·mm"), (100.0, "N·cm"), (10.1972, "kgf·cm")])
-@pytest.mark.parametrize("robot", ["r1", "r3"])
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize(
+    ("seed", "robot", "factor", "unit"),
+    [
+        *((1, "r1", 1000.0, "N·mm"), (2, "r3", 1000.0, "N·mm"), (2, "r1", 100.0, "N·cm")),
+        *((1, "r3", 10.1972, "kgf·cm"), (2, "r1", 10.1972, "kgf·cm")),
+    ],
+)
 def test_the_unit_of_one_robots_moments_is_named(seed: int, robot: str, factor: float, unit: str) -> None:
     scaled = to_wrench(lambda wrench: wrench * [1.0, 1.0, 1.0, factor, factor, factor])
     _, verdict = judged(with_fault(held_recording(seed), scaled, robot))
@@ -43,8 +47,7 @@ def test_moments_alone_that_fit_no_load_are_not_carried_by_others() -> None:
     assert "carry the load" not in verdict.words
 
 
-@pytest.mark.parametrize("is_turned", [False, True])
-@pytest.mark.parametrize("robots", [("r2",), ("r1", "r2", "r3")])
+@pytest.mark.parametrize(("robots", "is_turned"), [(("r2",), True), (("r1", "r2", "r3"), False)])
 def test_moments_about_the_origin_of_the_home_frame_are_named_and_mended(
     robots: tuple[str, ...], is_turned: bool
 ) -> None:

@@ -104,8 +104,7 @@ def test_lengths_of_all_robots_in_another_unit_are_named_and_mended(factor: floa
     assert deviations(recording, found).max() < 5.0
 
 
-@pytest.mark.parametrize(("robot", "share"), [("r1", 0.8), ("r2", 0.6), ("r3", 0.7)])
-@pytest.mark.parametrize("seed", [SEED, 6])
+@pytest.mark.parametrize(("seed", "robot", "share"), [(SEED, "r1", 0.8), (6, "r2", 0.6), (SEED, "r3", 0.7)])
 def test_a_sensor_that_is_saturated_is_named(seed: int, robot: str, share: float) -> None:
     recording = held_recording(seed)
     wrench = recording.robots[robot].wrench
