@@ -282,7 +282,7 @@ def heard_alike(recording: Recording, rtol: float, pose_tolerance: float = 1e-9)
             assert np.abs(perturbation_between(Pose.identity(), around)).max() < pose_tolerance
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, 2])
 def test_messages_lost_here_and_there_do_not_drive_robots_apart(seed: int) -> None:
     """Who misses a step of a fit, or the start, goes on with the next one."""
     rng = np.random.default_rng(seed)
@@ -297,14 +297,14 @@ def test_messages_lost_here_and_there_do_not_drive_robots_apart(seed: int) -> No
 
 
 def test_who_hears_of_the_start_late_finds_the_round_that_is_under_way() -> None:
-    def reach(late: Callable[[int], bool]) -> Recording:
+    def reach(late: Callable[[int], bool], duration: float) -> Recording:
         # r4, at the end of the line, hears nothing for a while.
         return run_with_faults(
-            scenario("line4", duration=9.0), arrives=lambda block, to, sender: not (to == "r4" and late(block))
+            scenario("line4", duration=duration), arrives=lambda block, to, sender: not (to == "r4" and late(block))
         )
 
-    in_time = reach(lambda block: False)
+    in_time = reach(lambda block: False, 4.0)
     begun = min(e.block for e in in_time.estimates["r1"] if e.phase == "inertia")
-    late = reach(lambda block: begun - 45 <= block < begun + 30)
+    late = reach(lambda block: begun - 45 <= block < begun + 30, 9.0)
     heard_alike(late, rtol=1e-3, pose_tolerance=1e-3)  # not all need have had the same rows
     assert_sure_and_right(late)

@@ -25,11 +25,11 @@ pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals as on POSIX"
 
 @pytest.fixture(scope="module")
 def report(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    """What a run of 16 s with a load change at 8 s reports."""
+    """What a run of 12 s with a load change at 6 s reports."""
     folder = tmp_path_factory.mktemp("run")
     report = folder / "report.json"
     run = Run(
-        folder / "run", "ring3", "--duration", "16", "--change", "t=8,mass=2,at=0.2,0.1,0.08", "--history",
+        folder / "run", "ring3", "--duration", "12", "--change", "t=6,mass=2,at=0.2,0.1,0.08", "--history",
         "--json", str(report),
     )  # fmt: skip
     try:
@@ -69,7 +69,7 @@ def test_the_report_is_complete(report: dict[str, Any]) -> None:
     for key in ("scenario", "seed", "estimator", "processes", "real_time_factor", "messages_per_s"):
         assert report[key]
     assert report["scenario"] == "ring3"
-    assert report["duration_s"] == pytest.approx(16.0)
+    assert report["duration_s"] == pytest.approx(12.0)
     assert list(report["robots"]) == ["r1", "r2", "r3"]
     for name, robot in report["robots"].items():
         assert set(robot["mass"]) == set(robot["inertia"]) == {"truth", "estimate", "std", "error_pct"}
@@ -77,11 +77,11 @@ def test_the_report_is_complete(report: dict[str, Any]) -> None:
         assert set(robot["poses"]) == set(report["robots"]) - {name}
         for pose in robot["poses"].values():
             assert set(pose) == {"rotation_error_deg", "translation_error_mm"}
-        assert 0.0 < robot["converged_at_s"] < 16.0
+        assert 0.0 < robot["converged_at_s"] < 12.0
         assert robot["not_observable"] == []
-        assert [point["time_s"] for point in report["history"][name]] == pytest.approx([*range(1, 17)])
+        assert [point["time_s"] for point in report["history"][name]] == pytest.approx([*range(1, 13)])
     (change,) = report["load_changes"]
-    assert change["at_s"] == pytest.approx(8.0)
+    assert change["at_s"] == pytest.approx(6.0)
     assert {"truth", "detected_at_s", "recovered_at_s"} <= set(change)
     before = {robot["mass"]["truth"] for robot in change["before_change"].values()}
     assert change["truth"]["mass"] == pytest.approx(before.pop() + 2.0)
@@ -92,9 +92,9 @@ def test_the_report_is_complete(report: dict[str, Any]) -> None:
 
 def test_the_final_table_can_be_read_in_80_columns(report: dict[str, Any]) -> None:
     text = report["output"]
-    for words in ("mass, kg", "centre of mass, mm", "inertia", "own std", "At 8 s the payload changed", "Logs of all"):
+    for words in ("mass, kg", "centre of mass, mm", "inertia", "own std", "At 6 s the payload changed", "Logs of all"):
         assert words in text
-    table = text[text.index("What each robot") : text.index("At 8 s")]
+    table = text[text.index("What each robot") : text.index("At 6 s")]
     assert max(len(line) for line in table.splitlines()) <= 80
     assert "\x1b" not in text, "no colours where there is no terminal"
 
