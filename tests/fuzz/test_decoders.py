@@ -30,7 +30,7 @@ from tests.fuzz.any_message import (
 _MEMORY = 1 << 17
 _MEMORY_PER_BYTE = 100
 
-many = settings(max_examples=5 * settings.default.max_examples)
+many = settings(max_examples=3 * settings.default.max_examples)
 kinds = st.sampled_from(KINDS)
 
 
