@@ -313,6 +313,7 @@ def test_a_report_takes_the_place_of_a_former_one_and_leaves_alone_what_is_not_o
     own = tmp_path / ("load-changes.csv" if is_parquet else "load-changes.parquet")
     own.write_text("")
     monkeypatch.setattr(data, "find_spec", lambda name: None)
+    monkeypatch.setattr(folder, "_draw", lambda *_: b"")
     calm = dataclasses.replace(made.series, close_ups=[])
     write_folder(tmp_path, made.scenario, "lockstep", calm, msgspec.structs.replace(made.report, load_changes=[]))
     left = {path.name for path in tmp_path.iterdir()} - {"mine.png", own.name}
@@ -325,7 +326,7 @@ def test_a_report_takes_the_place_of_a_former_one_and_leaves_alone_what_is_not_o
 def test_a_page_that_is_no_report_has_nothing_beside_it_removed(
     made: Made, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(folder, "pictures_of", lambda *_: [])
+    monkeypatch.setattr(folder, "_draw", lambda *_: b"")
     mine = tmp_path / "load-changes.csv"
     (tmp_path / "report.html").write_text("<h1>mine</h1>")
     mine.write_text("")
