@@ -37,7 +37,7 @@ class Followed:
     valid: float
 
 
-@pytest.fixture(scope="module", params=[1, 2])
+@pytest.fixture(scope="module", params=[1, pytest.param(2, marks=pytest.mark.slow)])
 def followed(request: pytest.FixtureRequest) -> Followed:
     sensors = msgspec.structs.replace(changed("ring3").sensors, rate=250)
     scenario = changed("ring3", seed=request.param, duration=15.0, sensors=sensors, load_changes=(LEAKING,))
