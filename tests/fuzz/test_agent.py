@@ -24,7 +24,7 @@ from tests.test_uncomputable import with_handover
 
 BLOCKS, MANY_BLOCKS = 3, 60
 some = settings(max_examples=settings.default.max_examples // 3)
-few = settings(max_examples=settings.default.max_examples // 4)
+few = settings(max_examples=settings.default.max_examples // 6)
 
 
 class Moment:

@@ -26,7 +26,7 @@ pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals as on POSIX"
 def test_time_stands_still_while_the_supervisor_is_stopped(start: Callable[..., Run], tmp_path: Path) -> None:
     """As after Ctrl-Z, and for longer than the run would take."""
     report = tmp_path / "report.json"
-    run = start("--duration", "60", "--change", "t=12,mass=2,at=0.2,0.1,0.08", "--json", str(report))
+    run = start("--duration", "30", "--change", "t=12,mass=2,at=0.2,0.1,0.08", "--json", str(report))
     run.wait_until_under_way()
     log = run.folder / "server.log"
     os.kill(run.supervisor.pid, signal.SIGSTOP)
