@@ -29,6 +29,8 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 os.environ["COHEFT_PORTS"] = PORTS_OF_PLANS
 
 _REQUIRED = "--require-everything"
+_LONG = ("test_batch_judge.py", "test_batch_judge_points.py", "test_batch_assumed.py", "test_team_changes.py")
+"""Files without slow tests that take more than ten seconds all the same."""
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -37,22 +39,25 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
-    """Two more than there are cores: tests with processes wait for much of their time."""
-    return (os.cpu_count() or 1) + 2
+    """More than there are cores, because tests with processes, most of which are slow, wait for much of their time.
+
+    Each worker imports all tests, which takes seconds.
+    """
+    return (os.cpu_count() or 1) + (1 if config.option.markexpr == "not slow" else 2)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Tests that start processes are slow, but for those that show that it works at all.
 
-    Files with the most slow tests come first, so that no worker is left with them at the end, when others have nothing
-    to do any more; a worker takes all tests of a file, which share fixtures.
+    Files with the most slow tests come first, and then long ones, so that no worker is left with them at the end, when
+    others have nothing to do any more; a worker takes all tests of a file, which share fixtures.
     """
     slow: Counter[Path] = Counter()
     for item in items:
         if "integration" in item.path.parts and item.get_closest_marker("smoke") is None:
             item.add_marker(pytest.mark.slow)
         slow[item.path] += item.get_closest_marker("slow") is not None
-    items.sort(key=lambda item: -slow[item.path])
+    items.sort(key=lambda item: (-slow[item.path], item.path.name not in _LONG))
 
 
 @pytest.hookimpl(wrapper=True)
