@@ -8,6 +8,8 @@ RUNTIME := $(VENV)/runtime
 PYTEST := $(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
+# Hundreds of processes and all workers of pytest import the same files, and need not compile them each time.
+unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .PHONY: help setup demo test test-all test-required fuzz faults bench bench-check check docs package format clean
