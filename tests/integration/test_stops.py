@@ -69,9 +69,10 @@ def test_runs_in_progress_are_listed_and_none_is_stopped(
 ) -> None:
     assert run_command_line(["stop", "--list"]) == 0
     assert capsys.readouterr().out == "no run is in progress\n"
-    runs = [start("--duration", "9000"), start("--duration", "10000")]
-    for run in runs:
-        run.wait_until_under_way()
+    runs = []
+    for duration in ("9000", "10000"):
+        runs.append(start("--duration", duration))
+        runs[-1].wait_until_under_way()
     assert runs[0].ask("pause")[0] == 0
     assert run_command_line(["stop", "--list"]) == 0
     printed = capsys.readouterr().out
