@@ -79,16 +79,22 @@ class _Coloured:
 def _smooth(frequency: Array, power: Array) -> tuple[Array, float]:
     """The likeliest sum of white noise and noise that is correlated over some time [s], and that time."""
 
-    def spectrum(logs: Array) -> Array:
-        white, more, corner = np.exp(np.clip(logs, -_LARGEST, _LARGEST))
-        result: Array = white + more / (1.0 + (frequency / corner) ** 2)
-        return result
+    def parts(logs: Array) -> tuple[Array, Array]:
+        """The spectrum, and its derivatives by the logarithms, shape (3, K)."""
+        white, more, corner = np.exp(logs)
+        square = (frequency / corner) ** 2
+        coloured = more / (1.0 + square)
+        return white + coloured, np.stack(
+            [np.full_like(frequency, white), coloured, 2.0 * coloured * square / (1.0 + square)]
+        )
 
-    def misfit(logs: Array) -> float:
-        expected = spectrum(logs)
-        return float(np.sum(np.log(expected) + power / expected))
+    def misfit(logs: Array) -> tuple[float, Array]:
+        expected, derivatives = parts(logs)
+        ratio = power / expected
+        return float(np.sum(np.log(expected) + ratio)), derivatives @ ((1.0 - ratio) / expected)
 
-    starts = [np.log([1.0, power[: len(power) // 4].mean(), corner]) for corner in (0.1, 0.5, 2.0)]
-    fits = [minimize(misfit, start, method="Nelder-Mead", options={"maxiter": 600}) for start in starts]
-    best = np.clip(min(fits, key=lambda fit: float(fit.fun)).x, -_LARGEST, _LARGEST)
-    return spectrum(best), float(1.0 / (2.0 * np.pi * np.exp(best[2])))
+    starts = [np.log([np.median(power), power[: len(power) // 4].mean(), corner]) for corner in (0.02, 0.1, 0.5, 2.0)]
+    bounds = [(-_LARGEST, _LARGEST)] * 3
+    fits = [minimize(misfit, start, jac=True, method="L-BFGS-B", bounds=bounds) for start in starts]
+    best = min(fits, key=lambda fit: float(fit.fun)).x
+    return parts(best)[0], float(1.0 / (2.0 * np.pi * np.exp(best[2])))
