@@ -1,4 +1,4 @@
-"""Each guard of seals does something: without it, robots sign or check more often, or use rows that nobody has signed.
+"""Each guard of seals does something: without it, robots sign or check more often, or use rows that are not signed.
 
 A line of robots whose first one listens: its neighbour hands on all rows, and may change or drop what it hands on.
 """
