@@ -165,6 +165,8 @@ class Server:
         read = 0
         while self._simulation.block < self._scenario.blocks and not self._stop_asked:
             self._follow_supervisor()
+            if self._stop_asked:
+                break
             # All events are read before the delay is computed, because that looks at every robot.
             event = self._inbox.receive(0.0) if read < _MAX_EVENTS else None
             if event is None:

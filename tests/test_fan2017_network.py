@@ -9,8 +9,8 @@ from coheft.agents.fan2017.network import Network
 from coheft.consensus.graph import Neighbours, build_graph
 from coheft.wire.config import AgentConfig, agent_config
 from coheft.wire.scenario.estimator_settings import Fan2017Settings
-from coheft.wire.scenario.file import load_scenario
-from coheft.wire.scenario.schema import Graph
+from coheft.wire.scenario.file import available_scenarios, load_scenario
+from coheft.wire.scenario.schema import Graph, Scenario
 from tests.test_graph import names
 
 
@@ -49,3 +49,12 @@ def test_after_few_rounds_the_lag_is_unknown(robots: int, rounds: int, is_known:
     graph = build_graph(Graph(kind="ring"), team)
     settings = Fan2017Settings(rounds=rounds)
     assert Network.of(replace(config_of(team[0], graph), fan2017=settings), graph).knows_lag == is_known
+
+
+def test_in_every_scenario_the_lag_is_known() -> None:
+    for name in available_scenarios():
+        scenario = load_scenario(name)
+        if isinstance(scenario, Scenario):
+            graph = build_graph(scenario.graph, scenario.robot_names)
+            robot, others = next(iter(graph.items()))
+            assert Network.of(agent_config(scenario, robot, others), graph).knows_lag, name

@@ -144,8 +144,8 @@ def test_tables_travel_together() -> None:
         there.receive("here", from_here)
     for name in ("a", "b"):
         np.testing.assert_array_equal(ours[name].table, theirs[name].table)
-    assert ours["a"].row(0)[0] == 4
-    assert ours["b"].row(1)[0] == 5
+    assert ours["a"].row(0)[0] == ours["a"].newest == 4
+    assert ours["b"].row(1)[0] == ours["b"].newest == 5
 
 
 def test_a_message_without_digests_or_with_those_of_other_tables_says_nothing() -> None:
@@ -155,6 +155,15 @@ def test_a_message_without_digests_or_with_those_of_other_tables_says_nothing() 
     floods.receive("there", {"a": table})
     floods.receive("there", {"a": table, "digests": np.array([14.0, 14.0])})
     np.testing.assert_array_equal(flood.table, -1.0)
+
+
+def test_arrays_of_other_shapes_do_not_fit() -> None:
+    floods = Floods({"a": Flood(2, 1)})
+    table, digests = np.array([[0.0, 7.0, 7.0]]), np.array([14.0])
+    assert floods.fit({})
+    assert floods.fit({"a": table, "digests": digests})
+    assert not floods.fit({"a": table, "digests": np.array([14.0, 14.0])})
+    assert not floods.fit({"a": table[:, :2], "digests": digests})
 
 
 def test_halves_that_could_not_talk_until_now_tell_each_other_all_though_they_know_equally_much() -> None:

@@ -29,6 +29,11 @@ def run(network: Network, blocks: int, lost: dict[int, set[tuple[str, str]]]) ->
     return left
 
 
+def test_a_pipeline_has_rounds_samples_and_channels() -> None:
+    with pytest.raises(ValueError, match="0 rounds of 5 x 3 numbers, but each has to be at least 1"):
+        Pipeline(0, 5, 3)
+
+
 def test_nothing_leaves_before_the_first_block_has_done_its_rounds() -> None:
     left = run(Network(build_graph(Graph(kind="ring"), NAMES), ROUNDS), 12, {})
     for values in left.values():

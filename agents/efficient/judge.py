@@ -84,9 +84,9 @@ def judge(
         return Verdict(Outcome.NO_BODY, robot=None if worst is None else worst.source)
     if (robot := _robot_beyond_tolerance(estimate, guards)) is not None:
         return Verdict(Outcome.BEYOND_TOLERANCE, robot=robot)
-    if not _wrenches_fit(wrench, guards):
+    if not _wrenches_fit(wrench, _LOAD, guards):
         of_load = buffer.rows[max(first, buffer.start) : buffer.count]
-        if not estimate.misses_poses or not _wrenches_fit(best_residuals(estimate, settings, of_load), guards):
+        if not estimate.misses_poses or not _wrenches_fit(*best_residuals(estimate, settings, of_load), guards):
             return Verdict(Outcome.NO_LOAD)
     found = explanations(body, innovations.gram(buffer), assumed)
     is_load = found.load > found.sensor and _has_another_mass(estimate, assumed, guards)
@@ -146,9 +146,9 @@ def _is_beyond(found: Array, uncertain: Array, guards: Guards) -> bool:
     return bool(is_seen.any() and square.sum() > chi_square_threshold(int(is_seen.sum()), guards.tolerance))
 
 
-def _wrenches_fit(residuals: Array, guards: Guards) -> bool:
-    """Whether residuals of total wrenches (n, 1, 6) are no larger than noise explains."""
-    return _fits(residuals, residuals.size - _LOAD, guards.largest_wrench_misfit, guards)
+def _wrenches_fit(residuals: Array, fitted: float, guards: Guards) -> bool:
+    """Whether residuals of total wrenches (n, 1, 6) are no larger than noise explains, with so many numbers fitted."""
+    return _fits(residuals, residuals.size - fitted, guards.largest_wrench_misfit, guards)
 
 
 def _fits(residuals: Array, freedom: float, largest: float, guards: Guards, drift: Array | float = 0.0) -> bool:

@@ -20,8 +20,8 @@ _LEFT = 2e-3
 """Sums are used once the initial disagreement has shrunk to this share."""
 _WORTH = 0.15
 """Sums are extrapolated if no larger share of their lag is left then: its size is known, but not its sign."""
-_UNKNOWN = 0.25
-"""The lag is unknown if extrapolation leaves more than this share of it, and all rounds as much of a disagreement."""
+_MOST_LEFT = 0.25
+"""The lag is unknown if extrapolation leaves a larger share of it, and rounds a larger share of the disagreement."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Network:
         gains = {name: gain(config.name, name) for name in graph[config.name]}
         edges = tuple(sorted((name, *others) for name, others in graph.items()))
         rate, extrapolation = _convergence(edges, settings.consensus_weights, settings.rounds)
-        knows_lag = extrapolation.share < _UNKNOWN or rate**settings.rounds < _UNKNOWN
+        knows_lag = extrapolation.share < _MOST_LEFT or rate**settings.rounds < _MOST_LEFT
         if not settings.extrapolate or extrapolation.share > _WORTH:
             extrapolation = Extrapolation(0.0, rate / (1.0 - rate), 1.0)  # if only the slowest part is left
         return Network(len(graph), gains, rate, extrapolation, knows_lag)

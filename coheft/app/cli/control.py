@@ -9,7 +9,7 @@ from cyclopts.validators import Number
 
 from coheft.app.cli import options
 from coheft.app.cli.base import CONTROL, app
-from coheft.errors import CoheftError, UsageError
+from coheft.errors import CoheftError, LinkError, UsageError
 
 Robot = Annotated[str, Parameter(help="A robot, for instance r1.")]
 Share = Annotated[float, Parameter(validator=Number(gte=0, lte=1))]
@@ -153,8 +153,11 @@ def _list_runs() -> None:
         since = strftime("%m-%d %H:%M", localtime(run_file.began))
         try:
             status = ask_server(run_file, StatusRequest())
-        except CoheftError:
+        except LinkError:
             table.add_row(place.name, "", since, "does not answer")
+            continue
+        except CoheftError:  # it is of another release, or its keys are not there
+            table.add_row(place.name, "", since, "cannot be asked")
             continue
         paused = ", paused" * (status.state is RunState.PAUSED)
         table.add_row(place.name, status.scenario, since, f"{seconds_of(status.time, status.duration)}{paused}")

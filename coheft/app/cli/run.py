@@ -200,7 +200,7 @@ def run(
 
                 recorder = stack.enter_context(Recorder(record, chosen))
             asked = {"json": json, "report": report, "save_data": save_data, "record": record}
-            broken_off, ctrl_c = BrokenOff(asked, folder, recorder), FirstCtrlC()
+            broken_off, ctrl_c = BrokenOff(asked, folder, recorder), stack.enter_context(FirstCtrlC())
             try:
                 found = launch(
                     plan,
@@ -235,6 +235,7 @@ def run(
                 for text in _lost(broken_off, recorder):
                     complain(text)
                 raise
+            ctrl_c.end()
             if not broken_off.unsaved:
                 _tell(console, "Data", save_data)
             is_over = viewer is None or ctrl_c.is_pressed  # the view ends with a run that Ctrl-C has ended

@@ -3,10 +3,10 @@
 import select
 import time
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack, nullcontext, suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO
+from typing import IO, NamedTuple
 
 from coheft.agents.process.heartbeat import Heartbeat
 from coheft.app.names import few
@@ -62,13 +62,13 @@ def launch(
     An agent that fails during the run is restarted, up to ``restarts`` times. The server is not, because the simulated
     world ends with it.
 
-    With ``ctrl_c``, the first Ctrl-C after the clock has started ends the run as ``coheft stop`` does.
+    With ``ctrl_c``, which begins when the clock has started, the first Ctrl-C ends the run as ``coheft stop`` does.
 
     Raises:
         ProcessError: A process failed, or an agent failed too often; the others have been stopped.
         LinkError: The processes did not find each other.
-        KeyboardInterrupt: The user pressed Ctrl-C; with ``ctrl_c``, before the clock had started or twice, or the
-            server, which is named then, did not react.
+        KeyboardInterrupt: The user pressed Ctrl-C; with ``ctrl_c``, before the clock had started, or twice, or for a
+            reason that is named: the server did not react, or there were no estimates yet.
     """
     scenario = plan.server.scenario
     fork_server = fork_server or make_fork_server()
@@ -89,14 +89,17 @@ def launch(
             for follower in followers:
                 follower.begin(first)
             is_saving = plan.server.save_data is not None
-            with ctrl_c or nullcontext():
-                end = EndByCtrlC(ctrl_c, server.process.stdin, display)
-                status = _follow(audience, observer, processes, again, end, is_saving=is_saving)
+            if ctrl_c is not None:
+                ctrl_c.begin()
+            end = EndByCtrlC(ctrl_c, server.process.stdin, display)
+            status = _follow(audience, observer, processes, again, end, is_saving=is_saving)
             with suppress(CoheftError):  # for instance a full disk, which must not cost the report
                 note_end(folder, status.time)
             for follower in followers:
                 follower.end(status)
     if record.truth is None or record.silent:
+        if end.is_asked:
+            raise KeyboardInterrupt("not every robot had sent an estimate yet")
         raise LinkError(f"the run ended before every robot had sent an estimate; see the logs in {folder}")
     report = build_report(scenario, record, real_time_factor=status.real_time_factor, late_blocks=status.late_blocks)
     if report.beside:
@@ -104,6 +107,13 @@ def launch(
 
         report = with_bound(report, scenario, record.truth)
     return report
+
+
+class Collected(NamedTuple):
+    """Whether any messages have arrived, and whether the simulated time has advanced."""
+
+    has_arrived: bool
+    goes_on: bool
 
 
 @dataclass(frozen=True)
@@ -118,17 +128,17 @@ class Audience:
     followers: Sequence[Follower] = ()
     is_told_end: bool = True
 
-    def collect(self, observer: Observer, seconds: float = _POLL) -> bool:
-        """Process the messages that have arrived, show them, and return whether the simulated time has advanced."""
-        before = self.record.time
-        for news in observer.collect(self.record.scene, seconds, _GATHER):
+    def collect(self, observer: Observer, seconds: float = _POLL) -> Collected:
+        """Process the messages that have arrived, and show them."""
+        before, arrived = self.record.time, observer.collect(self.record.scene, seconds, _GATHER)
+        for news in arrived:
             self.record.receive(news)
             if isinstance(news, Problem) and (self.is_told_end or not news.is_end):
                 self.display.problem(news)
             for follower in self.followers:
                 follower.receive(news)
         self.display.update(self.record)
-        return self.record.time > before
+        return Collected(bool(arrived), self.record.time > before)
 
 
 @dataclass(frozen=True)
@@ -207,13 +217,15 @@ class EndByCtrlC:
         _write(self.stdin, STOP)
         return True
 
-    def kill_frozen(self, observer: Observer, processes: Processes) -> bool:
+    def kill_frozen(self, observer: Observer, processes: Processes, *, is_saving: bool) -> bool:
         """Kill agents that do not end, and return whether there were any.
 
-        A ``KeyboardInterrupt`` says that the server does not answer either.
+        A ``KeyboardInterrupt`` says that the server does not answer either. One that saves data does not while it
+        writes.
         """
-        if observer.status() is None:
-            raise KeyboardInterrupt("the server does not answer")
+        while not is_saving and observer.status() is None:
+            if observer.has_lost_server or processes.ended(SERVER):
+                raise KeyboardInterrupt("the server does not answer")
         if frozen := processes.kill_all_but(SERVER):
             self.display.tell(f"killed, because of no answer within {_END_SILENCE:g} s: {few(frozen)}")
         return bool(frozen)
@@ -256,14 +268,16 @@ def _follow(
             news = time.monotonic()
         again.check()
         looked_at = time.monotonic()
-        goes_on = audience.collect(observer)
+        has_arrived, goes_on = audience.collect(observer)
         if (gap := time.monotonic() - looked_at) > _STOPPED:
             audience.display.note(f"this process was stopped for {gap:.0f} s, and time stood still for most of that")
         if goes_on:
             news = time.monotonic()
         elif end.is_asked:
-            if time.monotonic() > news + _END_SILENCE:
-                has_killed = end.kill_frozen(observer, processes)
+            if has_arrived:
+                news = time.monotonic()
+            elif time.monotonic() > news + _END_SILENCE:
+                has_killed = end.kill_frozen(observer, processes, is_saving=is_saving)
                 break
         elif time.monotonic() > news + _SILENCE:
             status = observer.status()
@@ -311,7 +325,7 @@ def watch(folder: Path, run_file: RunFile, display: Display) -> str:
         news = time.monotonic()
         while status.state is not RunState.FINISHED:
             check_standard_output()
-            if audience.collect(observer):
+            if audience.collect(observer).goes_on:
                 news = time.monotonic()
             if time.monotonic() < news + _SILENCE and not observer.has_ended:
                 continue

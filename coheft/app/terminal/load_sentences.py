@@ -37,7 +37,7 @@ def _noticed(change: LoadChangeReport, after: LoadChangeReport | None) -> str:
     robots = change.before_change
     if all(robot.mass.estimate is None for robot in robots.values()):
         return "No robot knew the load yet, so there was nothing to notice"
-    own = {name: at - change.at_s for name, at in change.noticed_at_s.items()}
+    own = {name: at - change.at_s for name, at in change.noticed_at_s.items() if name in robots}
     others = [name for name in robots if name not in own]
     is_soon = {name: at - change.at_s <= _AS_ONE for name, at in (after.noticed_at_s if after else {}).items()}
     stale = [name for name in others if robots[name].status is Validity.STALE]

@@ -8,6 +8,8 @@ forces that vary leave larger residuals than noise. At the best ``x`` they are a
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from coheft.estimation.geometry.spatial import Array
@@ -27,45 +29,57 @@ _SINGULAR = 1e-12
 """Share of the largest variance below which a direction is known."""
 
 
-def best_residuals(estimate: Estimate, settings: FitSettings, extended_rows: Array) -> Array:
-    """Return residuals of wrenches in standard deviations, shape (n, 1, 6), at the best poses and load.
+class BestResiduals(NamedTuple):
+    """Residuals at the best poses and load.
+
+    Attributes:
+        residuals: Of total wrenches in standard deviations, shape (n, 1, 6).
+        fitted: How many numbers have been fitted, those that the prior ``|z|^2`` decides not counted.
+    """
+
+    residuals: Array
+    fitted: float
+
+
+def best_residuals(estimate: Estimate, settings: FitSettings, extended_rows: Array) -> BestResiduals:
+    """Find the best poses and load by Levenberg-Marquardt steps, and return what they leave.
 
     Args:
         estimate: A fit with hidden poses and a load. Its motion and sensor errors are kept.
         settings: Its settings.
         extended_rows: Rows with that load (n, X).
     """
-    body, unknowns, number = estimate.body, estimate.body.unknowns, len(extended_rows)
-    white = np.linalg.inv(np.linalg.cholesky(residual_covariance(body, estimate.state.fitted_load)))
+    body, unknowns, first = estimate.body, estimate.body.unknowns, estimate.state.fitted_load
+    white = np.linalg.inv(np.linalg.cholesky(residual_covariance(body, first)))
+    number, motion = len(extended_rows), extended_rows @ body.motion_map[FORCING].T
     wrenches = extended_rows[:, : body.one].reshape(number, body.count, ROW_SIZE)[:, :, rows.WRENCH].reshape(number, -1)
-    motion, first = extended_rows @ body.motion_map[FORCING].T, estimate.state.fitted_load
     at_fit = (extended_rows @ body.wrench_map.T - motion @ load_operator(first).T) @ white.T
 
     root = _root(estimate)
     by_load = np.einsum("ab,fbl,lk->fak", white, REGRESSOR, root[unknowns.load])
     of_load = (motion @ by_load.reshape(len(by_load), -1)).reshape(6 * number, -1)
-    state, moved, damping = estimate.state, np.zeros(root.shape[1]), _DAMPING
-    residuals, square = at_fit, float(np.square(at_fit).sum())
+    now, residuals, moved, damping = body, at_fit, np.zeros(root.shape[1]), _DAMPING
+    square, one = float(np.square(at_fit).sum()), np.eye(len(moved))
     for _ in range(_MOST_STEPS):
-        now = settings.body(state)
+        # Sensor errors change these derivatives so little that steps lead to the same place.
         by_pose = np.einsum("ab,rpbw,rpk->rwak", white, now.adjoint_derivatives(), root[unknowns.poses])
         jacobian = (wrenches @ by_pose.reshape(body.count * WRENCH_SIZE, -1)).reshape(6 * number, -1) - of_load
-        information = jacobian.T @ jacobian + np.eye(len(moved))
-        score = -(jacobian.T @ residuals.ravel() + moved)
+        information, score = jacobian.T @ jacobian + one, -(jacobian.T @ residuals.ravel() + moved)
+        fitted = len(moved) - float(np.linalg.inv(information).trace())
         while True:
             step = np.linalg.solve(information + damping * np.diag(information.diagonal()), score)
-            if (2.0 * score - information @ step) @ step < _SMALL:
-                return residuals[:, None]
-            there = state.moved(root @ step, unknowns, FARTHEST)
-            turned = (white @ (settings.body(there).adjoints - body.adjoints)).swapaxes(0, 1).reshape(6, -1)
-            lifted = white @ load_operator(there.fitted_load - first)
-            found = at_fit + wrenches @ turned.T - motion @ lifted.T
+            if not (2.0 * score - information @ step) @ step >= _SMALL:
+                return BestResiduals(residuals[:, None], fitted)
+            there = settings.body(now.state.moved(root @ step, unknowns, FARTHEST))
+            by_rows = white @ (there.wrench_map - body.wrench_map)
+            by_motion = white @ load_operator(there.state.fitted_load - first)
+            found = at_fit + extended_rows @ by_rows.T - motion @ by_motion.T
             sum_of_squares = float(np.square(found).sum() + np.square(moved + step).sum())
             if sum_of_squares < square:
                 break
             damping *= _MORE
-        state, moved, residuals, square, damping = there, moved + step, found, sum_of_squares, damping * _LESS
-    return residuals[:, None]
+        now, moved, residuals, square, damping = there, moved + step, found, sum_of_squares, damping * _LESS
+    return BestResiduals(residuals[:, None], fitted)
 
 
 def _root(estimate: Estimate) -> Array:

@@ -21,6 +21,8 @@ _WIDER = 1.3
 _FEW = 60
 _LARGEST = 20.0
 """Limit of logarithms."""
+_LITTLE = 0.1
+"""Share of the white noise below which the time of the other's correlation means nothing."""
 _PARTS = 10
 """Number of parts of the recording whose residuals are compared."""
 
@@ -77,7 +79,7 @@ class _Coloured:
 
 
 def _smooth(frequency: Array, power: Array) -> tuple[Array, float]:
-    """The likeliest sum of white noise and noise that is correlated over some time [s], and that time."""
+    """The likeliest sum of white noise and noise that is correlated over a time [s], and that time, 0 if all is white."""
 
     def parts(logs: Array) -> tuple[Array, Array]:
         """The spectrum, and its derivatives by the logarithms, shape (3, K)."""
@@ -93,8 +95,10 @@ def _smooth(frequency: Array, power: Array) -> tuple[Array, float]:
         ratio = power / expected
         return float(np.sum(np.log(expected) + ratio)), derivatives @ ((1.0 - ratio) / expected)
 
-    starts = [np.log([np.median(power), power[: len(power) // 4].mean(), corner]) for corner in (0.02, 0.1, 0.5, 2.0)]
+    level, slow = np.maximum([np.median(power), power[: len(power) // 4].mean()], np.exp(-_LARGEST))
+    starts = [np.log([level, slow, corner]) for corner in (0.02, 0.1, 0.5, 2.0)]
     bounds = [(-_LARGEST, _LARGEST)] * 3
     fits = [minimize(misfit, start, jac=True, method="L-BFGS-B", bounds=bounds) for start in starts]
     best = min(fits, key=lambda fit: float(fit.fun)).x
-    return parts(best)[0], float(1.0 / (2.0 * np.pi * np.exp(best[2])))
+    white, more, corner = np.exp(best)
+    return parts(best)[0], float(1.0 / (2.0 * np.pi * corner)) if more > _LITTLE * white else 0.0
