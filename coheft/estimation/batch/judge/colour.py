@@ -79,7 +79,7 @@ class _Coloured:
 
 
 def _smooth(frequency: Array, power: Array) -> tuple[Array, float]:
-    """The likeliest sum of white noise and noise that is correlated over a time [s], and that time, 0 if all is white."""
+    """The likeliest sum of white noise and of noise correlated over a time [s], and that time, 0 if all is white."""
 
     def parts(logs: Array) -> tuple[Array, Array]:
         """The spectrum, and its derivatives by the logarithms, shape (3, K)."""
