@@ -23,7 +23,7 @@ def test_what_is_behind_is_as_large_as_is_said(noise: float, drift: float) -> No
     robots = {}
     for name, others in LINE.items():
         robots[name] = Agreement(
-            Network(4, dict.fromkeys(others, 1.0 / 3.0), rate, Extrapolation(0.0, 0.0, 0.0)), mass=10.0
+            Network(4, dict.fromkeys(others, 1.0 / 3.0), rate, Extrapolation(0.0, 0.0, 0.0), knows_lag=True), mass=10.0
         )
         robots[name].start({other: Pose.identity() for other in others})
     thetas = {name: np.concatenate([np.zeros(9), [0.1]]) for name in NAMES}

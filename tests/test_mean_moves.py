@@ -33,7 +33,7 @@ def test_a_move_of_the_mean_is_judged_by_the_gain_of_its_time() -> None:
     """Two robots. Consensus takes eight blocks, in which gains change by much; what it tells is of their start."""
     rng, others = np.random.default_rng(1), {"r1": "r2", "r2": "r1"}
     robots = {
-        name: MeanMoves(Network(2, {other: 0.5}, 1e-9, Extrapolation(0.0, 0.0, 0.0)), ROUNDS, MEMORY)
+        name: MeanMoves(Network(2, {other: 0.5}, 1e-9, Extrapolation(0.0, 0.0, 0.0), knows_lag=True), ROUNDS, MEMORY)
         for name, other in others.items()
     }
     for name, other in others.items():
