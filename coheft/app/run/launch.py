@@ -220,10 +220,11 @@ class EndByCtrlC:
     def kill_frozen(self, observer: Observer, processes: Processes, *, is_saving: bool) -> bool:
         """Kill agents that do not end, and return whether there were any.
 
-        A ``KeyboardInterrupt`` says that the server does not answer either. One that saves data does not while it
-        writes.
+        A ``KeyboardInterrupt`` says that the server does not answer either. If some agents have ended, it has reacted,
+        and does not answer while it saves data.
         """
-        while not is_saving and observer.status() is None:
+        has_reacted = any(processes.ended(child.name) for child in processes.children if child.name != SERVER)
+        while not (is_saving and has_reacted) and observer.status() is None:
             if observer.has_lost_server or processes.ended(SERVER):
                 raise KeyboardInterrupt("the server does not answer")
         if frozen := processes.kill_all_but(SERVER):
