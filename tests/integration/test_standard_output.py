@@ -148,7 +148,7 @@ def test_ctrl_c_while_modules_load_is_told_in_a_line(module: str) -> None:
                 break
         process.send_signal(signal.SIGINT)
         said = [line for line in process.stderr if not line.startswith("import time:")]
-        assert process.wait(LIMIT) == 130
+        assert process.wait(LIMIT) == 130, said
     assert len(said) == 1
     assert said[0].startswith("stopped")
 
