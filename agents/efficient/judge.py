@@ -84,7 +84,7 @@ def judge(
         return Verdict(Outcome.NO_BODY, robot=None if worst is None else worst.source)
     if (robot := _robot_beyond_tolerance(estimate, guards)) is not None:
         return Verdict(Outcome.BEYOND_TOLERANCE, robot=robot)
-    if not _wrenches_fit(wrench, _LOAD, guards):
+    if not _wrenches_fit(wrench, np.zeros(0), guards):
         of_load = buffer.rows[max(first, buffer.start) : buffer.count]
         if not estimate.misses_poses or not _wrenches_fit(*best_residuals(estimate, settings, of_load), guards):
             return Verdict(Outcome.NO_LOAD)
@@ -146,9 +146,13 @@ def _is_beyond(found: Array, uncertain: Array, guards: Guards) -> bool:
     return bool(is_seen.any() and square.sum() > chi_square_threshold(int(is_seen.sum()), guards.tolerance))
 
 
-def _wrenches_fit(residuals: Array, fitted: float, guards: Guards) -> bool:
-    """Whether residuals of total wrenches (n, 1, 6) are no larger than noise explains, with so many numbers fitted."""
-    return _fits(residuals, residuals.size - fitted, guards.largest_wrench_misfit, guards)
+def _wrenches_fit(residuals: Array, moved: Array, guards: Guards) -> bool:
+    """Whether residuals of total wrenches (n, 1, 6), and a step (k,) in its deviations, are no larger than noise."""
+    worst = worst_misfit(residuals)
+    if worst is not None and worst.chi_square > guards.largest_wrench_misfit:
+        return False
+    freedom = max(residuals.size - _LOAD, 1)
+    return excess_energy(np.append(residuals, moved), freedom, guards.noise_tolerance) <= guards.energy
 
 
 def _fits(residuals: Array, freedom: float, largest: float, guards: Guards, drift: Array | float = 0.0) -> bool:

@@ -30,10 +30,9 @@ def asked() -> list[tuple[Any, ...]]:
 def test_poses_that_are_not_known_explain_what_internal_forces_leave(asked: list[tuple[Any, ...]]) -> None:
     assert asked
     for estimate, settings, rows in asked:
-        best, fitted = best_residuals(estimate, settings, rows)
-        excess = np.square(best).sum() - (best.size - fitted)
-        assert abs(excess) < 5.0 * np.sqrt(2.0 * best.size)
-        assert 10.0 < fitted < 10.0 + 6.0 * 5
+        best, moved = best_residuals(estimate, settings, rows)
+        assert abs(np.square(best).sum() + np.square(moved).sum() - best.size) < 5.0 * np.sqrt(2.0 * best.size)
+        assert 0.1 < np.abs(moved).max() < 4.0
 
 
 def test_numbers_that_are_not_finite_are_returned_as_they_are(asked: list[tuple[Any, ...]]) -> None:

@@ -34,11 +34,11 @@ class BestResiduals(NamedTuple):
 
     Attributes:
         residuals: Of total wrenches in standard deviations, shape (n, 1, 6).
-        fitted: How many numbers have been fitted, those that the prior ``|z|^2`` decides not counted.
+        moved: The step ``z`` to them, shape (k,); squares of both add up to as many as there are residuals, on average.
     """
 
     residuals: Array
-    fitted: float
+    moved: Array
 
 
 def best_residuals(estimate: Estimate, settings: FitSettings, extended_rows: Array) -> BestResiduals:
@@ -65,11 +65,10 @@ def best_residuals(estimate: Estimate, settings: FitSettings, extended_rows: Arr
         by_pose = np.einsum("ab,rpbw,rpk->rwak", white, now.adjoint_derivatives(), root[unknowns.poses])
         jacobian = (wrenches @ by_pose.reshape(body.count * WRENCH_SIZE, -1)).reshape(6 * number, -1) - of_load
         information, score = jacobian.T @ jacobian + one, -(jacobian.T @ residuals.ravel() + moved)
-        fitted = len(moved) - float(np.linalg.inv(information).trace())
         while True:
             step = np.linalg.solve(information + damping * np.diag(information.diagonal()), score)
             if not (2.0 * score - information @ step) @ step >= _SMALL:
-                return BestResiduals(residuals[:, None], fitted)
+                return BestResiduals(residuals[:, None], moved)
             there = settings.body(now.state.moved(root @ step, unknowns, FARTHEST))
             by_rows = white @ (there.wrench_map - body.wrench_map)
             by_motion = white @ load_operator(there.state.fitted_load - first)
@@ -79,7 +78,7 @@ def best_residuals(estimate: Estimate, settings: FitSettings, extended_rows: Arr
                 break
             damping *= _MORE
         now, moved, residuals, square, damping = there, moved + step, found, sum_of_squares, damping * _LESS
-    return BestResiduals(residuals[:, None], fitted)
+    return BestResiduals(residuals[:, None], moved)
 
 
 def _root(estimate: Estimate) -> Array:
