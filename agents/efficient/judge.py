@@ -5,6 +5,7 @@ rows fit if no stretch of residuals and not the sum of their squares is larger t
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 
@@ -84,9 +85,11 @@ def judge(
         return Verdict(Outcome.NO_BODY, robot=None if worst is None else worst.source)
     if (robot := _robot_beyond_tolerance(estimate, guards)) is not None:
         return Verdict(Outcome.BEYOND_TOLERANCE, robot=robot)
-    if not _wrenches_fit(wrench, np.zeros(0), guards):
-        of_load = buffer.rows[max(first, buffer.start) : buffer.count]
-        if not estimate.misses_poses or not _wrenches_fit(*best_residuals(estimate, settings, of_load), guards):
+    if not _fits(wrench, wrench.size - _LOAD, guards.largest_wrench_misfit, guards):
+        if not estimate.misses_poses:
+            return Verdict(Outcome.NO_LOAD)
+        best, moved = best_residuals(estimate, settings, buffer.rows[max(first, buffer.start) : buffer.count])
+        if not _fits(best, best.size - _LOAD, guards.largest_wrench_misfit, guards, moved=moved):
             return Verdict(Outcome.NO_LOAD)
     found = explanations(body, innovations.gram(buffer), assumed)
     is_load = found.load > found.sensor and _has_another_mass(estimate, assumed, guards)
@@ -146,19 +149,17 @@ def _is_beyond(found: Array, uncertain: Array, guards: Guards) -> bool:
     return bool(is_seen.any() and square.sum() > chi_square_threshold(int(is_seen.sum()), guards.tolerance))
 
 
-def _wrenches_fit(residuals: Array, moved: Array, guards: Guards) -> bool:
-    """Whether residuals of total wrenches (n, 1, 6), and a step (k,) in its deviations, are no larger than noise."""
-    worst = worst_misfit(residuals)
-    if worst is not None and worst.chi_square > guards.largest_wrench_misfit:
-        return False
-    freedom = max(residuals.size - _LOAD, 1)
-    return excess_energy(np.append(residuals, moved), freedom, guards.noise_tolerance) <= guards.energy
-
-
-def _fits(residuals: Array, freedom: float, largest: float, guards: Guards, drift: Array | float = 0.0) -> bool:
-    """Whether residuals (n, s, d) are no larger than noise explains."""
+def _fits(
+    residuals: Array,
+    freedom: float,
+    largest: float,
+    guards: Guards,
+    drift: Array | float = 0.0,
+    moved: Sequence[float] | Array = (),
+) -> bool:
+    """Whether residuals (n, s, d), and a step (k,), in standard deviations, are no larger than noise explains."""
     worst = worst_misfit(residuals, drift)
     if worst is not None and worst.chi_square > largest:
         return False
-    scaled = residuals / np.sqrt(1.0 + drift)
+    scaled = np.append(residuals / np.sqrt(1.0 + drift), moved)
     return excess_energy(scaled, np.maximum(freedom, 1.0), guards.noise_tolerance) <= guards.energy

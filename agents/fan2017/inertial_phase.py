@@ -163,9 +163,7 @@ class InertialPhase:
     def doubt(self, block: int) -> str | None:
         """Why the load may be further off than is claimed, at the start of a block; None if there is no reason."""
         if not self._network.knows_lag:
-            return (
-                f"{self._rounds} rounds of consensus are too few to tell how far sums lag behind: raise fan2017.rounds"
-            )
+            return f"fan2017.rounds = {self._rounds} is too small to tell how far the team's sums lag behind"
         if block - 1 - self._rounds - self.newest > self._config.blocks(_PATIENCE):
             return f"no complete sum of the team since {self._config.start_of(self.newest + 1):.2f} s"
         return "wrenches no longer fit the load: it may have changed" if self._surprised else None
