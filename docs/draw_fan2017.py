@@ -249,7 +249,8 @@ def _draw_consensus(found: Run) -> Figure:
         bodies.semilogy(found.times[::2], worst[::2], color=ROBOTS[2 + k], linewidth=1.0, label=label)
     sums.set_title("Total wrench: what neighbours differ by")
     sums.set_ylim(1e-4, 20.0)
-    bodies.set_title("Beliefs: how far from the mean")
+    bodies.set_title("Estimates: how far from the mean")
+    bodies.set_ylim(1e-6, 100.0)
     for axes in (sums, bodies):
         axes.set_xlim(0.0, found.scenario.duration)
         axes.set_xlabel("time, s")
