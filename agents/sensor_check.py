@@ -43,7 +43,8 @@ class SensorCheck:
         there is none.
         """
         frozen, self._frozen = self._frozen, np.zeros_like(self._frozen)
-        if not np.abs(samples).max() <= _LARGEST:  # also true for NaN
+        # Nearly always the sum of squares shows it; it is not below a limit if there is a NaN.
+        if not (np.vdot(samples, samples) <= _LARGEST**2 or np.abs(samples).max() <= _LARGEST):
             if not np.isfinite(samples).all():
                 return _in_words("is not a finite number", ~np.isfinite(samples).all(axis=0))
             return _in_words("is out of range", np.abs(samples).max(axis=0) > _LARGEST)

@@ -162,24 +162,23 @@ class Server:
 
     def _run_blocks(self) -> None:
         self._go_on()
-        read = 0
-        while self._simulation.block < self._scenario.blocks and not self._stop_asked:
+        blocks = self._scenario.blocks
+        while self._simulation.block < blocks:
             self._follow_supervisor()
-            if self._stop_asked:
-                break
             # All events are read before the delay is computed, because that looks at every robot.
-            event = self._inbox.receive(0.0) if read < _MAX_EVENTS else None
-            if event is None:
-                read, delay = 0, self._delay()
-                if delay == 0.0:
-                    self._advance()
-                else:
-                    event = self._inbox.receive(min(delay, _TICK))
-                if self._state is RunState.RUNNING:
-                    self._robots.check()
-            if event is not None:
+            for _ in range(_MAX_EVENTS):
+                if (event := self._inbox.receive(0.0)) is None:
+                    break
                 self._handle(event)
-                read += 1
+            if self._stop_asked:
+                return
+            delay = self._delay()
+            if delay == 0.0:
+                self._advance()
+            else:
+                self._handle(self._inbox.receive(min(delay, _TICK)))
+            if self._state is RunState.RUNNING:
+                self._robots.check()
 
     def _follow_supervisor(self) -> None:
         """Pause while the supervising process is stopped, because it would miss the rest of the run.

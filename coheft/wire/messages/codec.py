@@ -17,7 +17,7 @@ import numpy as np
 
 from coheft.errors import MessageError
 from coheft.estimation.geometry.spatial import Array
-from coheft.wire.messages.frame import KeyChecksum
+from coheft.wire.messages.frame import DOUBLE, KeyChecksum
 from coheft.wire.messages.kind import MALFORMED, Kind
 from coheft.wire.messages.structs import Message
 
@@ -66,8 +66,9 @@ def is_finite(array: Array) -> bool:
 
 def check_numbers(array: Array, shape: tuple[int, ...], name: str) -> None:
     """Check shape and numbers of a received array in double precision; ``MessageError`` if it cannot be used."""
-    check_field(f"{name}.shape", array.shape, shape)
-    check_field(f"{name}.dtype", array.dtype.name, "float64")  # products of whole numbers may overflow
+    if array.shape != shape or array.dtype != DOUBLE:  # products of whole numbers may overflow
+        check_field(f"{name}.shape", array.shape, shape)
+        check_field(f"{name}.dtype", array.dtype.name, DOUBLE.name)
     # Nearly always the sum of squares shows it; it is not below the limit for numbers that are not finite.
     if np.vdot(array, array) < _LARGEST**2:
         return

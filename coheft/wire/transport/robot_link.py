@@ -7,6 +7,7 @@ from msgspec import structs
 
 from coheft.errors import MessageError
 from coheft.wire.messages.codec import check_field, is_finite
+from coheft.wire.messages.frame import DOUBLE
 from coheft.wire.messages.structs import Measurements, Message, Ready, Reference, Stop
 from coheft.wire.transport.inbox import Inbox
 from coheft.wire.transport.sessions import Keys, Sender
@@ -14,12 +15,19 @@ from coheft.wire.transport.sessions import Keys, Sender
 _MOTION_SIZE, _WRENCH_SHAPE = 12, (6,)
 
 
+def not_finite(reference: Reference) -> str | None:
+    """Say that a reference is not finite; None if it is."""
+    if is_finite(reference.motion) and is_finite(reference.wrench):
+        return None
+    return f"the reference of block {reference.block} is not finite"
+
+
 class RobotLink:
     """One robot's session, and the state of the communication with it.
 
     Args:
         world: Number of the simulated world; a new number makes agents restart.
-        excess: Describes why an arm cannot follow a finite reference; returns None if it can.
+        excess: Describes why an arm cannot follow a reference, which may not be finite; returns None if it can.
 
     Attributes:
         is_ready: Whether it asks for measurements, and can receive them.
@@ -39,7 +47,7 @@ class RobotLink:
         world: int,
         lag: int,
         block: int,
-        excess: Callable[[Reference], str | None] = lambda _: None,
+        excess: Callable[[Reference], str | None] = not_finite,
     ) -> None:
         self.name = name
         self.is_ready = False
@@ -105,22 +113,21 @@ class RobotLink:
                 f"answers is {reference.answers} but expected a block from {self.answered + 1} to {self._sent}"
             )
         check_field("block", reference.block, reference.answers + self._lag)
-        for name, array, shape in (
-            ("motion", reference.motion, self._motion_shape),
-            ("wrench", reference.wrench, _WRENCH_SHAPE),
-        ):
-            check_field(f"{name}.shape", array.shape, shape)
-            check_field(f"{name}.dtype", array.dtype.name, "float64")
+        motion, wrench = reference.motion, reference.wrench
+        found = motion.shape, wrench.shape, motion.dtype, wrench.dtype
+        if found != (self._motion_shape, _WRENCH_SHAPE, DOUBLE, DOUBLE):
+            for name, array, shape in (("motion", motion, self._motion_shape), ("wrench", wrench, _WRENCH_SHAPE)):
+                check_field(f"{name}.shape", array.shape, shape)
+                check_field(f"{name}.dtype", array.dtype.name, DOUBLE.name)
 
     def _keep(self, reference: Reference) -> None:
         """Keep a reference for its block. One that no arm can follow counts as an answer, but is not used.
 
         The first of a series of these raises a ``MessageError``.
         """
-        if is_finite(reference.motion) and is_finite(reference.wrench):
-            excess = self._excess(reference)
-        else:
-            excess = f"the reference of block {reference.block} is not finite"
+        excess = self._excess(reference)
+        if excess is not None:
+            excess = not_finite(reference) or excess
         self._references[reference.block] = reference if excess is None else None
         was_refused, self.is_refused = self.is_refused, excess is not None
         if excess is not None and not was_refused:
