@@ -20,7 +20,7 @@ from coheft.agents.efficient.judge import Verdict
 from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.load_drift import LoadChange, LoadDrift
 from coheft.agents.efficient.settings import Guards, RowCounts
-from coheft.agents.efficient.stages import TRANSITIONS, Event, ResetMonitor, Stage
+from coheft.agents.efficient.stages import STAGE_AFTER, Event, ResetMonitor, Stage
 from coheft.agents.efficient.unnoticed import Unnoticed
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.body import FORCING_SIZE
@@ -72,7 +72,7 @@ class Session:
         self._oldest = -1  # rows before this number are from before a slip, or are forgotten
         self._begin(Knowledge(count, anchor, settings, guards, prior))
         if prior is not None:
-            self.stage = TRANSITIONS[self.stage, Event.FITTED]
+            self.stage = STAGE_AFTER[Event.FITTED]
             self._detector.confirm(since=0)
 
     def _begin(self, known: Knowledge) -> None:
@@ -91,7 +91,7 @@ class Session:
         self.causes.add(number, row)
         match self.causes.decide(self._known, self._newest):
             case Event.SLIPPED, Knowledge() as known:
-                self.stage = TRANSITIONS[self.stage, Event.SLIPPED]
+                self.stage = STAGE_AFTER[Event.SLIPPED]
                 self._begin(known)
                 self._oldest = known.buffer.numbers[0]
                 self._gap.load_begins(self.causes.changed_at)
@@ -197,13 +197,13 @@ class Session:
             case Event.STARTED_OVER:
                 self._start_over()
             case _:
-                self.stage = TRANSITIONS[self.stage, event]
+                self.stage = STAGE_AFTER[event]
 
     def _start_over(self) -> None:
         self.causes.start_over()
         self._gap.load_begins(self._newest)
         self._resets, self._oldest = ResetMonitor(self._rows), self._newest + 1
-        self.stage = TRANSITIONS[self.stage, Event.STARTED_OVER]
+        self.stage = STAGE_AFTER[Event.STARTED_OVER]
         self._begin(Knowledge(self._count, self._anchor, self.settings, self._guards))
 
     # --- changes of the load ---
@@ -271,7 +271,7 @@ class Session:
         self._gap.load_begins(self._known.buffer.number_at(index))
         least = self._known.least * (1 + self._resets.is_troubled)
         self._known.forget_load(before, index, event is Event.LOAD_CHANGED, least, self._detector.step)
-        self.stage = TRANSITIONS[self.stage, event]
+        self.stage = STAGE_AFTER[event]
         self._detector.settle()
 
     def _suspect(self, index: int, is_load: bool) -> None:

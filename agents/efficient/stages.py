@@ -1,4 +1,4 @@
-"""Stages of a robot's knowledge of the load, the transitions between them; whether loads are forgotten too often."""
+"""Stages of a robot's knowledge of the load, the events that lead to them; whether loads are forgotten too often."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class Stage(Enum):
 
 
 class Event(Enum):
-    """Events that cause transitions between stages."""
+    """Events that determine the stage."""
 
     FITTED = "a load has been fitted"
     UNDECIDED = "a load has been fitted, but a sensor that has an offset explains wrenches as well"
@@ -29,25 +29,15 @@ class Event(Enum):
     )
 
 
-TRANSITIONS = {
-    (Stage.GATHERING, Event.FITTED): Stage.ESTIMATING,
-    (Stage.GATHERING, Event.UNDECIDED): Stage.UNDECIDED,
-    (Stage.GATHERING, Event.MISFIT): Stage.GATHERING,
-    (Stage.GATHERING, Event.SLIPPED): Stage.ESTIMATING,
-    (Stage.GATHERING, Event.STARTED_OVER): Stage.GATHERING,
-    (Stage.UNDECIDED, Event.FITTED): Stage.ESTIMATING,
-    (Stage.UNDECIDED, Event.UNDECIDED): Stage.UNDECIDED,
-    (Stage.UNDECIDED, Event.LOAD_CHANGED): Stage.GATHERING,
-    (Stage.UNDECIDED, Event.MISFIT): Stage.GATHERING,
-    (Stage.UNDECIDED, Event.SLIPPED): Stage.ESTIMATING,
-    (Stage.UNDECIDED, Event.STARTED_OVER): Stage.GATHERING,
-    (Stage.ESTIMATING, Event.FITTED): Stage.ESTIMATING,
-    (Stage.ESTIMATING, Event.LOAD_CHANGED): Stage.GATHERING,
-    (Stage.ESTIMATING, Event.MISFIT): Stage.GATHERING,
-    (Stage.ESTIMATING, Event.SLIPPED): Stage.ESTIMATING,
-    (Stage.ESTIMATING, Event.STARTED_OVER): Stage.GATHERING,
+STAGE_AFTER = {
+    Event.FITTED: Stage.ESTIMATING,
+    Event.UNDECIDED: Stage.UNDECIDED,
+    Event.LOAD_CHANGED: Stage.GATHERING,
+    Event.MISFIT: Stage.GATHERING,
+    Event.SLIPPED: Stage.ESTIMATING,
+    Event.STARTED_OVER: Stage.GATHERING,
 }
-"""All that can happen; anything else is an error in this file."""
+"""The stage after each event, whatever the stage was before."""
 
 
 class ResetMonitor:
