@@ -54,7 +54,6 @@ class Knowledge:
     """
 
     innovations: Innovations
-    _guess: Guess  # of theta; not set before the first fit
     _last_fit: OneLoad | None
 
     def __init__(
@@ -73,7 +72,6 @@ class Knowledge:
         self._first: int | None = None  # number of the first row with the present load
         self._unfitted, self._last_fit = 0, None  # number of the first row whose wrench was not fitted, and the fit
         if prior is not None:
-            self._guess = prior.guess
             evaluate, before = self._chapter.evaluation(), self._chapter.prior_evidence
             self._set_estimate(fit_state(prior.state, evaluate, before, prior.guess, settings, anchor, most_steps=1))
 
@@ -125,7 +123,7 @@ class Knowledge:
         assert self.estimate is not None
         self.bridge(missing)
         is_after_gap = missing > self._guards.waiting
-        return replace(self._chapter.posterior(self.estimate, self._guess), is_after_gap=is_after_gap)
+        return replace(self._chapter.posterior(self.estimate), is_after_gap=is_after_gap)
 
     def undeclared_error(self) -> UndeclaredError | None:
         """Return the most significant sensor error with tolerance zero, or None; large teams look for fewer kinds."""
@@ -133,7 +131,7 @@ class Knowledge:
         if estimate is None:
             return None
         kinds = KINDS_OF_ONE_ROBOT if self.is_small else ()
-        constant = undeclared_error(estimate, self._guess, self._chapter, settings, self._anchor, kinds, false_alarm)
+        constant = undeclared_error(estimate, self._chapter, settings, self._anchor, kinds, false_alarm)
         late = self.innovations.late_sensor(self.buffer, settings.period, false_alarm)
         return max(filter(None, (constant, late)), key=lambda error: error.size, default=None)
 
@@ -168,11 +166,13 @@ class Knowledge:
         is_unknown = np.arange(self._count) != self._anchor if last is None else last.hidden_poses()
         if is_unknown.any():
             state = self._from_scratch(state, is_unknown, evaluate)
-        if state.load is None:
+        if last is not None and state.load is not None:
+            guess = last.guess
+        else:
             body = settings.body(state)
-            self._guess = Guess.of(body, self.buffer.moments()[1])
-            state = first_load(state, evaluate(body).wrench, self._guess, settings)
-        found = self._fitted(state, evaluate)
+            guess = Guess.of(body, self.buffer.moments()[1])
+            state = first_load(state, evaluate(body).wrench, guess, settings)
+        found = self._fitted(state, guess, evaluate)
         self._set_estimate(found)
         self._unfitted = self.buffer.number_at(self.buffer.count if end is None else end)
         number = self.buffer.load_rows
@@ -193,11 +193,11 @@ class Knowledge:
         step, first = None, min(index, self.buffer.index_of(unnoticed.first))
         if unnoticed.mass > 0.0:
             step = first, unnoticed.covariance(now, self.one_load(now, index).error_by_step(first))
-        chapter.end_of_load(now, self._guess, index, has_changed and not now.misses_poses, step=step)
+        chapter.end_of_load(now, index, has_changed and not now.misses_poses, step=step)
         if has_changed:  # poses stay, so rows need not be evaluated anew
             self.estimate = replace(now, body=self._settings.body(state))
         else:
-            self._set_estimate(self._fitted(state, chapter.evaluation()))
+            self._set_estimate(self._fitted(state, now.guess, chapter.evaluation()))
         self._next_fit, self._pages.rows_before = least, 0  # a load that is known from few rows is fitted often
 
     def follow_drift(self, now: Estimate, index: int, drift: LoadDrift) -> bool:
@@ -216,7 +216,7 @@ class Knowledge:
         step = likeliest_step(newest, self.covariance_now(now) + noise, now.body.unknowns.theta)
         if not drift.goes_on(float(step[0]), 0):
             return False
-        self._chapter.end_of_load(now, self._guess, index, True, noise)
+        self._chapter.end_of_load(now, index, True, noise)
         self.fit()
         return True
 
@@ -224,8 +224,8 @@ class Knowledge:
         """Return the estimate from the rows before an index, and the same as a prior; changes nothing here."""
         assert self.estimate is not None
         chapter, evaluate = self._chapter, self._chapter.evaluation(index)
-        found = self._fitted(self.estimate.state, evaluate)
-        return found, chapter.posterior(found, self._guess, evaluate)
+        found = self._fitted(self.estimate.state, self.estimate.guess, evaluate)
+        return found, chapter.posterior(found, evaluate)
 
     def change_within(self) -> int | None:
         """Return the index of the first row after a change among the rows that a load was fitted to, None if they are
@@ -317,7 +317,7 @@ class Knowledge:
         index = max(buffer.start, buffer.count - KEPT_ON_PAGE)
         seconds = pages.turn(index, buffer.number_at(index), missing)
         self._past = self.innovations.past
-        chapter.prior = pages.inflated(chapter.end(estimate, self._guess, index), estimate, seconds)
+        chapter.prior = pages.inflated(chapter.end(estimate, index), estimate, seconds)
         self._set_estimate(estimate)
         self._next_fit = buffer.load_rows + max(3, round((self._growth - 1.0) * pages.rows_before))
 
@@ -328,8 +328,8 @@ class Knowledge:
             return first_poses(kept, state, settings, is_unknown)
         return poses_by_motion(state, is_unknown, kept, evaluate, chapter.prior_evidence, settings, self._anchor)
 
-    def _fitted(self, state: State, evaluate: EvaluateMoments) -> Estimate:
-        return fit_state(state, evaluate, self._chapter.prior_evidence, self._guess, self._settings, self._anchor)
+    def _fitted(self, state: State, guess: Guess, evaluate: EvaluateMoments) -> Estimate:
+        return fit_state(state, evaluate, self._chapter.prior_evidence, guess, self._settings, self._anchor)
 
     def _set_estimate(self, estimate: Estimate) -> None:
         """Adopt an estimate and evaluate rows at it from now on."""

@@ -87,6 +87,6 @@ def test_nonsense_is_not_heard() -> None:
 def test_what_is_known_after_a_chapter_has_ended_is_heard(gyro_offset: float) -> None:
     settings = replace(MOVING, gyro_offset=gyro_offset)
     found = fit(make_team(3, count=4, number=150).noisy(np.random.default_rng(4)), settings)
-    found.chapter.end(found.estimate, found.guess, 148)
+    found.chapter.end(found.estimate, 148)
     assert found.chapter.prior is not None
     assert decode(encode(TEAM, found.chapter.prior, 0), TEAM, 4, settings) is not None

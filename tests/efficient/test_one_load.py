@@ -55,7 +55,7 @@ def test_rows_that_are_not_kept_or_are_part_of_a_prior_count_as_well(monkeypatch
     assert not dropping.buffer.keeps_whole_load
     ended = Chapter(RowBuffer(rows.shape[1]), QUIET)
     add_rows(ended.buffer, rows[:50])
-    ended.end(whole.estimate, whole.guess, 50)
+    ended.end(whole.estimate, 50)
     add_rows(ended.buffer, rows[50:], 50)
     for chapter in (dropping, ended):
         found = fit_from(whole.estimate.state, chapter, QUIET)

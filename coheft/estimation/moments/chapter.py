@@ -158,7 +158,6 @@ class Chapter:
     def end_of_load(
         self,
         estimate: Estimate,
-        guess: Guess,
         index: int,
         keeps_poses: bool,
         noise: Array | None = None,
@@ -168,7 +167,6 @@ class Chapter:
 
         Args:
             estimate: The fit to the rows before.
-            guess: Guess of theta.
             index: Of the first row of the other load.
             keeps_poses: Whether to keep what the wrenches have shown.
             noise: Covariance (u, u) by which unknowns have changed, None if theta has and may be any.
@@ -181,51 +179,49 @@ class Chapter:
         of_load = self.buffer.begin_load(index)
         if keeps_poses:
             before_step = of_load if since_step is None else of_load - since_step
-            self.prior = self._prior_with(estimate, guess, self._wrench_evidence(estimate, before_step, guess))
+            self.prior = self._prior_with(estimate, self._wrench_evidence(estimate, before_step))
             if step is not None and since_step is not None:
                 self.prior = self.prior.with_process_noise(body.unknowns.theta, step[1])
-                self.prior = self._prior_with(estimate, guess, self._wrench_evidence(estimate, since_step, guess))
+                self.prior = self._prior_with(estimate, self._wrench_evidence(estimate, since_step))
         if self.prior is not None:
             if noise is None:
-                self.prior = self.prior.without_load(body.unknowns, guess.limits)
+                self.prior = self.prior.without_load(body.unknowns, estimate.guess.limits)
             else:
                 self.prior = self.prior.with_process_noise(slice(None), noise)
 
-    def _wrench_evidence(self, estimate: Estimate, moments: Moments, guess: Guess) -> Evidence:
+    def _wrench_evidence(self, estimate: Estimate, moments: Moments) -> Evidence:
         body = estimate.body
         found = wrench_evidence(body, MotionDerivatives.at(body), wrench_moments(body, moments), body.state.fitted_load)
-        return self._beyond_doubt(estimate, found, guess)
+        return self._beyond_doubt(estimate, found)
 
-    def end(self, estimate: Estimate, guess: Guess, index: int) -> Prior:
+    def end(self, estimate: Estimate, index: int) -> Prior:
         """Make all rows before this index, and the prior of sensor errors, part of the chapter's prior; return it."""
         of_all, of_load = self.buffer.begin_chapter(index)
         evidence = evidence_of(estimate.body, evaluated_moments(estimate.body, of_all, of_load))
-        evidence = self._beyond_doubt(estimate, evidence, guess)
+        evidence = self._beyond_doubt(estimate, evidence)
         if self.prior is None or not self.prior.has_expectations:
             evidence += self._settings.expected(estimate.body)
-        self.prior = self._prior_with(estimate, guess, evidence, True)
+        self.prior = self._prior_with(estimate, evidence, True)
         return self.prior
 
-    def posterior(self, estimate: Estimate, guess: Guess, evaluate: EvaluateMoments | None = None) -> Prior:
+    def posterior(self, estimate: Estimate, evaluate: EvaluateMoments | None = None) -> Prior:
         """Return the posterior as a prior for another robot or team; ``evaluate`` may leave out rows."""
         evidence = evidence_of(estimate.body, (self.evaluation() if evaluate is None else evaluate)(estimate.body))
-        return self._prior_with(estimate, guess, self._beyond_doubt(estimate, evidence, guess))
+        return self._prior_with(estimate, self._beyond_doubt(estimate, evidence))
 
-    def _beyond_doubt(self, estimate: Estimate, evidence: Evidence, guess: Guess) -> Evidence:
+    def _beyond_doubt(self, estimate: Estimate, evidence: Evidence) -> Evidence:
         """Evidence of rows that become part of a prior, used as in the estimate."""
         if not estimate.is_doubtful:
             return evidence
-        limits = self._settings.limits(estimate.body.count, guess)
+        limits = self._settings.limits(estimate.body.count, estimate.guess)
         return evidence.beyond_doubt(np.where(limits > 0.0, limits, 1.0))
 
-    def _prior_with(
-        self, estimate: Estimate, guess: Guess, evidence: Evidence, has_expectations: bool = False
-    ) -> Prior:
+    def _prior_with(self, estimate: Estimate, evidence: Evidence, has_expectations: bool = False) -> Prior:
         """Return the prior with more evidence, around the state of an estimate."""
         if self.prior is not None:
             evidence += self.prior.at(estimate.body)
             has_expectations = has_expectations or self.prior.has_expectations
-        return Prior(estimate.state, guess, evidence, has_expectations)
+        return Prior(estimate.state, estimate.guess, evidence, has_expectations)
 
 
 def evidence_of(body: BodyModel, moments: EvaluatedMoments) -> Evidence:

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
@@ -42,7 +41,7 @@ class Estimate:
         inverse: Inverse of the information in the directions that are seen, shape (u, u): by how much a score moves the
             unknowns.
         step: Largest change of a pose by the last step, in its standard deviations.
-        size: Rough size of the load [m].
+        guess: Guess of the load with which it was fitted.
         is_doubtful: Whether rows count only beyond doubt, see ``Evidence.beyond_doubt``.
     """
 
@@ -51,13 +50,18 @@ class Estimate:
     hidden: Array
     inverse: Array
     step: float
-    size: float
+    guess: Guess
     is_doubtful: bool = False
 
     @property
     def state(self) -> State:
         """The state."""
         return self.body.state
+
+    @property
+    def size(self) -> float:
+        """Rough size of the load [m]."""
+        return self.guess.size
 
     @property
     def covariance(self) -> Array:
@@ -83,25 +87,6 @@ class Estimate:
         """Whether a robot's pose is hidden or less certain than ``limits`` (6,) in any component, shape (N,)."""
         variances = self.covariance.diagonal()[self.body.unknowns.poses]
         return np.asarray((variances > np.square(limits)).any(axis=1))
-
-
-class _Step(NamedTuple):
-    """One Gauss-Newton step.
-
-    Attributes:
-        state: The new state.
-        seen, hidden, inverse, is_doubtful: As in ``Estimate``.
-        size: The step, in deviations of poses.
-        left: The error that it leaves, likewise: of a step ``d`` about ``d^2`` (rotations in rad, lengths in m).
-    """
-
-    state: State
-    seen: Array
-    hidden: Array
-    inverse: Array
-    is_doubtful: bool
-    size: float
-    left: float
 
 
 EvaluateMoments = Callable[[BodyModel], EvaluatedMoments]
@@ -139,20 +124,23 @@ def fit_state(
             if moments.wrench.number > 0.0:
                 by_wrench = wrench_evidence(body, derivatives, moments.wrench, load, noise_of_wrench)
                 by_rows, noise_of_wrench = by_rows + by_wrench, by_wrench.noise
-        step = _step(body, by_rows, prior(body), settings, guess, anchor)
-        state = step.state
-        if step.size > _FAR:
+        estimate, state, left = _step(body, by_rows, prior(body), settings, guess, anchor)
+        if estimate.step > _FAR:
             noise_of_motion = noise_of_wrench = None
-        if step.left < _SMALL_ERROR:
+        if left < _SMALL_ERROR:
             break
-    body = settings.body(state)
-    return Estimate(body, step.seen, step.hidden, step.inverse, step.size, guess.size, step.is_doubtful)
+    return replace(estimate, body=settings.body(state))
 
 
 def _step(
     body: BodyModel, by_rows: Evidence, prior: Evidence, settings: FitSettings, guess: Guess, anchor: int
-) -> _Step:
-    """Make one step."""
+) -> tuple[Estimate, State, float]:
+    """Make one Gauss-Newton step.
+
+    Returns:
+        The estimate, still with the state before the step; the state after it; and the error of poses that the step
+        leaves, in standard deviations: of a step ``d`` about ``d^2`` (rotations in rad, lengths in m).
+    """
     unknowns = body.unknowns
     free = settings.free(unknowns, anchor, body.state.load is not None)
     limits = settings.limits(unknowns.count, guess)[free]
@@ -171,4 +159,5 @@ def _step(
     size, left = float(np.abs(of_poses / deviations).max()), float((of_poses**2 / deviations).max())
     if settings.errors.count:
         step = step / max(1.0, float(np.abs(of_poses).max()) / _LONGEST)
-    return _Step(body.state.moved(step, unknowns, FARTHEST), seen, hidden, inverse, is_doubtful, size, left)
+    estimate = Estimate(body, seen, hidden, inverse, size, guess, is_doubtful)
+    return estimate, body.state.moved(step, unknowns, FARTHEST), left

@@ -21,7 +21,7 @@ from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.body import BodyModel
 from coheft.estimation.moments.chapter import Chapter, evidence_of
 from coheft.estimation.moments.fit import Estimate
-from coheft.estimation.moments.fit_settings import FitSettings, Guess
+from coheft.estimation.moments.fit_settings import FitSettings
 from coheft.estimation.moments.sensor_errors import DELAYS, SensorErrors
 from coheft.estimation.moments.unknowns import Indices, State, Unknowns
 from coheft.estimation.tolerance import SENSORS
@@ -56,7 +56,6 @@ class UndeclaredError(NamedTuple):
 
 def undeclared_error(
     estimate: Estimate,
-    guess: Guess,
     chapter: Chapter,
     settings: FitSettings,
     anchor: int,
@@ -68,7 +67,6 @@ def undeclared_error(
 
     Args:
         estimate: The fit to all rows of the chapter.
-        guess: Guess of theta.
         chapter: Rows and prior.
         settings: Settings of the fit.
         anchor: Index of the robot whose pose stays fixed.
@@ -92,7 +90,7 @@ def undeclared_error(
     before = chapter.prior_evidence(estimate.body)
     fitted = rows.restricted(others) + before
     free = settings.free(unknowns, anchor, with_load=True)
-    solution = fitted.restricted(free).solve(settings.limits(unknowns.count, guess)[free])
+    solution = fitted.restricted(free).solve(settings.limits(unknowns.count, estimate.guess)[free])
     if solution.hidden.any():
         return None
     inverse = solution.inverse

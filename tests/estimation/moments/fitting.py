@@ -25,7 +25,6 @@ class Fitted:
     """An estimate in the frame of the anchor, and what it was made of."""
 
     estimate: Estimate
-    guess: Guess
     chapter: Chapter
 
     def error(self, truth: Team, anchor: int = 0) -> Array:
@@ -62,7 +61,7 @@ def fit_from(state: State, chapter: Chapter, settings: FitSettings, anchor: int 
     guess = Guess.of(body, chapter.buffer.moments()[1])
     if state.load is None:
         state = first_load(state, evaluate(body).wrench, guess, settings)
-    return Fitted(fit_state(state, evaluate, chapter.prior_evidence, guess, settings, anchor), guess, chapter)
+    return Fitted(fit_state(state, evaluate, chapter.prior_evidence, guess, settings, anchor), chapter)
 
 
 def fit(rows: Array, settings: FitSettings = IDEAL, anchor: int = 0, is_projected: bool = False) -> Fitted:

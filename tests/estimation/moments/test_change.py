@@ -152,7 +152,7 @@ def test_a_load_that_was_known_may_have_changed_before_the_very_first_row(is_kno
     team = make_team(seed=8, number=130)
     former = fit(team.noisy(np.random.default_rng(9))[:100])
     later = team.holding(heavier(team, 0.1)).expressed_in(team.poses[0])
-    body, prior = former.estimate.body, former.chapter.posterior(former.estimate, former.guess)
+    body, prior = former.estimate.body, former.chapter.posterior(former.estimate)
     rows = later.noisy(np.random.default_rng(10))[100 : 100 + number]
     views = rows @ np.vstack([body.motion_map[FORCING], body.wrench_map]).T
     known = Chapter(former.chapter.buffer, IDEAL, prior).prior_evidence(body)

@@ -48,7 +48,7 @@ def in_chapters(rows: Array, settings: FitSettings, indices: Sequence[int]) -> F
     ends = [index + 2 for index in indices]
     found = fit(rows[: ends[0]], settings)
     for first, end in pairwise([*ends, len(rows)]):
-        found.chapter.end(found.estimate, found.guess, found.chapter.buffer.count - 2)
+        found.chapter.end(found.estimate, found.chapter.buffer.count - 2)
         add_rows(found.chapter.buffer, rows[first:end], first)
         found = fit_from(found.estimate.state, found.chapter, settings)
     return found
@@ -87,7 +87,7 @@ def test_a_new_load_is_found_and_poses_stay_known(kind: str) -> None:
     before = fit(rows[:120], settings)
     chapter, known = before.chapter, deviations(before, settings)[:12]
     add_rows(chapter.buffer, rows[120:], 120)
-    chapter.end_of_load(before.estimate, before.guess, 120, keeps_poses=True)
+    chapter.end_of_load(before.estimate, 120, keeps_poses=True)
     assert not chapter.knows_load
     said = chapter.prior_evidence(before.estimate.body)
     theta = before.estimate.body.unknowns.theta
@@ -110,7 +110,7 @@ def test_a_new_load_is_found_and_poses_stay_known(kind: str) -> None:
 def test_poses_that_are_not_known_take_nothing_over_from_wrenches() -> None:
     team = make_team(seed=4)
     found = fit(team.noisy(np.random.default_rng(5)))
-    found.chapter.end_of_load(found.estimate, found.guess, 60, keeps_poses=False)
+    found.chapter.end_of_load(found.estimate, 60, keeps_poses=False)
     assert found.chapter.prior is None
     assert not found.chapter.knows_load
     assert found.chapter.buffer.load_rows == 40
@@ -142,14 +142,14 @@ def test_all_that_is_known_is_the_sum_of_rows_and_of_what_was_known(kind: str) -
     settings = SETTINGS[kind]
     _, rows = erring(make_team(seed=8, number=200), settings, np.random.default_rng(9))
     found = in_chapters(rows, settings, [100])
-    prior, body = found.chapter.posterior(found.estimate, found.guess), found.estimate.body
+    prior, body = found.chapter.posterior(found.estimate), found.estimate.body
     assert found.chapter.prior is not None
     expected = evidence_of(body, found.chapter.evaluation()(body)) + found.chapter.prior.at(body)
     for name, value in vars(expected).items():
         np.testing.assert_allclose(getattr(prior.evidence, name), value, rtol=1e-9, atol=1e-9 * np.abs(value).max())
     empty = Chapter(buffer_of(rows[:0], settings, 3), settings, prior)
     free = settings.free(body.unknowns, 0, with_load=True)
-    solution = empty.prior_evidence(body).restricted(free).solve(settings.limits(3, found.guess)[free])
+    solution = empty.prior_evidence(body).restricted(free).solve(settings.limits(3, found.estimate.guess)[free])
     np.testing.assert_allclose(np.sqrt(solution.seen.diagonal()), deviations(found, settings), rtol=0.02)
 
 
@@ -161,16 +161,16 @@ def test_poses_that_tolerances_show_stay_seen_when_noisy_rows_become_a_prior() -
     found = fit(noisy_for(errors, team, np.random.default_rng(1), noise), settings)
     assert found.estimate.is_doubtful
     assert not found.estimate.misses_poses
-    prior = found.chapter.posterior(found.estimate, found.guess)
+    prior = found.chapter.posterior(found.estimate)
     chapter = Chapter(buffer_of(np.zeros((0, 3 * errors.row_size + 1)), settings, 3), settings, prior)
     evaluate, before = chapter.evaluation(), chapter.prior_evidence
-    again = fit_state(found.estimate.state, evaluate, before, found.guess, settings, 0, most_steps=1)
+    again = fit_state(found.estimate.state, evaluate, before, found.estimate.guess, settings, 0, most_steps=1)
     assert not again.misses_poses
 
 
 def test_a_prior_moves_with_the_state() -> None:
     found = fit(make_team(seed=10).noisy(np.random.default_rng(11)))
-    prior, body = found.chapter.posterior(found.estimate, found.guess), found.estimate.body
+    prior, body = found.chapter.posterior(found.estimate), found.estimate.body
     step = 1e-3 * np.random.default_rng(12).normal(size=body.unknowns.size)
     moved = IDEAL.body(body.state.moved(step, body.unknowns, 6.0))
     expected = prior.evidence.shifted(step)
@@ -182,8 +182,8 @@ def test_a_prior_moves_with_the_state() -> None:
 
 def test_a_prior_that_is_loosened_knows_less() -> None:
     found = fit(make_team(seed=13).noisy(np.random.default_rng(14)))
-    prior, unknowns = found.chapter.posterior(found.estimate, found.guess), found.estimate.body.unknowns
-    free, limits = IDEAL.free(unknowns, 0, True), IDEAL.limits(3, found.guess)
+    prior, unknowns = found.chapter.posterior(found.estimate), found.estimate.body.unknowns
+    free, limits = IDEAL.free(unknowns, 0, True), IDEAL.limits(3, found.estimate.guess)
     spread = found.estimate.covariance[unknowns.theta, unknowns.theta]
     loosened = prior.with_process_noise(unknowns.theta, spread)
     before = (prior.evidence + IDEAL.expected(found.estimate.body)).restricted(free).solve(limits[free]).seen
@@ -198,7 +198,7 @@ def new_team(kind: str, members: list[int | None], seed: int) -> tuple[Fitted, S
     settings, rng = SETTINGS[kind], np.random.default_rng(seed)
     everyone = make_team(seed, count=4, number=200).expressed_in(make_team(seed, count=4).poses[0])
     former = fit(erring(carrying(everyone, [0, 1, 2]), settings, rng)[1], settings)
-    prior = former.chapter.posterior(former.estimate, former.guess).for_team(members, settings, settings)
+    prior = former.chapter.posterior(former.estimate).for_team(members, settings, settings)
     robots = [3 if then is None else then for then in members]
     team = carrying(everyone, robots)
     rows = erring(team, settings, rng)[1][:40]
@@ -253,7 +253,7 @@ def test_who_has_left_is_eliminated(kind: str) -> None:
     settings = SETTINGS[kind]
     _, rows = erring(make_team(seed=16, count=4, number=150), settings, np.random.default_rng(17))
     found = fit(rows, settings)
-    prior = found.chapter.posterior(found.estimate, found.guess)
+    prior = found.chapter.posterior(found.estimate)
     fewer = prior.for_team([0, 3, None, 1], settings, settings)
     unknowns, size = found.estimate.body.unknowns, fewer.evidence
     own = unknowns.own
@@ -268,7 +268,7 @@ def test_who_has_left_is_eliminated(kind: str) -> None:
     assert not fewer.state.eta[2].any()
     np.testing.assert_array_equal(fewer.state.load, found.estimate.state.load)
     # Poses of those that stayed and the load are as well known as before.
-    body, limits = found.estimate.body, settings.limits(4, found.guess)
+    body, limits = found.estimate.body, settings.limits(4, found.estimate.guess)
     free = settings.free(unknowns, 0, with_load=True)
     before = np.zeros((unknowns.size, unknowns.size))
     before[np.ix_(free, free)] = (prior.evidence + settings.expected(body)).restricted(free).solve(limits[free]).seen
@@ -331,7 +331,7 @@ def test_who_has_joined_has_the_tolerances_of_its_sensors_also_after_a_chapter_h
     settings = SETTINGS["errors"]
     _, rows = erring(make_team(seed=16, count=4, number=150), settings, np.random.default_rng(17))
     found = fit(rows, settings)
-    found.chapter.end(found.estimate, found.guess, 148)
+    found.chapter.end(found.estimate, 148)
     assert found.chapter.prior is not None
     fewer = found.chapter.prior.for_team([0, 3, None, 1], settings, settings)
     own = found.estimate.body.unknowns.eta[2]

@@ -102,13 +102,13 @@ def refined(found: Fitted, frame: Pose, team: Team) -> Fitted:
     """The same fit once more, in another body frame and until nothing moves any more."""
     estimate = found.estimate
     now = replace(team, poses=estimate.state.poses, load=estimate.state.load).expressed_in(frame)
-    guess = replace(found.guess, theta=now.load[6:])
+    guess = replace(found.estimate.guess, theta=now.load[6:])
     evaluate, settings = found.chapter.evaluation(), IDEAL
     state = now.state()
     for _ in range(4):
         estimate = fit_state(state, evaluate, found.chapter.prior_evidence, guess, settings, 0, most_steps=3)
         state = estimate.state
-    return Fitted(estimate, guess, found.chapter)
+    return Fitted(estimate, found.chapter)
 
 
 def test_the_body_frame_does_not_matter() -> None:
@@ -208,7 +208,7 @@ def test_a_fit_from_far_away_knows_as_much_as_one_from_nearby(number: int, turni
     near = fit(team.noisy(np.random.default_rng(25)))
     step, unknowns = np.zeros(near.estimate.body.unknowns.size), near.estimate.body.unknowns
     step[unknowns.poses[1:]] = 0.2
-    step[unknowns.theta] = near.guess.limits
+    step[unknowns.theta] = near.estimate.guess.limits
     far = fit_from(near.estimate.state.moved(step, unknowns, 6.0), near.chapter, IDEAL)
     assert_near(far.estimate.state.since(near.estimate.state, unknowns), near, 0.1)
     np.testing.assert_allclose(deviations_of(far)[1], deviations_of(near)[1], rtol=0.01)
@@ -222,7 +222,7 @@ def test_where_sensors_may_err_no_step_is_long() -> None:
     step[unknowns.poses[1:]] = 0.6
     far = estimate.state.moved(step, unknowns, 6.0)
     evaluate, before = found.chapter.evaluation(), found.chapter.prior_evidence
-    once = fit_state(far, evaluate, before, found.guess, settings, 0, most_steps=1)
+    once = fit_state(far, evaluate, before, found.estimate.guess, settings, 0, most_steps=1)
     assert 0.2 < np.abs(once.state.since(far, unknowns)[unknowns.poses]).max() < 0.3 + 1e-9
 
 

@@ -46,7 +46,7 @@ def asked_for(
         step[unknowns.eta[2, [name == "clock" for name in errors.names]]] = delay
         rows = misread(rows, state.moved(step, unknowns, 6.0))
     found = fit(rows, settings)
-    return undeclared_error(found.estimate, found.guess, found.chapter, settings, 0, KINDS_OF_ONE_ROBOT, false_alarm)
+    return undeclared_error(found.estimate, found.chapter, settings, 0, KINDS_OF_ONE_ROBOT, false_alarm)
 
 
 @pytest.mark.parametrize("kind", SIZES)
@@ -84,7 +84,7 @@ def test_while_much_is_in_doubt_nothing_is_asked_for() -> None:
     team = team.expressed_in(team.poses[0])
     found = fit(noisy_for(errors, team, np.random.default_rng(1), noise), settings)
     assert not found.estimate.misses_poses
-    assert undeclared_error(found.estimate, found.guess, found.chapter, settings, 0, KINDS_OF_ONE_ROBOT, 1e-9) is None
+    assert undeclared_error(found.estimate, found.chapter, settings, 0, KINDS_OF_ONE_ROBOT, 1e-9) is None
 
 
 def test_offsets_of_forces_are_found_where_nothing_else_is_tested() -> None:
@@ -92,7 +92,7 @@ def test_offsets_of_forces_are_found_where_nothing_else_is_tested() -> None:
     rows = noisy_for(IDEAL.errors, team.expressed_in(team.poses[0]), np.random.default_rng(4))
     rows[:, ROW_SIZE + FORCE.start] += 2.0
     found = fit(rows, IDEAL)
-    error = undeclared_error(found.estimate, found.guess, found.chapter, IDEAL, 0, (), 1e-9)
+    error = undeclared_error(found.estimate, found.chapter, IDEAL, 0, (), 1e-9)
     assert error is not None
     assert (error.robot, error.kind) == (1, "force_bias")
     assert error.size > 1.0

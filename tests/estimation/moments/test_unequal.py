@@ -91,7 +91,7 @@ def test_a_sensor_that_is_told_to_be_exact_is_tested_although_others_are_not() -
         step = np.zeros(unknowns.size)
         step[unknowns.eta[robot]] = [0.02, -0.02, 0.02]
         found = fit(misread(rows, state.moved(step, unknowns, 6.0)), settings)
-        error = undeclared_error(found.estimate, found.guess, found.chapter, settings, 0, KINDS_OF_ONE_ROBOT, 1e-9)
+        error = undeclared_error(found.estimate, found.chapter, settings, 0, KINDS_OF_ONE_ROBOT, 1e-9)
         assert (error is not None and (error.robot, error.kind) == (1, "gyro_mounting")) == is_found
 
 
@@ -102,7 +102,7 @@ def test_robots_that_leave_are_eliminated_with_what_each_of_them_declares(member
     former = fit(rows, SETTINGS)
     errors = SensorErrors(*(UNEQUAL.tolerances[robot] for robot in members), other_kinds=MIXED)
     settings = replace(SETTINGS, errors=errors)
-    prior = former.chapter.posterior(former.estimate, former.guess)
+    prior = former.chapter.posterior(former.estimate)
     fewer = prior.for_team(members, SETTINGS, settings)
     covariances = []
     for each, own, robots in ((prior, SETTINGS, members), (fewer, settings, list(range(len(members))))):
@@ -129,7 +129,7 @@ def test_offsets_of_each_robot_add_up() -> None:
     force = unequal.offset_covariance(body)[:3, :3]
     np.testing.assert_allclose(force, (1.0 + 4.0 + 9.0) * np.eye(3), atol=1e-9)
     np.testing.assert_allclose(each[1].offset_covariance(body)[:3, :3], 12.0 * np.eye(3), atol=1e-9)
-    guess = fit(team.noisy(np.random.default_rng(9))).guess
+    guess = fit(team.noisy(np.random.default_rng(9))).estimate.guess
     of_two = unequal.offset_variances([0, 2], guess)
     np.testing.assert_allclose(of_two[:3], 10.0)
     np.testing.assert_allclose(each[1].offset_variances([0, 2], guess)[:3], 8.0)
